@@ -1,0 +1,92 @@
+"""gyrospark: compiled steppers for rigid-body motion on its constraint, generated from symbols.
+
+>>> import gyrospark as gs
+>>> step = gs.stepper("G-L", stages=3, rep="gamma")
+>>> top = gs.problems.fast_top()
+>>> parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+>>> trajectory = step.integrate(top.q0, top.p0, dt=1e-3, steps=320, parameters=parameters)
+
+Importing this package imports no SymPy; generating a stepper does.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ._version import __version__
+
+if TYPE_CHECKING:
+    from .errors import (
+        CompilerError,
+        GyrosparkError,
+        InputError,
+        MissingDependencyError,
+        StepFailed,
+        TableauError,
+    )
+    from .facade import stepper, tableau
+    from .generator.system import System
+    from .runtime import problems
+    from .runtime.ensemble import Ensemble
+    from .runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+    from .runtime.quaternion import momentum, state_from_rotation
+    from .runtime.stepper import Stepper
+    from .runtime.trajectory import Trajectory
+
+#: Public name → where it lives; resolved on first use.
+_HOMES = {
+    "CompilerError": "errors",
+    "GyrosparkError": "errors",
+    "InputError": "errors",
+    "MissingDependencyError": "errors",
+    "StepFailed": "errors",
+    "TableauError": "errors",
+    "stepper": "facade",
+    "tableau": "facade",
+    "System": "generator.system",
+    "Ensemble": "runtime.ensemble",
+    "gamma_h": "runtime.inertia",
+    "gamma_h_tilde": "runtime.inertia",
+    "gamma_m": "runtime.inertia",
+    "gamma_m_tilde": "runtime.inertia",
+    "momentum": "runtime.quaternion",
+    "state_from_rotation": "runtime.quaternion",
+    "Stepper": "runtime.stepper",
+    "Trajectory": "runtime.trajectory",
+}
+
+__all__ = [
+    "CompilerError",
+    "Ensemble",
+    "GyrosparkError",
+    "InputError",
+    "MissingDependencyError",
+    "StepFailed",
+    "Stepper",
+    "System",
+    "TableauError",
+    "Trajectory",
+    "__version__",
+    "gamma_h",
+    "gamma_h_tilde",
+    "gamma_m",
+    "gamma_m_tilde",
+    "momentum",
+    "problems",
+    "state_from_rotation",
+    "stepper",
+    "tableau",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "problems":
+        return import_module(".runtime.problems", __name__)
+    if name in _HOMES:
+        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,156 @@
+"""Where generator and runtime meet: sources from the checked-in folder, the cache, or SymPy."""
+
+from __future__ import annotations
+
+import json
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .errors import InputError
+from .generator.spec import Spec
+from .runtime.cache import cache_folder, digest, publish, workshop
+from .runtime.stepper import Stepper
+
+if TYPE_CHECKING:
+    from .generator.pipeline import Generated
+    from .generator.system import System
+    from .generator.tableau import Tableau
+
+__all__ = ["checked_in_files", "files_of", "stepper", "tableau"]
+
+ROOT = Path(__file__).resolve().parent
+
+
+def stepper(
+    scheme: str | None = None,
+    stages: int | None = None,
+    rep: str | None = None,
+    *,
+    system: str | System | None = None,
+    tableau: str | Path | Tableau | None = None,
+    real: str = "double",
+    allow_invalid: bool = False,
+) -> Stepper:
+    """Return a compiled stepper, generated and compiled on first use, from the cache after.
+
+    Parameters
+    ----------
+    scheme : {"IMS", "EMS", "G-L", "LIIIA-B"}
+        The scheme; left out when a tableau is given.
+    stages : int
+        Stages of G-L (from 1) or LIIIA-B (from 2).
+    rep : {"gamma", "alpha"}
+        Inertia representation of the named systems.
+    system : str or System
+        ``"heavy_top"`` (default), ``"free_body"``, or a ``gyrospark.System``.
+    tableau : path or Tableau
+        A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
+    real : {"double", "float", "long-double"}
+        Floating-point type of the compiled code.
+    allow_invalid : bool
+        Use a tableau although it violates required conditions.
+
+    Raises
+    ------
+    InputError
+        For unusable choices, with the allowed ones.
+    TableauError
+        For a tableau that violates required conditions.
+    CompilerError
+        If there is no C compiler, or it fails.
+
+    Examples
+    --------
+    >>> step = gyrospark.stepper("G-L", stages=3, rep="gamma")  # doctest: +SKIP
+    """
+    named = system if isinstance(system, str) or system is None else None
+    file = Path(tableau) if isinstance(tableau, (str, Path)) else None
+    own_tableau = None if file is not None else tableau
+    if own_tableau is not None:
+        if scheme is not None or stages is not None:
+            raise InputError("A tableau fixes the scheme and its stages; leave out scheme and "
+                             "stages.")
+        spec = Spec("SPARK", None, rep or "gamma", "heavy_top", real)
+    else:
+        spec = Spec.checked(scheme, stages, rep, named, real, file)
+    if named is None and system is not None and rep is not None:
+        raise InputError("rep belongs to the named systems; a System brings its own H.")
+    if own_tableau is None and file is None and (system is None or named is not None):
+        return _named_stepper(spec)
+    made = _generate(spec, None if named is not None else system, own_tableau, allow_invalid)
+    return Stepper(made.source.name, made.source.files())
+
+
+def tableau(scheme: str | Path, stages: int | None = None) -> Tableau:
+    """Return an exact SPARK tableau: ``"G-L"`` or ``"LIIIA-B"`` with stages, or a JSON file.
+
+    ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples,
+    ``.numeric(digits=50)`` the same attributes as nested lists of mpmath numbers, ``.order`` the
+    derived order.
+    """
+    from .generator.pipeline import tableau_of
+
+    if isinstance(scheme, Path) or str(scheme).endswith(".json"):
+        found = tableau_of(Spec.checked(tableau=Path(scheme)))
+    else:
+        found = tableau_of(Spec.checked(scheme, stages))
+    if found is None:
+        raise InputError(f"{scheme} has no SPARK tableau; choose G-L or LIIIA-B.")
+    return found
+
+
+@lru_cache(maxsize=64)
+def _named_stepper(spec: Spec) -> Stepper:
+    return Stepper(spec.name, files_of(spec))
+
+
+def files_of(spec: Spec) -> dict[str, str]:
+    """Return header, source and manifest of a named stepper without SymPy if they are known."""
+    found = checked_in_files(spec.name)
+    if found is not None:
+        return found
+    kept = cache_folder() / f"{spec.name}-{_source_key(spec)}.source.json"
+    try:
+        content: dict[str, str] = json.loads(kept.read_text(encoding="utf-8"))
+        return content
+    except (OSError, ValueError):  # not there, or damaged: made anew below
+        pass
+    files = _generate(spec, None, None, False).source.files()
+    keep_files(spec, files)
+    return files
+
+
+def keep_files(spec: Spec, files: dict[str, str]) -> None:
+    """Keep generated files for later calls."""
+    with workshop() as folder:
+        made = folder / "source.json"
+        made.write_text(json.dumps(files), encoding="utf-8")
+        publish(made, f"{spec.name}-{_source_key(spec)}.source.json")
+
+
+def checked_in_files(name: str) -> dict[str, str] | None:
+    """Return the files of a stepper in ``generated/``; None if it is not there."""
+    paths = [ROOT / "generated" / f"{name}.{end}" for end in ("h", "c", "json")]
+    if not all(path.is_file() for path in paths):
+        return None
+    return {path.name: path.read_text(encoding="utf-8") for path in paths}
+
+
+def _source_key(spec: Spec) -> str:
+    return digest([str(spec), _generator_fingerprint()])
+
+
+@cache
+def _generator_fingerprint() -> str:
+    """Return a hash of the generator's own text, so that no old source outlives a change to it."""
+    paths = [*(ROOT / "generator").glob("*.py"), *(ROOT / "templates").glob("*.jinja")]
+    return digest([path.read_text(encoding="utf-8") for path in sorted(paths)])
+
+
+def _generate(
+    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool
+) -> Generated:
+    from .generator.pipeline import generate
+
+    return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)

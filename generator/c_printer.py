@@ -1,0 +1,126 @@
+"""SymPy expressions as C text, with a count of the operations they cost."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from fractions import Fraction
+
+import sympy as sp
+
+from ..errors import InputError
+from .real import Real
+
+__all__ = ["CPrinter"]
+
+_SUM, _PRODUCT, _ATOM = 1, 2, 3
+_FUNCTIONS = {sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.exp: "exp", sp.log: "log"}
+
+
+class CPrinter:
+    """Writes expressions in terms of C names and counts additions, multiplications and so on.
+
+    Parameters
+    ----------
+    real : Real
+        The floating-point type; fixes literals and the suffix of ``<math.h>`` functions.
+    names : mapping
+        C text for each symbol; a symbol without an entry keeps its own name.
+    """
+
+    def __init__(self, real: Real, names: Mapping[sp.Symbol, str]) -> None:
+        self.real = real
+        self.names = dict(names)
+        self.operations: Counter[str] = Counter()
+
+    def __call__(self, expression: sp.Expr) -> str:
+        """Return C text for the expression."""
+        return self._text(expression)[0]
+
+    def _text(self, e: sp.Expr) -> tuple[str, int]:
+        if e.is_Symbol:
+            return self.names.get(e, str(e)), _ATOM
+        if e.is_Rational:
+            return self._rational(e)
+        if e.is_Add:
+            return self._sum(e), _SUM
+        if e.is_Mul:
+            return self._product(e)
+        if e.is_Pow:
+            return self._power(e.base, e.exp)
+        if e.func in _FUNCTIONS:
+            name = _FUNCTIONS[e.func]
+            self.operations[name] += 1
+            return f"{name}{self.real.suffix.lower()}({self(e.args[0])})", _ATOM
+        if e.is_number:
+            return self.real.literal(Fraction(str(sp.N(e, 60)))), _ATOM
+        raise InputError(f"No C is known for {e.func.__name__!r} in {e}.")
+
+    def _within(self, e: sp.Expr, level: int) -> str:
+        text, precedence = self._text(e)
+        return text if precedence >= level else f"({text})"
+
+    def _rational(self, e: sp.Rational) -> tuple[str, int]:
+        value = Fraction(int(e.p), int(e.q))
+        denominator = value.denominator
+        if denominator & (denominator - 1) == 0 and denominator <= 2**20:
+            text = self.real.literal(value)
+            return text, _PRODUCT if value < 0 else _ATOM
+        numerator, below = Fraction(value.numerator), Fraction(denominator)
+        return f"{self.real.literal(numerator)}/{self.real.literal(below)}", _PRODUCT
+
+    def _sum(self, e: sp.Add) -> str:
+        self.operations["add"] += len(e.args) - 1
+        positive = [a for a in e.args if not a.could_extract_minus_sign()]
+        negative = [a for a in e.args if a.could_extract_minus_sign()]
+        text = " + ".join(self._within(a, _SUM) for a in positive)
+        for a in negative:
+            text += (" - " if text else "-") + self._within(-a, _PRODUCT)
+        return text
+
+    def _product(self, e: sp.Mul) -> tuple[str, int]:
+        if e.could_extract_minus_sign():
+            return f"-{self._within(-e, _PRODUCT)}", _PRODUCT
+        above: list[sp.Expr] = []
+        below: list[sp.Expr] = []
+        for a in e.args:
+            if a.is_Rational and a.p == 1 and (a.q & (a.q - 1)):
+                below.append(sp.Integer(a.q))
+            elif a.is_Pow and a.exp.is_Rational and a.exp < 0:
+                below.append(a.base ** (-a.exp))
+            else:
+                above.append(a)
+        self.operations["mul"] += max(len(above) - 1, 0) + max(len(below) - 1, 0)
+        text = "*".join(self._within(a, _PRODUCT) for a in above)
+        if not below:
+            return text, _PRODUCT
+        self.operations["div"] += 1
+        divisor = "*".join(self._within(a, _PRODUCT) for a in below)
+        if len(below) > 1 or not self._is_atom(below[0]):
+            divisor = f"({divisor})"
+        return f"{text or self.real.literal(Fraction(1))}/{divisor}", _PRODUCT
+
+    def _is_atom(self, e: sp.Expr) -> bool:
+        return bool(e.is_Symbol or (e.is_Integer and e > 0))
+
+    def _power(self, base: sp.Expr, exponent: sp.Expr) -> tuple[str, int]:
+        if exponent.is_Rational and exponent < 0:
+            self.operations["div"] += 1
+            text, precedence = self._power(base, -exponent)
+            below = text if precedence == _ATOM else f"({text})"
+            return f"{self.real.literal(Fraction(1))}/{below}", _PRODUCT
+        if exponent == 1:
+            return self._text(base)
+        if exponent.is_Integer and exponent <= 4:
+            self.operations["mul"] += int(exponent) - 1
+            return "*".join([self._within(base, _ATOM)] * int(exponent)), _PRODUCT
+        suffix = self.real.suffix.lower()
+        if exponent == sp.Rational(1, 2):
+            self.operations["sqrt"] += 1
+            return f"sqrt{suffix}({self(base)})", _ATOM
+        if exponent.is_Rational and exponent.q == 2:
+            whole = self._within(base ** sp.Integer((exponent.p - 1) // 2), _PRODUCT)
+            self.operations["mul"] += 1
+            return f"{whole}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
+        self.operations["pow"] += 1
+        return f"pow{suffix}({self(base)}, {self(exponent)})", _ATOM

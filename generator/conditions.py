@@ -1,0 +1,317 @@
+"""What a tableau satisfies: each condition is a residual, and a predicate derived from it.
+
+    B(k)   Σ_i b_i c_i^{k−1} = 1/k                       (A.8), B̃ (A.10)
+    C(k)   Σ_j a_ij c_j^{k−1} = c_i^k/k                  (A.8), Ĉ (A.9), C̃ (A.11), C̄ (A.12)
+    D(k)   Σ_i b_i c_i^{k−1} a_ij = b_j (1 − c_j^k)/k    Butcher's D, for each of the four
+    symplectic   b_i â_ij + b̂_j a_ji = b_i b̂_j,   b_i ã_ij + b̃_j ā_ji = b_i b̃_j    (erratum 13)
+    symmetric    a_{s+1−i,s+1−j} + a_ij = b_j             for each of the four
+
+Residuals are exact: zero is proved, not measured (``node_algebra``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import mpmath as mp
+import sympy as sp
+
+from .node_algebra import Nodes, ValueNodes, column, power
+from .tableau import Tableau
+
+__all__ = ["Condition", "check_tableau", "order"]
+
+Matrix = Any
+
+#: The four coefficient matrices: label, weights on its rows and weights on its columns.
+MATRICES = {
+    "A": ("C", "b", "b"),
+    "A_hat": ("C_hat", "b_hat", "b_hat"),
+    "A_tilde": ("C_tilde", "b", "b_tilde"),
+    "A_bar": ("C_bar", "b_tilde", "b"),
+}
+LABELS = {"C": "C", "C_hat": "Ĉ", "C_tilde": "C̃", "C_bar": "C̄",
+          "B": "B", "B_hat": "B̂", "B_tilde": "B̃"}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One line of the report on a tableau.
+
+    ``required`` conditions make the step well defined and keep its invariants, ``claimed`` ones
+    are what the family (or the file) says of itself, the others are for information. ``residual``
+    is the exact residual where it was proved zero, else its largest entry as a number.
+    """
+
+    name: str
+    equation: str
+    found: str
+    holds: bool
+    residual: str
+    required: bool = False
+
+
+# ---------------------------------------------------------------- residuals
+
+
+def quadrature_residual(nodes: Nodes, b: Matrix, k: int) -> Matrix:
+    """B(k): Σ_i b_i c_i^{k−1} − 1/k, 1 × 1."""
+    total = b.transpose() * nodes.trace * power(nodes, k - 1)
+    return total - column([_fraction(nodes, 1, k)], nodes.domain)
+
+
+def stage_residual(rows: Nodes, columns: Nodes, a: Matrix, k: int) -> Matrix:
+    """C(k): Σ_j a_ij c_j^{k−1} − c_i^k/k, a function of the row node."""
+    return a * columns.trace * power(columns, k - 1) - power(rows, k) * _fraction(rows, 1, k)
+
+
+def adjoint_residual(
+    rows: Nodes, columns: Nodes, a: Matrix, b_rows: Matrix, b_columns: Matrix, k: int
+) -> Matrix:
+    """D(k): Σ_i b_i c_i^{k−1} a_ij − b_j (1 − c_j^k)/k, a function of the column node."""
+    weighted = a.transpose() * rows.trace * (rows.multiply(b_rows) * power(rows, k - 1))
+    target = b_columns - columns.multiply(b_columns) * power(columns, k)
+    return weighted - target * _fraction(columns, 1, k)
+
+
+def symplectic_residual(
+    rows: Nodes, columns: Nodes, a: Matrix, a_back: Matrix, b_rows: Matrix, b_columns: Matrix
+) -> Matrix:
+    """b_i a_ij + b_j a'_ji − b_i b_j, a function of row and column node."""
+    return (
+        rows.multiply(b_rows) * a
+        + (columns.multiply(b_columns) * a_back).transpose()
+        - b_rows * b_columns.transpose()
+    )
+
+
+def symmetry_residual(rows: Nodes, columns: Nodes, a: Matrix, b_columns: Matrix) -> Matrix | None:
+    """a(1−c_i, 1−c_j) + a(c_i, c_j) − b_j; None when the nodes are not symmetric."""
+    if rows.reflection is None or columns.reflection is None:
+        return None
+    mirrored = rows.reflection * a * columns.reflection.transpose()
+    return mirrored + a - rows.one * b_columns.transpose()
+
+
+def _fraction(nodes: Nodes, numerator: int, denominator: int) -> Any:
+    return nodes.domain.from_sympy(sp.Rational(numerator, denominator))
+
+
+# ---------------------------------------------------------------- zero or not
+
+
+def is_zero(residual: Matrix, tableau: Tableau) -> bool:
+    """Whether every entry vanishes: proved exactly, or to the digits a decimal file gives."""
+    return all(_entry_is_zero(entry, tableau.digits_given)
+               for entry in residual.to_Matrix().flat())
+
+
+@cache
+def _entry_is_zero(entry: sp.Expr, digits_given: int | None) -> bool:
+    if entry.is_Rational and digits_given is None:
+        return bool(entry == 0)
+    size = abs(sp.N(entry, 60, chop=False))
+    if digits_given is not None:
+        # s products of entries that are each half a unit off in their last given digit
+        return bool(size < sp.Float(10) ** (1 - digits_given))
+    if size > sp.Float("1e-40"):
+        return False
+    # 40 digits vanish: radicals of rationals expand to a normal form, nested ones simplify.
+    return bool(sp.expand(entry) == 0 or sp.simplify(entry) == 0)
+
+
+def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp.mpf:
+    """Return the largest |entry| of a residual at the nodes themselves."""
+    values = _at_nodes(_at_nodes(residual.to_Matrix(), rows).T, columns)
+    return max((abs(mp.mpf(str(sp.N(v, 30)))) for v in values), default=mp.mpf(0))
+
+
+def _at_nodes(matrix: sp.Matrix, nodes: Nodes | None) -> sp.Matrix:
+    if nodes is None or isinstance(nodes, ValueNodes):
+        return matrix
+    from .nodes import enclose_roots
+
+    roots = [sp.Float(mp.mpf(r.centre.numerator) / r.centre.denominator, 40)
+             for r in enclose_roots(nodes.polynomial)]  # type: ignore[attr-defined]
+    return sp.Matrix([[r**k for k in range(nodes.size)] for r in roots]) * matrix
+
+
+# ---------------------------------------------------------------- counts and order
+
+
+def holds_to(residual: Callable[[int], Matrix], tableau: Tableau, limit: int) -> int:
+    """Return the largest k ≤ limit with residual(1), …, residual(k) all zero."""
+    for k in range(1, limit + 1):
+        if not is_zero(residual(k), tableau):
+            return k - 1
+    return limit
+
+
+def counts(tableau: Tableau) -> dict[str, int]:
+    """Return how far B, C and D hold for each part, e.g. {"B": 6, "C_hat": 3, "D_bar": 3}."""
+    t, part = tableau, tableau.basis
+    limit = 2 * max(t.s, t.p) + 2
+    found = {
+        "B": holds_to(lambda k: quadrature_residual(t.stages, part["b"], k), t, limit),
+        "B_hat": holds_to(lambda k: quadrature_residual(t.stages, part["b_hat"], k), t, limit),
+        "B_tilde": holds_to(
+            lambda k: quadrature_residual(t.constraints, part["b_tilde"], k), t, limit
+        ),
+    }
+    for name, (label, b_rows, b_columns) in MATRICES.items():
+        rows, columns = t.nodes_of(name)
+        a = part[name]
+        found[label] = holds_to(
+            lambda k, rows=rows, columns=columns, a=a: stage_residual(rows, columns, a, k),
+            t, limit,
+        )
+        weights = part[b_rows], part[b_columns]
+        found[label.replace("C", "D")] = holds_to(
+            lambda k, rows=rows, columns=columns, a=a, w=weights: adjoint_residual(
+                rows, columns, a, *w, k
+            ),
+            t, limit,
+        )
+    return found
+
+
+def order(tableau: Tableau) -> int:
+    """Return the order that B, C and D guarantee, for each of the four coefficient matrices.
+
+    Butcher's theorem, order = min(B, C + D + 1, 2C + 2), carried to partitioned and constrained
+    systems by Jay (SIAM J. Numer. Anal. 45, 2007). ``observed_order`` measures the same number
+    on a test problem, which is the second way to it.
+    """
+    k = counts(tableau)
+    bounds = [k["B"], k["B_hat"], k["B_tilde"]]
+    for label, _, _ in MATRICES.values():
+        c, d = k[label], k[label.replace("C", "D")]
+        bounds += [c + d + 1, 2 * c + 2]
+    return min(bounds)
+
+
+# ---------------------------------------------------------------- the report
+
+
+def check_tableau(tableau: Tableau) -> list[Condition]:
+    """Return every condition with its verdict, required ones first."""
+    found = counts(tableau)
+    return [
+        *_structure(tableau),
+        *(_symplectic(tableau)),
+        *(_range(tableau, label, found) for label in LABELS),
+        _symmetric(tableau),
+        _order(tableau),
+    ]
+
+
+def _structure(tableau: Tableau) -> list[Condition]:
+    """The conditions under which T1 and T2 separate: Q̃_0 = q_k, Q̃_p = q_{k+1}, Λ_p only in T2."""
+    t, part = tableau, tableau.basis
+    a_bar, a_tilde = part["A_bar"], part["A_tilde"]
+    first, last = t.constraints.at(0), t.constraints.at(-1)
+    c_tilde = part["c_tilde"]
+    lines = [
+        ("ā_0j = 0", first * a_bar, None, t.stages),
+        ("ā_pj = b_j", last * a_bar - part["b"].transpose(), None, t.stages),
+        ("ã_ip = 0", a_tilde * last.transpose(), t.stages, None),
+        ("c̃_0 = 0", first * c_tilde, None, None),
+        ("c̃_p = 1", last * c_tilde - column([t.stages.domain.one], t.stages.domain), None, None),
+    ]
+    return [
+        _condition(t, equation, equation, residual, rows, columns, required=True)
+        for equation, residual, rows, columns in lines
+    ]
+
+
+def _symplectic(tableau: Tableau) -> list[Condition]:
+    t, part = tableau, tableau.basis
+    lines = [
+        ("symplectic, forces", "b_i â_ij + b̂_j a_ji = b_i b̂_j",
+         symplectic_residual(t.stages, t.stages, part["A_hat"], part["A"], part["b"],
+                             part["b_hat"]), t.stages),
+        ("symplectic, constraints", "b_i ã_ij + b̃_j ā_ji = b_i b̃_j",
+         symplectic_residual(t.stages, t.constraints, part["A_tilde"], part["A_bar"], part["b"],
+                             part["b_tilde"]), t.constraints),
+    ]
+    return [
+        _condition(t, name, equation, residual, t.stages, columns, required=True)
+        for name, equation, residual, columns in lines
+    ]
+
+
+def _range(tableau: Tableau, label: str, found: dict[str, int]) -> Condition:
+    """A quadrature or stage condition: how far it holds, and the residual of the next k."""
+    t, part = tableau, tableau.basis
+    k = found[label]
+    claim = tableau.claims.get(label)
+    # What makes the method consistent: (A.9) and (A.11) may hold to 0 only (2-stage IIIB).
+    minimum = 0 if label in ("C_hat", "C_tilde") else 1
+    wanted = minimum if claim is None else claim
+    if label.startswith("B"):
+        weights = part[label.replace("B", "b")]
+        nodes = t.constraints if label == "B_tilde" else t.stages
+        size = magnitude(quadrature_residual(nodes, weights, k + 1), None, None)
+        equation = f"Σ b c^(k−1) = 1/k, k ≤ {wanted}"
+    else:
+        name = label.replace("C", "A")
+        rows, columns = t.nodes_of(name)
+        size = magnitude(stage_residual(rows, columns, part[name], k + 1), rows, None)
+        equation = f"Σ a c^(k−1) = c^k/k, k ≤ {wanted}"
+    return Condition(
+        LABELS[label],
+        equation,
+        found=f"holds to k = {k}, at k = {k + 1} off by {mp.nstr(size, 3)}",
+        holds=k >= wanted,
+        residual="0" if k >= wanted else mp.nstr(size, 5),
+        required=True,
+    )
+
+
+def _symmetric(tableau: Tableau) -> Condition:
+    t, part = tableau, tableau.basis
+    sizes = []
+    holds = True
+    for name, (_, _, b_columns) in MATRICES.items():
+        rows, columns = t.nodes_of(name)
+        residual = symmetry_residual(rows, columns, part[name], part[b_columns])
+        if residual is None:
+            holds = False
+            sizes.append(mp.inf)
+        elif not is_zero(residual, t):
+            holds = False
+            sizes.append(magnitude(residual, rows, columns))
+    claimed = t.claims.get("symmetric")
+    return Condition(
+        "symmetric",
+        "a_(s+1−i,s+1−j) + a_ij = b_j for A, Â, Ã, Ā",
+        found="yes" if holds else "no",
+        holds=holds or not claimed,
+        residual="0" if holds else mp.nstr(max(sizes), 5),
+        required=bool(claimed),
+    )
+
+
+def _order(tableau: Tableau) -> Condition:
+    found = tableau.order
+    claimed = tableau.claims.get("order")
+    return Condition(
+        "order",
+        "min(B, C + D + 1, 2C + 2)" + ("" if claimed is None else f" = {claimed}"),
+        found=str(found),
+        holds=found >= 1 and claimed in (None, found),
+        residual="0" if claimed in (None, found) else str(found - (claimed or 0)),
+        required=True,
+    )
+
+
+def _condition(
+    tableau: Tableau, name: str, equation: str, residual: Matrix,
+    rows: Nodes | None, columns: Nodes | None, *, required: bool,
+) -> Condition:
+    holds = is_zero(residual, tableau)
+    size = "0" if holds else mp.nstr(magnitude(residual, rows, columns), 5)
+    return Condition(name, equation, "yes" if holds else "no", holds, size, required)

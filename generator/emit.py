@@ -1,0 +1,235 @@
+"""Header, source and manifest of a stepper, from its scheme and the templates."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import sympy as sp
+
+from .._version import __version__
+from .c_printer import CPrinter
+from .kernels import Constants, EmittedKernel, emit_kernel
+from .real import Real
+from .schemes import MeanScheme, SparkScheme, common_kernels
+from .system import System
+from .tableau import FIELDS, Tableau, is_quadratic
+
+__all__ = ["SCHEMA", "Source", "emit"]
+
+TEMPLATES = Path(__file__).resolve().parent.parent / "templates"
+SCHEMA = 1  # of the manifest; part of the cache key
+
+
+@dataclass(frozen=True)
+class Source:
+    """The three files of a stepper, as text."""
+
+    name: str
+    header: str
+    source: str
+    manifest: str
+
+    def files(self) -> dict[str, str]:
+        """Return file name → text."""
+        return {
+            f"{self.name}.h": self.header,
+            f"{self.name}.c": self.source,
+            f"{self.name}.json": self.manifest,
+        }
+
+
+def emit(
+    name: str,
+    method: str,
+    scheme: SparkScheme | MeanScheme,
+    system: System,
+    constants: Constants,
+    real: Real,
+) -> Source:
+    """Return the C and the manifest.
+
+    ``system`` is the one the user knows, with its own parameters; the scheme works on the same
+    system with constants of the run in place of parameter-only subexpressions.
+    """
+    kernels = [emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
+                                                         *scheme.kernels()]]
+    context = _context(name, method, scheme, system, constants, real, kernels)
+    environment = _environment()
+    return Source(
+        name,
+        environment.get_template("stepper.h.jinja").render(context),
+        environment.get_template("stepper.c.jinja").render(context),
+        _manifest(name, method, scheme, system, real, kernels),
+    )
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # noqa: S701 (C, not HTML)
+    )
+    environment.filters["operations"] = operations_text
+    return environment
+
+
+def operations_text(operations: dict[str, int]) -> str:
+    """Return e.g. ``33 add, 63 mul``."""
+    return ", ".join(f"{count} {kind}" for kind, count in operations.items()) or "no operations"
+
+
+def _context(
+    name: str,
+    method: str,
+    scheme: SparkScheme | MeanScheme,
+    system: System,
+    constants: Constants,
+    real: Real,
+    kernels: list[EmittedKernel],
+) -> dict[str, Any]:
+    tableau = scheme.tableau
+    parameter_names = {p: f"par->{p}" for p in constants.parameters}
+    printer = CPrinter(real, parameter_names)
+    return {
+        "name": name,
+        "version": __version__,
+        "title": f"{method} for {system.name.replace('_', ' ')}",
+        "hamiltonian": comment(system.H),
+        "constraints": [comment(g) for g in system.constraints],
+        "hidden_text": ", ".join(f"f = {comment(f)}" for f in system.hidden) or "no constraint",
+        "parameters": [str(p) for p in system.parameters],
+        "constants": {str(s): comment(e) for e, s in constants.definitions.items()},
+        "constants_c": {str(s): printer(e) for e, s in constants.definitions.items()},
+        "R": real.c_type,
+        "sfx": real.suffix.lower(),
+        "limits": {"float": "FLT", "double": "DBL", "long-double": "LDBL"}[real.name],
+        "N": system.n,
+        "M": system.m,
+        "U": scheme.size,
+        "S": tableau.s if tableau else 0,
+        "P": tableau.p if tableau else 0,
+        "order": scheme.order,
+        "multipliers": scheme.multipliers * system.m,
+        "kernels": kernels,
+        "scheme_template": scheme.template,
+        "scheme_doc": _scheme_doc(scheme),
+        "unknowns_doc": _unknowns_doc(scheme),
+        "tableau": _tableau_rows(tableau, real) if tableau else None,
+        "tableau_shapes": _tableau_shapes(tableau) if tableau else {},
+        "tableau_doc": _tableau_doc(tableau) if tableau else [],
+    }
+
+
+def comment(e: sp.Expr) -> str:
+    """Return an expression as text that cannot end a C comment."""
+    return str(e).replace("**", "^").replace("*/", "* /").replace("/*", "/ *")
+
+
+def _scheme_doc(scheme: SparkScheme | MeanScheme) -> list[str]:
+    if isinstance(scheme, SparkScheme):
+        return [
+            "T1 solves (B.1) for k_i = H_p(Q_i, P_i), k^_i = -H_q(Q_i, P_i) and the multipliers",
+            "Lambda_0..Lambda_(P-1), with g(Q~_l) = 0 at l = 1..P; T2 finishes the step and",
+            "projects the momentum with Lambda_P. Stages are loops over the tableau below.",
+        ]
+    kind = "discrete gradient" if scheme.discrete else "gradient at the midpoint"
+    return [
+        "dq/dt = D_p, dp/dt = -D_q - G^T lambda, g(q + dq) = 0, where D is the",
+        f"{kind} of H and G that of g.",
+    ]
+
+
+def _unknowns_doc(scheme: SparkScheme | MeanScheme) -> list[str]:
+    if isinstance(scheme, SparkScheme):
+        return ["x = (k_1..k_s, k^_1..k^_s, Lambda_0..Lambda_(p-1)), (B.2)"]
+    return ["x = (dq, dp, lambda): the increments q_k - q_(k-1), p_k - p_(k-1) and the multiplier"]
+
+
+def _tableau_shapes(tableau: Tableau) -> dict[str, str]:
+    size = {"s": tableau.s, "p": tableau.p + 1}
+    return {field: "".join(f"[{size[kind]}]" for kind in kinds) for field, kinds in FIELDS.items()}
+
+
+def _tableau_rows(tableau: Tableau, real: Real) -> dict[str, list[str]]:
+    """Return every part as rows of correctly rounded literals."""
+    parts = tableau.map_enclosures(lambda e: real.literal(real.round(e)))
+    rows = {}
+    for field, part in parts.items():
+        if isinstance(part[0], list):
+            rows[field] = ["{ " + ", ".join(row) + " }" for row in part]
+        else:
+            rows[field] = [", ".join(part)]
+    return rows
+
+
+def _tableau_doc(tableau: Tableau) -> list[str]:
+    """Return the exact coefficients, while they are short enough to read."""
+    lines = ["Coefficients: each literal is the correctly rounded exact value."]
+    if any(not is_quadratic(c) for c in (*tableau.c, *tableau.c_tilde)) or tableau.s > 5:
+        return lines
+    for field in FIELDS:
+        part = getattr(tableau, field)
+        rows = part if isinstance(part[0], tuple) else (part,)
+        text = [", ".join(comment(e).replace(" ", "") for e in row) for row in rows]
+        for i, row in enumerate(text):
+            line = f"{field + (f'[{i}]' if len(rows) > 1 else ''):10s} = {row}"
+            if len(line) <= 140:
+                lines.append(line)
+    return lines
+
+
+def _manifest(
+    name: str,
+    method: str,
+    scheme: SparkScheme | MeanScheme,
+    system: System,
+    real: Real,
+    kernels: list[EmittedKernel],
+) -> str:
+    tableau = scheme.tableau
+    content = {
+        "schema": SCHEMA,
+        "generator": __version__,
+        "name": name,
+        "system": {
+            "name": system.name,
+            "coordinates": [str(x) for x in system.q],
+            "momenta": [str(x) for x in system.p],
+            "parameters": {str(x): _domain(x) for x in system.parameters},
+            "hamiltonian": str(system.H),
+            "constraints": [str(g) for g in system.constraints],
+            "hidden": [str(f) for f in system.hidden],
+            "rigid_body": system.rigid_body,
+        },
+        "scheme": {
+            "method": method,
+            "kind": "spark" if tableau else "mean",
+            "stages": tableau.s if tableau else None,
+            "constraint_nodes": tableau.p + 1 if tableau else None,
+            "order": scheme.order,
+            "unknowns": scheme.size,
+            "unknowns_are_state": scheme.unknowns_are_state,
+            "multipliers": scheme.multipliers,
+            "keeps_momentum_constraint": tableau is not None,
+        },
+        "real": real.name,
+        "operations": {k.name: k.operations for k in kernels},
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _domain(parameter: sp.Symbol) -> str:
+    """What a value must be, from the assumptions of the symbol."""
+    if parameter.is_positive:
+        return "positive"
+    return "nonzero" if parameter.is_nonzero else "real"
+

@@ -1,0 +1,181 @@
+"""From expressions to C functions: common subexpressions, constants of a run, operation counts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import sympy as sp
+
+from .c_printer import CPrinter
+from .real import Real
+
+__all__ = ["Constants", "EmittedKernel", "Kernel", "emit_kernel"]
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A C function to be: arrays of symbols in, arrays of expressions out.
+
+    Attributes
+    ----------
+    name, doc : str
+        Of the C function; ``doc`` is its comment, an equation.
+    inputs : dict
+        Name of each input array → its symbols.
+    outputs : dict
+        Name of each output array → nested lists of expressions (vector or matrix); a bare
+        expression makes the function return it.
+    """
+
+    name: str
+    doc: str
+    inputs: dict[str, Sequence[sp.Symbol]]
+    outputs: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class EmittedKernel:
+    """A kernel as the template prints it."""
+
+    name: str
+    doc: str
+    returns: str
+    signature: str
+    lines: list[str]
+    temporaries: int
+    operations: dict[str, int]
+    unused: list[str] = field(default_factory=list)
+
+
+class Constants:
+    """Subexpressions of the parameters alone: computed once a run instead of in every kernel."""
+
+    def __init__(self, parameters: Sequence[sp.Symbol]) -> None:
+        self.parameters = tuple(parameters)
+        self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
+
+    def hoist(self, e: sp.Expr) -> sp.Expr:
+        """Return e with every largest parameter-only subexpression replaced by a symbol."""
+        if not e.free_symbols or e.is_Symbol:
+            return e
+        if e.free_symbols <= set(self.parameters):
+            number, rest = e.as_coeff_Mul()
+            return number * self._symbol(rest)
+        if e.is_Mul or e.is_Add:
+            own = [a for a in e.args if a.free_symbols and a.free_symbols <= set(self.parameters)]
+            rest = [self.hoist(a) for a in e.args if a not in own]
+            return e.func(self.hoist(e.func(*own)), *rest) if own else e.func(*rest)
+        return e.func(*(self.hoist(a) for a in e.args))
+
+    def _symbol(self, e: sp.Expr) -> sp.Symbol:
+        if e not in self.definitions:
+            count = len(self.definitions) - len(self.parameters)
+            facts = {"nonzero": True} if e.is_nonzero else {}
+            self.definitions[e] = sp.Symbol(f"k{count}", real=True, **facts)
+        return self.definitions[e]
+
+    def names(self) -> dict[sp.Symbol, str]:
+        """Return the C text of each constant inside a kernel."""
+        return {symbol: f"c->{symbol}" for symbol in self.definitions.values()}
+
+
+def emit_kernel(kernel: Kernel, constants: Constants, real: Real) -> EmittedKernel:
+    """Return the C of a kernel: shared subexpressions first, then one line an output entry."""
+    names = constants.names()
+    for array, symbols in kernel.inputs.items():
+        names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
+    targets = list(_entries(kernel.outputs))
+    shared, reduced = sp.cse(
+        [e for _, e in targets], symbols=sp.numbered_symbols("t", real=True), order="canonical"
+    )
+    shared, reduced = _name_bases(shared, reduced)
+    printer = CPrinter(real, names)
+    lines = [f"const {real.c_type} {t} = {printer(e)};" for t, e in shared]
+    lines += _assignments(targets, reduced, printer)
+    used = set().union(*(e.free_symbols for _, e in targets), set())
+    unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
+    if not used & set(constants.definitions.values()):
+        unused.insert(0, "c")
+    return EmittedKernel(
+        kernel.name,
+        kernel.doc,
+        "void" if all(isinstance(v, list) for v in kernel.outputs.values()) else real.c_type,
+        _signature(kernel, real),
+        lines,
+        len(shared),
+        dict(sorted(printer.operations.items())),
+        unused,
+    )
+
+
+def _name_bases(
+    shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
+) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+    """Give every base of an integer power a name of its own: C writes x² as x*x."""
+    fresh = sp.numbered_symbols("u", real=True)
+    named: list[tuple[sp.Symbol, sp.Expr]] = []
+    known: dict[sp.Expr, sp.Symbol] = {}
+
+    def name(e: sp.Expr) -> sp.Expr:
+        if e.is_Atom:
+            return e
+        e = e.func(*(name(a) for a in e.args))
+        if not (e.is_Pow and e.exp.is_Integer and abs(e.exp) > 1 and not e.base.is_Atom):
+            return e
+        if e.base not in known:
+            known[e.base] = next(fresh)
+            named.append((known[e.base], e.base))
+        return known[e.base] ** e.exp
+
+    for symbol, e in shared:
+        value = name(e)
+        named.append((symbol, value))
+    return named, [name(e) for e in reduced]
+
+
+def _assignments(
+    targets: list[tuple[str, sp.Expr]], reduced: list[sp.Expr], printer: CPrinter
+) -> Iterator[str]:
+    """Yield one assignment an entry; an entry equal to an earlier one copies it."""
+    seen: dict[sp.Expr, str] = {}
+    for (target, _), e in zip(targets, reduced, strict=True):
+        if not target:
+            yield f"return {printer(e)};"
+        elif e in seen and not e.is_Atom:
+            yield f"{target} = {seen[e]};"
+        else:
+            seen[e] = target
+            yield f"{target} = {printer(e)};"
+
+
+def _entries(outputs: dict[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
+    for array, value in outputs.items():
+        if not isinstance(value, list):
+            yield "", value
+            continue
+        for i, row in enumerate(value):
+            if isinstance(row, list):
+                yield from ((f"{array}[{i}][{j}]", entry) for j, entry in enumerate(row))
+            else:
+                yield f"{array}[{i}]", row
+
+
+def _signature(kernel: Kernel, real: Real) -> str:
+    parts = ["const constants *c"]
+    parts += [f"const {real.c_type} {a}[{len(s)}]" for a, s in kernel.inputs.items()]
+    for array, value in kernel.outputs.items():
+        if isinstance(value, list):
+            shape = f"[{len(value)}]" + (f"[{len(value[0])}]" if isinstance(value[0], list) else "")
+            parts.append(f"{real.c_type} {array}{shape}")
+    return ", ".join(parts)
+
+
+def total_operations(kernels: Sequence[EmittedKernel]) -> dict[str, int]:
+    """Return the sum of the operation counts."""
+    total: Counter[str] = Counter()
+    for kernel in kernels:
+        total.update(kernel.operations)
+    return dict(sorted(total.items()))

@@ -1,0 +1,171 @@
+"""Functions on a set of nodes, with exact arithmetic.
+
+Every condition on a tableau is a statement about functions of a node: sums over the nodes,
+products, powers of the node. Two representations answer the same few questions:
+
+- ``PolynomialNodes``: nodes are the roots of a rational polynomial M. A function is an element
+  of ℚ[x]/(M), held by its s coefficients; a sum over the roots is a trace. All arithmetic stays
+  rational, so identities are proved without ever writing down a root.
+- ``ValueNodes``: nodes are given numbers. A function is held by its s values.
+
+A coefficient a_ij becomes a matrix over two such spaces: rows carry the function of c_i,
+columns the function of c_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, Protocol
+
+import sympy as sp
+from sympy import EXRAW, QQ
+from sympy.polys.matrices import DomainMatrix
+
+__all__ = ["Nodes", "PolynomialNodes", "ValueNodes", "column"]
+
+Matrix = Any  # DomainMatrix; SymPy ships no types
+
+
+class Nodes(Protocol):
+    """What a condition may ask of a set of nodes."""
+
+    size: int
+    domain: Any
+
+    @property
+    def one(self) -> Matrix:
+        """The constant function 1, as a column."""
+
+    @property
+    def x(self) -> Matrix:
+        """Multiplication by the node itself, as a matrix."""
+
+    @property
+    def trace(self) -> Matrix:
+        """The symmetric T with fᵀ T g = Σ_nodes f g."""
+
+    @property
+    def reflection(self) -> Matrix | None:
+        """The map f(c) → f(1 − c); None when the nodes are not symmetric about ½."""
+
+    def multiply(self, f: Matrix) -> Matrix:
+        """Multiplication by the function f, as a matrix."""
+
+    def at(self, position: int) -> Matrix:
+        """Evaluation at the first (0) or last (−1) node, as a row."""
+
+
+def power(nodes: Nodes, k: int) -> Matrix:
+    """Return the function cᵏ as a column."""
+    result = nodes.one
+    for _ in range(k):
+        result = nodes.x * result
+    return result
+
+
+def column(entries: Sequence[Any], domain: Any) -> Matrix:
+    """Return a column over the domain."""
+    return DomainMatrix([[entry] for entry in entries], (len(entries), 1), domain)
+
+
+class PolynomialNodes:
+    """Functions on the roots of a rational polynomial M, by coefficients in ℚ[x]/(M)."""
+
+    domain = QQ
+
+    def __init__(self, polynomial: sp.Poly) -> None:
+        self.polynomial = polynomial.monic()
+        self.size = polynomial.degree()
+        self._coefficients = [QQ.from_sympy(c) for c in self.polynomial.all_coeffs()[::-1]]
+
+    @cached_property
+    def one(self) -> Matrix:
+        return column([QQ(1)] + [QQ(0)] * (self.size - 1), QQ)
+
+    @cached_property
+    def x(self) -> Matrix:
+        """The companion matrix of M."""
+        s = self.size
+        rows = [[QQ(int(i == j + 1)) for j in range(s)] for i in range(s)]
+        for i in range(s):
+            rows[i][s - 1] = -self._coefficients[i]
+        return DomainMatrix(rows, (s, s), QQ)
+
+    @cached_property
+    def trace(self) -> Matrix:
+        """The Hankel matrix of the power sums Σ cᵏ, from Newton's identities."""
+        s = self.size
+        e = self._coefficients  # x^s + e_{s−1} x^{s−1} + … + e_0
+        sums = [QQ(s)]
+        for k in range(1, 2 * s - 1):
+            known = sum((e[s - j] * sums[k - j] for j in range(1, min(k - 1, s) + 1)), QQ(0))
+            sums.append(-known - (QQ(k) * e[s - k] if k <= s else QQ(0)))
+        return DomainMatrix([[sums[i + j] for j in range(s)] for i in range(s)], (s, s), QQ)
+
+    @cached_property
+    def reflection(self) -> Matrix | None:
+        variable = self.polynomial.gen
+        mirrored = sp.Poly(self.polynomial.as_expr().subs(variable, 1 - variable), variable)
+        if mirrored.monic() != self.polynomial:
+            return None
+        mirror = DomainMatrix.eye(self.size, QQ) - self.x  # multiplication by 1 − x
+        columns = [self.one]
+        for _ in range(self.size - 1):
+            columns.append(mirror * columns[-1])
+        return DomainMatrix.hstack(*columns)
+
+    def multiply(self, f: Matrix) -> Matrix:
+        """Horner's scheme in the companion matrix."""
+        result = DomainMatrix.zeros((self.size, self.size), QQ)
+        identity = DomainMatrix.eye(self.size, QQ)
+        for coefficient in reversed(f.to_list_flat()):
+            result = result * self.x + identity * coefficient
+        return result
+
+    def at(self, position: int) -> Matrix:
+        """Evaluate at 0 or 1; only for nodes that contain them (Lobatto)."""
+        value = QQ(0) if position == 0 else QQ(1)
+        return DomainMatrix([[value**k for k in range(self.size)]], (1, self.size), QQ)
+
+
+class ValueNodes:
+    """Functions on given nodes, by their values."""
+
+    domain = EXRAW
+
+    def __init__(self, values: Sequence[sp.Expr]) -> None:
+        self.values = list(values)
+        self.size = len(self.values)
+
+    @cached_property
+    def one(self) -> Matrix:
+        return column([sp.Integer(1)] * self.size, EXRAW)
+
+    @cached_property
+    def x(self) -> Matrix:
+        return self.multiply(column(self.values, EXRAW))
+
+    @cached_property
+    def trace(self) -> Matrix:
+        return DomainMatrix.eye(self.size, EXRAW)
+
+    @cached_property
+    def reflection(self) -> Matrix | None:
+        """The reversal of the nodes when c_i + c_{s+1−i} = 1, to 30 digits."""
+        for c, mirrored in zip(self.values, reversed(self.values), strict=True):
+            if abs(sp.N(c + mirrored - 1, 40)) > sp.Float("1e-12"):
+                return None
+        s = self.size
+        rows = [[sp.Integer(int(i + j == s - 1)) for j in range(s)] for i in range(s)]
+        return DomainMatrix(rows, (s, s), EXRAW)
+
+    def multiply(self, f: Matrix) -> Matrix:
+        s = self.size
+        values = f.to_list_flat()
+        rows = [[values[i] if i == j else sp.Integer(0) for j in range(s)] for i in range(s)]
+        return DomainMatrix(rows, (s, s), EXRAW)
+
+    def at(self, position: int) -> Matrix:
+        s = self.size
+        return DomainMatrix([[sp.Integer(int(j == position % s)) for j in range(s)]], (1, s), EXRAW)

@@ -1,0 +1,106 @@
+"""The pipeline of ``generator``: a spec, or a system and a tableau, to the three files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import TableauError
+from .conditions import Condition, check_tableau
+from .emit import Source, emit
+from .families import gauss_lobatto, lobatto_iiiab
+from .real import REALS
+from .rigid_body import free_body, heavy_top
+from .schemes import MeanScheme, SparkScheme, hoisted
+from .spec import Spec, join_name
+from .system import System
+from .tableau import Tableau
+from .tableau_file import read_tableau
+
+__all__ = ["Generated", "generate", "refuse_violations", "tableau_of"]
+
+_SYSTEMS = {"heavy_top": heavy_top, "free_body": free_body}
+
+
+@dataclass(frozen=True)
+class Generated:
+    """A stepper's text and the exact objects it was derived from."""
+
+    source: Source
+    scheme: SparkScheme | MeanScheme
+    system: System
+    tableau: Tableau | None
+
+
+def generate(
+    spec: Spec,
+    *,
+    system: System | None = None,
+    tableau: Tableau | None = None,
+    allow_invalid: bool = False,
+) -> Generated:
+    """Run the pipeline.
+
+    Parameters
+    ----------
+    spec : Spec
+        What to generate.
+    system : System, optional
+        Takes the place of the named system and representation.
+    tableau : Tableau, optional
+        Takes the place of the scheme's or the file's.
+    allow_invalid : bool
+        Generate although required conditions of the tableau are violated.
+
+    Raises
+    ------
+    TableauError
+        If the tableau violates required conditions.
+    """
+    model = system or _SYSTEMS[spec.system](spec.rep)  # type: ignore[arg-type]
+    reduced, constants = hoisted(model)
+    coefficients = tableau or tableau_of(spec)
+    scheme: SparkScheme | MeanScheme
+    if coefficients is None:
+        scheme = MeanScheme(reduced, discrete=spec.scheme == "EMS")
+        method, method_name = spec.scheme, spec.method
+    else:
+        if not allow_invalid:
+            refuse_violations(coefficients)
+        scheme = SparkScheme(reduced, coefficients)
+        method = f"{spec.stages}-{spec.scheme}" if spec.stages else f"SPARK {coefficients.name}"
+        method_name = spec.method if spec.stages else coefficients.name
+    rep = "" if system else spec.rep
+    name = join_name(model.name, method_name, rep, spec.real)
+    source = emit(name, method, scheme, model, constants, REALS[spec.real])
+    return Generated(source, scheme, model, coefficients)
+
+
+def tableau_of(spec: Spec) -> Tableau | None:
+    """Return the tableau of a spec, exact; None for IMS and EMS."""
+    if spec.tableau is not None:
+        return read_tableau(Path(spec.tableau))
+    if spec.scheme == "G-L":
+        return gauss_lobatto(spec.stages or 0)
+    if spec.scheme == "LIIIA-B":
+        return lobatto_iiiab(spec.stages or 0)
+    return None
+
+
+def violations(tableau: Tableau) -> list[Condition]:
+    """Return the required conditions that do not hold."""
+    return [line for line in check_tableau(tableau) if line.required and not line.holds]
+
+
+def refuse_violations(tableau: Tableau) -> None:
+    """Raise if a given tableau violates a required condition; derived ones hold by derivation."""
+    if not tableau.given:
+        return
+    broken = violations(tableau)
+    if broken:
+        first = broken[0]
+        more = f" and {len(broken) - 1} more" if len(broken) > 1 else ""
+        raise TableauError(
+            f"Tableau {tableau.name!r} violates {first.name} ({first.equation}; residual "
+            f"{first.residual}){more}; see `gyrospark verify`, or pass --allow-invalid."
+        )

@@ -1,0 +1,82 @@
+"""The floating-point types that C can be emitted in, and correct rounding to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import mpmath as mp
+
+from .nodes import Enclosure
+
+__all__ = ["REALS", "Real", "round_binary"]
+
+
+@dataclass(frozen=True)
+class Real:
+    """A binary floating-point type of C.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line.
+    c_type : str
+        As in C.
+    bits : int
+        Bits of the significand, the hidden one included; eps = 2^(1 − bits).
+    digits : int
+        Decimal digits that read back to the same number.
+    suffix : str
+        Of a literal (``f``, ``L``) and of the functions of ``<math.h>`` in lower case.
+    """
+
+    name: str
+    c_type: str
+    bits: int
+    digits: int
+    suffix: str
+
+    def literal(self, value: Fraction) -> str:
+        """Return a C literal that reads back to the value rounded to this type."""
+        rounded = round_binary(value, self.bits)
+        if rounded.denominator == 1 and abs(rounded) < 10**6:
+            return f"{int(rounded)}.0{self.suffix}"
+        if self.bits == 53:
+            return repr(float(rounded))
+        with mp.workprec(self.bits + 64):
+            number = mp.mpf(rounded.numerator) / rounded.denominator
+            return str(mp.nstr(number, self.digits, strip_zeros=True)) + self.suffix
+
+    def round(self, value: Enclosure) -> Fraction:
+        """Return the correctly rounded value; both ends of the enclosure must agree on it."""
+        low = round_binary(value.centre - value.radius, self.bits)
+        high = round_binary(value.centre + value.radius, self.bits)
+        if low != high:
+            raise ArithmeticError(f"An enclosure of radius {float(value.radius):.1e} is too wide.")
+        return low
+
+
+REALS = {
+    real.name: real
+    for real in (
+        Real("float", "float", 24, 9, "f"),
+        Real("double", "double", 53, 17, ""),
+        Real("long-double", "long double", 64, 21, "L"),
+    )
+}
+
+
+def round_binary(value: Fraction, bits: int) -> Fraction:
+    """Return the nearest number with a significand of that many bits, ties to even.
+
+    The exponent is unbounded: no coefficient of a tableau comes near the subnormal range.
+    """
+    if value == 0:
+        return Fraction(0)
+    exponent = value.numerator.bit_length() - value.denominator.bit_length() - bits
+    scaled = value / Fraction(2) ** exponent
+    while abs(scaled) >= 2**bits:
+        exponent, scaled = exponent + 1, scaled / 2
+    while abs(scaled) < 2 ** (bits - 1):
+        exponent, scaled = exponent - 1, scaled * 2
+    return round(scaled) * Fraction(2) ** exponent

@@ -1,0 +1,252 @@
+"""What a step must solve, scheme by scheme, in terms of any system.
+
+SPARK (B.1), (B.2): unknowns k_1..k_s, k̂_1..k̂_s, Λ_0..Λ_{p−1};
+    r = [k_i − H_p(Q_i, P_i);  k̂_i + H_q(Q_i, P_i);  g(Q̃_l), l = 1..p]
+
+IMS (53) and EMS (61): unknowns Δq, Δp, λ;
+    r = [Δq/Δt − D_pH;  Δp/Δt + D_qH + Ḡᵀλ;  g(q + Δq)]
+with D the gradient at the midpoint (IMS) or the discrete gradient (EMS), Ḡ likewise of g.
+
+Either way the C loops over stages; only the kernels below are expressions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import sympy as sp
+
+from .discrete_gradient import discrete_gradient
+from .kernels import Constants, Kernel
+from .system import System, jacobian
+from .tableau import Tableau
+
+__all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
+
+
+def vector(name: str, count: int) -> list[sp.Symbol]:
+    """Return symbols name0, name1, …, distinct from any symbol of a system by their assumptions."""
+    return [sp.Symbol(f"{name}{i}", real=True, commutative=True, finite=True) for i in range(count)]
+
+
+def common_kernels(system: System) -> list[Kernel]:
+    """Return the kernels that every scheme needs: H, g, and what projects onto them."""
+    q, p = list(system.q), list(system.p)
+    d = vector("d", system.n)
+    at_state = {"q": q, "p": p}
+    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": system.H})]
+    if system.m == 0:
+        return kernels
+    return [
+        *kernels,
+        Kernel("constraint", "g(q)", {"q": q}, {"g": list(system.constraints)}),
+        Kernel(
+            "constraint_increment",
+            "g(q + d) - g(q), by discrete differentiation: no digit is lost for small d",
+            {"q": q, "d": d},
+            {"dg": constraint_increment(system, d)},
+        ),
+        Kernel("constraint_jacobian", "G = dg/dq", {"q": q}, {"G": system.G}),
+        Kernel(
+            "hidden_constraint",
+            "f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish",
+            at_state,
+            {"f": system.hidden},
+        ),
+        Kernel(
+            "hidden_matrix",
+            "W = (df/dp) G^T",
+            at_state,
+            {"W": system.hidden_matrix},
+        ),
+    ]
+
+
+def constraint_increment(system: System, d: list[sp.Symbol]) -> list[sp.Expr]:
+    """Return g(q + d) − g(q) = Ḡ(q + d/2, d)·d, exact."""
+    means = [x + dx / 2 for x, dx in zip(system.q, d, strict=True)]
+    increments = []
+    for row in discrete_jacobian(system, means, d):
+        increments.append(sum((a * dx for a, dx in zip(row, d, strict=True)), sp.Integer(0)))
+    return increments
+
+
+def discrete_jacobian(
+    system: System, means: list[Any], differences: list[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Return Ḡ, m × n, with g(q₁) − g(q₀) = Ḡ (q₁ − q₀) exactly."""
+    return [discrete_gradient(g, system.q, means, differences) for g in system.constraints]
+
+
+@dataclass(frozen=True)
+class SparkScheme:
+    """Any (s, p)-SPARK method: T1 solves (B.1), T2 projects the momentum (A.6)."""
+
+    system: System
+    tableau: Tableau
+    template = "spark.c.jinja"
+    #: x holds rates and multipliers themselves, not a state to be reached.
+    unknowns_are_state = False
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns of T1."""
+        return 2 * self.system.n * self.tableau.s + self.system.m * self.tableau.p
+
+    @property
+    def multipliers(self) -> int:
+        """How many multipliers a step reports for each constraint: Λ_0..Λ_p."""
+        return self.tableau.p + 1 if self.system.m else 0
+
+    @cached_property
+    def order(self) -> int:
+        """Order of convergence, derived from the tableau."""
+        return self.tableau.order
+
+    def kernels(self) -> list[Kernel]:
+        """Return the derivative kernels that the stage loops call."""
+        system = self.system
+        state = {"q": list(system.q), "p": list(system.p)}
+        kernels = [
+            Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
+                   {"H_q": system.H_q, "H_p": system.H_p}),
+            Kernel("hessian", "H_qq, H_pq = dH_p/dq and H_pp", state,
+                   {"H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}),
+        ]
+        if system.m:
+            lam = vector("lambda", system.m)
+            kernels.append(
+                Kernel("constraint_curvature", "K = d(G^T lambda)/dq",
+                       {"q": list(system.q), "lambda": lam}, {"K": system.curvature(lam)})
+            )
+        return kernels
+
+
+@dataclass(frozen=True)
+class MeanScheme:
+    """IMS (53) or EMS (61): one mean value of the gradient carries the whole step."""
+
+    system: System
+    discrete: bool  # EMS: the discrete gradient; IMS: the gradient at the midpoint
+    template = "mean.c.jinja"
+    tableau = None
+    unknowns_are_state = True
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: q_k, p_k, λ."""
+        return 2 * self.system.n + self.system.m
+
+    @property
+    def multipliers(self) -> int:
+        """One λ for each constraint."""
+        return 1 if self.system.m else 0
+
+    @cached_property
+    def means(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+        """The symbols of q̄ and p̄."""
+        return vector("qm", self.system.n), vector("pm", self.system.n)
+
+    @cached_property
+    def differences(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+        """The symbols of Δq and Δp."""
+        return vector("dq", self.system.n), vector("dp", self.system.n)
+
+    @cached_property
+    def mean_gradient(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """D_qH and D_pH in terms of means and differences."""
+        system = self.system
+        variables = [*system.q, *system.p]
+        means = [*self.means[0], *self.means[1]]
+        if self.discrete:
+            differences = [*self.differences[0], *self.differences[1]]
+            D = discrete_gradient(system.H, variables, means, differences)
+        else:
+            at_mean = dict(zip(variables, means, strict=True))
+            D = [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p)]
+        return D[: system.n], D[system.n :]
+
+    @cached_property
+    def mean_constraint(self) -> list[list[sp.Expr]]:
+        """Ḡ, m × n: discrete for EMS, g_q at the midpoint for IMS."""
+        if self.discrete:
+            return discrete_jacobian(self.system, self.means[0], self.differences[0])
+        at_mean = dict(zip(self.system.q, self.means[0], strict=True))
+        return [[e.xreplace(at_mean) for e in row] for row in self.system.G]
+
+    @cached_property
+    def order(self) -> int:
+        """2 when the gradient is consistent and symmetric, 1 when only consistent.
+
+        Consistent: D = (H_q, H_p) for Δ = 0. Symmetric: exchange of the end points leaves the
+        means and turns Δ into −Δ, under which D must not change; symmetric methods have even
+        order, and D agrees with the exact mean of the gradient to no more than O(Δ²).
+        """
+        system = self.system
+        D = [*self.mean_gradient[0], *self.mean_gradient[1]]
+        differences = [*self.differences[0], *self.differences[1]]
+        at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
+        gradient = [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p)]
+        no_step = dict.fromkeys(differences, sp.Integer(0))
+        if any(sp.expand(d.subs(no_step) - e) != 0 for d, e in zip(D, gradient, strict=True)):
+            return 0
+        back = {x: -x for x in differences}
+        return 2 if all(sp.expand(d - d.xreplace(back)) == 0 for d in D) else 1
+
+    def kernels(self) -> list[Kernel]:
+        """Return the mean gradient and its derivatives by Δq and Δp."""
+        system = self.system
+        inputs = {"qm": self.means[0], "pm": self.means[1],
+                  "dq": self.differences[0], "dp": self.differences[1]}
+        D_q, D_p = self.mean_gradient
+        by_q, by_p = self._by_increments()
+        kind = "discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly" \
+            if self.discrete else "gradient at the midpoint"
+        kernels = [
+            Kernel("mean_gradient", f"D_q, D_p: {kind}", inputs, {"D_q": D_q, "D_p": D_p}),
+            Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
+                   {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
+        ]
+        if system.m:
+            lam = vector("lambda", system.m)
+            force = [
+                sum((x * row[i] for x, row in zip(lam, self.mean_constraint, strict=True)),
+                    sp.Integer(0))
+                for i in range(system.n)
+            ]
+            at = {"qm": self.means[0], "dq": self.differences[0]}
+            kernels += [
+                Kernel("mean_constraint", "G between q0 and q1", at, {"G": self.mean_constraint}),
+                Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", at | {"lambda": lam},
+                       {"K": by_q(force)}),
+            ]
+        return kernels
+
+    def _by_increments(self) -> tuple[Any, Any]:
+        """Return derivatives by Δq and by Δp at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
+
+        def total(means: list[sp.Symbol], differences: list[sp.Symbol]) -> Any:
+            def derive(expressions: list[sp.Expr]) -> list[list[sp.Expr]]:
+                by_mean = jacobian(expressions, means)
+                by_difference = jacobian(expressions, differences)
+                return [
+                    [a / 2 + b for a, b in zip(row, other, strict=True)]
+                    for row, other in zip(by_mean, by_difference, strict=True)
+                ]
+
+            return derive
+
+        return (total(self.means[0], self.differences[0]),
+                total(self.means[1], self.differences[1]))
+
+
+def hoisted(system: System) -> tuple[System, Constants]:
+    """Return the system with its parameter-only subexpressions as constants of the run."""
+    constants = Constants(system.parameters)
+    H = constants.hoist(system.H)
+    g = tuple(constants.hoist(e) for e in system.constraints)
+    symbols = tuple(constants.definitions.values())
+    return System(system.name, system.q, system.p, symbols, H, g,
+                  rigid_body=system.rigid_body), constants

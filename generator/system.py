@@ -1,0 +1,203 @@
+"""A constrained Hamiltonian system, and the derivatives that a step needs of it.
+
+    q̇ = H_p(q, p),   ṗ = −H_q(q, p) − g_q(q)ᵀ λ,   0 = g(q)          (paper, eq. 12)
+
+Nothing here knows of quaternions: a system is its symbols, its H and its g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import sympy as sp
+
+from ..errors import InputError
+
+__all__ = ["System"]
+
+
+@dataclass(frozen=True)
+class System:
+    """A holonomic Hamiltonian system with n coordinates and m constraints.
+
+    Parameters
+    ----------
+    name : str
+        A C identifier; begins the names of the generated files.
+    q, p : sequence of Symbol
+        Coordinates and conjugate momenta, n of each.
+    parameters : sequence of Symbol
+        Everything else that occurs in H and g. A symbol declared ``positive`` or ``nonzero``
+        is checked at run time against that.
+    H : Expr
+        The Hamiltonian H(q, p; parameters).
+    constraints : sequence of Expr
+        g(q; parameters), m expressions that vanish on the constraint manifold.
+    rigid_body : bool
+        True when q is a unit quaternion of a body with principal moments I1, I2, I3: the
+        trajectory then offers angular velocity, axis and rotation.
+    """
+
+    name: str
+    q: tuple[sp.Symbol, ...]
+    p: tuple[sp.Symbol, ...]
+    parameters: tuple[sp.Symbol, ...]
+    H: sp.Expr
+    constraints: tuple[sp.Expr, ...] = ()
+    rigid_body: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name in ("q", "p", "parameters", "constraints"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        if not self.name.isidentifier() or not self.name.isascii():
+            raise InputError(
+                f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
+            )
+        if len(self.q) != len(self.p) or not self.q:
+            raise InputError(
+                f"System {self.name!r} has {len(self.q)} coordinates and {len(self.p)} momenta; "
+                "give one momentum for each of at least one coordinate."
+            )
+        if len(self.constraints) >= len(self.q):
+            raise InputError(
+                f"System {self.name!r} has {len(self.constraints)} constraints on {len(self.q)} "
+                "coordinates; fewer constraints than coordinates must remain."
+            )
+        self._refuse_unknown_symbols()
+
+    def _refuse_unknown_symbols(self) -> None:
+        names = [str(s) for s in (*self.q, *self.p, *self.parameters)]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(
+                f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
+            )
+        allowed = {*self.q, *self.p, *self.parameters}
+        unknown = self.H.free_symbols - allowed
+        if unknown:
+            raise InputError(
+                f"H of system {self.name!r} contains the unknown symbol "
+                f"{min(map(str, unknown))!r}; declare it in q, p or parameters."
+            )
+        for index, g in enumerate(self.constraints):
+            unknown = g.free_symbols - (allowed - set(self.p))
+            if unknown:
+                raise InputError(
+                    f"Constraint {index} of system {self.name!r} contains {min(map(str, unknown))!r}"
+                    "; a holonomic constraint depends on q and parameters only."
+                )
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.q)
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return len(self.constraints)
+
+    @cached_property
+    def H_q(self) -> list[sp.Expr]:
+        """∂H/∂q, n entries."""
+        return gradient(self.H, self.q)
+
+    @cached_property
+    def H_p(self) -> list[sp.Expr]:
+        """∂H/∂p, n entries."""
+        return gradient(self.H, self.p)
+
+    @cached_property
+    def H_qq(self) -> list[list[sp.Expr]]:
+        """∂²H/∂q∂q, n × n."""
+        return symmetric_jacobian(self.H_q, self.q)
+
+    @cached_property
+    def H_pq(self) -> list[list[sp.Expr]]:
+        """∂H_p/∂q, n × n; its transpose is ∂H_q/∂p."""
+        return jacobian(self.H_p, self.q)
+
+    @cached_property
+    def H_pp(self) -> list[list[sp.Expr]]:
+        """∂²H/∂p∂p, n × n."""
+        return symmetric_jacobian(self.H_p, self.p)
+
+    @cached_property
+    def G(self) -> list[list[sp.Expr]]:
+        """g_q = ∂g/∂q, m × n."""
+        return jacobian(self.constraints, self.q)
+
+    def curvature(self, multipliers: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
+        """Σ_l λ_l ∂²g_l/∂q∂q, n × n: the derivative of g_qᵀ λ by q."""
+        weighted = sum((lam * g for lam, g in zip(multipliers, self.constraints, strict=True)),
+                       sp.Integer(0))
+        return symmetric_jacobian(gradient(weighted, self.q), self.q)
+
+    @cached_property
+    def hidden(self) -> list[sp.Expr]:
+        """The constraint on the momenta, m entries: g_q H_p = 0 (12) in its shortest form.
+
+        Expanded, identically vanishing terms such as L(q)q cancel, and with them their
+        round-off; factors that cannot vanish on g = 0 are dropped. For the quaternion both
+        representations come out as qᵀp (17).
+        """
+        products = [sum(a * b for a, b in zip(row, self.H_p, strict=True)) for row in self.G]
+        return [self._without_units(shortest(e)) for e in products]
+
+    def _without_units(self, e: sp.Expr) -> sp.Expr:
+        """Drop factors free of p that are a non-zero constant wherever g = 0."""
+        kept = [f for f in sp.Mul.make_args(e) if f.has(*self.p) or not self._is_unit(f)]
+        return sp.Mul(*kept)
+
+    def _is_unit(self, factor: sp.Expr) -> bool:
+        if not factor.has(*self.q):
+            return bool(factor.is_number) or bool(factor.is_nonzero)
+        if not all(e.is_polynomial(*self.q) for e in (factor, *self.constraints)):
+            return False
+        _, remainder = sp.reduced(factor, list(self.constraints), *self.q)
+        return not remainder.has(*self.q) and bool(remainder.is_nonzero)
+
+    @cached_property
+    def hidden_matrix(self) -> list[list[sp.Expr]]:
+        """W = (∂f/∂p) g_qᵀ with f = ``hidden``, m × m: g_q H_pp g_qᵀ up to the dropped factors."""
+        rows = jacobian(self.hidden, self.p)
+        return [
+            [shortest(sum(a * b for a, b in zip(row, other, strict=True))) for other in self.G]
+            for row in rows
+        ]
+
+
+def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
+    """Derivative of one expression by each symbol."""
+    return [sp.diff(expression, symbol) for symbol in symbols]
+
+
+def jacobian(
+    expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Derivative of each expression (row) by each symbol (column)."""
+    return [gradient(expression, symbols) for expression in expressions]
+
+
+def symmetric_jacobian(
+    grad: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Hessian from a gradient; the lower half is the upper half, entry by entry the same object."""
+    rows = [[sp.Integer(0)] * len(symbols) for _ in symbols]
+    for i, entry in enumerate(grad):
+        for j in range(i, len(symbols)):
+            rows[i][j] = rows[j][i] = sp.diff(entry, symbols[j])
+    return rows
+
+
+def shortest(expression: sp.Expr) -> sp.Expr:
+    """Return the expression as it stands, expanded, or factored: whichever has fewest operations."""
+    expanded = sp.expand(expression)
+    candidates = [expression, expanded]
+    if expanded.is_Add and len(expanded.args) <= 64:
+        candidates.append(sp.factor_terms(expanded))
+        if expanded.is_polynomial(*expanded.free_symbols) or expanded.is_rational_function():
+            candidates.append(sp.factor(expanded))
+    return min(candidates, key=lambda candidate: int(sp.count_ops(candidate)))

@@ -1,0 +1,210 @@
+"""A SPARK tableau: exact until one door turns it into numbers.
+
+        c │ A      │ Â      │ Ã        c̃ │ Ā
+          │ bᵀ     │ b̂ᵀ     │ b̃ᵀ
+
+k_i = H_p(Q_i, P_i), k̂_i = −H_q(Q_i, P_i), k̃_j = −g_q(Q̃_j)ᵀ Λ_j; A weights k in Q_i, Â weights k̂
+and Ã weights k̃ in P_i, Ā weights k in Q̃_j (A.7). Stages i = 1..s, constraint nodes j = 0..p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import mpmath as mp
+import sympy as sp
+
+from .node_algebra import Nodes, ValueNodes
+from .nodes import Enclosure, enclose_roots, exact_roots
+
+__all__ = ["FIELDS", "NumericTableau", "Tableau"]
+
+#: The parts of a tableau, in the order in which files, C and reports list them, each with the
+#: node sets of its rows and columns ("s" stages, "p" constraint nodes).
+FIELDS: dict[str, str] = {
+    "A": "ss",
+    "A_hat": "ss",
+    "A_tilde": "sp",
+    "A_bar": "ps",
+    "b": "s",
+    "b_hat": "s",
+    "b_tilde": "p",
+    "c": "s",
+    "c_tilde": "p",
+}
+
+
+@dataclass(frozen=True)
+class NumericTableau:
+    """The tableau's entries as numbers, under the tableau's own attribute names."""
+
+    A: list[list[Any]]
+    A_hat: list[list[Any]]
+    A_tilde: list[list[Any]]
+    A_bar: list[list[Any]]
+    b: list[Any]
+    b_hat: list[Any]
+    b_tilde: list[Any]
+    c: list[Any]
+    c_tilde: list[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Tableau:
+    """An (s, p)-SPARK tableau (A.1)-(A.7).
+
+    Attributes
+    ----------
+    name : str
+        Short and fit for a C identifier: ``gl3``, ``liiiab4``, or a user's own.
+    stages, constraints : Nodes
+        The nodes c_1..c_s and c̃_0..c̃_p with their exact arithmetic.
+    basis : dict
+        The parts named in ``FIELDS``, as exact matrices over the two node algebras.
+    A, A_hat, A_tilde, A_bar, b, b_hat, b_tilde, c, c_tilde : nested tuples of Expr
+        The exact coefficients: rationals and radicals while these are short, polynomials in
+        ``CRootOf`` nodes beyond.
+    claims : dict
+        What the family or the file says of itself, for ``conditions`` to prove or refute:
+        ``order``, ``symmetric``, and how far ``B``, ``C``, ``C_hat``, … hold.
+    digits_given : int or None
+        For a tableau given in decimals, how many its least precise entry has; None if exact.
+    """
+
+    name: str
+    stages: Nodes
+    constraints: Nodes
+    basis: dict[str, Any]
+    claims: dict[str, int] = field(default_factory=dict)
+    digits_given: int | None = None
+
+    @property
+    def s(self) -> int:
+        """Number of stages."""
+        return self.stages.size
+
+    @property
+    def p(self) -> int:
+        """Number of constraint nodes after the first; multipliers Λ_0..Λ_p."""
+        return self.constraints.size - 1
+
+    @property
+    def given(self) -> bool:
+        """Whether the coefficients were given as numbers instead of derived."""
+        return isinstance(self.stages, ValueNodes)
+
+    @cached_property
+    def order(self) -> int:
+        """The order of convergence that the simplifying conditions prove."""
+        from .conditions import order  # the conditions are written in terms of this class
+
+        return order(self)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in FIELDS:
+            return self._exact[name]
+        raise AttributeError(f"A tableau has no attribute {name!r}.")
+
+    def nodes_of(self, name: str) -> list[Nodes]:
+        """Return the node sets of the rows and columns of a part."""
+        return [self.stages if kind == "s" else self.constraints for kind in FIELDS[name]]
+
+    @cached_property
+    def _exact(self) -> dict[str, Any]:
+        """Exact entries of every part as nested tuples of SymPy expressions."""
+        return {name: self._evaluate(name) for name in FIELDS}
+
+    @cached_property
+    def enclosures(self) -> dict[str, Any]:
+        """Every part as nested tuples of certified enclosures."""
+        return {name: self._enclose(name) for name in FIELDS}
+
+    def numeric(self, digits: int = 50) -> NumericTableau:
+        """Return the coefficients as nested lists of mpmath numbers with that many digits.
+
+        Digits count up to 120; the enclosures behind them are narrower than 1e-140.
+        """
+
+        def to_number(value: Enclosure) -> Any:
+            with mp.workdps(digits + 5):
+                return mp.mpf(value.centre.numerator) / value.centre.denominator
+
+        return NumericTableau(**self.map_enclosures(to_number))
+
+    def map_enclosures(self, function: Callable[[Enclosure], Any]) -> dict[str, Any]:
+        """Return every part as nested lists with the function applied to each entry."""
+        return {
+            name: [
+                [function(entry) for entry in row] if isinstance(row, tuple) else function(row)
+                for row in part
+            ]
+            for name, part in self.enclosures.items()
+        }
+
+    def _evaluate(self, name: str) -> tuple[Any, ...]:
+        """Evaluate a part at its exact nodes: Σ_kl C_kl uᵏ vˡ."""
+        rows = self.basis[name].to_list()
+        nodes = self.nodes_of(name)
+        if self.given:
+            return tuple(tuple(row) if len(nodes) == 2 else row[0] for row in rows)
+        coefficients = [[sp.QQ.to_sympy(entry) for entry in row] for row in rows]
+        roots = [exact_roots(part.polynomial) for part in nodes]  # type: ignore[attr-defined]
+        if len(nodes) == 1:
+            return tuple(polynomial_value(coefficients, u, sp.Integer(0)) for u in roots[0])
+        return tuple(tuple(polynomial_value(coefficients, u, v) for v in roots[1])
+                     for u in roots[0])
+
+    def _enclose(self, name: str) -> tuple[Any, ...]:
+        rows = self.basis[name].to_list()
+        nodes = self.nodes_of(name)
+        if self.given:
+            entries = [tuple(enclose_expression(entry) for entry in row) for row in rows]
+            return tuple(entries) if len(nodes) == 2 else tuple(row[0] for row in entries)
+        coefficients = [[Enclosure(Fraction(int(e.numerator), int(e.denominator))) for e in row]
+                        for row in rows]
+        roots = [enclose_roots(part.polynomial) for part in nodes]  # type: ignore[attr-defined]
+        if len(nodes) == 1:
+            return tuple(_horner([row[0] for row in coefficients], at) for at in roots[0])
+        # Columns first: Σ_l C_kl vˡ then vanishes exactly for the zero column (v = 1) of Ã.
+        by_column = [[_horner(row, at) for row in coefficients] for at in roots[1]]
+        return tuple(tuple(_horner(column, at) for column in by_column) for at in roots[0])
+
+
+def polynomial_value(coefficients: list[list[sp.Expr]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
+    """Return Σ_kl C_kl uᵏ vˡ; expanded where u and v are at most a + b√c, else as it stands."""
+    terms = [
+        entry * u**k * v**l  # noqa: E741
+        for k, row in enumerate(coefficients)
+        for l, entry in enumerate(row)  # noqa: E741
+        if entry
+    ]
+    value = sp.Add(*terms)
+    return sp.expand(value) if is_quadratic(u) and is_quadratic(v) else value
+
+
+def is_quadratic(number: sp.Expr) -> bool:
+    """Whether a number is written with square roots of rationals only."""
+    return not number.has(sp.CRootOf) and all(
+        power.base.is_Rational for power in number.atoms(sp.Pow)
+    )
+
+
+def _horner(coefficients: Sequence[Enclosure], at: Enclosure) -> Enclosure:
+    """Enclose Σ_k coefficients[k] atᵏ."""
+    result = coefficients[-1]
+    for coefficient in reversed(coefficients[:-1]):
+        result = result * at + coefficient
+    return result
+
+
+def enclose_expression(expression: sp.Expr, digits: int = 150) -> Enclosure:
+    """Enclose an exact number; rationals come out exact."""
+    if expression.is_Rational:
+        return Enclosure(Fraction(int(expression.p), int(expression.q)))
+    text = str(sp.N(expression, digits))
+    centre = Fraction(text)
+    return Enclosure(centre, abs(centre) * Fraction(1, 10 ** (digits - 5)))

@@ -1,0 +1,150 @@
+"""The compiled functions of one stepper as Python callables on NumPy arrays.
+
+The only file that touches cffi pointers. Arrays reaching it have been checked: contiguous, of
+the stepper's own type. cffi releases the GIL during every call.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["DTYPES", "REASONS", "Binding"]
+
+Array = NDArray[Any]
+
+DTYPES: dict[str, Any] = {
+    "float": np.float32,
+    "double": np.float64,
+    "long-double": np.longdouble,
+}
+#: Why a call failed, by its status.
+REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite"}
+
+
+class Binding:
+    """Calls into a compiled module; one instance may serve many threads.
+
+    Every call makes its own work memory, about 8 U² bytes for U unknowns.
+    """
+
+    def __init__(self, module: Any, name: str, manifest: dict[str, Any]) -> None:
+        self.ffi, self.lib, self.name = module.ffi, module.lib, name
+        self.c_type = {"float": "float", "double": "double", "long-double": "long double"}[
+            manifest["real"]
+        ]
+        self.dtype = DTYPES[manifest["real"]]
+        self.n = len(manifest["system"]["coordinates"])
+        self.m = len(manifest["system"]["constraints"])
+        self.unknowns = int(manifest["scheme"]["unknowns"])
+        self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
+
+    def function(self, name: str) -> Any:
+        """Return a function of the module by its short name."""
+        return getattr(self.lib, f"{self.name}_{name}")
+
+    def pointer(self, array: Array) -> Any:
+        """Return a pointer to a checked array, NULL for an empty one."""
+        if array.size == 0:
+            return self.ffi.NULL
+        return self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True)
+
+    def parameters(self, values: dict[str, float]) -> Any:
+        """Return the parameter struct."""
+        return self.ffi.new(f"{self.name}_parameters *", values)
+
+    def work(self) -> Any:
+        """Return work memory for one thread."""
+        return self.ffi.new(f"{self.name}_work *")
+
+    def options(self, tolerance: float | None, max_iterations: int) -> Any:
+        """Return the options struct; tolerance None means down to round-off."""
+        return self.ffi.new(f"{self.name}_options *", [tolerance or 0.0, max_iterations])
+
+    def report(self) -> Any:
+        """Return an empty running record."""
+        return self.ffi.new(f"{self.name}_report *")
+
+    def new(self, *shape: int) -> Array:
+        """Return a zeroed array of the stepper's type."""
+        return np.zeros(shape, dtype=self.dtype)
+
+    # ------------------------------------------------------------ calls
+
+    def integrate(
+        self, parameters: Any, options: Any, dt: float, steps: int, every: int,
+        q: Array, p: Array, out: tuple[Array, Array, Array, Array], report: Any, work: Any,
+    ) -> int:
+        """Advance (q, p) in place by up to ``steps`` steps; return the status."""
+        q_out, p_out, multipliers, iterations = out
+        counts = (self.ffi.NULL if iterations.size == 0
+                  else self.ffi.from_buffer("int[]", iterations, require_writable=True))
+        return int(self.function("integrate")(
+            parameters, options, dt, steps, every, self.pointer(q), self.pointer(p),
+            self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers), counts, report,
+            work,
+        ))
+
+    def guess(self, parameters: Any, dt: float, q: Array, p: Array, work: Any) -> Array:
+        """Return the starting guess of T1."""
+        x = self.new(self.unknowns)
+        self.function("guess")(parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x),
+                               work)
+        return x
+
+    def residual(
+        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+    ) -> Array:
+        """Return r(x) of T1."""
+        r = self.new(self.unknowns)
+        self.function("residual")(parameters, dt, self.pointer(q), self.pointer(p),
+                                  self.pointer(x), self.pointer(r), work)
+        return r
+
+    def jacobian(
+        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+    ) -> Array:
+        """Return dr/dx of T1."""
+        J = self.new(self.unknowns, self.unknowns)
+        self.function("jacobian")(parameters, dt, self.pointer(q), self.pointer(p),
+                                  self.pointer(x), self.pointer(J), work)
+        return J
+
+    def increment_size(self, dt: float, q: Array, p: Array, x: Array, dx: Array) -> float:
+        """Return how large an increment of the unknowns is, relative to the state."""
+        return float(self.function("increment_size")(
+            dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(dx)))
+
+    def finish(
+        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+    ) -> tuple[int, Array, Array, Array]:
+        """T2: return status, q1, p1 and multipliers."""
+        q1, p1 = self.new(self.n), self.new(self.n)
+        multipliers = self.new(max(self.multipliers, 1))
+        status = self.function("T2")(
+            parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(q1),
+            self.pointer(p1), self.pointer(multipliers), work)
+        return int(status), q1, p1, multipliers[: self.multipliers]
+
+    def hamiltonian(self, parameters: Any, q: Array, p: Array) -> Array:
+        """Return H of each row of q and p."""
+        H = self.new(len(q))
+        self.function("hamiltonian")(parameters, len(q), self.pointer(q), self.pointer(p),
+                                     self.pointer(H))
+        return H
+
+    def defects(self, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
+        """Return g(q) and f(q, p), m entries each."""
+        g, f = self.new(self.m), self.new(self.m)
+        if self.m:
+            self.function("defects")(parameters, self.pointer(q), self.pointer(p),
+                                     self.pointer(g), self.pointer(f))
+        return g, f
+
+    def project(self, parameters: Any, q: Array, p: Array) -> int:
+        """Move (q, p) onto the constraints in place; return the status."""
+        if not self.m:
+            return 0
+        return int(self.function("project")(parameters, self.pointer(q), self.pointer(p)))

@@ -1,0 +1,99 @@
+"""Checks of what a caller passes in: arrays, numbers, parameters. Converts, never reinterprets."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+
+__all__ = ["as_array", "as_parameters", "as_positive_count", "as_step"]
+
+
+def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
+    """Return a contiguous copy of the value in the stepper's own type.
+
+    Lists, integers, other float types and strided views are converted by value.
+
+    Raises
+    ------
+    InputError
+        For another shape, for complex, boolean or non-numeric entries, for NaN and infinity.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InputError(f"{name} is ragged; give an array of shape {shape}.") from error
+    if array.dtype.kind not in "fiu":
+        raise InputError(
+            f"{name} has entries of type {array.dtype}; give real numbers (float64 is best)."
+        )
+    if array.shape != shape:
+        raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
+    if not np.all(np.isfinite(array)):
+        raise InputError(f"{name} = {array} is not finite; give finite numbers.")
+    return np.array(array, dtype=dtype, order="C")
+
+
+def as_real(name: str, value: Any) -> float:
+    """Return a finite real number as float."""
+    if isinstance(value, bool) or not isinstance(value, (numbers.Real, np.floating, np.integer)):
+        raise InputError(f"{name} = {value!r} is not a real number.")
+    number = float(value)
+    if not math.isfinite(number):
+        raise InputError(f"{name} = {number} is not finite; give a finite number.")
+    return number
+
+
+def as_step(value: Any) -> float:
+    """Return a usable time step: finite and not zero; negative integrates backwards."""
+    dt = as_real("dt", value)
+    if dt == 0:
+        raise InputError("dt = 0 makes no step; give a positive dt, or a negative one for backwards.")
+    return dt
+
+
+def as_positive_count(name: str, value: Any, least: int = 0) -> int:
+    """Return a whole number of at least ``least``."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise InputError(f"{name} = {value!r} is not a whole number.")
+    if value < least:
+        raise InputError(f"{name} = {value} is too small; give at least {least}.")
+    return int(value)
+
+
+def as_parameters(given: Any, domains: Mapping[str, str]) -> dict[str, float]:
+    """Return the parameters a stepper needs, each checked against its domain.
+
+    Raises
+    ------
+    InputError
+        Naming a missing, unknown or unusable parameter.
+    """
+    if not isinstance(given, Mapping):
+        raise InputError(f"parameters = {given!r} is not a dict; give {', '.join(domains)}.")
+    missing = [name for name in domains if name not in given]
+    if missing:
+        raise InputError(
+            f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(domains)}."
+        )
+    unknown = [str(name) for name in given if name not in domains]
+    if unknown:
+        raise InputError(
+            f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}."
+        )
+    return {name: _as_parameter(name, given[name], domain) for name, domain in domains.items()}
+
+
+def _as_parameter(name: str, value: Any, domain: str) -> float:
+    number = as_real(f"Parameter {name}", value)
+    if domain == "positive" and number <= 0:
+        raise InputError(f"Parameter {name} = {number} is not positive; give a number above 0.")
+    if domain == "nonzero" and number == 0:
+        raise InputError(f"Parameter {name} = 0 divides by zero; give a number other than 0.")
+    return number

@@ -1,0 +1,158 @@
+"""Find a C compiler and turn a stepper's two files into an extension module."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+
+import cffi
+
+from ..errors import CompilerError
+
+__all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
+
+#: For the generated kernel: it must be clean under all of these.
+STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+#: Contraction to FMA is wanted here and stated; exported C is built with it off.
+SPEED_FLAGS = ["-O3", "-ffp-contract=fast", "-fno-math-errno"]
+
+_CURE = (
+    "Install gcc or clang, set CC to a compiler, or `pip install gyrospark[compiler]`, which "
+    "brings one from PyPI."
+)
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler: the command that starts it, and what it says of its version."""
+
+    command: tuple[str, ...]
+    version: str
+
+    @property
+    def flags(self) -> list[str]:
+        """Flags for code that runs on this machine."""
+        native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
+        return [*SPEED_FLAGS, native, "-fPIC"]
+
+    @property
+    def link_flags(self) -> list[str]:
+        """Flags that make a Python extension of object files."""
+        if sys.platform == "darwin":
+            return ["-bundle", "-undefined", "dynamic_lookup"]
+        return ["-shared"]
+
+
+def find_compiler() -> Compiler:
+    """Return the compiler to use: ``CC``, else cc, gcc or clang, else ziglang from PyPI.
+
+    Raises
+    ------
+    CompilerError
+        If there is none, or CC does not start.
+    """
+    chosen = os.environ.get("CC")
+    if chosen:
+        return _probe(tuple(shlex.split(chosen)), f"The compiler CC={chosen!r}")
+    for name in ("cc", "gcc", "clang"):
+        path = shutil.which(name)
+        if path:
+            return _probe((path,), f"The compiler {path!r}")
+    if importlib.util.find_spec("ziglang") is not None:
+        return _probe((sys.executable, "-m", "ziglang", "cc"), "The compiler of ziglang")
+    raise CompilerError(f"No C compiler was found: neither CC nor cc, gcc, clang or ziglang. {_CURE}")
+
+
+@functools.cache
+def _probe(command: tuple[str, ...], what: str) -> Compiler:
+    try:
+        answer = subprocess.run([*command, "--version"], capture_output=True, text=True,
+                                check=False, stdin=subprocess.DEVNULL)
+    except OSError as error:
+        raise CompilerError(f"{what} does not start: {error.strerror}. {_CURE}",
+                            command=list(command)) from error
+    if answer.returncode != 0:
+        raise CompilerError(f"{what} answers --version with exit code {answer.returncode}. {_CURE}",
+                            command=list(command), stderr=answer.stderr)
+    return Compiler(command, answer.stdout.strip())
+
+
+def read_declarations(header: str) -> str:
+    """Return the part of a generated header that cffi is to read."""
+    start = header.index("/* [begin declarations] */")
+    return header[start : header.index("/* [end declarations] */")]
+
+
+def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder: Path) -> Path:
+    """Compile a stepper in ``folder`` and return the path of the extension module.
+
+    The kernel is a translation unit of its own under strict warnings; cffi's wrapper, which is
+    not ours, is compiled beside it without them.
+
+    Raises
+    ------
+    CompilerError
+        With the command and its stderr.
+    OSError
+        If the folder cannot be written.
+    """
+    for file, text in files.items():
+        (folder / file).write_text(text, encoding="utf-8")
+    wrapper = folder / f"{module_name(name)}.c"
+    ffi = cffi.FFI()
+    ffi.cdef(read_declarations(files[f"{name}.h"]))
+    ffi.set_source(module_name(name), f'#include "{name}.h"', compiler_verbose=0)
+    ffi.emit_c_code(str(wrapper))
+    include = sysconfig.get_paths()["include"]
+    compile_ = [*compiler.command, *compiler.flags]
+    commands = [
+        [*compile_, *STRICT_FLAGS, "-c", f"{name}.c", "-o", "kernel.o"],
+        [*compiler.command, "-O1", "-fPIC", f"-I{include}", "-I.", "-w", "-c", wrapper.name,
+         "-o", "wrapper.o"],
+    ]
+    _run_together(commands, folder)
+    target = folder / (module_name(name) + extension_suffix())
+    link = [*compiler.command, *compiler.link_flags, "kernel.o", "wrapper.o", "-lm", "-o",
+            target.name]
+    _run_together([link], folder)
+    return target
+
+
+def module_name(name: str) -> str:
+    """Return the name of the extension module of a stepper."""
+    return f"_{name}"
+
+
+def extension_suffix() -> str:
+    """Return what extension modules of this interpreter end with."""
+    return str(sysconfig.get_config_var("EXT_SUFFIX"))
+
+
+def _run_together(commands: list[list[str]], folder: Path) -> None:
+    """Run commands side by side; the first that fails is reported once all have ended."""
+    try:
+        running = [
+            subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, text=True,
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            for command in commands
+        ]
+    except OSError as error:
+        raise CompilerError(f"The compiler does not start: {error.strerror}. {_CURE}") from error
+    ended = [process.communicate() for process in running]
+    for process, command, (_, stderr) in zip(running, commands, ended, strict=True):
+        if process.returncode != 0:
+            raise CompilerError(
+                f"The C compiler failed with exit code {process.returncode}: "
+                f"{shlex.join(command)}\n{stderr.strip()}",
+                command=command,
+                stderr=stderr,
+            )

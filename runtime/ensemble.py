@@ -1,0 +1,117 @@
+"""Many trajectories at once: one thread a trajectory, the GIL released in the compiled code."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, StepFailed
+from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from .stepper import Stepper
+
+__all__ = ["Ensemble", "integrate_members"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """The trajectories of ``integrate_ensemble``; the leading axis is the trajectory.
+
+    Attributes
+    ----------
+    t, q, p, multipliers, iterations : arrays
+        As in ``Trajectory`` with a leading axis; NaN (0 iterations) after a failed step.
+    failures : dict
+        Number of a failed trajectory → its ``StepFailed``.
+    members : list of Trajectory
+        Each trajectory by itself, up to its failed step if it has one.
+    """
+
+    t: Array
+    q: Array
+    p: Array
+    multipliers: Array
+    iterations: Array
+    failures: dict[int, StepFailed]
+    members: list[Trajectory]
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+
+def integrate_members(
+    stepper: Stepper,
+    q: ArrayLike,
+    p: ArrayLike,
+    dt: float | ArrayLike,
+    parameters: Mapping[str, Any] | Sequence[Mapping[str, float]],
+    workers: int | None,
+    **options: Any,
+) -> Ensemble:
+    """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
+    starts, momenta = np.asarray(q), np.asarray(p)
+    if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
+        raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
+                         f"(trajectories, {stepper.n}) for both.")
+    size = len(starts)
+    steps = np.broadcast_to(_each("dt", dt, size), size)
+    runs = _each_parameters(parameters, size)
+
+    def run(i: int) -> tuple[Trajectory, StepFailed | None]:
+        try:
+            return stepper.integrate(starts[i], momenta[i], dt=float(steps[i]),
+                                     parameters=runs[i], **options), None
+        except StepFailed as failure:
+            return failure.trajectory, failure
+        except InputError as error:
+            raise InputError(f"Trajectory {i}: {error}") from error
+
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        results = list(pool.map(run, range(size)))
+    members = [member for member, _ in results]
+    failures = {i: failure for i, (_, failure) in enumerate(results) if failure is not None}
+    rows = -(-options["steps"] // options["every"]) + 1
+    return Ensemble(
+        _stack([m.t for m in members], rows, np.nan),
+        _stack([m.q for m in members], rows, np.nan),
+        _stack([m.p for m in members], rows, np.nan),
+        _stack([m.multipliers for m in members], rows - 1, np.nan),
+        _stack([m.iterations for m in members], rows - 1, 0),
+        failures,
+        members,
+    )
+
+
+def _each(name: str, value: Any, size: int) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.shape not in ((), (size,)):
+        raise InputError(f"{name} has shape {array.shape}; give one number or {size} of them.")
+    return array
+
+
+def _each_parameters(parameters: Any, size: int) -> list[dict[str, float]]:
+    if isinstance(parameters, Mapping):
+        columns = {name: np.broadcast_to(_each(f"Parameter {name}", value, size), size)
+                   for name, value in parameters.items()}
+        return [{name: float(column[i]) for name, column in columns.items()} for i in range(size)]
+    runs = list(parameters)
+    if len(runs) != size:
+        raise InputError(f"{len(runs)} sets of parameters are given for {size} trajectories.")
+    return [dict(run) for run in runs]
+
+
+def _stack(parts: list[Array], rows: int, fill: float) -> Array:
+    """Stack arrays of up to ``rows`` rows, the rest filled."""
+    stacked = np.full((len(parts), rows, *parts[0].shape[1:]), fill, dtype=parts[0].dtype)
+    for i, part in enumerate(parts):
+        stacked[i, : len(part)] = part
+    return stacked

@@ -1,0 +1,94 @@
+"""The means of the principal moments that the paper recommends for γ (or α): (47), (48), (50)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..errors import InputError
+
+__all__ = ["gamma_h", "gamma_h_tilde", "gamma_m", "gamma_m_tilde", "principal_moments"]
+
+
+def gamma_m(inertia: Sequence[float]) -> float:
+    """Return γ_m = (I₁ + I₂ + I₃)/3, the arithmetic mean of the principal moments (48), in kg m².
+
+    Raises
+    ------
+    InputError
+        Unless there are three finite moments above 0.
+    """
+    return sum(principal_moments(inertia)) / 3
+
+
+def gamma_h(inertia: Sequence[float]) -> float:
+    """Return γ_h = 3/(1/I₁ + 1/I₂ + 1/I₃), the harmonic mean (47), in kg m².
+
+    Raises
+    ------
+    InputError
+        Unless there are three finite moments above 0.
+    """
+    return 3 / sum(1 / moment for moment in principal_moments(inertia))
+
+
+def gamma_m_tilde(inertia: Sequence[float]) -> float:
+    """Return γ̃_m = (I_a + I_b)/2, the mean of the two largest moments (50), in kg m².
+
+    The smallest moment is left out, whichever axis it belongs to; it may be exactly 0.
+
+    Raises
+    ------
+    InputError
+        Unless there are three finite moments, the smallest at least 0, the others above 0.
+    """
+    return sum(_without_smallest(inertia)) / 2
+
+
+def gamma_h_tilde(inertia: Sequence[float]) -> float:
+    """Return γ̃_h = 2/(1/I_a + 1/I_b), the harmonic mean of the two largest moments (50), in kg m².
+
+    The smallest moment is left out, whichever axis it belongs to; it may be exactly 0.
+
+    Raises
+    ------
+    InputError
+        Unless there are three finite moments, the smallest at least 0, the others above 0.
+    """
+    return 2 / sum(1 / moment for moment in _without_smallest(inertia))
+
+
+def principal_moments(inertia: Sequence[float], *, zeros: int = 0) -> tuple[float, float, float]:
+    """Return the three principal moments I₁, I₂, I₃ as floats, in kg m².
+
+    Raises
+    ------
+    InputError
+        Unless there are three finite moments above 0; up to ``zeros`` of them may be 0.
+    """
+    try:
+        moments = [_number(moment) for moment in inertia]
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"The inertia {inertia!r} is not three numbers; give I1, I2 and I3 in kg m²."
+        ) from error
+    if len(moments) != 3:
+        raise InputError(
+            f"The inertia has {len(moments)} moments; give the three principal moments I1, I2, I3."
+        )
+    for axis, moment in enumerate(moments, start=1):
+        vanishing_allowed = moment == 0 and moments.count(0.0) <= zeros
+        if not math.isfinite(moment) or (moment <= 0 and not vanishing_allowed):
+            raise InputError(f"The moment I{axis} = {moment!r} kg m² must be finite and above 0.")
+    I1, I2, I3 = moments
+    return I1, I2, I3
+
+
+def _number(value: object) -> float:
+    if isinstance(value, (str, bytes)):
+        raise TypeError("text is not a number")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _without_smallest(inertia: Sequence[float]) -> list[float]:
+    return sorted(principal_moments(inertia, zeros=1))[1:]

@@ -1,0 +1,400 @@
+"""A compiled stepper: steps, trajectories, ensembles, and what a step solves, from Python."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import GyrosparkError, InputError, StepFailed
+from .binding import REASONS, Binding
+from .checks import as_array, as_parameters, as_positive_count, as_real, as_step
+from .ensemble import Ensemble, integrate_members
+from .module import load_module
+from .newton import newton_step
+from .trajectory import Report, Trajectory
+
+__all__ = ["SOLVERS", "Stepper"]
+
+Array = NDArray[Any]
+
+SOLVERS = ("auto", "newton", "python")
+#: Steps between two looks at the clock, the progress bar and Ctrl-C.
+_CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class _Run:
+    """The checked arguments of one integration."""
+
+    q: Array
+    p: Array
+    dt: float
+    steps: int
+    every: int
+    parameters: dict[str, float]
+    solver: str
+    tolerance: float | None
+    max_iterations: int
+
+    @property
+    def rows(self) -> int:
+        """Stored states after the first; the last state is always stored."""
+        return -(-self.steps // self.every)
+
+
+class Stepper:
+    """A stepper compiled from generated C.
+
+    Make one with ``gyrospark.stepper(...)``. Instances hold no state between calls and may be
+    used from many threads at once.
+
+    Attributes
+    ----------
+    name : str
+        E.g. ``heavy_top_gl3_gamma``.
+    n, m : int
+        Coordinates and constraints.
+    unknowns : int
+        Length of x in ``residual`` and ``jacobian``: for SPARK (B.2), k_1..k_s, k̂_1..k̂_s,
+        Λ_0..Λ_{p−1}; for IMS and EMS q_k, p_k, λ.
+    order : int
+        Order of convergence, as derived by the generator.
+    manifest : dict
+        All that the generator says of the stepper.
+    """
+
+    def __init__(self, name: str, files: dict[str, str]) -> None:
+        self.name = name
+        self.files = dict(files)
+        self.manifest: dict[str, Any] = json.loads(files[f"{name}.json"])
+        self.binding = Binding(load_module(name, files), name, self.manifest)
+        self.n, self.m = self.binding.n, self.binding.m
+        self.unknowns = self.binding.unknowns
+        self.order = int(self.manifest["scheme"]["order"])
+        self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
+
+    def __repr__(self) -> str:
+        return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
+
+    # ------------------------------------------------------------ stepping
+
+    def step(
+        self,
+        q: ArrayLike,
+        p: ArrayLike,
+        *,
+        dt: float,
+        parameters: Mapping[str, float],
+        solver: str = "auto",
+        tolerance: float | None = None,
+        max_iterations: int = 50,
+    ) -> tuple[Array, Array]:
+        """Return (q, p) one step of ``dt`` seconds later; see ``integrate``."""
+        end = self.integrate(q, p, dt=dt, steps=1, parameters=parameters, solver=solver,
+                             tolerance=tolerance, max_iterations=max_iterations)
+        return end.q[-1], end.p[-1]
+
+    def integrate(
+        self,
+        q: ArrayLike,
+        p: ArrayLike,
+        *,
+        dt: float,
+        steps: int,
+        parameters: Mapping[str, float],
+        every: int = 1,
+        solver: str = "auto",
+        tolerance: float | None = None,
+        max_iterations: int = 50,
+        progress: Callable[[int], None] | None = None,
+    ) -> Trajectory:
+        """Integrate ``steps`` steps of ``dt`` seconds from (q, p).
+
+        Parameters
+        ----------
+        q, p : array_like, shape (n,)
+            Consistent start: g(q) = 0 and g_q H_p = 0 (for a body |q| = 1 and qᵀp = 0).
+        dt : float
+            Time step; negative integrates backwards.
+        steps : int
+            Number of steps, 0 or more.
+        parameters : mapping
+            Exactly the parameters in ``parameter_domains``.
+        every : int
+            Store every so many steps, and the last.
+        solver : {"auto", "newton", "python"}
+            Full Newton in C (``auto`` chooses it), or the same driven from Python.
+        tolerance : float, optional
+            Bound on the last Newton increment relative to the state; by default down to
+            round-off.
+        max_iterations : int
+            Newton iterations before a step counts as failed.
+        progress : callable, optional
+            Called now and then with the number of steps done.
+
+        Raises
+        ------
+        InputError
+            For unusable arguments; an inconsistent start is refused with its defect.
+        StepFailed
+            When a step finds no solution; carries everything before it.
+        """
+        run = self._checked(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations)
+        self._refuse_inconsistent(run)
+        return self._run(run, progress)
+
+    def integrate_ensemble(
+        self,
+        q: ArrayLike,
+        p: ArrayLike,
+        *,
+        dt: float | ArrayLike,
+        steps: int,
+        parameters: Mapping[str, Any] | Sequence[Mapping[str, float]],
+        every: int = 1,
+        solver: str = "auto",
+        tolerance: float | None = None,
+        max_iterations: int = 50,
+        workers: int | None = None,
+    ) -> Ensemble:
+        """Integrate many trajectories; the leading axis of q, p is the trajectory.
+
+        ``dt`` and each parameter are one number for all, or one for each trajectory; a list of
+        dicts does as well. A trajectory that fails is NaN from its failed step on and has its
+        reason in ``Ensemble.failures``; the others are not touched.
+        """
+        return integrate_members(
+            self, q, p, dt, parameters, workers,
+            steps=steps, every=every, solver=solver, tolerance=tolerance,
+            max_iterations=max_iterations,
+        )
+
+    # ------------------------------------------------------------ what a step solves
+
+    def residual(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: float,
+        parameters: Mapping[str, float],
+    ) -> Array:
+        """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS."""
+        unknowns, state, run = self._at(x, q, p, dt, parameters)
+        return self.binding.residual(run, as_step(dt), *state, unknowns, self.binding.work())
+
+    def jacobian(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: float,
+        parameters: Mapping[str, float],
+    ) -> Array:
+        """Return ∂r/∂x, shape (unknowns, unknowns)."""
+        unknowns, state, run = self._at(x, q, p, dt, parameters)
+        return self.binding.jacobian(run, as_step(dt), *state, unknowns, self.binding.work())
+
+    def guess(
+        self, q: ArrayLike, p: ArrayLike, *, dt: float, parameters: Mapping[str, float]
+    ) -> Array:
+        """Return the x from which a step's iteration starts."""
+        state, run = self._state(q, p), self._parameters(parameters)
+        x = self.binding.guess(run, as_step(dt), *state, self.binding.work())
+        return x + self._origin(*state)
+
+    # ------------------------------------------------------------ about a state
+
+    def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]) -> Array:
+        """Return H(q, p) in the stepper's own representation; leading axes are kept."""
+        q_rows, p_rows = np.asarray(q), np.asarray(p)
+        shape = q_rows.shape
+        if shape[-1:] != (self.n,) or p_rows.shape != shape:
+            raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "
+                             f"give (..., {self.n}) for both.")
+        dtype = self.binding.dtype
+        flat = [np.array(a, dtype=dtype).reshape(-1, self.n) for a in (q_rows, p_rows)]
+        H = self.binding.hamiltonian(self._parameters(parameters), *flat)
+        return H.reshape(shape[:-1])
+
+    def defects(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
+    ) -> tuple[Array, Array]:
+        """Return g(q) and the constraint on the momenta (qᵀp for a body), m entries each."""
+        return self.binding.defects(self._parameters(parameters), *self._state(q, p))
+
+    def project(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
+    ) -> tuple[Array, Array]:
+        """Return the state moved onto the constraints: q/|q| and p without its part along q."""
+        q_near, p_near = self._state(q, p)
+        status = self.binding.project(self._parameters(parameters), q_near, p_near)
+        if status:
+            raise GyrosparkError(
+                f"The state {q_near}, {p_near} cannot be projected: {REASONS[status]}."
+            )
+        return q_near, p_near
+
+    # ------------------------------------------------------------ inside
+
+    def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
+        dtype = self.binding.dtype
+        return as_array("q", q, (self.n,), dtype), as_array("p", p, (self.n,), dtype)
+
+    def _parameters(self, given: Mapping[str, float]) -> Any:
+        return self.binding.parameters(as_parameters(given, self.parameter_domains))
+
+    def _at(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: float, parameters: Mapping[str, float]
+    ) -> tuple[Array, tuple[Array, Array], Any]:
+        as_step(dt)
+        state = self._state(q, p)
+        unknowns = as_array("x", x, (self.unknowns,), self.binding.dtype) - self._origin(*state)
+        return unknowns, state, self._parameters(parameters)
+
+    def _origin(self, q: Array, p: Array) -> Array:
+        """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
+        origin = self.binding.new(self.unknowns)
+        if self.manifest["scheme"]["unknowns_are_state"]:
+            origin[: 2 * self.n] = np.concatenate([q, p])
+        return origin
+
+    def _checked(
+        self, q: ArrayLike, p: ArrayLike, dt: float, steps: int, every: int,
+        parameters: Mapping[str, float], solver: str, tolerance: float | None,
+        max_iterations: int,
+    ) -> _Run:
+        if solver not in SOLVERS:
+            raise InputError(f"Unknown solver {solver!r}; choose {', '.join(SOLVERS)}.")
+        if tolerance is not None and as_real("tolerance", tolerance) <= 0:
+            raise InputError(f"tolerance = {tolerance} is not positive; leave it out for round-off.")
+        return _Run(
+            *self._state(q, p),
+            as_step(dt),
+            as_positive_count("steps", steps),
+            as_positive_count("every", every, least=1),
+            as_parameters(parameters, self.parameter_domains),
+            solver,
+            tolerance,
+            as_positive_count("max_iterations", max_iterations, least=1),
+        )
+
+    def _refuse_inconsistent(self, run: _Run) -> None:
+        """Refuse a start that is off the constraints by more than round-off.
+
+        IMS and EMS let qᵀp oscillate at their truncation error O(Δt²) (paper, Fig. 7), and their
+        own results must be usable as a start: there the bound on the momenta is |Δt H_p|²|p|.
+        """
+        if not self.m:
+            return
+        parameters = self.binding.parameters(run.parameters)
+        epsilon = float(np.finfo(self.binding.dtype).eps)
+        g, f = (float(np.abs(d).max()) for d in self.binding.defects(parameters, run.q, run.p))
+        q_size, p_size = float(np.linalg.norm(run.q)), float(np.linalg.norm(run.p))
+        g_bound = 64 * epsilon * max(1.0, q_size**2)
+        f_bound = 64 * epsilon * q_size * p_size
+        if not self.manifest["scheme"]["keeps_momentum_constraint"]:
+            x = self.binding.guess(parameters, run.dt, run.q, run.p, self.binding.work())
+            f_bound += float(np.linalg.norm(x[: self.n])) ** 2 * q_size * p_size
+        if g > g_bound or f > f_bound:
+            norm = f", |q| = {q_size:.15g}" if self.manifest["system"]["rigid_body"] else ""
+            what = "q^T p" if self.manifest["system"]["rigid_body"] else "the momentum constraint"
+            raise InputError(
+                f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
+                f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
+                "`q, p = stepper.project(q, p, parameters=...)` moves it onto them."
+            )
+
+    def _run(self, run: _Run, progress: Callable[[int], None] | None) -> Trajectory:
+        b = self.binding
+        rows = run.rows
+        q_out, p_out = b.new(rows + 1, self.n), b.new(rows + 1, self.n)
+        multipliers = b.new(rows, b.multipliers)
+        iterations = np.zeros(rows, dtype=np.intc)
+        q_out[0], p_out[0] = run.q, run.p
+        q, p, report = run.q.copy(), run.p.copy(), b.report()
+        parameters, work = b.parameters(run.parameters), b.work()
+        options = b.options(run.tolerance, run.max_iterations)
+        chunk = run.every * max(1, _CHUNK // run.every)
+        status = 0
+        while report.steps < run.steps and status == 0:
+            done = int(report.steps)
+            row = done // run.every
+            count = min(chunk, run.steps - done)
+            every = run.every if count >= run.every else count  # the rest is stored as well
+            count -= count % every
+            out = (q_out[row + 1 :], p_out[row + 1 :], multipliers[row:], iterations[row:])
+            if run.solver == "python":
+                status = self._integrate_python(run, parameters, count, every, q, p, out, report,
+                                                work)
+            else:
+                status = b.integrate(parameters, options, run.dt, count, every, q, p, out, report,
+                                     work)
+            if progress is not None:
+                progress(int(report.steps))
+        if run.steps == 0:
+            b.integrate(parameters, options, run.dt, 0, 1, q, p,
+                        (b.new(0), b.new(0), b.new(0), iterations), report, work)
+        done = int(report.steps)
+        stored = done // run.every if status else rows
+        count_at = np.minimum(np.arange(stored + 1) * run.every, done)
+        trajectory = Trajectory(
+            t=count_at * run.dt,
+            q=q_out[: stored + 1],
+            p=p_out[: stored + 1],
+            multipliers=self._shaped(multipliers[:stored]),
+            iterations=iterations[:stored],
+            dt=run.dt,
+            every=run.every,
+            parameters=run.parameters,
+            report=Report.read(report, q, p),
+            manifest=self.manifest,
+            energies=b.hamiltonian(parameters, q_out[: stored + 1], p_out[: stored + 1]),
+        )
+        if status:
+            raise StepFailed(step=done + 1, t=done * run.dt, reason=REASONS[status],
+                             trajectory=trajectory)
+        return trajectory
+
+    def _shaped(self, multipliers: Array) -> Array:
+        """Return multipliers as (N, p+1), or (N, p+1, m) for several constraints."""
+        if self.m <= 1:
+            return multipliers
+        return multipliers.reshape(len(multipliers), -1, self.m)
+
+    def _integrate_python(
+        self, run: _Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+        out: tuple[Array, Array, Array, Array], report: Any, work: Any,
+    ) -> int:
+        """Do what the compiled integrate does, with ``newton_step`` for each step."""
+        b = self.binding
+        nothing = (b.new(0), b.new(0), b.new(0), np.zeros(0, dtype=np.intc))
+        none = b.options(None, 1)
+        if report.steps == 0:
+            b.integrate(parameters, none, run.dt, 0, 1, q, p, nothing, report, work)
+        most = 0
+        for k in range(1, steps + 1):
+            status, q1, p1, multipliers, taken = newton_step(
+                b, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
+            )
+            if status:
+                return status
+            q[:], p[:] = q1, p1
+            most = max(most, taken)
+            self._observe(parameters, q, p, taken, report)
+            if k % every == 0:
+                row = k // every - 1
+                out[0][row], out[1][row], out[2][row], out[3][row] = q, p, multipliers, most
+                most = 0
+        return 0
+
+    def _observe(self, parameters: Any, q: Array, p: Array, taken: int, report: Any) -> None:
+        b = self.binding
+        report.steps += 1
+        report.iterations += taken
+        report.iterations_max = max(report.iterations_max, taken)
+        error = abs(float(b.hamiltonian(parameters, q[None], p[None])[0]) - report.energy_start)
+        report.energy_error_max = max(report.energy_error_max, error)
+        report.energy_error_sum += error
+        g, f = (float(np.abs(d).max(initial=0)) for d in b.defects(parameters, q, p))
+        report.constraint_max = max(report.constraint_max, g)
+        report.constraint_sum += g
+        report.hidden_max = max(report.hidden_max, f)
+        report.hidden_sum += f

@@ -1,0 +1,201 @@
+"""A trajectory: what an integration returns, what can be asked of it, and its file."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import GyrosparkError, InputError
+from . import quaternion
+
+__all__ = ["Report", "Trajectory"]
+
+Array = NDArray[Any]
+_FORMAT = 1
+_ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies")
+
+
+@dataclass(frozen=True)
+class Report:
+    """Diagnostics over *every* step of an integration, stored or not.
+
+    Energy errors are |H_k − H_0| with the scheme's own H (α or γ term included), constraint
+    errors |g(q_k)| and momentum-constraint errors |qᵀp| (for other systems the derived
+    constraint on the momenta); means run over k = 0..N as in (87)-(91).
+    """
+
+    steps: int
+    iterations: int
+    iterations_max: int
+    energy_start: float
+    energy_error_max: float
+    energy_error_mean: float
+    constraint_max: float
+    constraint_mean: float
+    momentum_constraint_max: float
+    momentum_constraint_mean: float
+    q: tuple[float, ...]
+    p: tuple[float, ...]
+
+    @classmethod
+    def read(cls, record: Any, q: Array, p: Array) -> Report:
+        """Return the report of a compiled running record and the final state."""
+        states = int(record.steps) + 1
+        return cls(
+            int(record.steps),
+            int(record.iterations),
+            int(record.iterations_max),
+            float(record.energy_start),
+            float(record.energy_error_max),
+            float(record.energy_error_sum) / states,
+            float(record.constraint_max),
+            float(record.constraint_sum) / states,
+            float(record.hidden_max),
+            float(record.hidden_sum) / states,
+            tuple(float(x) for x in q),
+            tuple(float(x) for x in p),
+        )
+
+    @property
+    def iterations_mean(self) -> float:
+        """Newton iterations a step; 0 without steps."""
+        return self.iterations / self.steps if self.steps else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """States of a run, stored every ``every`` steps.
+
+    Attributes
+    ----------
+    t : array, shape (N+1,)
+        Times in seconds.
+    q, p : array, shape (N+1, n)
+        Coordinates and momenta; a unit quaternion, scalar first, for a body.
+    multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
+        Λ_0..Λ_p of the step that ends at each stored state (λ for IMS and EMS).
+    iterations : array, shape (N,)
+        Newton iterations of that step, the most of the ``every`` steps since the last state.
+    energies : array, shape (N+1,)
+        H of each state.
+    report : Report
+        Diagnostics over every step.
+    """
+
+    t: Array
+    q: Array
+    p: Array
+    multipliers: Array
+    iterations: Array
+    dt: float
+    every: int
+    parameters: dict[str, float]
+    report: Report
+    manifest: dict[str, Any]
+    energies: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def energy(self) -> Array:
+        """Return H of each stored state, shape (N+1,), in joules for SI input."""
+        return self.energies
+
+    def angular_velocity(self) -> Array:
+        """Return Ω = J⁻¹ ½ L(q) p in body axes (19), shape (N+1, 3), in rad/s."""
+        return quaternion.angular_velocity(self.q, self.p, self._inertia())
+
+    def axis(self) -> Array:
+        """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3)."""
+        self._refuse_unless_body()
+        return quaternion.axis(self.q)
+
+    def rotation(self) -> Any:
+        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space."""
+        self._refuse_unless_body()
+        return quaternion.to_rotation(self.q)
+
+    def _inertia(self) -> tuple[float, float, float]:
+        self._refuse_unless_body()
+        return (self.parameters["I1"], self.parameters["I2"], self.parameters["I3"])
+
+    def _refuse_unless_body(self) -> None:
+        if not self.manifest["system"]["rigid_body"]:
+            raise GyrosparkError(
+                f"System {self.manifest['system']['name']!r} is not one rigid body; "
+                "only t, q, p, multipliers and energy() are defined for it."
+            )
+
+    # ------------------------------------------------------------ file
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a compressed .npz with all arrays, parameters, report and manifest.
+
+        The file appears complete or not at all. Returns the path, with ``.npz`` appended if it
+        was missing.
+        """
+        target = Path(path)
+        if target.suffix != ".npz":
+            target = target.with_name(target.name + ".npz")
+        about = {
+            "format": _FORMAT,
+            "dt": self.dt,
+            "every": self.every,
+            "parameters": self.parameters,
+            "report": asdict(self.report),
+            "manifest": self.manifest,
+        }
+        part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        try:
+            with part.open("wb") as file:
+                np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(about)),
+                                    **{name: getattr(self, name) for name in _ARRAYS})
+            part.replace(target)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            raise GyrosparkError(
+                f"The trajectory cannot be written to {str(target)!r}: {error.strerror or error}."
+            ) from error
+        return target
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Trajectory:
+        """Read a file that ``save`` wrote; nothing in it is executed.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged or of another kind.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                about = json.loads(str(file["about"]))
+                arrays = {name: file[name] for name in _ARRAYS}
+            if about["format"] != _FORMAT:
+                raise InputError(f"{str(path)!r} has format {about['format']}; this version "
+                                 f"reads {_FORMAT}.")
+            report = about["report"]
+            report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
+            return cls(**arrays, dt=about["dt"], every=about["every"],
+                       parameters=about["parameters"], report=Report(**report),
+                       manifest=about["manifest"])
+        except OSError as error:
+            raise InputError(f"{str(path)!r} cannot be read: {error.strerror or error}.") from error
+        except (KeyError, TypeError, ValueError, AttributeError, EOFError,
+                zipfile.BadZipFile) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{str(path)!r} is not a trajectory file of gyrospark.") from error
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw axis trace, energy error and constraint errors; see ``plots.draw``."""
+        from .plots import draw  # matplotlib is optional
+
+        return draw(self, path)
