@@ -2,17 +2,16 @@
 
 The pipeline, told once; ``pipeline.generate`` runs it.
 
-1. **specify**  command line or Python call → ``Spec``                        (``spec``)
-2. **system**   name → H(q, p), g(q) and their derivatives                     (``rigid_body``,
-   ``system``), parameter-only subexpressions named                            (``kernels``)
-3. **tableau**  scheme and s → exact coefficients from (A.8)-(A.18)            (``nodes``,
-   ``node_algebra``, ``families``, ``tableau``), or a file                     (``tableau_file``);
-   what they satisfy is proved                                                 (``conditions``)
-4. **scheme**   system and tableau → what a step must solve: unknowns, kernels (``schemes``);
-   for EMS the discrete gradient is derived                                    (``discrete_gradient``)
-5. **kernels**  expressions → C statements with shared subexpressions          (``kernels``,
-   ``c_printer``)
-6. **emit**     kernels, tableau, templates → header, source, manifest         (``emit``)
+1. **specify**  command line or Python call → ``Spec`` (``spec``)
+2. **system**   name → H(q, p), g(q), derivatives (``rigid_body``, ``system``); subexpressions of
+   the parameters alone get names (``kernels``)
+3. **tableau**  scheme and s → exact coefficients from (A.8)-(A.18) (``nodes``, ``node_algebra``,
+   ``families``, ``tableau``), or a file (``tableau_file``); what they satisfy is proved
+   (``conditions``) and the order measured (``observed_order``)
+4. **scheme**   system and tableau → what a step must solve: unknowns, kernels (``schemes``); for
+   EMS the discrete gradient is derived (``discrete_gradient``, ``mean_conditions``)
+5. **kernels**  expressions → C statements with shared subexpressions (``kernels``, ``c_printer``)
+6. **emit**     kernels, tableau, templates → header, source, manifest (``emit``)
 
 Nothing in this package knows a compiler; nothing in ``runtime`` knows SymPy. The manifest is the
 whole contract between the two. This file imports nothing, so ``spec`` costs no SymPy.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import mpmath as mp
@@ -162,18 +162,11 @@ def counts(tableau: Tableau) -> dict[str, int]:
         ),
     }
     for name, (label, b_rows, b_columns) in MATRICES.items():
-        rows, columns = t.nodes_of(name)
-        a = part[name]
-        found[label] = holds_to(
-            lambda k, rows=rows, columns=columns, a=a: stage_residual(rows, columns, a, k),
-            t, limit,
-        )
-        weights = part[b_rows], part[b_columns]
+        matrix = (*t.nodes_of(name), part[name])
+        weights = (part[b_rows], part[b_columns])
+        found[label] = holds_to(partial(stage_residual, *matrix), t, limit)
         found[label.replace("C", "D")] = holds_to(
-            lambda k, rows=rows, columns=columns, a=a, w=weights: adjoint_residual(
-                rows, columns, a, *w, k
-            ),
-            t, limit,
+            partial(adjoint_residual, *matrix, *weights), t, limit
         )
     return found
 

@@ -76,7 +76,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # noqa: S701 (C, not HTML)
+        autoescape=False,  # this is C, not HTML
     )
     environment.filters["operations"] = operations_text
     return environment
@@ -99,6 +99,8 @@ def _context(
     tableau = scheme.tableau
     parameter_names = {p: f"par->{p}" for p in constants.parameters}
     printer = CPrinter(real, parameter_names)
+    used = frozenset[str]().union(*(kernel.constants for kernel in kernels))
+    needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
     return {
         "name": name,
         "version": __version__,
@@ -107,8 +109,8 @@ def _context(
         "constraints": [comment(g) for g in system.constraints],
         "hidden_text": ", ".join(f"f = {comment(f)}" for f in system.hidden) or "no constraint",
         "parameters": [str(p) for p in system.parameters],
-        "constants": {str(s): comment(e) for e, s in constants.definitions.items()},
-        "constants_c": {str(s): printer(e) for e, s in constants.definitions.items()},
+        "constants": {str(s): comment(e) for e, s in needed.items()},
+        "constants_c": {str(s): printer(e) for e, s in needed.items()},
         "R": real.c_type,
         "sfx": real.suffix.lower(),
         "limits": {"float": "FLT", "double": "DBL", "long-double": "LDBL"}[real.name],

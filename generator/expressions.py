@@ -17,6 +17,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial, reduce
 from types import MappingProxyType
 from typing import Any
 
@@ -35,13 +36,15 @@ MAX_DECIMAL_EXPONENT = 400
 #: Bits of numerator and denominator: of a rational, of a number under a root, and (a bound on
 #: the sum over all terms, were the expression multiplied out) of an irrational.
 MAX_BITS = 4000
-MAX_RADICAND_BITS = 400
+MAX_RADICAND_BITS = 200
 MAX_IRRATIONAL_BITS = 12_000
 #: Of irrational factors that SymPy may gather under one root.
 MAX_PRODUCT_BITS = 1000
 #: Irrational sums, products and powers inside one another; SymPy's evaluation and printing take
 #: time exponential in it.
 MAX_LEVEL = 16
+#: Different radicals, such as √3; each costs SymPy a search for square factors.
+MAX_RADICALS = 100
 
 INTERVAL = MPIntervalContext()
 INTERVAL.prec = 320
@@ -64,13 +67,19 @@ class _Value:
     """An exact value with what is needed to bound the next operation on it."""
 
     exact: sp.Expr
-    interval: Any  # of mpmath; None where the value has no number (a free symbol)
+    enclosure: Any  # of an irrational; None where the value has no number (a free symbol)
     bits: int
     level: int = 0
 
     @property
     def is_rational(self) -> bool:
         return bool(self.exact.is_Rational)
+
+    @property
+    def interval(self) -> Any:
+        if self.is_rational:
+            return INTERVAL.mpf(int(self.exact.p)) / int(self.exact.q)
+        return self.enclosure
 
 
 def _rational(number: sp.Rational) -> _Value:
@@ -79,7 +88,7 @@ def _rational(number: sp.Rational) -> _Value:
         raise _RefusedError(
             f"The number has {bits} bits and at most {MAX_BITS} are allowed; write a shorter one"
         )
-    return _Value(number, INTERVAL.mpf(int(number.p)) / int(number.q), bits)
+    return _Value(number, None, bits)
 
 
 def _irrational(
@@ -135,10 +144,8 @@ def _combine(
     values: Sequence[_Value], operation: Callable[..., sp.Expr], on_intervals: Callable[..., Any]
 ) -> _Value:
     """Add or multiply at once: one after the other would take quadratic time in SymPy."""
-    interval = values[0].interval
-    for value in values[1:]:
-        known = interval is not None and value.interval is not None
-        interval = on_intervals(interval, value.interval) if known else None
+    intervals = [value.interval for value in values]
+    interval = None if any(i is None for i in intervals) else reduce(on_intervals, intervals)
     return _irrational(
         sum(value.bits + 1 for value in values),
         max(value.level for value in values) + 1,
@@ -151,7 +158,7 @@ def _combine(
 def _refuse_zero(value: _Value) -> None:
     if value.exact == 0:
         raise _RefusedError("This divides by zero; write a denominator other than 0")
-    if not value.is_rational and value.interval is not None and 0 in value.interval:
+    if value.enclosure is not None and 0 in value.enclosure:
         raise _RefusedError(
             "This divides by a number that cannot be told from zero to 90 digits; simplify it"
         )
@@ -161,8 +168,7 @@ def _reciprocal(value: _Value) -> _Value:
     _refuse_zero(value)
     if value.is_rational:
         return _rational(1 / value.exact)
-    interval = None if value.interval is None else 1 / value.interval
-    return _irrational(value.bits, value.level + 1, interval, sp.Pow, value.exact, sp.Integer(-1))
+    return _irrational_power(value, sp.Integer(-1))
 
 
 def _power(base: _Value, exponent: _Value) -> _Value:
@@ -176,7 +182,6 @@ def _power(base: _Value, exponent: _Value) -> _Value:
         _refuse_zero(base)
     if e.q == 2:
         _refuse_root(base)
-    bits = base.bits * (int(abs(e)) + 1)
     if base.is_rational and e.q == 1:
         if base.bits * abs(e) > MAX_BITS + abs(e):
             raise _RefusedError(
@@ -184,7 +189,17 @@ def _power(base: _Value, exponent: _Value) -> _Value:
                 "allowed; lower the exponent"
             )
         return _rational(base.exact**e)
-    return _irrational(bits, base.level + 1, _interval_power(base.interval, e), sp.Pow, base.exact, e)
+    return _irrational_power(base, e)
+
+
+def _irrational_power(base: _Value, e: sp.Rational) -> _Value:
+    bits = base.bits * (int(abs(e)) + int(e.q) - 1)
+    interval = _interval_power(base.interval, e)
+    operation = sp.Pow
+    if base.exact.is_Add and interval is not None and e not in (0, 1):
+        # A power of a real sum stays as it stands; SymPy would take long to find that out.
+        operation = partial(sp.Pow, evaluate=False)
+    return _irrational(bits, base.level + 1, interval, operation, base.exact, e)
 
 
 def _interval_power(interval: Any, exponent: sp.Rational) -> Any:
@@ -195,9 +210,10 @@ def _interval_power(interval: Any, exponent: sp.Rational) -> Any:
 
 
 def _refuse_root(value: _Value) -> None:
-    if value.interval is not None and value.interval.b < 0:
+    interval = value.interval
+    if interval is not None and interval.b < 0:
         raise _RefusedError("This is the square root of a negative number; write one that is not")
-    if not value.is_rational and value.interval is not None and 0 in value.interval:
+    if not value.is_rational and interval is not None and 0 in interval:
         raise _RefusedError(
             "This is the square root of a number that cannot be told from zero to 90 digits; "
             "simplify it"
@@ -299,10 +315,10 @@ def _literal(literal: str) -> _Value:
 
 
 def decimal_digits(text: str, exact_up_to: int = 0) -> int | None:
-    """Return how many digits after the point the least precise decimal of a text has.
+    """Return how many digits after the point the least precise rounded decimal of a text has.
 
-    Trailing zeros do not count, and decimals that are left with at most ``exact_up_to`` digits
-    are taken to be exact; None when the text contains no others. With ``exact_up_to=8``:
+    A decimal is rounded if, trailing zeros apart, it has more than ``exact_up_to`` digits after
+    the point; None when the text has no such decimal. With ``exact_up_to=8``:
     "1/4 + 0.25" → None, "0.21132486540519" → 14, "2.1132486540519e-1" → 14.
 
     Raises ``InputError`` where ``parse_expression`` does for an unknown character or exponent.
@@ -310,15 +326,19 @@ def decimal_digits(text: str, exact_up_to: int = 0) -> int | None:
     counts = []
     for token in _tokens(text):
         if token.kind == "number":
-            counts.append(_refuse_at(text, token.position, _digits_after_point, token.text))
-    return min((count for count in counts if count > exact_up_to), default=None)
+            written, needed = _refuse_at(text, token.position, _digits_after_point, token.text)
+            if needed > exact_up_to:
+                counts.append(written)
+    return min(counts, default=None)
 
 
-def _digits_after_point(literal: str) -> int:
+def _digits_after_point(literal: str) -> tuple[int, int]:
+    """Return the digits after the point as written, and without trailing zeros."""
     whole, fraction, exponent = _decimal_parts(literal)
     digits = (whole + fraction).lstrip("0")
+    written = len(fraction) - exponent
     zeros = len(digits) - len(digits.rstrip("0"))
-    return max(0, len(fraction) - exponent - zeros) if digits else 0
+    return written, written - zeros if digits else 0
 
 
 def _refuse_at(text: str, position: int, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -333,11 +353,16 @@ def _refuse_at(text: str, position: int, function: Callable[..., Any], *argument
 # ---------------------------------------------------------------- the parser
 
 
-def parse_expression(text: str, names: Mapping[str, sp.Expr] = MappingProxyType({})) -> sp.Expr:
+def parse_expression(
+    text: str,
+    names: Mapping[str, sp.Expr] = MappingProxyType({}),
+    radicals: set[sp.Expr] | None = None,
+) -> sp.Expr:
     """Return the exact value of an arithmetic text, e.g. "1/4 - sqrt(3)/6" or "0.25".
 
     Decimals are taken as they are written, ``names`` says what each name stands for, and an
-    exponent is an integer or a half-integer.
+    exponent is an integer or a half-integer. A set passed as ``radicals`` collects the different
+    radicals met; with one set for all entries of a file, the limit on them holds for the file.
 
     Raises ``InputError``, with the position and the cure, for text that is empty, too long, too
     deeply nested or not of the grammar above, an unknown name or function, a division by zero,
@@ -350,18 +375,29 @@ def parse_expression(text: str, names: Mapping[str, sp.Expr] = MappingProxyType(
         )
     if not text.strip():
         raise InputError("The expression is empty; write a number such as 1/2 or sqrt(3)/6.")
-    parser = _Parser(text, names)
+    parser = _Parser(text, names, set() if radicals is None else radicals)
     value = parser.sum()
     parser.end()
     return value.exact
 
 
+def _radicals(expression: sp.Expr) -> Iterator[sp.Expr]:
+    """Yield the factors of a product that are roots."""
+    if not expression.is_Rational:
+        for factor in sp.Mul.make_args(expression):
+            if factor.is_Pow and factor.exp.is_Rational and factor.exp.q > 1:
+                yield factor
+
+
 class _Parser:
     """Recursive descent: one method for each line of the grammar."""
 
-    def __init__(self, text: str, names: Mapping[str, sp.Expr]) -> None:
+    def __init__(
+        self, text: str, names: Mapping[str, sp.Expr], radicals: set[sp.Expr]
+    ) -> None:
         self.text = text
         self.names = names
+        self.radicals = radicals
         self.tokens = list(_tokens(text))
         self.next = 0
         self.depth = 0
@@ -461,7 +497,12 @@ class _Parser:
         return self.at(token, _multiply, [_rational(sp.Integer(-1)), value])
 
     def at(self, token: _Token, function: Callable[..., _Value], *arguments: Any) -> _Value:
+        """Carry out an operation that belongs to a token."""
         result: _Value = _refuse_at(self.text, token.position, function, *arguments)
+        self.radicals.update(_radicals(result.exact))
+        if len(self.radicals) > MAX_RADICALS:
+            reason = f"This is the radical number {len(self.radicals)} of at most {MAX_RADICALS}"
+            raise _error(self.text, token.position, reason, "write the number in decimals")
         return result
 
     def error(self, reason: str, cure: str) -> InputError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,17 +23,17 @@ class Kernel:
     ----------
     name, doc : str
         Of the C function; ``doc`` is its comment, an equation.
-    inputs : dict
+    inputs : mapping
         Name of each input array → its symbols.
-    outputs : dict
+    outputs : mapping
         Name of each output array → nested lists of expressions (vector or matrix); a bare
         expression makes the function return it.
     """
 
     name: str
     doc: str
-    inputs: dict[str, Sequence[sp.Symbol]]
-    outputs: dict[str, Any]
+    inputs: Mapping[str, Sequence[sp.Symbol]]
+    outputs: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ class EmittedKernel:
     temporaries: int
     operations: dict[str, int]
     unused: list[str] = field(default_factory=list)
+    constants: frozenset[str] = frozenset()
 
 
 class Constants:
@@ -93,11 +94,12 @@ def emit_kernel(kernel: Kernel, constants: Constants, real: Real) -> EmittedKern
     )
     shared, reduced = _name_bases(shared, reduced)
     printer = CPrinter(real, names)
-    lines = [f"const {real.c_type} {t} = {printer(e)};" for t, e in shared]
-    lines += _assignments(targets, reduced, printer)
+    lines = [wrap(f"const {real.c_type} {t} = {printer(e)};") for t, e in shared]
+    lines += map(wrap, _assignments(targets, reduced, printer))
     used = set().union(*(e.free_symbols for _, e in targets), set())
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
-    if not used & set(constants.definitions.values()):
+    own_constants = used & set(constants.definitions.values())
+    if not own_constants:
         unused.insert(0, "c")
     return EmittedKernel(
         kernel.name,
@@ -108,7 +110,20 @@ def emit_kernel(kernel: Kernel, constants: Constants, real: Real) -> EmittedKern
         len(shared),
         dict(sorted(printer.operations.items())),
         unused,
+        frozenset(map(str, own_constants)),
     )
+
+
+def wrap(statement: str, width: int = 96) -> str:
+    """Break a long statement before + and - signs; continuation lines are indented."""
+    lines, rest = [], statement
+    while len(rest) > width:
+        at = max(rest.rfind(" + ", 0, width), rest.rfind(" - ", 0, width))
+        if at <= 0:
+            break
+        lines.append(rest[:at])
+        rest = "    " + rest[at + 1 :]
+    return "\n    ".join([*lines, rest])
 
 
 def _name_bases(
@@ -151,7 +166,7 @@ def _assignments(
             yield f"{target} = {printer(e)};"
 
 
-def _entries(outputs: dict[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
+def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
     for array, value in outputs.items():
         if not isinstance(value, list):
             yield "", value

@@ -81,6 +81,7 @@ class PolynomialNodes:
 
     @cached_property
     def one(self) -> Matrix:
+        """The constant polynomial."""
         return column([QQ(1)] + [QQ(0)] * (self.size - 1), QQ)
 
     @cached_property
@@ -105,6 +106,7 @@ class PolynomialNodes:
 
     @cached_property
     def reflection(self) -> Matrix | None:
+        """Substitution of 1 − x, when M allows it."""
         variable = self.polynomial.gen
         mirrored = sp.Poly(self.polynomial.as_expr().subs(variable, 1 - variable), variable)
         if mirrored.monic() != self.polynomial:
@@ -116,7 +118,7 @@ class PolynomialNodes:
         return DomainMatrix.hstack(*columns)
 
     def multiply(self, f: Matrix) -> Matrix:
-        """Horner's scheme in the companion matrix."""
+        """Return f of the companion matrix, by Horner's scheme."""
         result = DomainMatrix.zeros((self.size, self.size), QQ)
         identity = DomainMatrix.eye(self.size, QQ)
         for coefficient in reversed(f.to_list_flat()):
@@ -140,14 +142,17 @@ class ValueNodes:
 
     @cached_property
     def one(self) -> Matrix:
+        """Ones."""
         return column([sp.Integer(1)] * self.size, EXRAW)
 
     @cached_property
     def x(self) -> Matrix:
+        """The nodes on a diagonal."""
         return self.multiply(column(self.values, EXRAW))
 
     @cached_property
     def trace(self) -> Matrix:
+        """The identity: a sum over nodes is a sum of values."""
         return DomainMatrix.eye(self.size, EXRAW)
 
     @cached_property
@@ -161,11 +166,13 @@ class ValueNodes:
         return DomainMatrix(rows, (s, s), EXRAW)
 
     def multiply(self, f: Matrix) -> Matrix:
+        """Return the values of f on a diagonal."""
         s = self.size
         values = f.to_list_flat()
         rows = [[values[i] if i == j else sp.Integer(0) for j in range(s)] for i in range(s)]
         return DomainMatrix(rows, (s, s), EXRAW)
 
     def at(self, position: int) -> Matrix:
+        """Pick the first (0) or last (−1) value."""
         s = self.size
         return DomainMatrix([[sp.Integer(int(j == position % s)) for j in range(s)]], (1, s), EXRAW)

@@ -88,7 +88,9 @@ def _check_stages(scheme: str, stages: int | None) -> None:
     fewest = SCHEMES[scheme]
     if fewest == 0:
         if stages is not None:
-            raise InputError(f"{scheme} has no stages, but stages = {stages!r} is given; leave it out.")
+            raise InputError(
+                f"{scheme} has no stages, but stages = {stages!r} is given; leave it out."
+            )
         return
     allowed = f"{scheme} takes {fewest} to {MAX_STAGES}"
     if stages is None:

@@ -161,7 +161,7 @@ class System:
 
     @cached_property
     def hidden_matrix(self) -> list[list[sp.Expr]]:
-        """W = (∂f/∂p) g_qᵀ with f = ``hidden``, m × m: g_q H_pp g_qᵀ up to the dropped factors."""
+        """W = (∂f/∂p) g_qᵀ with f = ``hidden``, m × m: g_q H_pp g_qᵀ less dropped factors."""
         rows = jacobian(self.hidden, self.p)
         return [
             [shortest(sum(a * b for a, b in zip(row, other, strict=True))) for other in self.G]
@@ -193,7 +193,7 @@ def symmetric_jacobian(
 
 
 def shortest(expression: sp.Expr) -> sp.Expr:
-    """Return the expression as it stands, expanded, or factored: whichever has fewest operations."""
+    """Return the expression as it is, expanded or factored: whichever has fewest operations."""
     expanded = sp.expand(expression)
     candidates = [expression, expanded]
     if expanded.is_Add and len(expanded.args) <= 64:

@@ -177,7 +177,7 @@ class Tableau:
 def polynomial_value(coefficients: list[list[sp.Expr]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
     """Return Σ_kl C_kl uᵏ vˡ; expanded where u and v are at most a + b√c, else as it stands."""
     terms = [
-        entry * u**k * v**l  # noqa: E741
+        entry * u**k * v**l
         for k, row in enumerate(coefficients)
         for l, entry in enumerate(row)  # noqa: E741
         if entry

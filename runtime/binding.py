@@ -136,10 +136,10 @@ class Binding:
         return H
 
     def defects(self, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
-        """Return g(q) and f(q, p), m entries each."""
-        g, f = self.new(self.m), self.new(self.m)
+        """Return g(q) and f(q, p) of each row of q and p, m entries a row."""
+        g, f = self.new(len(q), self.m), self.new(len(q), self.m)
         if self.m:
-            self.function("defects")(parameters, self.pointer(q), self.pointer(p),
+            self.function("defects")(parameters, len(q), self.pointer(q), self.pointer(p),
                                      self.pointer(g), self.pointer(f))
         return g, f
 

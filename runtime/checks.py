@@ -54,7 +54,7 @@ def as_step(value: Any) -> float:
     """Return a usable time step: finite and not zero; negative integrates backwards."""
     dt = as_real("dt", value)
     if dt == 0:
-        raise InputError("dt = 0 makes no step; give a positive dt, or a negative one for backwards.")
+        raise InputError("dt = 0 makes no step; give a positive dt, or a negative one to go back.")
     return dt
 
 

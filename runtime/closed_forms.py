@@ -194,7 +194,8 @@ class FreeRotation(_PreciseMotion):
         self._mp = mp = _context(DIGITS + _lost_digits(1 - m))
         self._m, self._n, self._rest = (_number(mp, x) for x in (m, n, 1 - m))
         self._even = (j - i) % 3 == 1  # (i, j, k) is an even permutation of the axes
-        self._upright = w[k] >= 0
+        self._upright = w[k] >= 0  # B_k takes the sign of Ω_k: am u₀ lies within a quarter turn
+        # B_i takes the sign of Ω_i, B_j is positive, and Euler's equations give κ its sign.
         sign_i, sign_k = (1 if w[i] > 0 else -1), (1 if self._upright else -1)
         sign_rate = sign_i * sign_k * (1 if self._even else -1) * (1 if I[k] > I[i] else -1)
         self._amplitudes = (
@@ -312,7 +313,7 @@ def _elliptic_axes(I: list[Fraction], w: list[Fraction]) -> tuple[int, int, int]
 def _landen_ladder(mp: Any, rest: Any) -> tuple[Any, list[Any]]:
     """Return 2^N a_N and the c_n/a_n of the arithmetic-geometric mean; rest = 1 − m."""
     a, b, scale, ratios = mp.mpf(1), mp.sqrt(rest), mp.mpf(1), []
-    while rest and a - b > mp.eps:
+    while rest and a - b > 4 * mp.eps:  # round-off alone never goes on
         a, b, c = (a + b) / 2, mp.sqrt(a * b), (a - b) / 2
         scale *= 2
         ratios.append(c / a)

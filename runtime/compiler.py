@@ -69,7 +69,7 @@ def find_compiler() -> Compiler:
             return _probe((path,), f"The compiler {path!r}")
     if importlib.util.find_spec("ziglang") is not None:
         return _probe((sys.executable, "-m", "ziglang", "cc"), "The compiler of ziglang")
-    raise CompilerError(f"No C compiler was found: neither CC nor cc, gcc, clang or ziglang. {_CURE}")
+    raise CompilerError(f"No C compiler was found (CC, cc, gcc, clang, ziglang). {_CURE}")
 
 
 @functools.cache

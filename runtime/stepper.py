@@ -218,7 +218,9 @@ class Stepper:
         self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
     ) -> tuple[Array, Array]:
         """Return g(q) and the constraint on the momenta (qᵀp for a body), m entries each."""
-        return self.binding.defects(self._parameters(parameters), *self._state(q, p))
+        q_one, p_one = self._state(q, p)
+        g, f = self.binding.defects(self._parameters(parameters), q_one[None], p_one[None])
+        return g[0], f[0]
 
     def project(
         self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
@@ -264,7 +266,7 @@ class Stepper:
         if solver not in SOLVERS:
             raise InputError(f"Unknown solver {solver!r}; choose {', '.join(SOLVERS)}.")
         if tolerance is not None and as_real("tolerance", tolerance) <= 0:
-            raise InputError(f"tolerance = {tolerance} is not positive; leave it out for round-off.")
+            raise InputError(f"tolerance = {tolerance} is not positive; give none for round-off.")
         return _Run(
             *self._state(q, p),
             as_step(dt),
@@ -286,7 +288,7 @@ class Stepper:
             return
         parameters = self.binding.parameters(run.parameters)
         epsilon = float(np.finfo(self.binding.dtype).eps)
-        g, f = (float(np.abs(d).max()) for d in self.binding.defects(parameters, run.q, run.p))
+        g, f = (float(d[0]) for d in self._defect_sizes(parameters, run.q[None], run.p[None]))
         q_size, p_size = float(np.linalg.norm(run.q)), float(np.linalg.norm(run.p))
         g_bound = 64 * epsilon * max(1.0, q_size**2)
         f_bound = 64 * epsilon * q_size * p_size
@@ -301,6 +303,11 @@ class Stepper:
                 f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
                 "`q, p = stepper.project(q, p, parameters=...)` moves it onto them."
             )
+
+    def _defect_sizes(self, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
+        """Return the largest |g| and |f| of each row."""
+        g, f = self.binding.defects(parameters, q, p)
+        return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
 
     def _run(self, run: _Run, progress: Callable[[int], None] | None) -> Trajectory:
         b = self.binding
@@ -335,10 +342,12 @@ class Stepper:
         done = int(report.steps)
         stored = done // run.every if status else rows
         count_at = np.minimum(np.arange(stored + 1) * run.every, done)
+        q_kept, p_kept = q_out[: stored + 1], p_out[: stored + 1]
+        g_errors, f_errors = self._defect_sizes(parameters, q_kept, p_kept)
         trajectory = Trajectory(
             t=count_at * run.dt,
-            q=q_out[: stored + 1],
-            p=p_out[: stored + 1],
+            q=q_kept,
+            p=p_kept,
             multipliers=self._shaped(multipliers[:stored]),
             iterations=iterations[:stored],
             dt=run.dt,
@@ -346,7 +355,9 @@ class Stepper:
             parameters=run.parameters,
             report=Report.read(report, q, p),
             manifest=self.manifest,
-            energies=b.hamiltonian(parameters, q_out[: stored + 1], p_out[: stored + 1]),
+            energies=b.hamiltonian(parameters, q_kept, p_kept),
+            g_errors=g_errors,
+            f_errors=f_errors,
         )
         if status:
             raise StepFailed(step=done + 1, t=done * run.dt, reason=REASONS[status],
@@ -393,7 +404,7 @@ class Stepper:
         error = abs(float(b.hamiltonian(parameters, q[None], p[None])[0]) - report.energy_start)
         report.energy_error_max = max(report.energy_error_max, error)
         report.energy_error_sum += error
-        g, f = (float(np.abs(d).max(initial=0)) for d in b.defects(parameters, q, p))
+        g, f = (float(d[0]) for d in self._defect_sizes(parameters, q[None], p[None]))
         report.constraint_max = max(report.constraint_max, g)
         report.constraint_sum += g
         report.hidden_max = max(report.hidden_max, f)

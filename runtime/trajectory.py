@@ -19,7 +19,7 @@ __all__ = ["Report", "Trajectory"]
 
 Array = NDArray[Any]
 _FORMAT = 1
-_ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies")
+_ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors")
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,8 @@ class Trajectory:
         Newton iterations of that step, the most of the ``every`` steps since the last state.
     energies : array, shape (N+1,)
         H of each state.
+    g_errors, f_errors : array, shape (N+1,)
+        Largest |g(q)| and largest momentum-constraint error (|qᵀp| for a body) of each state.
     report : Report
         Diagnostics over every step.
     """
@@ -100,6 +102,8 @@ class Trajectory:
     report: Report
     manifest: dict[str, Any]
     energies: Array
+    g_errors: Array
+    f_errors: Array
 
     def __len__(self) -> int:
         return len(self.t)
@@ -107,6 +111,10 @@ class Trajectory:
     def energy(self) -> Array:
         """Return H of each stored state, shape (N+1,), in joules for SI input."""
         return self.energies
+
+    def constraint_errors(self) -> tuple[Array, Array]:
+        """Return |g(q)| and |qᵀp| (or the system's own momentum constraint) of each state."""
+        return self.g_errors, self.f_errors
 
     def angular_velocity(self) -> Array:
         """Return Ω = J⁻¹ ½ L(q) p in body axes (19), shape (N+1, 3), in rad/s."""

@@ -1,0 +1,33 @@
+# The two commands of the README. Each makes its own environment in .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+# mypy needs a folder named as the package; the repository may be cloned under any name.
+LINK := .venv/src/gyrospark
+
+.PHONY: demo test lint generated clean
+
+demo: .venv/ready
+	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
+	    --dt 1e-3 --steps 2000 --plot demo.png
+
+test: .venv/ready lint
+	$(BIN)/pytest -n 2
+
+lint: .venv/ready
+	$(BIN)/ruff check .
+	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
+	    -m gyrospark $(addprefix -p gyrospark.,commands generator runtime) \
+	    $(addprefix -m gyrospark.,facade reference verification)
+
+# Bring the checked-in steppers up to date.
+generated: .venv/ready
+	$(BIN)/gyrospark generate --all --no-compile
+
+.venv/ready: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check -e ".[test]"
+	mkdir -p .venv/src && ln -sfn ../.. $(LINK)
+	touch $@
+
+clean:
+	rm -rf .venv build dist *.egg-info demo.png

@@ -1,0 +1,5 @@
+"""``python -m gyrospark`` is the command line."""
+
+from .commands import main
+
+main()

@@ -1,0 +1,31 @@
+"""``gyrospark cache``: see and empty the folder of generated sources and compiled modules."""
+
+from __future__ import annotations
+
+import click
+
+__all__ = ["cache"]
+
+
+@click.group()
+def cache() -> None:
+    """List or clear what is kept between runs (GYROSPARK_CACHE chooses the folder)."""
+
+
+@cache.command(name="list")
+def list_entries() -> None:
+    """Print the cached files with their sizes."""
+    from ..runtime.cache import cache_folder, entries
+
+    found = entries()
+    for path in found:
+        click.echo(f"{path.stat().st_size:>10,}  {path.name}")
+    click.echo(f"{len(found)} files in {cache_folder()}")
+
+
+@cache.command()
+def clear() -> None:
+    """Remove every cached file."""
+    from ..runtime import cache as store
+
+    click.echo(f"{store.clear()} files removed from {store.cache_folder()}")

@@ -1,0 +1,138 @@
+"""``generate``: write a stepper's C, compile it, say what it is."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import InputError
+from ..generator.spec import PAPER_SPECS, Spec
+from .options import spec_from, stepper_options
+
+if TYPE_CHECKING:
+    from ..generator.pipeline import Generated
+
+__all__ = ["generate"]
+
+
+@click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+@stepper_options
+@click.option("--out", type=click.Path(path_type=Path), default=Path("generated"),
+              show_default=True, metavar="DIR", help="Where the three files go.")
+@click.option("--check", is_flag=True,
+              help="Write nothing; fail with a diff if the files in DIR are not up to date.")
+@click.option("--all", "everything", is_flag=True, help="Every stepper of the paper.")
+@click.option("--no-compile", is_flag=True, help="Only write the C; it builds with cc alone.")
+@click.option("--allow-invalid", is_flag=True,
+              help="Generate from a tableau although it violates required conditions.")
+def generate(
+    out: Path, check: bool, everything: bool, no_compile: bool, allow_invalid: bool,
+    **choice: Any,
+) -> int:
+    """Write DIR/<name>.h, .c and .json for a stepper, and compile it.
+
+    \b
+    generate --scheme G-L --stages 3 --rep gamma
+    generate --scheme EMS --rep alpha --no-compile --out exported
+    generate --tableau examples/tableaux/gauss_lobatto_2.json
+    generate --check --all
+    """
+    if everything or (check and not any(choice.values())):
+        if any(choice.values()):
+            raise InputError("--all takes every stepper of the paper; leave out the other choices.")
+        specs = list(PAPER_SPECS)
+    else:
+        specs = [spec_from(**choice)]
+    if check:
+        return max(check_files(spec, out, allow_invalid) for spec in specs)
+    for spec in specs:
+        write_stepper(spec, out, compile_it=not no_compile, allow_invalid=allow_invalid)
+    return 0
+
+
+def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool) -> None:
+    """Generate, write, compile and report one stepper."""
+    start = time.perf_counter()
+    made = _generate(spec, allow_invalid)
+    write_files(made.source.files(), out)
+    derived = time.perf_counter()
+    if compile_it:
+        from ..facade import keep_files
+        from ..runtime.module import load_module
+
+        load_module(made.source.name, made.source.files())
+        if spec.tableau is None:
+            keep_files(spec, made.source.files())
+    done = time.perf_counter()
+    click.echo(summary(made, out, derived - start, done - derived if compile_it else None))
+
+
+def summary(made: Generated, out: Path, derive: float, compile_seconds: float | None) -> str:
+    """Return what was made, in a few lines."""
+    scheme = made.scheme
+    operations = sum_operations(made.source.manifest)
+    seconds = f"derived and written in {derive:.2f} s"
+    if compile_seconds is not None:
+        seconds += f", compiled in {compile_seconds:.2f} s"
+    return (
+        f"{made.source.name}: order {scheme.order}, {scheme.size} unknowns a step, "
+        f"{scheme.multipliers * scheme.system.m} multipliers\n"
+        f"  kernels: {operations}\n"
+        f"  {out / made.source.name}.h .c .json\n"
+        f"  {seconds}"
+    )
+
+
+def sum_operations(manifest: str) -> str:
+    """Return e.g. ``gradient 96, hessian 295 operations``."""
+    kernels = json.loads(manifest)["operations"]
+    counts = {name: sum(kinds.values()) for name, kinds in kernels.items()}
+    return ", ".join(f"{name} {count}" for name, count in counts.items()) + " operations"
+
+
+def check_files(spec: Spec, out: Path, allow_invalid: bool) -> int:
+    """Compare freshly generated text with the files in ``out``; print a unified diff."""
+    made = _generate(spec, allow_invalid)
+    stale = 0
+    for name, text in made.source.files().items():
+        path = out / name
+        old = path.read_text(encoding="utf-8") if path.is_file() else ""
+        diff = list(difflib.unified_diff(
+            old.splitlines(keepends=True), text.splitlines(keepends=True),
+            str(path), f"{path} (generated)",
+        ))
+        sys.stdout.writelines(diff)
+        stale |= bool(diff)
+    click.echo(f"{made.source.name}: {'STALE' if stale else 'up to date'}", err=bool(stale))
+    return stale
+
+
+def write_files(files: dict[str, str], out: Path) -> None:
+    """Write files so that each appears complete or not at all."""
+    part = out
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            part = out / f".{name}.{os.getpid()}.part"
+            part.write_text(text, encoding="utf-8")
+            part.replace(out / name)
+    except OSError as error:
+        if part != out:
+            part.unlink(missing_ok=True)
+        raise InputError(
+            f"The output folder {str(out)!r} cannot be written: {error.strerror or error}; "
+            "choose another with --out."
+        ) from error
+
+
+def _generate(spec: Spec, allow_invalid: bool) -> Generated:
+    from ..generator.pipeline import generate as run_pipeline  # SymPy, only when needed
+
+    return run_pipeline(spec, allow_invalid=allow_invalid)

@@ -1,0 +1,58 @@
+"""Options that several commands share. Values are checked by ``Spec``, in its own words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..errors import InputError
+from ..generator.spec import Spec
+
+__all__ = ["spec_from", "stepper_options"]
+
+
+def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --scheme, --stages, --rep, --system, --tableau and --real."""
+    options = [
+        click.option("--scheme", metavar="NAME", help="IMS, EMS, G-L or LIIIA-B."),
+        click.option("--stages", metavar="S", help="Stages of G-L (1..) or LIIIA-B (2..)."),
+        click.option("--rep", metavar="NAME", help="Inertia: gamma (default) or alpha."),
+        click.option("--system", metavar="NAME", help="heavy_top (default) or free_body."),
+        click.option("--tableau", metavar="FILE", type=click.Path(path_type=Path),
+                     help="A SPARK tableau as JSON, instead of --scheme and --stages."),
+        click.option("--real", metavar="TYPE", help="double (default), float or long-double."),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def spec_from(
+    scheme: str | None,
+    stages: str | None,
+    rep: str | None,
+    system: str | None,
+    tableau: Path | None,
+    real: str | None,
+) -> Spec:
+    """Return the checked spec of these options."""
+    count = None if stages is None else whole_number("--stages", stages)
+    return Spec.checked(scheme, count, rep, system, real, tableau)
+
+
+def whole_number(name: str, text: str) -> int:
+    """Return the number an option's text says, in plain decimal digits."""
+    if not text.lstrip("-").isdecimal() or not text.isascii() or len(text) > 18:
+        raise InputError(f"{name} {text!r} is not a whole number; write digits, such as 3.")
+    return int(text)
+
+
+def real_number(name: str, text: str) -> float:
+    """Return the number an option's text says."""
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.") from None

@@ -1,0 +1,239 @@
+"""``gyrospark run``: integrate a problem and report what happened to its invariants."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import InputError, StepFailed
+from .options import real_number, spec_from, stepper_options, whole_number
+
+if TYPE_CHECKING:
+    from ..runtime.problems import Problem
+    from ..runtime.stepper import Stepper
+    from ..runtime.trajectory import Trajectory
+
+__all__ = ["run"]
+
+#: Below this many steps a run is over before a bar would be seen.
+_BAR_FROM = 20_000
+
+
+@click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("problem")
+@stepper_options
+@click.option("--gamma", metavar="{m,h,mt,ht,NUMBER}",
+              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m).")
+@click.option("--alpha", metavar="{m,h,mt,ht,NUMBER}", help="The same for --rep alpha.")
+@click.option("--dt", metavar="DT", required=True, help="Time step in seconds.")
+@click.option("--steps", metavar="N", required=True, help="Number of steps.")
+@click.option("--every", metavar="K", default="1", show_default=True,
+              help="Keep every K-th state, and the last.")
+@click.option("--solver", default="auto", show_default=True, help="auto, newton or python.")
+@click.option("--tolerance", metavar="TOL", help="Of the Newton increment (default: round-off).")
+@click.option("--max-iterations", metavar="N", default="50", show_default=True,
+              help="Newton iterations of one step.")
+@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
+              help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8.")
+@click.option("--reference", is_flag=True,
+              help="Integrate a reference for the axis errors if there is no closed form.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Save as .npz.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+              help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+def run(
+    problem: str, gamma: str | None, alpha: str | None, dt: str, steps: str, every: str,
+    solver: str, tolerance: str | None, max_iterations: str, settings: tuple[str, ...],
+    reference: bool, out: Path | None, plot: Path | None, as_json: bool, **choice: Any,
+) -> int:
+    """Integrate PROBLEM: fast-top, regular-precession or free-body.
+
+    \b
+    gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
+    gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
+    gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
+        --set radius_ratio=0.5 --json
+    gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
+        --set inertia=0.002,0.0013,0.0008 --set angular_velocity=30,-40,100
+    """
+    from ..facade import stepper as make_stepper
+
+    chosen = _problem(problem, settings)
+    spec = spec_from(**{**choice, "system": choice["system"] or chosen.system})
+    step = make_stepper(spec.scheme if spec.tableau is None else None, spec.stages, spec.rep,
+                        system=spec.system, tableau=spec.tableau, real=spec.real)
+    parameters = _parameters(step, chosen, gamma, alpha)
+    count = whole_number("--steps", steps)
+    failure: StepFailed | None = None
+    started = time.perf_counter()
+    with _progress(count, quiet=as_json) as progress:
+        try:
+            trajectory = step.integrate(
+                chosen.q0, chosen.p0,
+                dt=real_number("--dt", dt),
+                steps=count,
+                every=whole_number("--every", every),
+                parameters=parameters,
+                solver=solver,
+                tolerance=None if tolerance is None else real_number("--tolerance", tolerance),
+                max_iterations=whole_number("--max-iterations", max_iterations),
+                progress=progress,
+            )
+        except StepFailed as error:
+            failure, trajectory = error, error.trajectory
+    seconds = time.perf_counter() - started
+    result = _result(chosen, step, trajectory, seconds, failure)
+    if reference or chosen.exact is not None:
+        result |= _axis_errors(chosen, step, trajectory)
+    if out is not None:
+        result["out"] = str(trajectory.save(out))
+    if plot is not None:
+        trajectory.plot(plot)
+        result["plot"] = str(plot)
+    click.echo(json.dumps(result, indent=2) if as_json else _text(result))
+    if failure is not None:
+        raise failure
+    return 0
+
+
+def _problem(name: str, settings: tuple[str, ...]) -> Problem:
+    """Return the named problem with the settings as its arguments."""
+    from ..runtime.problems import PROBLEMS
+
+    if name not in PROBLEMS:
+        raise InputError(f"Unknown problem {name!r}; choose {', '.join(PROBLEMS)}.")
+    make: Callable[..., Problem] = PROBLEMS[name]
+    allowed = list(inspect.signature(make).parameters)
+    arguments: dict[str, Any] = {}
+    for setting in settings:
+        key, sign, value = setting.partition("=")
+        if not sign or key not in allowed:
+            raise InputError(
+                f"--set {setting!r} does not fit {name}; write KEY=VALUE with KEY among "
+                f"{', '.join(allowed) or 'none: this problem takes no settings'}."
+            )
+        numbers = [real_number(f"--set {key}", part) for part in value.split(",")]
+        arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)
+    return make(**arguments)
+
+
+def _parameters(
+    step: Stepper, problem: Problem, gamma: str | None, alpha: str | None
+) -> dict[str, float]:
+    """Return the problem's parameters with γ or α as the options say."""
+    given = {"gamma": gamma, "alpha": alpha}
+    needed = next(name for name in given if name in step.parameter_domains)
+    other = "alpha" if needed == "gamma" else "gamma"
+    if given[other] is not None:
+        raise InputError(f"--{other} does not go with --rep {needed}; give --{needed} instead.")
+    known = {name: value for name, value in problem.parameters.items()
+             if name in step.parameter_domains}
+    return known | {needed: inertia_parameter(needed, given[needed] or "m", problem.inertia)}
+
+
+def inertia_parameter(name: str, text: str, inertia: tuple[float, float, float]) -> float:
+    """Return γ or α from m, h, mt, ht or a number."""
+    from ..runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+
+    rules = {"m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde}
+    if text in rules:
+        return rules[text](inertia)
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"--{name} {text!r} is neither m, h, mt, ht nor a number.") from None
+    if not math.isfinite(value) or value == 0:
+        raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")
+    return value
+
+
+@contextmanager
+def _progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None] | None]:
+    """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
+    if quiet or steps < _BAR_FROM or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.completed:,} of {task.total:,} steps"), BarColumn(),
+               TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("steps", total=steps)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _result(
+    problem: Problem, step: Stepper, trajectory: Trajectory, seconds: float,
+    failure: StepFailed | None,
+) -> dict[str, Any]:
+    report = trajectory.report
+    result: dict[str, Any] = {
+        "problem": problem.name,
+        "stepper": step.name,
+        "order": step.order,
+        "parameters": trajectory.parameters,
+        "steps": report.steps,
+        "dt": trajectory.dt,
+        "t_end": report.steps * trajectory.dt,
+        "q": list(report.q),
+        "p": list(report.p),
+        "energy_start": report.energy_start,
+        "energy_error_max": report.energy_error_max,
+        "energy_error_mean": report.energy_error_mean,
+        "constraint_max": report.constraint_max,
+        "constraint_mean": report.constraint_mean,
+        "momentum_constraint_max": report.momentum_constraint_max,
+        "momentum_constraint_mean": report.momentum_constraint_mean,
+        "iterations_mean": report.iterations_mean,
+        "iterations_max": report.iterations_max,
+        "seconds": seconds,
+        "ns_per_step": seconds / report.steps * 1e9 if report.steps else 0.0,
+    }
+    if failure is not None:
+        result["failed"] = {"step": failure.step, "t": failure.t, "reason": failure.reason}
+    return result
+
+
+def _axis_errors(problem: Problem, step: Stepper, trajectory: Trajectory) -> dict[str, Any]:
+    """Return the mean and largest errors of the unit axis over the stored states (87)."""
+    from ..reference import reference_axis
+
+    exact, source = reference_axis(problem, trajectory)
+    error = abs(trajectory.axis() - exact)
+    result: dict[str, Any] = {"axis_reference": source}
+    for i, name in enumerate("xyz"):
+        result[f"axis_{name}_error_mean"] = float(error[:, i].mean())
+        result[f"axis_{name}_error_max"] = float(error[:, i].max())
+    return result
+
+
+def _text(result: dict[str, Any]) -> str:
+    """Return the result for people."""
+    lines = [
+        f"{result['problem']} with {result['stepper']} (order {result['order']})",
+        f"  {result['steps']:,} steps of {result['dt']:g} s to t = {result['t_end']:g} s, "
+        f"{result['ns_per_step'] / 1e3:.2f} µs a step",
+        f"  constraint |qᵀq − 1|    largest {result['constraint_max']:.2e}",
+        f"  momentum   |qᵀp|        largest {result['momentum_constraint_max']:.2e}",
+        f"  energy     |H − H₀|     largest {result['energy_error_max']:.2e}, "
+        f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}",
+        f"  Newton iterations       mean {result['iterations_mean']:.2f}, "
+        f"most {result['iterations_max']}",
+    ]
+    if "axis_reference" in result:
+        lines.append(
+            f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "
+            f"z {result['axis_z_error_mean']:.3e}"
+        )
+    lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]
+    return "\n".join(lines)

@@ -1,0 +1,155 @@
+"""Residual and Jacobian of every paper stepper against the reference residual in 62 digits."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+from reference import WORKING_DIGITS, complex_step, doubles, numbers, reference
+from strategies import EPS, MEAN_SPECS, PAPER_SPECS, SPARK_SPECS, identify, random_case, stepper_of
+
+CASES = 4
+
+
+def random_unknowns(spec, case, rng):
+    """Return unknowns off the solution by a tenth, so that no row of r or J is trivially small."""
+    method = reference(spec, case)
+    x = method.guess()
+    n = method.n
+    stages = spec.stages or 1
+    if spec.stages is None:
+        moved = np.concatenate([case.q, case.p]) + abs(case.dt) * _rates(method)
+        x[: 2 * n] = moved * (1 + 0.01 * rng.standard_normal(2 * n))
+    else:
+        x[: 2 * n * stages] *= 1 + 0.1 * rng.standard_normal(2 * n * stages)
+    speed = np.linalg.norm(case.omega)
+    forces = x[2 * n * stages :]
+    forces[:] = np.linalg.norm(case.p) * speed * rng.standard_normal(len(forces))
+    return method, x
+
+
+def _rates(method):
+    e, _, q, p = method.at(float)
+    return np.concatenate([e.H_p(q, p), -e.H_q(q, p)])
+
+
+def blocks(spec, case, method, x):
+    """Yield the three blocks of rows with the size of what is added up in each."""
+    n, rows = method.n, 4 * (spec.stages or 1)
+    e, _, q, p = method.at(float)
+    if spec.stages is None:
+        rates = np.abs(x[: 2 * n] - np.concatenate([q, p])) / abs(case.dt)
+        sizes = rates[:n].max(), max(rates[n:].max(), 2 * np.abs(x[2 * n :]).max())
+    else:
+        force = 2 * np.abs(x[2 * rows :]).max() * abs(case.dt)
+        speed = np.linalg.norm(case.omega)
+        sizes = np.abs(x[:rows]).max(), max(np.abs(x[rows : 2 * rows]).max(), force * speed)
+    yield slice(0, rows), max(sizes[0], np.abs(e.H_p(q, p)).max())
+    yield slice(rows, 2 * rows), max(sizes[1], np.abs(e.H_q(q, p)).max())
+    yield slice(2 * rows, None), 1.0
+
+
+@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+def test_residual(spec):
+    """64 ε of the largest term: sums over up to 5 stages and 4 components, some nested."""
+    step, rng = stepper_of(spec), np.random.default_rng(11)
+    for _ in range(CASES):
+        case = random_case(rng, spec.rep)
+        method, x = random_unknowns(spec, case, rng)
+        with mp.workdps(WORKING_DIGITS):
+            error = doubles(step.residual(x, case.q, case.p, **case.run)
+                            - method.residual(mp.mpf)(numbers(x, mp.mpf)))
+        for rows, size in blocks(spec, case, method, x):
+            assert np.abs(error[rows]).max() <= 64 * EPS * size
+
+
+@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+def test_jacobian(spec):
+    """1e-12 of the largest entry of the row, and of each of its blocks as far as rounding allows.
+
+    Rows hold k (1/s), k̂ (J) or lengths, and columns rates or multipliers: a block of columns is
+    compared with its own largest entry, unless it is small against the sums it comes from.
+    """
+    step, rng = stepper_of(spec), np.random.default_rng(12)
+    for _ in range(CASES):
+        case = random_case(rng, spec.rep)
+        method, x = random_unknowns(spec, case, rng)
+        exact = method.jacobian(x)
+        made = step.jacobian(x, case.q, case.p, **case.run)
+        assert made.shape == exact.shape == (step.unknowns, step.unknowns)
+        error = np.abs(made - exact)
+        assert np.all(error.max(axis=1) <= 1e-12 * np.abs(exact).max(axis=1))
+        cut = step.n * (spec.stages or 1)
+        parts = [slice(0, cut), slice(cut, 2 * cut), slice(2 * cut, None)]
+        for rows in parts:
+            for columns in parts:
+                block = np.abs(exact[rows, columns])
+                assert error[rows, columns].max() <= 1e-12 * block.max()
+
+
+@pytest.mark.parametrize("spec", SPARK_SPECS, ids=identify)
+def test_complex_step_agrees(spec):
+    """A third route, in double: the complex step has no truncation and no cancellation."""
+    step, rng = stepper_of(spec), np.random.default_rng(13)
+    case = random_case(rng, spec.rep)
+    method, x = random_unknowns(spec, case, rng)
+    exact = complex_step(method.residual(float), x)
+    made = step.jacobian(x, case.q, case.p, **case.run)
+    assert np.all(np.abs(made - exact).max(axis=1) <= 1e-12 * np.abs(exact).max(axis=1))
+
+
+@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+def test_residual_vanishes_at_the_solution(spec):
+    """The reference's unknowns, rounded to double, solve the compiled equations to round-off."""
+    step, rng = stepper_of(spec), np.random.default_rng(14)
+    for _ in range(CASES):
+        case = random_case(rng, spec.rep)
+        method = reference(spec, case)
+        x = doubles(method.step().x)
+        r = step.residual(x, case.q, case.p, **case.run)
+        for rows, size in blocks(spec, case, method, x):
+            # IMS and EMS divide the rounding of q_k and p_k, up to ε/2 of each, by Δt.
+            if spec.stages is None:
+                state = {0: np.abs(case.q).max(), 4: np.abs(case.p).max(), 8: 0.0}[rows.start]
+                size += state / abs(case.dt)
+            assert np.abs(r[rows]).max() <= 64 * EPS * size
+
+
+@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+def test_newton_in_python_agrees(spec):
+    """Same rules, another linear solver: the same iterations, and states a few ε apart.
+
+    A difference of one rounding in a step is carried on by the flow, so 20 steps may differ by
+    20 times as much. For IMS and EMS only the parts of p across q are compared so closely: along q
+    a rounding ε of q is worth 4γ/Δt · ε (test_step_reference.py says why), and it alternates in
+    sign, so that it adds up like the others.
+    """
+    step, rng = stepper_of(spec), np.random.default_rng(15)
+    steps = 20
+    for _ in range(CASES):
+        case = random_case(rng, spec.rep)
+        runs = [step.integrate(case.q, case.p, steps=steps, solver=solver, **case.run)
+                for solver in ("newton", "python")]
+        assert np.array_equal(runs[0].iterations, runs[1].iterations)
+        dq, dp = runs[0].q - runs[1].q, runs[0].p - runs[1].p
+        size = np.abs(case.p).max()
+        # 4 ε a step: the first step has shown below 1 ε against the exact solution, each.
+        assert np.abs(dq).max() <= 4 * EPS * steps
+        if spec.stages is None:
+            along = np.einsum("ki,ki->k", runs[0].q, dp)
+            dp = dp - along[:, None] * runs[0].q
+            assert np.abs(along).max() <= 4 * EPS * steps * (size + case.weight / abs(case.dt))
+        assert np.abs(dp).max() <= 4 * EPS * steps * size
+
+
+@pytest.mark.parametrize("spec", MEAN_SPECS, ids=identify)
+def test_unknowns_of_ims_and_ems_are_the_state(spec):
+    step, rng = stepper_of(spec), np.random.default_rng(16)
+    case = random_case(rng, spec.rep)
+    exact = reference(spec, case).step()
+    x = np.concatenate([doubles(exact.q), doubles(exact.p), doubles(exact.multipliers[0])])
+    assert step.unknowns == 9
+    assert np.array_equal(x, doubles(exact.x))
+    guess = step.guess(case.q, case.p, **case.run)
+    # An explicit Euler step is off by the second-order term of a step, (Δt|Ω|)² and gravity.
+    assert np.abs(guess[:4] - x[:4]).max() <= (case.dt * np.linalg.norm(case.omega)) ** 2

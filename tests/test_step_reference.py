@@ -1,0 +1,141 @@
+"""One step of every stepper against an independent one in 50 digits.
+
+What is asked of the doubles a step returns, with ε = 2⁻⁵² and sizes as largest components:
+
+    q                32 ε |q|
+    p, SPARK         32 ε |p|
+    p, IMS and EMS   32 ε |p| across q, and 4γ/Δt · ε more along q
+    Λ, λ             ‖(ĀÃ)⁻¹‖ γ/Δt² · ε, and 32 ε |Λ|
+
+32 ε is loose: a good run stays below 1 ε, as ``record_property`` shows in the JUnit report. What
+goes beyond has one cause, the rounding δg ≤ ½ε of g(q) = qᵀq − 1 at the start. The multipliers
+must undo it within the step: by −Δt² ĀÃ ⊗ g_q H_pp g_qᵀ, with g_q H_pp g_qᵀ = 1/γ, it is worth
+(ĀÃ)⁻¹ γ δg/Δt² in Λ, so 4γ δg/Δt in p along q. SPARK's T2 projects that away, IMS and EMS keep
+it: q̄ᵀΔq = −g₀/2 fixes q̄ᵀp̄, and nothing else does. Their qᵀp is no better determined than that by
+a start stored in doubles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gyrospark.generator.spec import Spec
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference import doubles, reference
+from strategies import (
+    EPS,
+    HIGH_SPECS,
+    PAPER_SPECS,
+    cases,
+    identify,
+    random_case,
+    stepper_of,
+    tableau_of,
+)
+
+BOUND = 32 * EPS
+
+
+def largest(x):
+    return float(np.abs(x).max())
+
+
+def stiffness(spec):
+    """Return ‖(ĀÃ)⁻¹‖, what one unit of constraint defect costs in multipliers; 4 without tableau.
+
+    Λ_p comes from T2 instead, as qᵀP/(2Δt b̃_p); 1/(2b̃_p) ≤ s² is below the norm or near it.
+    """
+    if spec.stages is None:
+        return 4.0
+    tableau = tableau_of(spec.scheme, spec.stages)
+    product = doubles(tableau.A_bar)[1:] @ doubles(tableau.A_tilde)[:, :-1]
+    return max(4.0, float(np.linalg.norm(np.linalg.inv(product), np.inf)))
+
+
+def errors(spec, case):
+    """Return the errors of one step in units of ε: of q, p across and along q, Λ; and bounds."""
+    exact = reference(spec, case).step()
+    made = stepper_of(spec).integrate(case.q, case.p, steps=1, **case.run)
+    q, p, size = doubles(exact.q), doubles(exact.p), largest(doubles(exact.p))
+    # Subtracted before rounding: the reference is not blurred to a double first.
+    dq, dp = doubles(made.q[1] - exact.q), doubles(made.p[1] - exact.p)
+    along = float(q @ dp)
+    dL = doubles(made.multipliers[0] - exact.multipliers[:, 0])
+    unit = abs(case.weight / case.dt)
+    along_bound = 0.0 if spec.stages else 4 * unit * EPS
+    L_bound = (stiffness(spec) * unit / abs(case.dt) * EPS
+               + BOUND * largest(doubles(exact.multipliers)))
+    return {
+        "q": largest(dq) / largest(q) / EPS,
+        "p": largest(dp) / size / EPS,
+        "p_across": largest(dp - along * q) / size / EPS,
+        "p_along_of_bound": abs(along) / (BOUND * size + along_bound),
+        "multipliers_of_bound": largest(dL) / L_bound,
+    }
+
+
+def check(spec, found):
+    assert found["q"] <= 32
+    assert found["p_across"] <= 32
+    if spec.stages:
+        assert found["p"] <= 32
+    assert found["p_along_of_bound"] <= 1
+    assert found["multipliers_of_bound"] <= 1
+
+
+def check_many(spec, count, record_property):
+    """Check steps from random states, forwards and backwards; the worst goes into the report."""
+    rng = np.random.default_rng(2026)
+    worst = {}
+    for index in range(count):
+        case = random_case(rng, spec.rep)
+        if index % 2:
+            case = replace(case, dt=-case.dt)
+        found = errors(spec, case)
+        check(spec, found)
+        worst = {name: max(worst.get(name, 0.0), value) for name, value in found.items()}
+    for name, value in worst.items():
+        record_property(f"worst_{name}", round(value, 3))
+
+
+@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+def test_paper_steppers(spec, record_property):
+    check_many(spec, 20, record_property)
+
+
+@pytest.mark.parametrize("spec", HIGH_SPECS, ids=identify)
+def test_many_stages(spec, record_property):
+    check_many(spec, 6, record_property)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", HIGH_SPECS, ids=identify)
+def test_many_stages_on_many_bodies(spec, record_property):
+    check_many(spec, 20, record_property)
+
+
+@pytest.mark.parametrize(
+    "spec", [Spec("IMS"), Spec("EMS"), Spec("G-L", 2), Spec("LIIIA-B", 3)], ids=identify
+)
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(data=st.data())
+def test_special_states(spec, data):
+    """Hypothesis seeks the corners: zeros in q and Ω, mgl = 0, γ at the ends of its range."""
+    check(spec, errors(spec, data.draw(cases(spec.rep))))
+
+
+def test_a_wrong_digit_shows():
+    """The bound is worth something: 1e-14 on one moment is seen in q of most steps."""
+    spec, seen = Spec("G-L", 3), 0
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        case = random_case(rng, "gamma", turn=(0.2, 0.3))
+        spoiled = replace(case, parameters=case.parameters | {
+            "I1": case.parameters["I1"] * (1 + 3e-13)})
+        exact = reference(spec, spoiled).step()
+        made = stepper_of(spec).integrate(case.q, case.p, steps=1, **case.run)
+        seen += largest(doubles(made.q[1] - exact.q)) > BOUND
+    assert seen >= 4

@@ -1,0 +1,101 @@
+"""What ``gyrospark verify`` finds out about a stepper: symbols, measurement, compiled numbers.
+
+The one place besides ``facade`` where generator and runtime meet: it reads the coefficients back
+out of the *compiled* module and compares them with the exact ones to the last bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from .generator.conditions import Condition, check_tableau
+from .generator.mean_conditions import check_mean_scheme
+from .generator.observed_order import observed_order
+from .generator.pipeline import Generated, generate
+from .generator.real import REALS
+from .generator.spec import Spec
+from .generator.tableau import FIELDS, Tableau
+from .runtime.stepper import Stepper
+
+__all__ = ["Verdict", "verify_stepper"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Everything that was checked of one stepper."""
+
+    name: str
+    title: str
+    order: int
+    conditions: list[Condition]
+
+    @property
+    def holds(self) -> bool:
+        """Whether every condition holds."""
+        return all(line.holds for line in self.conditions)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the verdict as JSON can hold it."""
+        return {"name": self.name, "order": self.order, "holds": self.holds,
+                "conditions": [asdict(line) for line in self.conditions]}
+
+
+def verify_stepper(spec: Spec) -> Verdict:
+    """Check the stepper of a spec; a tableau that violates conditions is checked all the same."""
+    made = generate(spec, allow_invalid=True)
+    if made.tableau is None:
+        conditions = check_mean_scheme(made.scheme)  # type: ignore[arg-type]
+    else:
+        conditions = [
+            *check_tableau(made.tableau),
+            _measured(made.tableau),
+            _compiled(made, made.tableau, spec.real),
+        ]
+    return Verdict(made.source.name, f"{made.source.name}, order {made.scheme.order}",
+                   made.scheme.order, conditions)
+
+
+def _measured(tableau: Tableau) -> Condition:
+    """The order seen on a constrained test problem, against the one the conditions prove."""
+    found = observed_order(tableau)
+    return Condition(
+        "order, measured",
+        "log2 of the local error's ratio for h, h/2, less 1",
+        f"{found:.3f}",
+        holds=round(found) == tableau.order and abs(found - round(found)) < 0.2,
+        residual=f"{found - tableau.order:.1e}",
+        required=True,
+    )
+
+
+def _compiled(made: Generated, tableau: Tableau, real_name: str) -> Condition:
+    """The coefficients in the compiled module against the correctly rounded exact ones."""
+    stepper = Stepper(made.source.name, made.source.files())
+    struct = stepper.binding.function("coefficients")()
+    real = REALS[real_name]
+    exact = tableau.map_enclosures(real.round)
+    different, total = 0, 0
+    for field in FIELDS:
+        compiled = _flat(getattr(struct, field), stepper)
+        wanted = [e for row in exact[field] for e in (row if isinstance(row, list) else [row])]
+        total += len(wanted)
+        different += sum(a != b for a, b in zip(compiled, wanted, strict=True))
+    return Condition(
+        "compiled coefficients",
+        f"equal to the exact ones, correctly rounded to {real.c_type}",
+        f"{total - different} of {total} to the last bit",
+        holds=different == 0,
+        residual="0" if different == 0 else f"{different} differ",
+        required=True,
+    )
+
+
+def _flat(values: Any, stepper: Stepper) -> list[Fraction]:
+    """Return an array of the compiled struct as exact fractions, row by row."""
+    binding = stepper.binding
+    array = np.frombuffer(binding.ffi.buffer(values), dtype=binding.dtype)
+    return [Fraction(*entry.as_integer_ratio()) for entry in array]
