@@ -136,10 +136,10 @@ static void mean_gradient(const constants *c, const double qm[4], const double p
     const double t19 = 0.125*t14;
     const double t20 = 0.125*t16;
     const double t21 = 0.125*t8;
-    D_q[0] = c->mgl*t0 + t1*t8 + t10*t9 + t11*t14 + t16*t17;
-    D_q[1] = 0.125*pm[1]*t7*c->k0 + 0.125*pm[3]*t13*c->k2 - c->mgl*t4 - t1*t9 - t11*t16;
-    D_q[2] = 0.125*pm[1]*t15*c->k3 + 0.125*pm[2]*t7*c->k0 - c->mgl*t5 - t1*t14 - t17*t9;
-    D_q[3] = c->mgl*t6 + t11*t9 + t17*t8 - t1*t16 - t10*t14;
+    D_q[0] = t0*c->mgl + t1*t8 + t10*t9 + t11*t14 + t16*t17;
+    D_q[1] = 0.125*pm[1]*t7*c->k0 + 0.125*pm[3]*t13*c->k2 - t1*t9 - t11*t16 - t4*c->mgl;
+    D_q[2] = 0.125*pm[1]*t15*c->k3 + 0.125*pm[2]*t7*c->k0 - t1*t14 - t17*t9 - t5*c->mgl;
+    D_q[3] = t11*t9 + t17*t8 + t6*c->mgl - t1*t16 - t10*t14;
     D_p[0] = 0.125*qm[0]*t7*c->k0 - qm[1]*t18 - qm[2]*t19 - qm[3]*t20;
     D_p[1] = qm[0]*t18 + qm[1]*t21 + qm[2]*t20 - qm[3]*t19;
     D_p[2] = qm[0]*t19 + qm[2]*t21 + qm[3]*t18 - qm[1]*t20;
@@ -170,29 +170,29 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     const double t17 = t11*t16;
     const double t18 = pm[2]*pm[3];
     const double t19 = t15*t18;
-    const double t20 = pm[1]*pm[3];
-    const double t21 = t11*t20;
-    const double t22 = pm[0]*pm[2];
-    const double t23 = t13*t22;
-    const double t24 = pm[1]*pm[2];
-    const double t25 = t13*t24;
-    const double t26 = pm[0]*pm[3];
-    const double t27 = t15*t26;
+    const double t20 = pm[0]*pm[2];
+    const double t21 = t13*t20;
+    const double t22 = pm[1]*pm[3];
+    const double t23 = t11*t22;
+    const double t24 = pm[0]*pm[3];
+    const double t25 = t15*t24;
+    const double t26 = pm[1]*pm[2];
+    const double t27 = t13*t26;
     const double t28 = pm[1]*t0;
     const double t29 = pm[0]*t2;
     const double t30 = pm[3]*t4;
     const double t31 = pm[2]*t6;
     const double t32 = -c->mgl;
-    const double t33 = t13*t26;
-    const double t34 = t15*t24;
-    const double t35 = t11*t22;
-    const double t36 = t13*t20;
+    const double t33 = t13*t24;
+    const double t34 = t15*t26;
+    const double t35 = t11*t20;
+    const double t36 = t13*t22;
     const double t37 = pm[2]*t0;
     const double t38 = pm[3]*t2;
     const double t39 = pm[0]*t4;
     const double t40 = pm[1]*t6;
-    const double t41 = t11*t18;
-    const double t42 = t15*t16;
+    const double t41 = t15*t16;
+    const double t42 = t11*t18;
     const double t43 = pm[3]*t0;
     const double t44 = pm[2]*t2;
     const double t45 = pm[1]*t4;
@@ -270,20 +270,20 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     const double t113 = t11*t112;
     const double t114 = qm[2]*qm[3];
     const double t115 = t114*t15;
-    const double t116 = qm[1]*qm[3];
-    const double t117 = t11*t116;
-    const double t118 = qm[0]*qm[2];
-    const double t119 = t118*t13;
-    const double t120 = qm[1]*qm[2];
-    const double t121 = t120*t13;
-    const double t122 = qm[0]*qm[3];
-    const double t123 = t122*t15;
-    const double t124 = t122*t13;
-    const double t125 = t120*t15;
-    const double t126 = t11*t118;
-    const double t127 = t116*t13;
-    const double t128 = t11*t114;
-    const double t129 = t112*t15;
+    const double t116 = qm[0]*qm[2];
+    const double t117 = t116*t13;
+    const double t118 = qm[1]*qm[3];
+    const double t119 = t11*t118;
+    const double t120 = qm[0]*qm[3];
+    const double t121 = t120*t15;
+    const double t122 = qm[1]*qm[2];
+    const double t123 = t122*t13;
+    const double t124 = t120*t13;
+    const double t125 = t122*t15;
+    const double t126 = t11*t116;
+    const double t127 = t118*t13;
+    const double t128 = t112*t15;
+    const double t129 = t11*t114;
     D_qq[0][0] = c->mgl + dp[0]*t1 + dp[1]*t3 + dp[2]*t5 + dp[3]*t7 + t10*t11 + t12*t13 + t14*t15
         + t8*t9;
     D_qq[0][1] = 0.125*pm[0]*pm[1]*c->k0 + 0.125*pm[2]*pm[3]*c->k2 + 0.0625*dp[1]*pm[0]*c->k0
@@ -297,14 +297,14 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
         + t13*t14;
     D_qq[1][2] = 0.125*pm[0]*pm[3]*c->k1 + 0.125*pm[1]*pm[2]*c->k0 + 0.0625*dp[2]*pm[1]*c->k0
         + 0.0625*dp[3]*pm[0]*c->k1 - t33 - t34 - dp[0]*t30 - dp[1]*t31;
-    D_qq[1][3] = dp[0]*t31 + dp[3]*t28 + t15*t22 + t20*t9 - t35 - t36 - dp[1]*t30 - dp[2]*t29;
-    D_qq[2][0] = dp[0]*t37 + dp[3]*t40 + t15*t20 + t22*t9 - t21 - t23 - dp[1]*t38 - dp[2]*t39;
-    D_qq[2][1] = dp[0]*t38 + dp[1]*t37 + t11*t26 + t24*t9 - t33 - t34 - dp[2]*t40 - dp[3]*t39;
+    D_qq[1][3] = dp[0]*t31 + dp[3]*t28 + t15*t20 + t22*t9 - t35 - t36 - dp[1]*t30 - dp[2]*t29;
+    D_qq[2][0] = dp[0]*t37 + dp[3]*t40 + t15*t22 + t20*t9 - t21 - t23 - dp[1]*t38 - dp[2]*t39;
+    D_qq[2][1] = dp[0]*t38 + dp[1]*t37 + t11*t24 + t26*t9 - t33 - t34 - dp[2]*t40 - dp[3]*t39;
     D_qq[2][2] = t32 + dp[0]*t39 + dp[1]*t40 + dp[2]*t37 + dp[3]*t38 + t10*t15 + t11*t14 + t12*t9
         + t13*t8;
     D_qq[2][3] = 0.125*pm[0]*pm[1]*c->k2 + 0.125*pm[2]*pm[3]*c->k0 + 0.0625*dp[1]*pm[0]*c->k2
         + 0.0625*dp[3]*pm[2]*c->k0 - t41 - t42 - dp[0]*t40 - dp[2]*t38;
-    D_qq[3][0] = dp[0]*t43 + dp[1]*t44 + t11*t24 + t26*t9 - t25 - t27 - dp[2]*t45 - dp[3]*t46;
+    D_qq[3][0] = dp[0]*t43 + dp[1]*t44 + t11*t26 + t24*t9 - t25 - t27 - dp[2]*t45 - dp[3]*t46;
     D_qq[3][1] = 0.125*pm[0]*pm[2]*c->k3 + 0.125*pm[1]*pm[3]*c->k0 + 0.0625*dp[1]*pm[3]*c->k0
         + 0.0625*dp[2]*pm[0]*c->k3 - t35 - t36 - dp[0]*t44 - dp[3]*t45;
     D_qq[3][2] = dp[0]*t45 + dp[2]*t43 + t13*t16 + t18*t9 - t41 - t42 - dp[1]*t46 - dp[3]*t44;
@@ -355,16 +355,16 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
         + t111*t13;
     D_pp[1][2] = 0.125*qm[0]*qm[3]*c->k1 + 0.125*qm[1]*qm[2]*c->k0 + 0.0625*dq[2]*qm[1]*c->k0
         + 0.0625*dq[3]*qm[0]*c->k1 - t124 - t125 - dq[0]*t96 - dq[1]*t99;
-    D_pp[1][3] = dq[0]*t99 + dq[3]*t97 + t116*t9 + t118*t15 - t126 - t127 - dq[1]*t96 - dq[2]*t98;
-    D_pp[2][0] = dq[0]*t101 + dq[3]*t100 + t116*t15 + t118*t9 - t117 - t119 - dq[1]*t102
+    D_pp[1][3] = dq[0]*t99 + dq[3]*t97 + t116*t15 + t118*t9 - t126 - t127 - dq[1]*t96 - dq[2]*t98;
+    D_pp[2][0] = dq[0]*t101 + dq[3]*t100 + t116*t9 + t118*t15 - t117 - t119 - dq[1]*t102
         - dq[2]*t103;
-    D_pp[2][1] = dq[0]*t102 + dq[1]*t101 + t11*t122 + t120*t9 - t124 - t125 - dq[2]*t100
+    D_pp[2][1] = dq[0]*t102 + dq[1]*t101 + t11*t120 + t122*t9 - t124 - t125 - dq[2]*t100
         - dq[3]*t103;
     D_pp[2][2] = dq[0]*t103 + dq[1]*t100 + dq[2]*t101 + dq[3]*t102 + t108*t13 + t109*t15
         + t11*t111 + t110*t9;
     D_pp[2][3] = 0.125*qm[0]*qm[1]*c->k2 + 0.125*qm[2]*qm[3]*c->k0 + 0.0625*dq[1]*qm[0]*c->k2
         + 0.0625*dq[3]*qm[2]*c->k0 - t128 - t129 - dq[0]*t100 - dq[2]*t102;
-    D_pp[3][0] = dq[0]*t105 + dq[1]*t104 + t11*t120 + t122*t9 - t121 - t123 - dq[2]*t106
+    D_pp[3][0] = dq[0]*t105 + dq[1]*t104 + t11*t122 + t120*t9 - t121 - t123 - dq[2]*t106
         - dq[3]*t107;
     D_pp[3][1] = 0.125*qm[0]*qm[2]*c->k3 + 0.125*qm[1]*qm[3]*c->k0 + 0.0625*dq[1]*qm[3]*c->k0
         + 0.0625*dq[2]*qm[0]*c->k3 - t126 - t127 - dq[0]*t104 - dq[3]*t106;

@@ -14,7 +14,7 @@
  *   constraint_jacobian    4 mul
  *   hidden_constraint      3 add, 4 mul
  *   hidden_matrix          3 add, 8 mul
- *   mean_gradient          45 add, 97 mul
+ *   mean_gradient          45 add, 96 mul
  *   mean_jacobian          305 add, 480 mul
  *   mean_constraint        4 mul
  *   mean_curvature         no operations
@@ -106,40 +106,40 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
     W[0][0] = 2.0*q[0]*q[0] + 2.0*q[1]*q[1] + 2.0*q[2]*q[2] + 2.0*q[3]*q[3];
 }
 
-/* D_q, D_p: discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly. 45 add, 97 mul. */
+/* D_q, D_p: discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly. 45 add, 96 mul. */
 static void mean_gradient(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], double D_q[4], double D_p[4])
 {
     /* Common subexpressions (19) */
     const double t0 = 0.125*pm[1];
     const double t1 = 0.5*dq[1];
-    const double t2 = 2.0*pm[0];
-    const double t3 = 2.0*qm[2];
-    const double t4 = c->k1*(0.5*dp[1]*dq[0] + 0.5*dp[2]*dq[3] + 2.0*pm[1]*qm[0]
-        + 2.0*pm[2]*qm[3] - dp[0]*t1 - pm[3]*t3 - qm[1]*t2 - 0.5*dp[3]*dq[2]);
-    const double t5 = 0.125*pm[3];
-    const double t6 = 0.5*dp[1]*dq[2] + 0.5*dp[3]*dq[0] + 2.0*pm[1]*qm[2] + 2.0*pm[3]*qm[0]
-        - dp[2]*t1 - qm[3]*t2 - 2.0*pm[2]*qm[1] - 0.5*dp[0]*dq[3];
-    const double t7 = c->k2*t6;
-    const double t8 = 0.125*pm[2];
-    const double t9 = 2.0*qm[3];
-    const double t10 = 0.5*dp[2]*dq[0] + 0.5*dp[3]*dq[1] + 2.0*pm[2]*qm[0] + 2.0*pm[3]*qm[1]
-        - pm[1]*t9 - qm[2]*t2 - 0.5*dp[0]*dq[2] - 0.5*dp[1]*dq[3];
-    const double t11 = c->k3*t10;
-    const double t12 = 0.125*pm[0];
-    const double t13 = 0.125*t4;
-    const double t14 = 0.125*qm[3];
-    const double t15 = 0.125*qm[2];
-    const double t16 = 0.25*c->k0;
-    const double t17 = 0.125*t7;
-    const double t18 = 0.125*t11;
-    D_q[0] = t0*t4 + t11*t8 + t5*t7 + 2.0*c->mgl*qm[0];
-    D_q[1] = 0.125*c->k3*pm[3]*t10 - t12*t4 - t7*t8 - 2.0*c->mgl*qm[1];
-    D_q[2] = 0.125*c->k2*pm[1]*t6 - c->mgl*t3 - t11*t12 - t4*t5;
-    D_q[3] = c->mgl*t9 + t4*t8 - t0*t11 - t12*t7;
-    D_p[0] = 0.25*pm[0]*c->k0 - qm[1]*t13 - t11*t15 - t14*t7;
-    D_p[1] = pm[1]*t16 + qm[0]*t13 + t15*t7 - t11*t14;
-    D_p[2] = pm[2]*t16 + qm[0]*t18 + qm[3]*t13 - qm[1]*t17;
-    D_p[3] = pm[3]*t16 + qm[0]*t17 + qm[1]*t18 - qm[2]*t13;
+    const double t2 = 0.5*dq[2];
+    const double t3 = 2.0*pm[0];
+    const double t4 = 0.5*dp[1]*dq[0] + 0.5*dp[2]*dq[3] + 2.0*pm[1]*qm[0] + 2.0*pm[2]*qm[3]
+        - dp[0]*t1 - dp[3]*t2 - qm[1]*t3 - 2.0*pm[3]*qm[2];
+    const double t5 = t4*c->k1;
+    const double t6 = 0.125*pm[2];
+    const double t7 = 0.5*dq[3];
+    const double t8 = 0.5*dp[2]*dq[0] + 0.5*dp[3]*dq[1] + 2.0*pm[2]*qm[0] + 2.0*pm[3]*qm[1]
+        - dp[0]*t2 - dp[1]*t7 - qm[2]*t3 - 2.0*pm[1]*qm[3];
+    const double t9 = t8*c->k3;
+    const double t10 = 2.0*qm[1];
+    const double t11 = 0.5*dp[1]*dq[2] + 0.5*dp[3]*dq[0] + 2.0*pm[1]*qm[2] + 2.0*pm[3]*qm[0]
+        - dp[0]*t7 - dp[2]*t1 - pm[2]*t10 - qm[3]*t3;
+    const double t12 = t11*c->k2;
+    const double t13 = 0.125*pm[3];
+    const double t14 = 0.125*pm[0];
+    const double t15 = 0.125*t5;
+    const double t16 = 0.125*t9;
+    const double t17 = 0.125*t12;
+    const double t18 = 0.25*c->k0;
+    D_q[0] = t0*t5 + t12*t13 + t6*t9 + 2.0*qm[0]*c->mgl;
+    D_q[1] = 0.125*pm[3]*t8*c->k3 - t10*c->mgl - t12*t6 - t14*t5;
+    D_q[2] = 0.125*pm[1]*t11*c->k2 - t13*t5 - t14*t9 - 2.0*qm[2]*c->mgl;
+    D_q[3] = 2.0*qm[3]*c->mgl + 0.125*pm[2]*t4*c->k1 - t0*t9 - t12*t14;
+    D_p[0] = 0.25*pm[0]*c->k0 - qm[1]*t15 - qm[2]*t16 - qm[3]*t17;
+    D_p[1] = pm[1]*t18 + qm[0]*t15 + qm[2]*t17 - qm[3]*t16;
+    D_p[2] = pm[2]*t18 + qm[0]*t16 + qm[3]*t15 - qm[1]*t17;
+    D_p[3] = pm[3]*t18 + qm[0]*t17 + qm[1]*t16 - qm[2]*t15;
 }
 
 /* derivatives of D_q and D_p by dq and dp. 305 add, 480 mul. */
@@ -154,32 +154,32 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     const double t5 = pm[3]*t4;
     const double t6 = pm[1]*pm[1];
     const double t7 = 0.125*c->k1;
-    const double t8 = pm[3]*pm[3];
-    const double t9 = 0.125*c->k2;
-    const double t10 = pm[2]*pm[2];
-    const double t11 = 0.125*c->k3;
+    const double t8 = pm[2]*pm[2];
+    const double t9 = 0.125*c->k3;
+    const double t10 = pm[3]*pm[3];
+    const double t11 = 0.125*c->k2;
     const double t12 = pm[1]*t7;
     const double t13 = pm[2]*pm[3];
-    const double t14 = pm[0]*t12 + t13*t9 - 0.125*c->k3*pm[2]*pm[3];
-    const double t15 = pm[2]*t11;
-    const double t16 = pm[0]*t15 + pm[3]*t12 - 0.125*c->k2*pm[1]*pm[3];
-    const double t17 = pm[3]*t9;
-    const double t18 = pm[0]*t17 + pm[1]*t15 - 0.125*c->k1*pm[1]*pm[2];
+    const double t14 = pm[0]*t12 + t11*t13 - 0.125*pm[2]*pm[3]*c->k3;
+    const double t15 = pm[2]*t9;
+    const double t16 = pm[0]*t15 + pm[3]*t12 - 0.125*pm[1]*pm[3]*c->k2;
+    const double t17 = pm[3]*t11;
+    const double t18 = pm[0]*t17 + pm[1]*t15 - 0.125*pm[1]*pm[2]*c->k1;
     const double t19 = pm[0]*t0;
     const double t20 = pm[2]*t4;
     const double t21 = -c->mgl;
     const double t22 = pm[3]*t2;
     const double t23 = pm[0]*pm[0];
-    const double t24 = pm[2]*t9;
-    const double t25 = pm[1]*t24 + pm[0]*pm[3]*t11 - 0.125*c->k1*pm[0]*pm[3];
+    const double t24 = pm[2]*t11;
+    const double t25 = pm[1]*t24 + pm[0]*pm[3]*t9 - 0.125*pm[0]*pm[3]*c->k1;
     const double t26 = pm[0]*t7;
-    const double t27 = pm[1]*t11;
-    const double t28 = pm[2]*t26 + pm[3]*t27 - 0.125*c->k2*pm[0]*pm[2];
+    const double t27 = pm[1]*t9;
+    const double t28 = pm[2]*t26 + pm[3]*t27 - 0.125*pm[0]*pm[2]*c->k2;
     const double t29 = pm[3]*t0;
     const double t30 = pm[0]*t2;
     const double t31 = pm[1]*t4;
-    const double t32 = pm[1]*t9;
-    const double t33 = pm[0]*t32 + t13*t7 - 0.125*c->k3*pm[0]*pm[1];
+    const double t32 = pm[1]*t11;
+    const double t33 = pm[0]*t32 + t13*t7 - 0.125*pm[0]*pm[1]*c->k3;
     const double t34 = pm[1]*t2;
     const double t35 = pm[0]*t4;
     const double t36 = pm[2]*t0;
@@ -198,21 +198,21 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
         - dp[0]*t43 - dp[2]*t38 - qm[3]*t40 - 2.0*pm[2]*qm[1]);
     const double t47 = t46 + qm[0]*t17 + qm[1]*t15 - qm[2]*t12;
     const double t48 = -t41;
-    const double t49 = pm[3]*t11;
+    const double t49 = pm[3]*t9;
     const double t50 = t48 + qm[1]*t26 + qm[3]*t24 - qm[2]*t49;
     const double t51 = qm[0]*t26 + qm[2]*t24 + qm[3]*t49;
     const double t52 = -t46;
     const double t53 = t52 + qm[0]*t49 + qm[1]*t24 - qm[3]*t26;
     const double t54 = t44 + qm[1]*t49 + qm[2]*t26 - qm[0]*t24;
     const double t55 = -t44;
-    const double t56 = pm[3]*t7;
-    const double t57 = pm[0]*t11;
-    const double t58 = t55 + qm[1]*t56 + qm[2]*t57 - qm[3]*t32;
-    const double t59 = t46 + qm[2]*t32 + qm[3]*t57 - qm[0]*t56;
-    const double t60 = qm[0]*t57 + qm[1]*t32 + qm[3]*t56;
-    const double t61 = t48 + qm[0]*t32 + qm[2]*t56 - qm[1]*t57;
+    const double t56 = pm[0]*t9;
+    const double t57 = pm[3]*t7;
+    const double t58 = t55 + qm[1]*t57 + qm[2]*t56 - qm[3]*t32;
+    const double t59 = t46 + qm[2]*t32 + qm[3]*t56 - qm[0]*t57;
+    const double t60 = qm[0]*t56 + qm[1]*t32 + qm[3]*t57;
+    const double t61 = t48 + qm[0]*t32 + qm[2]*t57 - qm[1]*t56;
     const double t62 = pm[2]*t7;
-    const double t63 = pm[0]*t9;
+    const double t63 = pm[0]*t11;
     const double t64 = t52 + qm[2]*t27 + qm[3]*t63 - qm[1]*t62;
     const double t65 = t55 + qm[0]*t62 + qm[3]*t27 - qm[2]*t63;
     const double t66 = t41 + qm[1]*t63 + qm[3]*t62 - qm[0]*t27;
@@ -231,34 +231,34 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     const double t79 = qm[0]*t4;
     const double t80 = 0.125*c->k0;
     const double t81 = qm[1]*qm[1];
-    const double t82 = qm[3]*qm[3];
-    const double t83 = qm[2]*qm[2];
+    const double t82 = qm[2]*qm[2];
+    const double t83 = qm[3]*qm[3];
     const double t84 = qm[1]*t7;
     const double t85 = qm[2]*qm[3];
-    const double t86 = qm[0]*t84 + t85*t9 - 0.125*c->k3*qm[2]*qm[3];
-    const double t87 = qm[2]*t11;
-    const double t88 = qm[0]*t87 + qm[3]*t84 - 0.125*c->k2*qm[1]*qm[3];
-    const double t89 = qm[1]*t87 + qm[0]*qm[3]*t9 - 0.125*c->k1*qm[1]*qm[2];
+    const double t86 = qm[0]*t84 + t11*t85 - 0.125*qm[2]*qm[3]*c->k3;
+    const double t87 = qm[2]*t9;
+    const double t88 = qm[0]*t87 + qm[3]*t84 - 0.125*qm[1]*qm[3]*c->k2;
+    const double t89 = qm[1]*t87 + qm[0]*qm[3]*t11 - 0.125*qm[1]*qm[2]*c->k1;
     const double t90 = qm[0]*qm[0];
-    const double t91 = qm[0]*qm[3]*t11 + qm[1]*qm[2]*t9 - 0.125*c->k1*qm[0]*qm[3];
-    const double t92 = qm[0]*qm[2]*t7 + qm[1]*qm[3]*t11 - 0.125*c->k2*qm[0]*qm[2];
-    const double t93 = t7*t85 + qm[0]*qm[1]*t9 - 0.125*c->k3*qm[0]*qm[1];
+    const double t91 = qm[0]*qm[3]*t9 + qm[1]*qm[2]*t11 - 0.125*qm[0]*qm[3]*c->k1;
+    const double t92 = qm[0]*qm[2]*t7 + qm[1]*qm[3]*t9 - 0.125*qm[0]*qm[2]*c->k2;
+    const double t93 = t7*t85 + qm[0]*qm[1]*t11 - 0.125*qm[0]*qm[1]*c->k3;
     D_qq[0][0] = c->mgl + dp[1]*t1 + dp[2]*t3 + dp[3]*t5 + t10*t11 + t6*t7 + t8*t9;
-    D_qq[0][1] = 0.0625*dp[3]*c->k3*pm[2] - t14 - dp[0]*t1 - dp[2]*t5;
-    D_qq[0][2] = 0.0625*dp[1]*c->k2*pm[3] - t16 - dp[0]*t3 - dp[3]*t1;
-    D_qq[0][3] = 0.0625*dp[2]*c->k1*pm[1] - t18 - dp[0]*t5 - dp[1]*t3;
-    D_qq[1][0] = 0.0625*dp[2]*c->k3*pm[3] - t14 - dp[1]*t19 - dp[3]*t20;
+    D_qq[0][1] = 0.0625*dp[3]*pm[2]*c->k3 - t14 - dp[0]*t1 - dp[2]*t5;
+    D_qq[0][2] = 0.0625*dp[1]*pm[3]*c->k2 - t16 - dp[0]*t3 - dp[3]*t1;
+    D_qq[0][3] = 0.0625*dp[2]*pm[1]*c->k1 - t18 - dp[0]*t5 - dp[1]*t3;
+    D_qq[1][0] = 0.0625*dp[2]*pm[3]*c->k3 - t14 - dp[1]*t19 - dp[3]*t20;
     D_qq[1][1] = t21 + dp[0]*t19 + dp[2]*t20 + dp[3]*t22 + t10*t9 + t11*t8 + t23*t7;
-    D_qq[1][2] = 0.0625*dp[3]*c->k1*pm[0] - t25 - dp[0]*t22 - dp[1]*t20;
-    D_qq[1][3] = 0.0625*dp[0]*c->k2*pm[2] - t28 - dp[1]*t22 - dp[2]*t19;
-    D_qq[2][0] = 0.0625*dp[3]*c->k2*pm[1] - t16 - dp[1]*t29 - dp[2]*t30;
-    D_qq[2][1] = 0.0625*dp[0]*c->k1*pm[3] - t25 - dp[2]*t31 - dp[3]*t30;
-    D_qq[2][2] = t21 + dp[0]*t30 + dp[1]*t31 + dp[3]*t29 + t11*t23 + t6*t9 + t7*t8;
-    D_qq[2][3] = 0.0625*dp[1]*c->k3*pm[0] - t33 - dp[0]*t31 - dp[2]*t29;
-    D_qq[3][0] = 0.0625*dp[1]*c->k1*pm[2] - t18 - dp[2]*t34 - dp[3]*t35;
-    D_qq[3][1] = 0.0625*dp[2]*c->k2*pm[0] - t28 - dp[0]*t36 - dp[3]*t34;
-    D_qq[3][2] = 0.0625*dp[0]*c->k3*pm[1] - t33 - dp[1]*t35 - dp[3]*t36;
-    D_qq[3][3] = c->mgl + dp[0]*t35 + dp[1]*t34 + dp[2]*t36 + t10*t7 + t11*t6 + t23*t9;
+    D_qq[1][2] = 0.0625*dp[3]*pm[0]*c->k1 - t25 - dp[0]*t22 - dp[1]*t20;
+    D_qq[1][3] = 0.0625*dp[0]*pm[2]*c->k2 - t28 - dp[1]*t22 - dp[2]*t19;
+    D_qq[2][0] = 0.0625*dp[3]*pm[1]*c->k2 - t16 - dp[1]*t29 - dp[2]*t30;
+    D_qq[2][1] = 0.0625*dp[0]*pm[3]*c->k1 - t25 - dp[2]*t31 - dp[3]*t30;
+    D_qq[2][2] = t21 + dp[0]*t30 + dp[1]*t31 + dp[3]*t29 + t10*t7 + t11*t6 + t23*t9;
+    D_qq[2][3] = 0.0625*dp[1]*pm[0]*c->k3 - t33 - dp[0]*t31 - dp[2]*t29;
+    D_qq[3][0] = 0.0625*dp[1]*pm[2]*c->k1 - t18 - dp[2]*t34 - dp[3]*t35;
+    D_qq[3][1] = 0.0625*dp[2]*pm[0]*c->k2 - t28 - dp[0]*t36 - dp[3]*t34;
+    D_qq[3][2] = 0.0625*dp[0]*pm[1]*c->k3 - t33 - dp[1]*t35 - dp[3]*t36;
+    D_qq[3][3] = c->mgl + dp[0]*t35 + dp[1]*t34 + dp[2]*t36 + t11*t23 + t6*t9 + t7*t8;
     D_qp[0][0] = -t37 - dq[1]*t1 - dq[2]*t3 - dq[3]*t5;
     D_qp[0][1] = t42 + dq[0]*t1 + dq[2]*t5 - dq[3]*t3;
     D_qp[0][2] = t45 + dq[0]*t3 + dq[3]*t1 - dq[1]*t5;
@@ -292,21 +292,21 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     D_pq[3][2] = t61 + dp[1]*t79 + dp[3]*t77 - dp[0]*t78;
     D_pq[3][3] = -t67 - dp[0]*t79 - dp[1]*t78 - dp[2]*t77;
     D_pp[0][0] = t80 + dq[1]*t68 + dq[2]*t69 + dq[3]*t70 + t11*t83 + t7*t81 + t82*t9;
-    D_pp[0][1] = 0.0625*dq[3]*c->k3*qm[2] - t86 - dq[0]*t68 - dq[2]*t70;
-    D_pp[0][2] = 0.0625*dq[1]*c->k2*qm[3] - t88 - dq[0]*t69 - dq[3]*t68;
-    D_pp[0][3] = 0.0625*dq[2]*c->k1*qm[1] - t89 - dq[0]*t70 - dq[1]*t69;
-    D_pp[1][0] = 0.0625*dq[2]*c->k3*qm[3] - t86 - dq[1]*t72 - dq[3]*t73;
+    D_pp[0][1] = 0.0625*dq[3]*qm[2]*c->k3 - t86 - dq[0]*t68 - dq[2]*t70;
+    D_pp[0][2] = 0.0625*dq[1]*qm[3]*c->k2 - t88 - dq[0]*t69 - dq[3]*t68;
+    D_pp[0][3] = 0.0625*dq[2]*qm[1]*c->k1 - t89 - dq[0]*t70 - dq[1]*t69;
+    D_pp[1][0] = 0.0625*dq[2]*qm[3]*c->k3 - t86 - dq[1]*t72 - dq[3]*t73;
     D_pp[1][1] = t80 + dq[0]*t72 + dq[2]*t73 + dq[3]*t71 + t11*t82 + t7*t90 + t83*t9;
-    D_pp[1][2] = 0.0625*dq[3]*c->k1*qm[0] - t91 - dq[0]*t71 - dq[1]*t73;
-    D_pp[1][3] = 0.0625*dq[0]*c->k2*qm[2] - t92 - dq[1]*t71 - dq[2]*t72;
-    D_pp[2][0] = 0.0625*dq[3]*c->k2*qm[1] - t88 - dq[1]*t75 - dq[2]*t76;
-    D_pp[2][1] = 0.0625*dq[0]*c->k1*qm[3] - t91 - dq[2]*t74 - dq[3]*t76;
-    D_pp[2][2] = t80 + dq[0]*t76 + dq[1]*t74 + dq[3]*t75 + t11*t90 + t7*t82 + t81*t9;
-    D_pp[2][3] = 0.0625*dq[1]*c->k3*qm[0] - t93 - dq[0]*t74 - dq[2]*t75;
-    D_pp[3][0] = 0.0625*dq[1]*c->k1*qm[2] - t89 - dq[2]*t78 - dq[3]*t79;
-    D_pp[3][1] = 0.0625*dq[2]*c->k2*qm[0] - t92 - dq[0]*t77 - dq[3]*t78;
-    D_pp[3][2] = 0.0625*dq[0]*c->k3*qm[1] - t93 - dq[1]*t79 - dq[3]*t77;
-    D_pp[3][3] = t80 + dq[0]*t79 + dq[1]*t78 + dq[2]*t77 + t11*t81 + t7*t83 + t9*t90;
+    D_pp[1][2] = 0.0625*dq[3]*qm[0]*c->k1 - t91 - dq[0]*t71 - dq[1]*t73;
+    D_pp[1][3] = 0.0625*dq[0]*qm[2]*c->k2 - t92 - dq[1]*t71 - dq[2]*t72;
+    D_pp[2][0] = 0.0625*dq[3]*qm[1]*c->k2 - t88 - dq[1]*t75 - dq[2]*t76;
+    D_pp[2][1] = 0.0625*dq[0]*qm[3]*c->k1 - t91 - dq[2]*t74 - dq[3]*t76;
+    D_pp[2][2] = t80 + dq[0]*t76 + dq[1]*t74 + dq[3]*t75 + t11*t81 + t7*t83 + t9*t90;
+    D_pp[2][3] = 0.0625*dq[1]*qm[0]*c->k3 - t93 - dq[0]*t74 - dq[2]*t75;
+    D_pp[3][0] = 0.0625*dq[1]*qm[2]*c->k1 - t89 - dq[2]*t78 - dq[3]*t79;
+    D_pp[3][1] = 0.0625*dq[2]*qm[0]*c->k2 - t92 - dq[0]*t77 - dq[3]*t78;
+    D_pp[3][2] = 0.0625*dq[0]*qm[1]*c->k3 - t93 - dq[1]*t79 - dq[3]*t77;
+    D_pp[3][3] = t80 + dq[0]*t79 + dq[1]*t78 + dq[2]*t77 + t11*t90 + t7*t82 + t81*t9;
 }
 
 /* G between q0 and q1. 4 mul. */

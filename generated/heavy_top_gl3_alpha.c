@@ -126,14 +126,14 @@ static void gradient(const constants *c, const double q[4], const double p[4], d
     const double t13 = 0.25*t8;
     const double t14 = 0.25*t10;
     const double t15 = 0.25*t3;
-    H_q[0] = q[0]*t0 + t1*t3 + t10*t11 + t4*t5 + t6*t8;
-    H_q[1] = 0.25*p[1]*t2*c->k0 + 0.25*p[3]*t7*c->k2 - q[1]*t0 - t1*t4 - t10*t6;
-    H_q[2] = 0.25*p[1]*t9*c->k3 + 0.25*p[2]*t2*c->k0 - q[2]*t0 - t1*t8 - t11*t4;
-    H_q[3] = q[3]*t0 + t11*t3 + t4*t6 - t1*t10 - t5*t8;
-    H_p[0] = 0.25*q[0]*t2*c->k0 - q[1]*t12 - q[2]*t13 - q[3]*t14;
-    H_p[1] = q[0]*t12 + q[1]*t15 + q[2]*t14 - q[3]*t13;
-    H_p[2] = q[0]*t13 + q[2]*t15 + q[3]*t12 - q[1]*t14;
-    H_p[3] = q[0]*t14 + q[1]*t13 + q[3]*t15 - q[2]*t12;
+    H_q[0] = t0*q[0] + t1*t3 + t10*t11 + t4*t5 + t6*t8;
+    H_q[1] = 0.25*t2*p[1]*c->k0 + 0.25*t7*p[3]*c->k2 - t0*q[1] - t1*t4 - t10*t6;
+    H_q[2] = 0.25*t2*p[2]*c->k0 + 0.25*t9*p[1]*c->k3 - t0*q[2] - t1*t8 - t11*t4;
+    H_q[3] = t0*q[3] + t11*t3 + t4*t6 - t1*t10 - t5*t8;
+    H_p[0] = 0.25*t2*q[0]*c->k0 - t12*q[1] - t13*q[2] - t14*q[3];
+    H_p[1] = t12*q[0] + t14*q[2] + t15*q[1] - t13*q[3];
+    H_p[2] = t12*q[3] + t13*q[0] + t15*q[2] - t14*q[1];
+    H_p[3] = t13*q[1] + t14*q[0] + t15*q[3] - t12*q[2];
 }
 
 /* H_qq, H_pq = dH_p/dq and H_pp. 140 add, 204 mul. */

@@ -15,7 +15,7 @@
  *   hidden_constraint      3 add, 4 mul
  *   hidden_matrix          3 add, 8 mul
  *   mean_gradient          40 add, 75 mul
- *   mean_jacobian          140 add, 203 mul
+ *   mean_jacobian          140 add, 211 mul
  *   mean_constraint        4 mul
  *   mean_curvature         no operations
  */
@@ -138,7 +138,7 @@ static void mean_gradient(const constants *c, const double qm[4], const double p
     D_p[3] = qm[0]*t14 + qm[1]*t13 + qm[3]*t15 - qm[2]*t12;
 }
 
-/* derivatives of D_q and D_p by dq and dp. 140 add, 203 mul. */
+/* derivatives of D_q and D_p by dq and dp. 140 add, 211 mul. */
 static void mean_jacobian(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], double D_qq[4][4], double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
 {
     (void)dq;
@@ -163,7 +163,7 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     const double t16 = t1*t14 + t15*t3 - t14*t7 - t15*t5;
     const double t17 = -c->mgl;
     const double t18 = t1*t15 + t14*t3 - t14*t5 - t15*t7;
-    const double t19 = t1*t12 + t11*t7 - t11*t3 - t12*t5;
+    const double t19 = 0.125*pm[0]*pm[2]*c->k3 + 0.125*pm[1]*pm[3]*c->k0 - t11*t3 - t12*t5;
     const double t20 = t1*t9 + t5*t8 - t3*t9 - t7*t8;
     const double t21 = pm[1]*qm[1];
     const double t22 = pm[2]*qm[2];
@@ -218,7 +218,7 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     const double t71 = qm[1]*qm[2];
     const double t72 = t1*t70 + t3*t71 - t5*t71 - t7*t70;
     const double t73 = t1*t71 + t3*t70 - t5*t70 - t7*t71;
-    const double t74 = t1*t68 + t67*t7 - t3*t67 - t5*t68;
+    const double t74 = 0.125*qm[0]*qm[2]*c->k3 + 0.125*qm[1]*qm[3]*c->k0 - t3*t67 - t5*t68;
     const double t75 = t1*t65 + t5*t64 - t3*t65 - t64*t7;
     D_qq[0][0] = c->mgl + t0*t1 + t2*t3 + t4*t5 + t6*t7;
     D_qq[0][1] = t10;

@@ -14,8 +14,8 @@
  *   constraint_jacobian    4 mul
  *   hidden_constraint      3 add, 4 mul
  *   hidden_matrix          3 add, 8 mul
- *   mean_gradient          33 add, 63 mul
- *   mean_jacobian          101 add, 193 mul
+ *   mean_gradient          33 add, 64 mul
+ *   mean_jacobian          101 add, 197 mul
  *   mean_constraint        4 mul
  *   mean_curvature         no operations
  */
@@ -106,115 +106,112 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
     W[0][0] = 2.0*q[0]*q[0] + 2.0*q[1]*q[1] + 2.0*q[2]*q[2] + 2.0*q[3]*q[3];
 }
 
-/* D_q, D_p: gradient at the midpoint. 33 add, 63 mul. */
+/* D_q, D_p: gradient at the midpoint. 33 add, 64 mul. */
 static void mean_gradient(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], double D_q[4], double D_p[4])
 {
     (void)dq;
     (void)dp;
-    /* Common subexpressions (16) */
+    /* Common subexpressions (15) */
     const double t0 = 2.0*c->mgl;
     const double t1 = 0.25*pm[1];
-    const double t2 = c->k1*(pm[1]*qm[0] + pm[2]*qm[3] - pm[0]*qm[1] - pm[3]*qm[2]);
-    const double t3 = 0.25*pm[3];
-    const double t4 = pm[1]*qm[2] + pm[3]*qm[0] - pm[0]*qm[3] - pm[2]*qm[1];
-    const double t5 = c->k2*t4;
-    const double t6 = 0.25*pm[2];
-    const double t7 = pm[2]*qm[0] + pm[3]*qm[1] - pm[0]*qm[2] - pm[1]*qm[3];
-    const double t8 = c->k3*t7;
-    const double t9 = 0.25*pm[0];
-    const double t10 = 0.25*t2;
-    const double t11 = 0.25*qm[3];
-    const double t12 = 0.25*qm[2];
-    const double t13 = 0.25*c->k0;
-    const double t14 = 0.25*t5;
-    const double t15 = 0.25*t8;
-    D_q[0] = qm[0]*t0 + t1*t2 + t3*t5 + t6*t8;
-    D_q[1] = 0.25*c->k3*pm[3]*t7 - qm[1]*t0 - t2*t9 - t5*t6;
-    D_q[2] = 0.25*c->k2*pm[1]*t4 - qm[2]*t0 - t2*t3 - t8*t9;
-    D_q[3] = qm[3]*t0 + t2*t6 - t1*t8 - t5*t9;
-    D_p[0] = 0.25*pm[0]*c->k0 - qm[1]*t10 - t11*t5 - t12*t8;
-    D_p[1] = pm[1]*t13 + qm[0]*t10 + t12*t5 - t11*t8;
-    D_p[2] = pm[2]*t13 + qm[0]*t15 + qm[3]*t10 - qm[1]*t14;
-    D_p[3] = pm[3]*t13 + qm[0]*t14 + qm[1]*t15 - qm[2]*t10;
+    const double t2 = pm[1]*qm[0] + pm[2]*qm[3] - pm[0]*qm[1] - pm[3]*qm[2];
+    const double t3 = t2*c->k1;
+    const double t4 = 0.25*pm[2];
+    const double t5 = pm[2]*qm[0] + pm[3]*qm[1] - pm[0]*qm[2] - pm[1]*qm[3];
+    const double t6 = t5*c->k3;
+    const double t7 = pm[1]*qm[2] + pm[3]*qm[0] - pm[0]*qm[3] - pm[2]*qm[1];
+    const double t8 = t7*c->k2;
+    const double t9 = 0.25*pm[3];
+    const double t10 = 0.25*pm[0];
+    const double t11 = 0.25*t3;
+    const double t12 = 0.25*t6;
+    const double t13 = 0.25*t8;
+    const double t14 = 0.25*c->k0;
+    D_q[0] = qm[0]*t0 + t1*t3 + t4*t6 + t8*t9;
+    D_q[1] = 0.25*pm[3]*t5*c->k3 - qm[1]*t0 - t10*t3 - t4*t8;
+    D_q[2] = 0.25*pm[1]*t7*c->k2 - qm[2]*t0 - t10*t6 - t3*t9;
+    D_q[3] = 2.0*qm[3]*c->mgl + 0.25*pm[2]*t2*c->k1 - t1*t6 - t10*t8;
+    D_p[0] = 0.25*pm[0]*c->k0 - qm[1]*t11 - qm[2]*t12 - qm[3]*t13;
+    D_p[1] = pm[1]*t14 + qm[0]*t11 + qm[2]*t13 - qm[3]*t12;
+    D_p[2] = pm[2]*t14 + qm[0]*t12 + qm[3]*t11 - qm[1]*t13;
+    D_p[3] = pm[3]*t14 + qm[0]*t13 + qm[1]*t12 - qm[2]*t11;
 }
 
-/* derivatives of D_q and D_p by dq and dp. 101 add, 193 mul. */
+/* derivatives of D_q and D_p by dq and dp. 101 add, 197 mul. */
 static void mean_jacobian(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], double D_qq[4][4], double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
 {
     (void)dq;
     (void)dp;
-    /* Common subexpressions (71) */
+    /* Common subexpressions (69) */
     const double t0 = pm[1]*pm[1];
     const double t1 = 0.125*c->k1;
-    const double t2 = pm[3]*pm[3];
-    const double t3 = 0.125*c->k2;
-    const double t4 = pm[2]*pm[2];
-    const double t5 = 0.125*c->k3;
+    const double t2 = pm[2]*pm[2];
+    const double t3 = 0.125*c->k3;
+    const double t4 = pm[3]*pm[3];
+    const double t5 = 0.125*c->k2;
     const double t6 = pm[1]*t1;
     const double t7 = pm[2]*pm[3];
-    const double t8 = 0.125*c->k3*pm[2]*pm[3] - pm[0]*t6 - t3*t7;
-    const double t9 = pm[2]*t5;
-    const double t10 = 0.125*c->k2*pm[1]*pm[3] - pm[0]*t9 - pm[3]*t6;
-    const double t11 = pm[3]*t3;
-    const double t12 = 0.125*c->k1*pm[1]*pm[2] - pm[0]*t11 - pm[1]*t9;
+    const double t8 = 0.125*pm[2]*pm[3]*c->k3 - pm[0]*t6 - t5*t7;
+    const double t9 = pm[2]*t3;
+    const double t10 = 0.125*pm[1]*pm[3]*c->k2 - pm[0]*t9 - pm[3]*t6;
+    const double t11 = pm[3]*t5;
+    const double t12 = 0.125*pm[1]*pm[2]*c->k1 - pm[0]*t11 - pm[1]*t9;
     const double t13 = -c->mgl;
     const double t14 = pm[0]*pm[0];
-    const double t15 = pm[2]*t3;
-    const double t16 = 0.125*c->k1*pm[0]*pm[3] - pm[1]*t15 - pm[0]*pm[3]*t5;
+    const double t15 = pm[2]*t5;
+    const double t16 = 0.125*pm[0]*pm[3]*c->k1 - pm[1]*t15 - pm[0]*pm[3]*t3;
     const double t17 = pm[0]*t1;
-    const double t18 = pm[1]*t5;
-    const double t19 = 0.125*c->k2*pm[0]*pm[2] - pm[2]*t17 - pm[3]*t18;
-    const double t20 = pm[1]*t3;
-    const double t21 = 0.125*c->k3*pm[0]*pm[1] - pm[0]*t20 - t1*t7;
+    const double t18 = pm[1]*t3;
+    const double t19 = 0.125*pm[0]*pm[2]*c->k2 - pm[2]*t17 - pm[3]*t18;
+    const double t20 = pm[1]*t5;
+    const double t21 = 0.125*pm[0]*pm[1]*c->k3 - pm[0]*t20 - t1*t7;
     const double t22 = -qm[1]*t6 - qm[2]*t9 - qm[3]*t11;
     const double t23 = pm[1]*qm[0];
-    const double t24 = pm[3]*qm[2];
-    const double t25 = pm[2]*qm[3];
+    const double t24 = pm[2]*qm[3];
+    const double t25 = pm[3]*qm[2];
     const double t26 = pm[0]*qm[1];
-    const double t27 = t1*(pm[1]*qm[0] + pm[2]*qm[3] - t24 - t26);
-    const double t28 = t27 + t1*t23 + t24*t3 - t25*t5;
+    const double t27 = t1*(pm[1]*qm[0] + pm[2]*qm[3] - t25 - t26);
+    const double t28 = t27 + t1*t23 + t25*t5 - t24*t3;
     const double t29 = pm[1]*qm[3];
-    const double t30 = pm[3]*qm[1];
-    const double t31 = pm[2]*qm[0];
+    const double t30 = pm[2]*qm[0];
+    const double t31 = pm[3]*qm[1];
     const double t32 = pm[0]*qm[2];
-    const double t33 = t5*(pm[2]*qm[0] + pm[3]*qm[1] - t29 - t32);
-    const double t34 = t33 + t1*t29 + t31*t5 - t3*t30;
+    const double t33 = t3*(pm[2]*qm[0] + pm[3]*qm[1] - t29 - t32);
+    const double t34 = t33 + t1*t29 + t3*t30 - t31*t5;
     const double t35 = pm[1]*qm[2];
-    const double t36 = pm[3]*qm[0];
-    const double t37 = pm[2]*qm[1];
+    const double t36 = pm[2]*qm[1];
+    const double t37 = pm[3]*qm[0];
     const double t38 = pm[0]*qm[3];
-    const double t39 = t3*(pm[1]*qm[2] + pm[3]*qm[0] - t37 - t38);
+    const double t39 = t5*(pm[1]*qm[2] + pm[3]*qm[0] - t36 - t38);
     const double t40 = t39 + t3*t36 + t37*t5 - t1*t35;
-    const double t41 = -t27;
-    const double t42 = t41 + t1*t26 + t25*t3 - t24*t5;
-    const double t43 = pm[3]*qm[3];
-    const double t44 = -qm[0]*t17 - qm[2]*t15 - t43*t5;
-    const double t45 = 0.125*c->k2*pm[2]*qm[1] + 0.125*c->k3*pm[3]*qm[0] - t39 - t1*t38;
-    const double t46 = t33 + t1*t32 + t30*t5 - t3*t31;
-    const double t47 = -t33;
-    const double t48 = t47 + t1*t30 + t32*t5 - t29*t3;
-    const double t49 = t39 + t3*t35 + t38*t5 - t1*t36;
-    const double t50 = pm[0]*qm[0];
-    const double t51 = -qm[1]*t20 - t1*t43 - t5*t50;
-    const double t52 = t41 + t1*t24 + t23*t3 - t26*t5;
-    const double t53 = 0.125*c->k2*pm[0]*qm[3] + 0.125*c->k3*pm[1]*qm[2] - t39 - t1*t37;
-    const double t54 = t47 + t1*t31 + t29*t5 - t3*t32;
-    const double t55 = t27 + t1*t25 + t26*t3 - t23*t5;
-    const double t56 = qm[2]*t1;
-    const double t57 = -pm[2]*t56 - qm[1]*t18 - t3*t50;
-    const double t58 = 0.125*c->k0;
-    const double t59 = qm[1]*qm[1];
-    const double t60 = qm[3]*qm[3];
-    const double t61 = qm[2]*qm[2];
-    const double t62 = qm[1]*t1;
-    const double t63 = 0.125*c->k3*qm[2]*qm[3] - qm[0]*t62 - qm[2]*qm[3]*t3;
-    const double t64 = qm[2]*t5;
-    const double t65 = 0.125*c->k2*qm[1]*qm[3] - qm[0]*t64 - qm[3]*t62;
-    const double t66 = 0.125*c->k1*qm[1]*qm[2] - qm[1]*t64 - qm[0]*qm[3]*t3;
-    const double t67 = qm[0]*qm[0];
-    const double t68 = 0.125*c->k1*qm[0]*qm[3] - qm[0]*qm[3]*t5 - qm[1]*qm[2]*t3;
-    const double t69 = 0.125*c->k2*qm[0]*qm[2] - qm[0]*t56 - qm[1]*qm[3]*t5;
-    const double t70 = 0.125*c->k3*qm[0]*qm[1] - qm[3]*t56 - qm[0]*qm[1]*t3;
+    const double t41 = t1*t26 + t24*t5 - t27 - t25*t3;
+    const double t42 = pm[3]*qm[3];
+    const double t43 = -qm[0]*t17 - qm[2]*t15 - t3*t42;
+    const double t44 = 0.125*pm[2]*qm[1]*c->k2 + 0.125*pm[3]*qm[0]*c->k3 - t39 - t1*t38;
+    const double t45 = t33 + t1*t32 + t3*t31 - t30*t5;
+    const double t46 = t1*t31 + t3*t32 - t33 - t29*t5;
+    const double t47 = t39 + t3*t38 + t35*t5 - t1*t37;
+    const double t48 = pm[0]*qm[0];
+    const double t49 = -qm[1]*t20 - t1*t42 - t3*t48;
+    const double t50 = 0.125*pm[1]*qm[0]*c->k2 + 0.125*pm[3]*qm[2]*c->k1 - t27 - t26*t3;
+    const double t51 = t3*t35 + t38*t5 - t39 - t1*t36;
+    const double t52 = 0.125*pm[1]*qm[3]*c->k3 + 0.125*pm[2]*qm[0]*c->k1 - t33 - t32*t5;
+    const double t53 = t27 + t1*t24 + t26*t5 - t23*t3;
+    const double t54 = qm[2]*t1;
+    const double t55 = -pm[2]*t54 - qm[1]*t18 - t48*t5;
+    const double t56 = 0.125*c->k0;
+    const double t57 = qm[1]*qm[1];
+    const double t58 = qm[2]*qm[2];
+    const double t59 = qm[3]*qm[3];
+    const double t60 = qm[1]*t1;
+    const double t61 = 0.125*qm[2]*qm[3]*c->k3 - qm[0]*t60 - qm[2]*qm[3]*t5;
+    const double t62 = qm[2]*t3;
+    const double t63 = 0.125*qm[1]*qm[3]*c->k2 - qm[0]*t62 - qm[3]*t60;
+    const double t64 = 0.125*qm[1]*qm[2]*c->k1 - qm[1]*t62 - qm[0]*qm[3]*t5;
+    const double t65 = qm[0]*qm[0];
+    const double t66 = 0.125*qm[0]*qm[3]*c->k1 - qm[0]*qm[3]*t3 - qm[1]*qm[2]*t5;
+    const double t67 = 0.125*qm[0]*qm[2]*c->k2 - qm[0]*t54 - qm[1]*qm[3]*t3;
+    const double t68 = 0.125*qm[0]*qm[1]*c->k3 - qm[3]*t54 - qm[0]*qm[1]*t5;
     D_qq[0][0] = c->mgl + t0*t1 + t2*t3 + t4*t5;
     D_qq[0][1] = t8;
     D_qq[0][2] = t10;
@@ -225,60 +222,60 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
     D_qq[1][3] = t19;
     D_qq[2][0] = t10;
     D_qq[2][1] = t16;
-    D_qq[2][2] = t13 + t0*t3 + t1*t2 + t14*t5;
+    D_qq[2][2] = t13 + t0*t5 + t1*t4 + t14*t3;
     D_qq[2][3] = t21;
     D_qq[3][0] = t12;
     D_qq[3][1] = t19;
     D_qq[3][2] = t21;
-    D_qq[3][3] = c->mgl + t0*t5 + t1*t4 + t14*t3;
+    D_qq[3][3] = c->mgl + t0*t3 + t1*t2 + t14*t5;
     D_qp[0][0] = t22;
     D_qp[0][1] = t28;
     D_qp[0][2] = t34;
     D_qp[0][3] = t40;
-    D_qp[1][0] = t42;
-    D_qp[1][1] = t44;
-    D_qp[1][2] = t45;
-    D_qp[1][3] = t46;
-    D_qp[2][0] = t48;
-    D_qp[2][1] = t49;
-    D_qp[2][2] = t51;
-    D_qp[2][3] = t52;
-    D_qp[3][0] = t53;
-    D_qp[3][1] = t54;
-    D_qp[3][2] = t55;
-    D_qp[3][3] = t57;
+    D_qp[1][0] = t41;
+    D_qp[1][1] = t43;
+    D_qp[1][2] = t44;
+    D_qp[1][3] = t45;
+    D_qp[2][0] = t46;
+    D_qp[2][1] = t47;
+    D_qp[2][2] = t49;
+    D_qp[2][3] = t50;
+    D_qp[3][0] = t51;
+    D_qp[3][1] = t52;
+    D_qp[3][2] = t53;
+    D_qp[3][3] = t55;
     D_pq[0][0] = t22;
-    D_pq[0][1] = t42;
-    D_pq[0][2] = t48;
-    D_pq[0][3] = t53;
+    D_pq[0][1] = t41;
+    D_pq[0][2] = t46;
+    D_pq[0][3] = t51;
     D_pq[1][0] = t28;
-    D_pq[1][1] = t44;
-    D_pq[1][2] = t49;
-    D_pq[1][3] = t54;
+    D_pq[1][1] = t43;
+    D_pq[1][2] = t47;
+    D_pq[1][3] = t52;
     D_pq[2][0] = t34;
-    D_pq[2][1] = t45;
-    D_pq[2][2] = t51;
-    D_pq[2][3] = t55;
+    D_pq[2][1] = t44;
+    D_pq[2][2] = t49;
+    D_pq[2][3] = t53;
     D_pq[3][0] = t40;
-    D_pq[3][1] = t46;
-    D_pq[3][2] = t52;
-    D_pq[3][3] = t57;
-    D_pp[0][0] = t58 + t1*t59 + t3*t60 + t5*t61;
-    D_pp[0][1] = t63;
-    D_pp[0][2] = t65;
-    D_pp[0][3] = t66;
-    D_pp[1][0] = t63;
-    D_pp[1][1] = t58 + t1*t67 + t3*t61 + t5*t60;
-    D_pp[1][2] = t68;
-    D_pp[1][3] = t69;
-    D_pp[2][0] = t65;
-    D_pp[2][1] = t68;
-    D_pp[2][2] = t58 + t1*t60 + t3*t59 + t5*t67;
-    D_pp[2][3] = t70;
-    D_pp[3][0] = t66;
-    D_pp[3][1] = t69;
-    D_pp[3][2] = t70;
-    D_pp[3][3] = t58 + t1*t61 + t3*t67 + t5*t59;
+    D_pq[3][1] = t45;
+    D_pq[3][2] = t50;
+    D_pq[3][3] = t55;
+    D_pp[0][0] = t56 + t1*t57 + t3*t58 + t5*t59;
+    D_pp[0][1] = t61;
+    D_pp[0][2] = t63;
+    D_pp[0][3] = t64;
+    D_pp[1][0] = t61;
+    D_pp[1][1] = t56 + t1*t65 + t3*t59 + t5*t58;
+    D_pp[1][2] = t66;
+    D_pp[1][3] = t67;
+    D_pp[2][0] = t63;
+    D_pp[2][1] = t66;
+    D_pp[2][2] = t56 + t1*t59 + t3*t65 + t5*t57;
+    D_pp[2][3] = t68;
+    D_pp[3][0] = t64;
+    D_pp[3][1] = t67;
+    D_pp[3][2] = t68;
+    D_pp[3][3] = t56 + t1*t58 + t3*t57 + t5*t65;
 }
 
 /* G between q0 and q1. 4 mul. */

@@ -162,11 +162,11 @@ def counts(tableau: Tableau) -> dict[str, int]:
         ),
     }
     for name, (label, b_rows, b_columns) in MATRICES.items():
-        matrix = (*t.nodes_of(name), part[name])
-        weights = (part[b_rows], part[b_columns])
-        found[label] = holds_to(partial(stage_residual, *matrix), t, limit)
+        rows, columns = t.nodes_of(name)
+        a, b_row, b_column = part[name], part[b_rows], part[b_columns]
+        found[label] = holds_to(partial(stage_residual, rows, columns, a), t, limit)
         found[label.replace("C", "D")] = holds_to(
-            partial(adjoint_residual, *matrix, *weights), t, limit
+            partial(adjoint_residual, rows, columns, a, b_row, b_column), t, limit
         )
     return found
 

@@ -64,7 +64,7 @@ def emit(
         name,
         environment.get_template("stepper.h.jinja").render(context),
         environment.get_template("stepper.c.jinja").render(context),
-        _manifest(name, method, scheme, system, real, kernels),
+        _manifest(name, method, scheme, system, constants, real, kernels),
     )
 
 
@@ -99,6 +99,7 @@ def _context(
     tableau = scheme.tableau
     parameter_names = {p: f"par->{p}" for p in constants.parameters}
     printer = CPrinter(real, parameter_names)
+    hidden = [constants.spelled_out(f) for f in scheme.system.hidden]
     used = frozenset[str]().union(*(kernel.constants for kernel in kernels))
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
     return {
@@ -107,7 +108,7 @@ def _context(
         "title": f"{method} for {system.name.replace('_', ' ')}",
         "hamiltonian": comment(system.H),
         "constraints": [comment(g) for g in system.constraints],
-        "hidden_text": ", ".join(f"f = {comment(f)}" for f in system.hidden) or "no constraint",
+        "hidden_text": ", ".join(f"f = {comment(f)}" for f in hidden) or "no constraint",
         "parameters": [str(p) for p in system.parameters],
         "constants": {str(s): comment(e) for e, s in needed.items()},
         "constants_c": {str(s): printer(e) for e, s in needed.items()},
@@ -194,6 +195,7 @@ def _manifest(
     method: str,
     scheme: SparkScheme | MeanScheme,
     system: System,
+    constants: Constants,
     real: Real,
     kernels: list[EmittedKernel],
 ) -> str:
@@ -209,7 +211,7 @@ def _manifest(
             "parameters": {str(x): _domain(x) for x in system.parameters},
             "hamiltonian": str(system.H),
             "constraints": [str(g) for g in system.constraints],
-            "hidden": [str(f) for f in system.hidden],
+            "hidden": [str(constants.spelled_out(f)) for f in scheme.system.hidden],
             "rigid_body": system.rigid_body,
         },
         "scheme": {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count, islice
 from typing import Any
 
 import sympy as sp
@@ -73,10 +74,16 @@ class Constants:
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:
         if e not in self.definitions:
-            count = len(self.definitions) - len(self.parameters)
+            taken = {str(p) for p in self.parameters}
+            free = (f"k{i}" for i in count() if f"k{i}" not in taken)
+            name = next(islice(free, len(self.definitions) - len(self.parameters), None))
             facts = {"nonzero": True} if e.is_nonzero else {}
-            self.definitions[e] = sp.Symbol(f"k{count}", real=True, **facts)
+            self.definitions[e] = sp.Symbol(name, real=True, **facts)
         return self.definitions[e]
+
+    def spelled_out(self, e: sp.Expr) -> sp.Expr:
+        """Return e in terms of the parameters again."""
+        return e.xreplace({symbol: definition for definition, symbol in self.definitions.items()})
 
     def names(self) -> dict[sp.Symbol, str]:
         """Return the C text of each constant inside a kernel."""
@@ -90,11 +97,12 @@ def emit_kernel(kernel: Kernel, constants: Constants, real: Real) -> EmittedKern
         names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
     targets = list(_entries(kernel.outputs))
     shared, reduced = sp.cse(
-        [e for _, e in targets], symbols=sp.numbered_symbols("t", real=True), order="canonical"
+        [e for _, e in targets], symbols=sp.numbered_symbols("_t", real=True), order="canonical"
     )
     shared, reduced = _name_bases(shared, reduced)
+    names |= {t: t.name.lstrip("_") for t, _ in shared}
     printer = CPrinter(real, names)
-    lines = [wrap(f"const {real.c_type} {t} = {printer(e)};") for t, e in shared]
+    lines = [wrap(f"const {real.c_type} {printer(t)} = {printer(e)};") for t, e in shared]
     lines += map(wrap, _assignments(targets, reduced, printer))
     used = set().union(*(e.free_symbols for _, e in targets), set())
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
@@ -130,7 +138,7 @@ def _name_bases(
     shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
     """Give every base of an integer power a name of its own: C writes x² as x*x."""
-    fresh = sp.numbered_symbols("u", real=True)
+    fresh = sp.numbered_symbols("_u", real=True)
     named: list[tuple[sp.Symbol, sp.Expr]] = []
     known: dict[sp.Expr, sp.Symbol] = {}
 

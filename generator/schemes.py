@@ -27,8 +27,8 @@ __all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
 
 
 def vector(name: str, count: int) -> list[sp.Symbol]:
-    """Return symbols name0, name1, …, distinct from any symbol of a system by their assumptions."""
-    return [sp.Symbol(f"{name}{i}", real=True, commutative=True, finite=True) for i in range(count)]
+    """Return symbols _name0, _name1, …: no symbol of a system begins with an underscore."""
+    return [sp.Symbol(f"_{name}{i}", real=True) for i in range(count)]
 
 
 def common_kernels(system: System) -> list[Kernel]:

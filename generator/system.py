@@ -7,6 +7,7 @@ Nothing here knows of quaternions: a system is its symbols, its H and its g.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,6 +17,12 @@ import sympy as sp
 from ..errors import InputError
 
 __all__ = ["System"]
+
+C_KEYWORDS = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if "
+    "inline int long register restrict return short signed sizeof static struct switch typedef "
+    "union unsigned void volatile while none".split()
+)
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,12 @@ class System:
 
     def _refuse_unknown_symbols(self) -> None:
         names = [str(s) for s in (*self.q, *self.p, *self.parameters)]
+        for name in names:
+            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) or name in C_KEYWORDS:
+                raise InputError(
+                    f"System {self.name!r} has a symbol named {name!r}; names are letters, digits "
+                    "and '_', begin with a letter, and are no keyword of C."
+                )
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(
@@ -85,8 +98,9 @@ class System:
             unknown = g.free_symbols - (allowed - set(self.p))
             if unknown:
                 raise InputError(
-                    f"Constraint {index} of system {self.name!r} contains {min(map(str, unknown))!r}"
-                    "; a holonomic constraint depends on q and parameters only."
+                    f"Constraint {index} of system {self.name!r} contains "
+                    f"{min(map(str, unknown))!r}; a holonomic constraint depends on q and "
+                    "parameters only."
                 )
 
     @property

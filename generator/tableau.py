@@ -116,12 +116,23 @@ class Tableau:
     @cached_property
     def _exact(self) -> dict[str, Any]:
         """Exact entries of every part as nested tuples of SymPy expressions."""
-        return {name: self._evaluate(name) for name in FIELDS}
+        return self._each_part(self._evaluate)
 
     @cached_property
     def enclosures(self) -> dict[str, Any]:
         """Every part as nested tuples of certified enclosures."""
-        return {name: self._enclose(name) for name in FIELDS}
+        return self._each_part(self._enclose)
+
+    def _each_part(self, function: Callable[[str], Any]) -> dict[str, Any]:
+        """Apply a function to every part, once to parts that are the same matrix (Â = A, say)."""
+        done: dict[tuple[int, ...], Any] = {}
+        result = {}
+        for name in FIELDS:
+            key = (id(self.basis[name]), *map(id, self.nodes_of(name)))
+            if key not in done:
+                done[key] = function(name)
+            result[name] = done[key]
+        return result
 
     def numeric(self, digits: int = 50) -> NumericTableau:
         """Return the coefficients as nested lists of mpmath numbers with that many digits.

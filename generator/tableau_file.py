@@ -45,7 +45,7 @@ MAX_BYTES = 2**20
 MAX_STAGES = 32
 #: Characters of all different entries that are more than a number; 4-stage Gauss-Lobatto
 #: multiplied out from its nested radicals has 28 000.
-MAX_EXPRESSION_CHARACTERS = 48_000
+MAX_EXPRESSION_CHARACTERS = 36_000
 #: Decimals with so many digits after the point, or fewer, are meant exactly.
 EXACT_DIGITS = 8
 MAX_ORDER = 100
@@ -104,16 +104,17 @@ class _Reader:
         name = self.name(content["name"])
         self.check_shapes(content)  # before any entry is parsed
         parts = {key: self.part(key, content[key]) for key in FIELDS if key in content}
-        for key, source in DEFAULTS.items():
-            parts.setdefault(key, parts[source])
         for key, source in ROW_SUMS.items():
             parts.setdefault(key, [[sp.Add(*row)] for row in parts[source]])
         self.check_last_weight(parts["b_tilde"][-1][0])
+        basis = {key: _matrix(rows) for key, rows in parts.items()}
+        for key, source in DEFAULTS.items():
+            basis.setdefault(key, basis[source])
         return Tableau(
             name,
             ValueNodes([row[0] for row in parts["c"]]),
             ValueNodes([row[0] for row in parts["c_tilde"]]),
-            {key: _matrix(parts[key]) for key in FIELDS},
+            {key: basis[key] for key in FIELDS},
             claims,
             min(self.digits, default=None),
         )

@@ -6,10 +6,11 @@ from fractions import Fraction
 
 import pytest
 import sympy as sp
-from gyrospark.errors import InputError
-from gyrospark.generator.expressions import decimal_digits, parse_expression
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from gyrospark.errors import InputError
+from gyrospark.generator.expressions import decimal_digits, parse_expression
 
 SQRT2, SQRT3 = sp.sqrt(2), sp.sqrt(3)
 

@@ -11,6 +11,7 @@ from functools import cache
 
 import pytest
 import sympy as sp
+
 from gyrospark.errors import InputError
 from gyrospark.generator.rigid_body import (
     alpha,
@@ -198,11 +199,11 @@ def test_20_is_the_legendre_transform_of_14():
     # (20) depends on p through w = L(q)p alone, which at this p is 4|q|²JLq̇, by 18
     assert vanishes(sp.Matrix(double_momentum(q, list(momentum))) - 4 * Q.dot(Q) * J * L * V)
     assert kinetic_energy("original") == sum(
-        w**2 / I for w, I in zip(double_momentum(q, p), moments, strict=True)) / 8
+        w**2 / Ii for w, Ii in zip(double_momentum(q, p), moments, strict=True)) / 8
     u = sp.Matrix(sp.symbols("u1:4"))  # L(q)q̇
     square = sp.Symbol("square")  # |q|²
     w = 4 * square * J * u
-    hamiltonian = sum(x**2 / I for x, I in zip(w, moments, strict=True)) / 8
+    hamiltonian = sum(x**2 / Ii for x, Ii in zip(w, moments, strict=True)) / 8
     assert sp.expand(hamiltonian - square**2 * 2 * (u.T * J * u)[0]) == 0  # |q|⁴ T
 
 

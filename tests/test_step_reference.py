@@ -128,7 +128,7 @@ def test_special_states(spec, data):
 
 
 def test_a_wrong_digit_shows():
-    """The bound is worth something: 1e-14 on one moment is seen in q of most steps."""
+    """The bound is worth something: 3e-13 of one moment is seen in q of most steps."""
     spec, seen = Spec("G-L", 3), 0
     rng = np.random.default_rng(1)
     for _ in range(8):
