@@ -20,6 +20,8 @@ import mpmath as mp
 import sympy as sp
 
 from .node_algebra import Nodes, ValueNodes, column, power
+from .nodes import enclose_roots
+from .separation import enclosure, vanishes
 from .tableau import Tableau
 
 __all__ = ["Condition", "check_tableau", "order"]
@@ -111,31 +113,23 @@ def is_zero(residual: Matrix, tableau: Tableau) -> bool:
 
 @cache
 def _entry_is_zero(entry: sp.Expr, digits_given: int | None) -> bool:
-    if entry.is_Rational and digits_given is None:
-        return bool(entry == 0)
-    size = abs(sp.N(entry, 60, chop=False))
-    if digits_given is not None:
-        # s products of entries that are each half a unit off in their last given digit
-        return bool(size < sp.Float(10) ** (1 - digits_given))
-    if size > sp.Float("1e-40"):
-        return False
-    # 40 digits vanish: radicals of rationals expand to a normal form, nested ones simplify.
-    return bool(sp.expand(entry) == 0 or sp.simplify(entry) == 0)
+    if digits_given is None:
+        return vanishes(entry)
+    # s products of entries that are each half a unit off in their last given digit
+    return bool(abs(enclosure(entry)).b < mp.mpf(10) ** (1 - min(digits_given, 50)))
 
 
 def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp.mpf:
     """Return the largest |entry| of a residual at the nodes themselves."""
     values = _at_nodes(_at_nodes(residual.to_Matrix(), rows).T, columns)
-    return max((abs(mp.mpf(str(sp.N(v, 30)))) for v in values), default=mp.mpf(0))
+    return max((mp.mpf(abs(enclosure(v)).b) for v in values), default=mp.mpf(0))
 
 
 def _at_nodes(matrix: sp.Matrix, nodes: Nodes | None) -> sp.Matrix:
     if nodes is None or isinstance(nodes, ValueNodes):
         return matrix
-    from .nodes import enclose_roots
-
-    roots = [sp.Float(mp.mpf(r.centre.numerator) / r.centre.denominator, 40)
-             for r in enclose_roots(nodes.polynomial)]  # type: ignore[attr-defined]
+    roots = [sp.Rational(r.centre.numerator, r.centre.denominator)
+             for r in enclose_roots(nodes.polynomial, 64)]  # type: ignore[attr-defined]
     return sp.Matrix([[r**k for k in range(nodes.size)] for r in roots]) * matrix
 
 
@@ -150,6 +144,7 @@ def holds_to(residual: Callable[[int], Matrix], tableau: Tableau, limit: int) ->
     return limit
 
 
+@cache
 def counts(tableau: Tableau) -> dict[str, int]:
     """Return how far B, C and D hold for each part, e.g. {"B": 6, "C_hat": 3, "D_bar": 3}."""
     t, part = tableau, tableau.basis

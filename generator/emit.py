@@ -177,7 +177,7 @@ def _tableau_rows(tableau: Tableau, real: Real) -> dict[str, list[str]]:
 def _tableau_doc(tableau: Tableau) -> list[str]:
     """Return the exact coefficients, while they are short enough to read."""
     lines = ["Coefficients: each literal is the correctly rounded exact value."]
-    if any(not is_quadratic(c) for c in (*tableau.c, *tableau.c_tilde)) or tableau.s > 5:
+    if tableau.s > 5 or not all(map(is_quadratic, (*tableau.c, *tableau.c_tilde))):
         return lines
     for field in FIELDS:
         part = getattr(tableau, field)

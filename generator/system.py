@@ -18,10 +18,12 @@ from ..errors import InputError
 
 __all__ = ["System"]
 
+#: Names that a struct member cannot have, and ``none``, the member of an empty struct.
 C_KEYWORDS = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if "
-    "inline int long register restrict return short signed sizeof static struct switch typedef "
-    "union unsigned void volatile while none".split()
+    ["auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else",
+     "enum", "extern", "float", "for", "goto", "if", "inline", "int", "long", "register",
+     "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef",
+     "union", "unsigned", "void", "volatile", "while", "none"]
 )
 
 

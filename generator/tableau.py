@@ -13,13 +13,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
+from math import lcm
 from typing import Any
 
 import mpmath as mp
 import sympy as sp
 
 from .node_algebra import Nodes, ValueNodes
-from .nodes import Enclosure, enclose_roots, exact_roots
+from .nodes import BITS, Enclosure, enclose_roots, exact_roots
 
 __all__ = ["FIELDS", "NumericTableau", "Tableau"]
 
@@ -105,32 +106,25 @@ class Tableau:
         return order(self)
 
     def __getattr__(self, name: str) -> Any:
-        if name in FIELDS:
-            return self._exact[name]
-        raise AttributeError(f"A tableau has no attribute {name!r}.")
+        if name not in FIELDS:
+            raise AttributeError(f"A tableau has no attribute {name!r}.")
+        value = self._evaluate(name)
+        object.__setattr__(self, name, value)  # as cached_property does; the next call finds it
+        return value
 
     def nodes_of(self, name: str) -> list[Nodes]:
         """Return the node sets of the rows and columns of a part."""
         return [self.stages if kind == "s" else self.constraints for kind in FIELDS[name]]
 
     @cached_property
-    def _exact(self) -> dict[str, Any]:
-        """Exact entries of every part as nested tuples of SymPy expressions."""
-        return self._each_part(self._evaluate)
-
-    @cached_property
     def enclosures(self) -> dict[str, Any]:
         """Every part as nested tuples of certified enclosures."""
-        return self._each_part(self._enclose)
-
-    def _each_part(self, function: Callable[[str], Any]) -> dict[str, Any]:
-        """Apply a function to every part, once to parts that are the same matrix (Â = A, say)."""
         done: dict[tuple[int, ...], Any] = {}
         result = {}
-        for name in FIELDS:
+        for name in FIELDS:  # parts that are the same matrix, such as Â = A, are done once
             key = (id(self.basis[name]), *map(id, self.nodes_of(name)))
             if key not in done:
-                done[key] = function(name)
+                done[key] = self._enclose(name)
             result[name] = done[key]
         return result
 
@@ -175,14 +169,18 @@ class Tableau:
         if self.given:
             entries = [tuple(enclose_expression(entry) for entry in row) for row in rows]
             return tuple(entries) if len(nodes) == 2 else tuple(row[0] for row in entries)
-        coefficients = [[Enclosure(Fraction(int(e.numerator), int(e.denominator))) for e in row]
-                        for row in rows]
-        roots = [enclose_roots(part.polynomial) for part in nodes]  # type: ignore[attr-defined]
+        fractions = [[Fraction(int(e.numerator), int(e.denominator)) for e in row] for row in rows]
+        scale = lcm(*(e.denominator for row in fractions for e in row))
+        coefficients = [[(int(e * scale) << BITS, 0) for e in row] for row in fractions]
+        roots = [[_fixed(root) for root in enclose_roots(part.polynomial)]  # type: ignore[attr-defined]
+                 for part in nodes]
         if len(nodes) == 1:
-            return tuple(_horner([row[0] for row in coefficients], at) for at in roots[0])
+            values = [_horner([row[0] for row in coefficients], at) for at in roots[0]]
+            return tuple(_enclosure(value, scale) for value in values)
         # Columns first: Σ_l C_kl vˡ then vanishes exactly for the zero column (v = 1) of Ã.
         by_column = [[_horner(row, at) for row in coefficients] for at in roots[1]]
-        return tuple(tuple(_horner(column, at) for column in by_column) for at in roots[0])
+        return tuple(tuple(_enclosure(_horner(column, at), scale) for column in by_column)
+                     for at in roots[0])
 
 
 def polynomial_value(coefficients: list[list[sp.Expr]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
@@ -204,12 +202,30 @@ def is_quadratic(number: sp.Expr) -> bool:
     )
 
 
-def _horner(coefficients: Sequence[Enclosure], at: Enclosure) -> Enclosure:
-    """Enclose Σ_k coefficients[k] atᵏ."""
-    result = coefficients[-1]
-    for coefficient in reversed(coefficients[:-1]):
-        result = result * at + coefficient
-    return result
+def _fixed(value: Enclosure) -> tuple[int, int]:
+    """Return centre and radius as multiples of 2^−BITS; roots are such multiples."""
+    unit = 2**BITS
+    return int(value.centre * unit), int(value.radius * unit)
+
+
+def _enclosure(value: tuple[int, int], scale: int) -> Enclosure:
+    unit = scale << BITS
+    return Enclosure(Fraction(value[0], unit), Fraction(value[1], unit))
+
+
+def _horner(coefficients: Sequence[tuple[int, int]], at: tuple[int, int]) -> tuple[int, int]:
+    """Enclose Σ_k coefficients[k] atᵏ in fixed point: (centre, radius), radius 0 when exact.
+
+    |at| ≤ 1. A product is rounded down, which adds at most one unit to the radius.
+    """
+    centre, radius = coefficients[-1]
+    for c, r in reversed(coefficients[:-1]):
+        product = centre * at[0]
+        error = abs(centre) * at[1] + radius * (abs(at[0]) + at[1])
+        inexact = int(product & (2**BITS - 1) != 0)
+        centre = (product >> BITS) + c
+        radius = (error >> BITS) + (error != 0) + inexact + r
+    return centre, radius
 
 
 def enclose_expression(expression: sp.Expr, digits: int = 150) -> Enclosure:

@@ -401,11 +401,10 @@ class Stepper:
         report.steps += 1
         report.iterations += taken
         report.iterations_max = max(report.iterations_max, taken)
-        error = abs(float(b.hamiltonian(parameters, q[None], p[None])[0]) - report.energy_start)
-        report.energy_error_max = max(report.energy_error_max, error)
-        report.energy_error_sum += error
+        H = float(b.hamiltonian(parameters, q[None], p[None])[0])
         g, f = (float(d[0]) for d in self._defect_sizes(parameters, q[None], p[None]))
-        report.constraint_max = max(report.constraint_max, g)
-        report.constraint_sum += g
-        report.hidden_max = max(report.hidden_max, f)
-        report.hidden_sum += f
+        sizes = {"energy_error": abs(H - float(report.energy_start)), "constraint": g, "hidden": f}
+        for name, size in sizes.items():  # float(...): cffi hands long double over as an object
+            largest, total = f"{name}_max", f"{name}_sum"
+            setattr(report, largest, max(float(getattr(report, largest)), size))
+            setattr(report, total, float(getattr(report, total)) + size)

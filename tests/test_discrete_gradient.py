@@ -41,33 +41,28 @@ def is_zero(*expressions):
 
 
 def prove_zero(e):
-    roots = {}  # polynomial or quotient under the root → its symbol
+    roots = {}  # what is under a root, in terms of earlier roots → its symbol
+
+    def vanishes(quotient):
+        remainder = sp.expand(sp.together(quotient).as_numer_denom()[0])
+        for base, r in reversed(roots.items()):  # roots under other roots come last
+            above, below = sp.fraction(base)
+            remainder = sp.prem(remainder, below * r**2 - above, r)  # at most linear in r is left
+        return sp.expand(remainder) == 0
 
     def plain(node):
         if node.is_Atom:
             return node
         node = node.func(*map(plain, node.args))
-        if node.is_Pow and node.exp.is_Rational and node.exp.q == 2:
-            base = sp.cancel(node.base)
-            if base not in roots:
-                roots[base] = sp.Symbol(f"r{len(roots)}")
-            return roots[base] ** node.exp.p
-        return node
+        if not (node.is_Pow and node.exp.is_Rational and node.exp.q == 2):
+            return node
+        base = sp.cancel(node.base)
+        known = next((r for other, r in roots.items() if vanishes(base - other)), None)
+        if known is None:
+            roots[base] = known = sp.Symbol(f"r{len(roots)}")
+        return known ** node.exp.p
 
-    numerator = sp.together(plain(e)).as_numer_denom()[0]
-    if not roots:
-        return sp.expand(numerator) == 0
-    inner_last = list(reversed(roots.items()))
-    relations = []
-    for base, r in inner_last:
-        above, below = sp.fraction(base)
-        assert not below.free_symbols & set(roots.values()), "extend the prover"
-        relations.append(below * r**2 - above)
-    gens = [r for _, r in inner_last]
-    remainder = sp.expand(numerator)
-    for relation, r in zip(relations, gens, strict=True):
-        remainder = sp.prem(remainder, relation, r)  # r is eliminated up to its first power
-    return sp.expand(remainder) == 0
+    return vanishes(plain(e))
 
 
 def gradient_of(e):
@@ -351,7 +346,9 @@ def grow(children):
 
 
 def depends(e):
-    return bool(e.free_symbols) and not e.has(sp.nan, sp.zoo)
+    """Whether e depends on x and SymPy made no √√x = x^(1/4) nor √x² = |x| of it."""
+    halves = all((2 * f.exp).is_Integer for f in e.atoms(sp.Pow))
+    return bool(e.free_symbols) and halves and not e.has(sp.Abs)
 
 
 POSITIVE = st.recursive(LEAVES, grow_positive, max_leaves=6).filter(depends)
@@ -359,7 +356,7 @@ ANY = st.recursive(LEAVES, grow, max_leaves=7).filter(depends)
 rationals = st.fractions(-2, 2, max_denominator=1000)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=100, deadline=None, derandomize=True)
 @given(ANY, st.tuples(*[rationals] * 3), st.tuples(*[rationals] * 3))
 def test_identity_of_random_expressions_to_50_digits(e, at, step):
     with mpmath.workdps(50):
@@ -377,7 +374,7 @@ def test_identity_of_random_expressions_to_50_digits(e, at, step):
         assert abs(ends[1] - ends[0] - sum(terms)) <= mpmath.mpf("1e-40") * scale
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=100, deadline=None, derandomize=True)
 @given(
     POSITIVE,
     st.tuples(*[st.floats(0.5, 2)] * 3),

@@ -1,0 +1,136 @@
+"""Observed orders of convergence on an asymmetric heavy top, which has no closed form.
+
+The slope of log error against log Δt over halved steps. Points under the round-off plateau are
+dropped, and at least three must be left: an order is no order by fewer.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import gyrospark as gs
+import mpmath as mp
+import numpy as np
+import pytest
+from gyrospark.generator.spec import PAPER_SPECS, Spec
+from reference import WORKING_DIGITS, Method, heavy_top
+from strategies import EPS, identify, make_case, stepper_of
+
+SPAN = 2.0
+#: Over 500 steps a random walk of 1 ε steps ends at 25 ε; 40 times that leaves 3 % at the plateau.
+PLATEAU = 1000 * EPS
+#: Of the slope. The next term of an even method is smaller by C Δt², C Δt² < 1/10 where it counts.
+TOLERANCE = 0.15
+#: Slopes are taken over the finest of the points kept.
+POINTS = 4
+
+
+@cache
+def top(rep):
+    """Return a body with three moments, in gravity that bends its motion, and |Ω| = 2 or so."""
+    return make_case(rep, (1.0, 1.7, 0.6), 0.2, 0.9, (0.5, -0.3, 0.7, 0.4), (0.9, -1.4, 1.1), 1.0)
+
+
+def expected_order(spec):
+    """Return the order of Table 1, or 2."""
+    return {"G-L": 2 * (spec.stages or 0), "LIIIA-B": 2 * (spec.stages or 0) - 2}.get(spec.scheme, 2)
+
+
+def observed_order(dts, errors):
+    return float(np.polyfit(np.log(dts), np.log(errors), 1)[0])
+
+
+@cache
+def exact_end(rep):
+    """Return the end by G-L 6, order 12, with Δt|Ω| = 0.04: truncation below 1e-18."""
+    case = top(rep)
+    run = gs.stepper("G-L", 6, rep).integrate(case.q, case.p, dt=SPAN / 100, steps=100,
+                                              parameters=case.parameters)
+    return run.q[-1], run.p[-1]
+
+
+def end_error(spec, steps):
+    """Return the errors of q and p at the end, relative to their sizes."""
+    case = top(spec.rep)
+    run = stepper_of(spec).integrate(case.q, case.p, dt=SPAN / steps, steps=steps,
+                                     parameters=case.parameters, every=steps)
+    q, p = exact_end(spec.rep)
+    return [np.abs(run.q[-1] - q).max(), np.abs(run.p[-1] - p).max() / np.abs(p).max()]
+
+
+@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+def test_order(spec):
+    step = stepper_of(spec)
+    assert step.order == expected_order(spec)
+    counts = np.array([8 * 2**k for k in range(7)])
+    errors = np.array([end_error(spec, int(count)) for count in counts])
+    for name, error in zip("qp", errors.T, strict=True):
+        kept = error > PLATEAU
+        assert kept.sum() >= 3
+        slope = observed_order(SPAN / counts[kept][-POINTS:], error[kept][-POINTS:])
+        print("SLOPE", identify(spec), name, f"{slope:.3f}", f"{kept.sum()} points")
+        assert abs(slope - step.order) < TOLERANCE
+
+
+@pytest.mark.parametrize(
+    ("spec", "order"),
+    [(spec, expected_order(spec)) for spec in PAPER_SPECS if spec.stages and spec.rep == "gamma"],
+    ids=identify,
+)
+def test_order_of_the_tableau(spec, order):
+    assert gs.tableau(spec.scheme, stages=spec.stages).order == order
+
+
+def test_energy_error_has_the_order_too():
+    """H of the paper's fast top: E|ΔH| of 2-G-L falls by 2⁴ (paper, Fig. 10)."""
+    fast = gs.problems.fast_top()
+    parameters = fast.parameters | {"gamma": gs.gamma_m(fast.inertia)}
+    dts = np.array([2e-3, 1e-3, 5e-4])
+    errors = [
+        gs.stepper("G-L", 2).integrate(fast.q0, fast.p0, dt=dt, steps=round(0.32 / dt),
+                                       parameters=parameters).report.energy_error_mean
+        for dt in dts
+    ]
+    assert abs(observed_order(dts, errors) - 4) < TOLERANCE
+
+
+# ---------------------------------------------------------------- beyond double
+
+
+def integrate_in_digits(spec, steps, span):
+    """Return q and p at the end of the reference's steps, in 45 digits."""
+    case = top(spec.rep)
+    q, p = case.q, case.p
+    with mp.workdps(WORKING_DIGITS):
+        for _ in range(steps):
+            end = Method(heavy_top(case.parameters, spec.rep), spec.scheme, spec.stages, q, p,
+                         span / steps).step()
+            q, p = end.q, end.p
+    return q, p
+
+
+@cache
+def exact_in_digits(rep, span):
+    """Return the end by G-L 10, order 20, with 16 steps: to 1e-25 or better."""
+    return integrate_in_digits(Spec("G-L", 10, rep), 16, span)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "spec", [Spec("G-L", 5), Spec("LIIIA-B", 6), Spec("G-L", 6)], ids=identify
+)
+def test_order_in_digits(spec):
+    """Orders 10 and 12, where a wrong eleventh digit of a coefficient shows and double ends.
+
+    The start is consistent to 1e-16 only, which all methods share: the reference takes it as it
+    is, so errors are compared from the first step's end on, where |q| = 1 to 45 digits.
+    """
+    span, order = 1.0, expected_order(spec)
+    assert gs.tableau(spec.scheme, stages=spec.stages).order == order
+    counts = np.array([4, 8, 16])
+    errors = []
+    for count in counts:
+        q, _ = integrate_in_digits(spec, int(count), span)
+        with mp.workdps(WORKING_DIGITS):
+            errors.append(float(max(abs(q - exact_in_digits(spec.rep, span)[0]))))
+    assert abs(observed_order(span / counts[-3:], errors) - order) < 0.4
