@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ._version import __version__
 from .errors import InputError
 from .generator.spec import Spec
 from .runtime.cache import cache_folder, digest, publish, workshop
@@ -71,7 +74,7 @@ def stepper(
         if scheme is not None or stages is not None:
             raise InputError("A tableau fixes the scheme and its stages; leave out scheme and "
                              "stages.")
-        spec = Spec("SPARK", None, rep or "gamma", "heavy_top", real)
+        spec = replace(Spec.checked("EMS", None, rep, named, real), scheme="SPARK")
     else:
         spec = Spec.checked(scheme, stages, rep, named, real, file)
     if named is None and system is not None and rep is not None:
@@ -92,6 +95,8 @@ def tableau(scheme: str | Path, stages: int | None = None) -> Tableau:
     from .generator.pipeline import tableau_of
 
     if isinstance(scheme, Path) or str(scheme).endswith(".json"):
+        if stages is not None:
+            raise InputError("A tableau file fixes its stages; leave out stages.")
         found = tableau_of(Spec.checked(tableau=Path(scheme)))
     else:
         found = tableau_of(Spec.checked(scheme, stages))
@@ -111,11 +116,11 @@ def files_of(spec: Spec) -> dict[str, str]:
     if found is not None:
         return found
     kept = cache_folder() / f"{spec.name}-{_source_key(spec)}.source.json"
-    try:
-        content: dict[str, str] = json.loads(kept.read_text(encoding="utf-8"))
-        return content
-    except (OSError, ValueError):  # not there, or damaged: made anew below
-        pass
+    with contextlib.suppress(OSError, ValueError):  # not there, or damaged: made anew below
+        content = json.loads(kept.read_text(encoding="utf-8"))
+        wanted = {f"{spec.name}.{end}" for end in ("h", "c", "json")}
+        if isinstance(content, dict) and content.keys() == wanted:
+            return content
     files = _generate(spec, None, None, False).source.files()
     keep_files(spec, files)
     return files
@@ -145,12 +150,19 @@ def _source_key(spec: Spec) -> str:
 def _generator_fingerprint() -> str:
     """Return a hash of the generator's own text, so that no old source outlives a change to it."""
     paths = [*(ROOT / "generator").glob("*.py"), *(ROOT / "templates").glob("*.jinja")]
-    return digest([path.read_text(encoding="utf-8") for path in sorted(paths)])
+    return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
 
 
 def _generate(
     spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool
 ) -> Generated:
     from .generator.pipeline import generate
+    from .generator.system import System
+    from .generator.tableau import Tableau
 
+    if system is not None and not isinstance(system, System):
+        raise InputError(f"system = {system!r} is neither a name nor a gyrospark.System.")
+    if own_tableau is not None and not isinstance(own_tableau, Tableau):
+        raise InputError(f"tableau = {own_tableau!r} is neither a file nor a tableau; make one "
+                         "with gyrospark.tableau.")
     return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)

@@ -6,13 +6,15 @@ sentence on stderr, no traceback), 130 interrupted.
 
 from __future__ import annotations
 
+import io
+import os
 import sys
 from typing import NoReturn
 
 import click
 
 from .._version import __version__
-from ..errors import GyrosparkError, StepFailed
+from ..errors import CompilerError, GyrosparkError, StepFailed
 from .cache import cache
 from .generate import generate
 from .run import run
@@ -49,23 +51,48 @@ def main_generate() -> NoReturn:
 
 def _call(command: click.Command, name: str) -> NoReturn:
     """Run a command; every expected error becomes one message and an exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # γ and ᵀ on a terminal that knows ASCII only
+        sys.stdout.reconfigure(errors="replace")
     try:
         result = command.main(prog_name=name, standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()
         sys.exit(result if isinstance(result, int) else 0)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         sys.exit(2)
     except click.ClickException as error:
-        _fail(name, " ".join(error.format_message().split()), 2)
+        _fail(name, _one_line(error.format_message()), 2)
     except (click.Abort, KeyboardInterrupt):
         _fail(name, "Interrupted.", 130)
     except StepFailed as error:
-        _fail(name, str(error), 1)
+        _fail(name, f"Step {error.step} at t = {error.t:.9g} s failed: {error.reason}. A smaller "
+                    "--dt usually cures it; everything before it is reported and saved.", 1)
+    except CompilerError as error:
+        _fail(name, str(error), 2)  # with the compiler's own lines
     except GyrosparkError as error:
-        _fail(name, str(error), 2)
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader has gone; so does what is left to say
-        sys.exit(1)
+        _fail(name, _one_line(str(error)), 2)
+    except MemoryError:
+        _fail(name, "There is not enough memory for that many states; keep fewer of them with a "
+                    "larger --every.", 2)
+    except OSError as error:
+        _forget_output()
+        if isinstance(error, BrokenPipeError):  # the reader has gone: nobody to tell
+            sys.exit(1)
+        where = "standard output" if error.filename is None else repr(error.filename)
+        _fail(name, f"Reading or writing {where} failed: {error.strerror or error}.", 2)
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())
+
+
+def _forget_output() -> None:
+    """Let what cannot be written go nowhere, so that Python does not try it again at its end."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 def _fail(name: str, message: str, code: int) -> NoReturn:

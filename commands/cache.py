@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import click
 
 __all__ = ["cache"]
@@ -19,7 +21,8 @@ def list_entries() -> None:
 
     found = entries()
     for path in found:
-        click.echo(f"{path.stat().st_size:>10,}  {path.name}")
+        with contextlib.suppress(FileNotFoundError):  # cleared meanwhile by somebody else
+            click.echo(f"{path.stat().st_size:>10,}  {path.name}")
     click.echo(f"{len(found)} files in {cache_folder()}")
 
 

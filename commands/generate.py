@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import json
 import os
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,15 +102,24 @@ def check_files(spec: Spec, out: Path, allow_invalid: bool) -> int:
     stale = 0
     for name, text in made.source.files().items():
         path = out / name
-        old = path.read_text(encoding="utf-8") if path.is_file() else ""
+        old = _text_of(path)
         diff = list(difflib.unified_diff(
             old.splitlines(keepends=True), text.splitlines(keepends=True),
             str(path), f"{path} (generated)",
         ))
-        sys.stdout.writelines(diff)
+        click.echo("".join(diff), nl=False)
         stale |= bool(diff)
     click.echo(f"{made.source.name}: {'STALE' if stale else 'up to date'}", err=bool(stale))
     return stale
+
+
+def _text_of(path: Path) -> str:
+    """Return a file's text, its line ends untouched; empty if it is not there."""
+    try:
+        return path.read_bytes().decode("utf-8", errors="replace") if path.is_file() else ""
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be read: {error.strerror or error}; change its "
+                         "permissions or choose another folder with --out.") from error
 
 
 def write_files(files: dict[str, str], out: Path) -> None:

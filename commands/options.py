@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,7 @@ def spec_from(
 
 def whole_number(name: str, text: str) -> int:
     """Return the number an option's text says, in plain decimal digits."""
-    if not text.lstrip("-").isdecimal() or not text.isascii() or len(text) > 18:
+    if not re.fullmatch("-?[0-9]{1,18}", text):
         raise InputError(f"{name} {text!r} is not a whole number; write digits, such as 3.")
     return int(text)
 
@@ -53,6 +54,8 @@ def whole_number(name: str, text: str) -> int:
 def real_number(name: str, text: str) -> float:
     """Return the number an option's text says."""
     try:
+        if "_" in text or not text.isascii():  # Python's float takes these, a user's typo is likelier
+            raise ValueError
         return float(text)
     except ValueError:
         raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.") from None

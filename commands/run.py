@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import InputError, StepFailed
+from ..errors import GyrosparkError, InputError, StepFailed
 from .options import real_number, spec_from, stepper_options, whole_number
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def run(
     from ..facade import stepper as make_stepper
 
     chosen = _problem(problem, settings)
+    _check_targets(out, plot)
     spec = spec_from(**{**choice, "system": choice["system"] or chosen.system})
     step = make_stepper(spec.scheme if spec.tableau is None else None, spec.stages, spec.rep,
                         system=spec.system, tableau=spec.tableau, real=spec.real)
@@ -94,15 +96,43 @@ def run(
     result = _result(chosen, step, trajectory, seconds, failure)
     if reference or chosen.exact is not None:
         result |= _axis_errors(chosen, step, trajectory)
-    if out is not None:
-        result["out"] = str(trajectory.save(out))
-    if plot is not None:
-        trajectory.plot(plot)
-        result["plot"] = str(plot)
-    click.echo(json.dumps(result, indent=2) if as_json else _text(result))
-    if failure is not None:
-        raise failure
+    trouble: GyrosparkError | None = failure
+    try:
+        if out is not None:
+            result["out"] = str(trajectory.save(out))
+        if plot is not None:
+            trajectory.plot(plot)
+            result["plot"] = str(plot)
+    except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
+        trouble = error
+    click.echo(_json(result) if as_json else _text(result))
+    if trouble is not None:
+        raise trouble
     return 0
+
+
+def _check_targets(out: Path | None, plot: Path | None) -> None:
+    """Refuse what cannot be written before a long run, not after it."""
+    for option, path in (("--out", out), ("--plot", plot)):
+        if path is None:
+            continue
+        folder = path.parent
+        if not path.name or path.is_dir():
+            raise InputError(f"{option} {str(path)!r} is no file name; give one.")
+        if not folder.is_dir() or not os.access(folder, os.W_OK):
+            raise InputError(f"{option} {str(path)!r}: the folder {str(folder)!r} is not there or "
+                             "cannot be written; make it or choose another.")
+    if plot is not None:
+        from ..runtime.plots import check_target
+
+        check_target(plot)
+
+
+def _json(result: dict[str, Any]) -> str:
+    """Return the result as JSON, which knows no NaN and no infinity: they become null."""
+    finite = {key: None if isinstance(value, float) and not math.isfinite(value) else value
+              for key, value in result.items()}
+    return json.dumps(finite, indent=2, allow_nan=False)
 
 
 def _problem(name: str, settings: tuple[str, ...]) -> Problem:
@@ -159,7 +189,7 @@ def inertia_parameter(name: str, text: str, inertia: tuple[float, float, float])
 @contextmanager
 def _progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None] | None]:
     """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
-    if quiet or steps < _BAR_FROM or not sys.stderr.isatty():
+    if quiet or steps < _BAR_FROM or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
@@ -235,5 +265,8 @@ def _text(result: dict[str, Any]) -> str:
             f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "
             f"z {result['axis_z_error_mean']:.3e}"
         )
+    if "failed" in result:
+        failed = result["failed"]
+        lines.append(f"  stopped: step {failed['step']:,} at t = {failed['t']:g} s {failed['reason']}")
     lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]
     return "\n".join(lines)

@@ -41,7 +41,7 @@ def verify(target: str | None, as_json: bool, **choice: Any) -> int:
     holds = all(verdict.holds for verdict in verdicts)
     if as_json:
         click.echo(json.dumps({"holds": holds, "verified": [v.as_dict() for v in verdicts]},
-                              indent=2, ensure_ascii=False))
+                              indent=2))
     else:
         _print(verdicts, details=len(verdicts) == 1)
     return 0 if holds else 1

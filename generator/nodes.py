@@ -60,9 +60,13 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
     prove that none is missing.
     """
     integer = [int(c) for c in polynomial.clear_denoms()[1].all_coeffs()]
+    slopes = [int(c) for c in (polynomial.clear_denoms()[1]).diff().all_coeffs()]
+    with mp.workprec(128):
+        guesses = sorted(map(mp.re, mp.polyroots(integer, maxsteps=500, extraprec=128)))
     with mp.workprec(bits + 64):
-        guesses = sorted(mp.polyroots(integer, maxsteps=500, extraprec=bits + 64), key=mp.re)
-        numerators = [int(mp.nint(mp.ldexp(mp.re(guess), bits))) for guess in guesses]
+        for _ in range(bits.bit_length() - 5):  # each Newton step doubles the correct bits
+            guesses = [r - mp.polyval(integer, r) / mp.polyval(slopes, r) for r in guesses]
+        numerators = [int(mp.nint(mp.ldexp(guess, bits))) for guess in guesses]
     step = Fraction(1, 2**bits)
     enclosures = []
     for numerator in numerators:

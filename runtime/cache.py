@@ -13,6 +13,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import shutil
 import tempfile
 import time
@@ -29,6 +30,8 @@ from .compiler import SPEED_FLAGS, STRICT_FLAGS, Compiler, extension_suffix
 __all__ = ["CacheError", "binary_key", "cache_folder", "publish", "workshop"]
 
 _STALE_SECONDS = 24 * 3600
+#: Names of finished files. Nothing else is listed or removed, whatever folder the user chose.
+_ENTRY = re.compile(r"\w+-[0-9a-f]{32}\.(source\.json|[\w.-]*(so|pyd)(\.sha256)?)")
 
 
 class CacheError(GyrosparkError):
@@ -112,14 +115,26 @@ def publish(made: Path, name: str) -> Path:
 def entries() -> list[Path]:
     """Return the finished files in the cache."""
     folder = cache_folder()
-    return sorted(p for p in folder.glob("*") if p.is_file()) if folder.is_dir() else []
+    if not folder.is_dir():
+        return []
+    return sorted(p for p in folder.glob("*") if _ENTRY.fullmatch(p.name) and p.is_file())
 
 
 def clear() -> int:
-    """Remove everything in the cache and return how many files that were."""
+    """Remove everything in the cache and return how many files that were.
+
+    Raises
+    ------
+    CacheError
+        If a file cannot be removed.
+    """
     found = entries()
     for path in found:
-        path.unlink(missing_ok=True)
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise CacheError(f"{str(path)!r} cannot be removed: {error.strerror or error}. Change "
+                             "the folder's permissions.") from error
     for left in cache_folder().glob("build-*"):
         shutil.rmtree(left, ignore_errors=True)
     return len(found)

@@ -37,14 +37,22 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
     if not np.all(np.isfinite(array)):
         raise InputError(f"{name} = {array} is not finite; give finite numbers.")
-    return np.array(array, dtype=dtype, order="C")
+    with np.errstate(over="ignore"):  # told below
+        converted = np.array(array, dtype=dtype, order="C")
+    if not np.all(np.isfinite(converted)):
+        raise InputError(f"{name} = {array} is too large for {converted.dtype}; give smaller "
+                         "numbers or a wider floating-point type.")
+    return converted
 
 
 def as_real(name: str, value: Any) -> float:
     """Return a finite real number as float."""
     if isinstance(value, bool) or not isinstance(value, (numbers.Real, np.floating, np.integer)):
         raise InputError(f"{name} = {value!r} is not a real number.")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # an integer or a fraction beyond 1e308
+        number = math.inf
     if not math.isfinite(number):
         raise InputError(f"{name} = {number} is not finite; give a finite number.")
     return number

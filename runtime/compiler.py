@@ -25,6 +25,9 @@ STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
 SPEED_FLAGS = ["-O3", "-ffp-contract=fast", "-fno-math-errno"]
 
+#: ziglang's first call unpacks itself, on a slow disk too.
+_VERSION_SECONDS = 120
+
 _CURE = (
     "Install gcc or clang, set CC to a compiler, or `pip install gyrospark[compiler]`, which "
     "brings one from PyPI."
@@ -61,8 +64,8 @@ def find_compiler() -> Compiler:
         If there is none, or CC does not start.
     """
     chosen = os.environ.get("CC")
-    if chosen:
-        return _probe(tuple(shlex.split(chosen)), f"The compiler CC={chosen!r}")
+    if chosen and chosen.strip():
+        return _probe(_split(chosen), f"The compiler CC={chosen!r}")
     for name in ("cc", "gcc", "clang"):
         path = shutil.which(name)
         if path:
@@ -72,11 +75,22 @@ def find_compiler() -> Compiler:
     raise CompilerError(f"No C compiler was found (CC, cc, gcc, clang, ziglang). {_CURE}")
 
 
+def _split(chosen: str) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(chosen))
+    except ValueError as error:
+        raise CompilerError(f"CC={chosen!r} is not a command: {error}. {_CURE}") from error
+
+
 @functools.cache
 def _probe(command: tuple[str, ...], what: str) -> Compiler:
     try:
-        answer = subprocess.run([*command, "--version"], capture_output=True, text=True,
-                                check=False, stdin=subprocess.DEVNULL)
+        answer = subprocess.run([*command, "--version"], capture_output=True, check=False,
+                                encoding="utf-8", errors="replace", stdin=subprocess.DEVNULL,
+                                timeout=_VERSION_SECONDS)
+    except subprocess.TimeoutExpired as error:
+        raise CompilerError(f"{what} does not answer --version. {_CURE}",
+                            command=list(command)) from error
     except OSError as error:
         raise CompilerError(f"{what} does not start: {error.strerror}. {_CURE}",
                             command=list(command)) from error
@@ -101,7 +115,7 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
     Raises
     ------
     CompilerError
-        With the command and its stderr.
+        With the command and its stderr; also if a step succeeds and leaves no file.
     OSError
         If the folder cannot be written.
     """
@@ -124,6 +138,9 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
     link = [*compiler.command, *compiler.link_flags, "kernel.o", "wrapper.o", "-lm", "-o",
             target.name]
     _run_together([link], folder)
+    if not target.is_file():
+        raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
+                            f"{shlex.join(link)}. {_CURE}", command=link)
     return target
 
 
@@ -141,8 +158,8 @@ def _run_together(commands: list[list[str]], folder: Path) -> None:
     """Run commands side by side; the first that fails is reported once all have ended."""
     try:
         running = [
-            subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, text=True,
-                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, encoding="utf-8",
+                             errors="replace", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
             for command in commands
         ]
     except OSError as error:

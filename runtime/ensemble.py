@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, StepFailed
+from .checks import as_positive_count
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -20,6 +22,10 @@ if TYPE_CHECKING:
 __all__ = ["Ensemble", "integrate_members"]
 
 Array = NDArray[Any]
+
+
+class _StoppedError(Exception):
+    """Ends a member's integration from within, because nobody waits for it any more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +64,9 @@ def integrate_members(
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
-    starts, momenta = np.asarray(q), np.asarray(p)
+    starts, momenta = _rows("q", q), _rows("p", p)
+    if workers is not None:
+        as_positive_count("workers", workers, least=1)
     if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
@@ -66,17 +74,27 @@ def integrate_members(
     steps = np.broadcast_to(_each("dt", dt, size), size)
     runs = _each_parameters(parameters, size)
 
+    stopped = threading.Event()
+
+    def look(done: int) -> None:
+        if stopped.is_set():
+            raise _StoppedError
+
     def run(i: int) -> tuple[Trajectory, StepFailed | None]:
         try:
-            return stepper.integrate(starts[i], momenta[i], dt=float(steps[i]),
-                                     parameters=runs[i], **options), None
+            return stepper.integrate(starts[i], momenta[i], dt=steps[i].item(),
+                                     parameters=runs[i], progress=look, **options), None
         except StepFailed as failure:
             return failure.trajectory, failure
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        results = list(pool.map(run, range(size)))
+        try:
+            results = list(pool.map(run, range(size)))
+        except BaseException:  # Ctrl-C, or a member that was refused: do not finish the others
+            stopped.set()
+            raise
     members = [member for member, _ in results]
     failures = {i: failure for i, (_, failure) in enumerate(results) if failure is not None}
     rows = -(-options["steps"] // options["every"]) + 1
@@ -92,9 +110,27 @@ def integrate_members(
 
 
 def _each(name: str, value: Any, size: int) -> Array:
-    array = np.asarray(value, dtype=float)
+    array = _numbers(name, value)
     if array.shape not in ((), (size,)):
         raise InputError(f"{name} has shape {array.shape}; give one number or {size} of them.")
+    return array
+
+
+def _rows(name: str, value: Any) -> Array:
+    array = _numbers(name, value)
+    if array.ndim != 2:
+        raise InputError(f"{name} has shape {array.shape}; give one row for each trajectory.")
+    return array
+
+
+def _numbers(name: str, value: Any) -> Array:
+    """Return an array of real numbers, of whatever type they are."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InputError(f"{name} is ragged; give an array of numbers.") from error
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{name} has entries of type {array.dtype}; give real numbers.")
     return array
 
 
@@ -102,11 +138,12 @@ def _each_parameters(parameters: Any, size: int) -> list[dict[str, float]]:
     if isinstance(parameters, Mapping):
         columns = {name: np.broadcast_to(_each(f"Parameter {name}", value, size), size)
                    for name, value in parameters.items()}
-        return [{name: float(column[i]) for name, column in columns.items()} for i in range(size)]
-    runs = list(parameters)
-    if len(runs) != size:
-        raise InputError(f"{len(runs)} sets of parameters are given for {size} trajectories.")
-    return [dict(run) for run in runs]
+        return [{name: column[i].item() for name, column in columns.items()} for i in range(size)]
+    if not isinstance(parameters, Sequence) or not all(isinstance(r, Mapping) for r in parameters):
+        raise InputError(f"parameters = {parameters!r} is neither a dict nor a list of dicts.")
+    if len(parameters) != size:
+        raise InputError(f"{len(parameters)} sets of parameters are given for {size} trajectories.")
+    return [dict(run) for run in parameters]
 
 
 def _stack(parts: list[Array], rows: int, fill: float) -> Array:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import importlib.machinery
 import importlib.util
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from ..errors import CompilerError
 from .cache import binary_key, cache_folder, publish, workshop
 from .compiler import compile_module, extension_suffix, find_compiler, module_name
 
@@ -17,7 +20,8 @@ __all__ = ["load_module"]
 def load_module(name: str, files: dict[str, str]) -> Any:
     """Return the compiled module of a stepper; compiles only what is not in the cache.
 
-    A cached file that does not load (a damaged disk, say) is built anew once.
+    A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
+    could end the process, so its checksum, kept beside it, is compared first.
 
     Raises
     ------
@@ -27,14 +31,38 @@ def load_module(name: str, files: dict[str, str]) -> Any:
     compiler = find_compiler()
     key = binary_key(files, compiler)
     path = cache_folder() / f"{name}-{key}{extension_suffix()}"
-    if path.is_file():
-        try:
+    if _is_whole(path):
+        with contextlib.suppress(ImportError):  # another system's library is gone, say
             return _import(name, path)
-        except ImportError:
-            path.unlink(missing_ok=True)
     with workshop() as folder:
         built = compile_module(name, files, compiler, folder)
-        return _import(name, publish(built, path.name))
+        proof = folder / "sha256"
+        proof.write_text(_checksum(built), encoding="ascii")
+        publish(built, path.name)
+        publish(proof, _proof_of(path).name)
+    try:
+        return _import(name, path)
+    except ImportError as error:
+        raise CompilerError(
+            f"The C compiler made a module that does not load: {error}. It may be one for another "
+            "machine or Python; set CC to a compiler for this one.", command=list(compiler.command)
+        ) from error
+
+
+def _proof_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.sha256")
+
+
+def _checksum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a module is in the cache, byte for byte as it was published."""
+    try:
+        return _proof_of(path).read_text(encoding="ascii") == _checksum(path)
+    except (OSError, ValueError):
+        return False
 
 
 def _import(name: str, path: Path) -> ModuleType:

@@ -13,7 +13,7 @@ from ..errors import GyrosparkError, InputError, MissingDependencyError
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["draw"]
+__all__ = ["check_target", "draw"]
 
 _INK = "#1f4e79"
 _ACCENT = "#c0392b"
@@ -42,17 +42,8 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     MissingDependencyError
         Without matplotlib.
     """
-    target = None if path is None else Path(path)
-    if target is not None and target.suffix.lower() not in _FORMATS:
-        raise InputError(f"A picture cannot be written as {target.name!r}; end it in "
-                         f"{', '.join(_FORMATS)}.")
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Pictures need matplotlib; `pip install matplotlib` or `pip install gyrospark[plot]`."
-        ) from error
-    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    target = None if path is None else check_target(path)
+    figure = _figure_class()(figsize=(11, 4.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.4))
     if trajectory.manifest["system"]["rigid_body"]:
         _sphere(figure.add_subplot(grid[:, 0], projection="3d"), trajectory)
@@ -70,6 +61,34 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
                 f"The picture cannot be written to {str(target)!r}: {error.strerror or error}."
             ) from error
     return figure
+
+
+def check_target(path: str | os.PathLike[str]) -> Path:
+    """Return the path if a picture can be written as such a file, and drawn at all.
+
+    Raises
+    ------
+    InputError
+        For another ending than .png, .svg or .pdf.
+    MissingDependencyError
+        Without matplotlib.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in _FORMATS:
+        raise InputError(f"A picture cannot be written as {target.name!r}; end it in "
+                         f"{', '.join(_FORMATS)}.")
+    _figure_class()
+    return target
+
+
+def _figure_class() -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Pictures need matplotlib; `pip install matplotlib` or `pip install gyrospark[plot]`."
+        ) from error
+    return Figure
 
 
 def _thin(trajectory: Trajectory) -> slice:

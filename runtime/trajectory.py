@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -150,6 +149,8 @@ class Trajectory:
         was missing.
         """
         target = Path(path)
+        if not target.name:
+            raise InputError(f"{str(path)!r} is no file name; give one ending in .npz.")
         if target.suffix != ".npz":
             target = target.with_name(target.name + ".npz")
         about = {
@@ -191,16 +192,30 @@ class Trajectory:
                                  f"reads {_FORMAT}.")
             report = about["report"]
             report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
-            return cls(**arrays, dt=about["dt"], every=about["every"],
-                       parameters=about["parameters"], report=Report(**report),
-                       manifest=about["manifest"])
+            loaded = cls(**arrays, dt=about["dt"], every=about["every"],
+                         parameters=about["parameters"], report=Report(**report),
+                         manifest=about["manifest"])
+            loaded._refuse_unless_shapes_fit()
+            return loaded
+        except InputError:
+            raise
         except OSError as error:
             raise InputError(f"{str(path)!r} cannot be read: {error.strerror or error}.") from error
-        except (KeyError, TypeError, ValueError, AttributeError, EOFError,
-                zipfile.BadZipFile) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{str(path)!r} is not a trajectory file of gyrospark.") from error
+        except Exception as error:  # a damaged zip file raises of ten kinds, zlib.error among them
+            raise InputError(f"{str(path)!r} is not a trajectory file of gyrospark, or damaged."
+                             ) from error
+
+    def _refuse_unless_shapes_fit(self) -> None:
+        rows, n = len(self.t), len(self.manifest["system"]["coordinates"])
+        shapes = {
+            "t": (rows,), "q": (rows, n), "p": (rows, n), "energies": (rows,),
+            "g_errors": (rows,), "f_errors": (rows,), "iterations": (rows - 1,),
+        }
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} has another shape than {shape}")
+        if len(self.multipliers) != rows - 1:
+            raise ValueError("multipliers have another length than the steps")
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw axis trace, energy error and constraint errors; see ``plots.draw``."""

@@ -144,9 +144,10 @@ def spark_stages(
     k, k_hat = x[: s * n].reshape(s, n), x[s * n : 2 * s * n].reshape(s, n)
     multipliers = x[2 * s * n :].reshape(len(t.b_tilde) - 1, -1)
     Q, Q_tilde = q + dt * (t.A @ k), q + dt * (t.A_bar @ k)
-    k_tilde = np.array([-(e.G(Q_l).T @ Lambda)
-                        for Q_l, Lambda in zip(Q_tilde[:-1], multipliers, strict=True)])
-    if not k_tilde.size:  # no constraints
+    if multipliers.size:
+        k_tilde = np.array([-(e.G(Q_l).T @ Lambda)
+                            for Q_l, Lambda in zip(Q_tilde[:-1], multipliers, strict=True)])
+    else:
         k_tilde = 0 * Q_tilde[:-1]
     P = p + dt * (t.A_hat @ k_hat + t.A_tilde[:, :-1] @ k_tilde)
     return k, k_hat, k_tilde, Q, P, Q_tilde

@@ -82,8 +82,8 @@ def make_case(
     """Return a case from free numbers.
 
     ``gravity`` is mgl in units of γ_m |Ω|², ``weight`` is gamma or alpha in units of γ_m, ``turn``
-    is Δt |Ω| in radians. The state is consistent to round-off: q is divided by |q|, and p = 2L(q)ᵀJΩ
-    freed of its part along q twice.
+    is Δt |Ω| in radians. The state is consistent to round-off: q is divided by |q|, and
+    p = 2L(q)ᵀJΩ freed of its part along q twice.
     """
     moments, attitude, omega = (np.asarray(x, dtype=float) for x in (moments, attitude, omega))
     q = attitude / np.linalg.norm(attitude)
@@ -103,7 +103,9 @@ def distinct(moments: Any) -> bool:
     return b > 1.05 * a and c > 1.05 * b and abs(a + b - c) > 0.05 * c
 
 
-def random_case(rng: np.random.Generator, rep: str, turn: tuple[float, float] = (0.01, 0.3)) -> Case:
+def random_case(
+    rng: np.random.Generator, rep: str, turn: tuple[float, float] = (0.01, 0.3)
+) -> Case:
     """Return a case drawn from a seeded generator: the same in every run."""
     moments = (1.0, 1.0, 1.0)
     while not distinct(moments):

@@ -59,7 +59,7 @@ def errors(spec, case):
     """Return the errors of one step in units of ε: of q, p across and along q, Λ; and bounds."""
     exact = reference(spec, case).step()
     made = stepper_of(spec).integrate(case.q, case.p, steps=1, **case.run)
-    q, p, size = doubles(exact.q), doubles(exact.p), largest(doubles(exact.p))
+    q, size = doubles(exact.q), largest(doubles(exact.p))
     # Subtracted before rounding: the reference is not blurred to a double first.
     dq, dp = doubles(made.q[1] - exact.q), doubles(made.p[1] - exact.p)
     along = float(q @ dp)

@@ -1,0 +1,19 @@
+"""The paper, reproduced: every table and figure from compiled steppers, beside the printed one.
+
+One short file for each group of results; each says what it computes as data (problem, scheme,
+representation, parameter, Δt, number of steps, norm) and shares the engine:
+
+``model``       what a result is: Table, Figure, Finding, with cells, panels and claims
+``engine``      runs a case once and remembers it; reference motions
+``verdict``     ours beside the paper's: agrees, round-off, misprint, differs
+``printed``     the paper's numbers, as printed
+``invariants``  Tables 2, 3, Figs. 5-7
+``accuracy``    Tables 4-7, Figs. 8, 9
+``parameter``   Figs. 11-15: error against 1/γ and 1/α
+``convergence`` Figs. 10, 16
+``robustness``  Table 8: the largest Δt that converges
+``iterations``  Tables 9-14
+``beyond``      what the paper left open
+``catalogue``   the name of every result → how to compute it
+``report``      one static page, JSON and CSV
+"""
