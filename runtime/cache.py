@@ -30,6 +30,8 @@ from .compiler import SPEED_FLAGS, STRICT_FLAGS, Compiler, extension_suffix
 __all__ = ["CacheError", "binary_key", "cache_folder", "publish", "workshop"]
 
 _STALE_SECONDS = 24 * 3600
+#: No build takes so long; ``clear`` takes it for ended.
+_ENDED_SECONDS = 3600
 #: Names of finished files. Nothing else is listed or removed, whatever folder the user chose.
 _ENTRY = re.compile(r"\w+-[0-9a-f]{32}\.(source\.json|[\w.-]*(so|pyd)(\.sha256)?)")
 
@@ -87,7 +89,7 @@ def workshop() -> Iterator[Path]:
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _remove_stale(folder)
+        _remove_stale(folder, _STALE_SECONDS)
         with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as private:
             yield Path(private)
     except OSError as error:
@@ -97,11 +99,11 @@ def workshop() -> Iterator[Path]:
         ) from error
 
 
-def _remove_stale(folder: Path) -> None:
-    """Remove what builds left that were killed long ago."""
+def _remove_stale(folder: Path, seconds: float) -> None:
+    """Remove what builds left that were killed so long ago; running ones are not disturbed."""
     for left in folder.glob("build-*"):
         with contextlib.suppress(OSError):
-            if time.time() - left.stat().st_mtime > _STALE_SECONDS:
+            if time.time() - left.stat().st_mtime > seconds:
                 shutil.rmtree(left, ignore_errors=True)
 
 
@@ -135,6 +137,5 @@ def clear() -> int:
         except OSError as error:
             raise CacheError(f"{str(path)!r} cannot be removed: {error.strerror or error}. Change "
                              "the folder's permissions.") from error
-    for left in cache_folder().glob("build-*"):
-        shutil.rmtree(left, ignore_errors=True)
+    _remove_stale(cache_folder(), _ENDED_SECONDS)
     return len(found)

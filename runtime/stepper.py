@@ -4,49 +4,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import GyrosparkError, InputError, StepFailed
+from ..errors import GyrosparkError, InputError
 from .binding import REASONS, Binding
 from .checks import as_array, as_parameters, as_positive_count, as_real, as_step
 from .ensemble import Ensemble, integrate_members
+from .integration import Run, defect_sizes, integrate
 from .module import load_module
-from .newton import newton_step
-from .trajectory import Report, Trajectory
+from .trajectory import Trajectory
 
 __all__ = ["SOLVERS", "Stepper"]
 
 Array = NDArray[Any]
 
 SOLVERS = ("auto", "newton", "python")
-#: Steps between two looks at the clock, the progress bar and Ctrl-C.
-_CHUNK = 4096
-
-
-@dataclass(frozen=True)
-class _Run:
-    """The checked arguments of one integration."""
-
-    q: Array
-    p: Array
-    dt: float
-    steps: int
-    every: int
-    parameters: dict[str, float]
-    solver: str
-    tolerance: float | None
-    max_iterations: int
-
-    @property
-    def rows(self) -> int:
-        """Stored states after the first; the last state is always stored."""
-        return -(-self.steps // self.every)
-
-
 class Stepper:
     """A stepper compiled from generated C.
 
@@ -146,7 +121,7 @@ class Stepper:
         """
         run = self._checked(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations)
         self._refuse_inconsistent(run)
-        return self._run(run, progress)
+        return integrate(self.binding, self.manifest, run, progress)
 
     def integrate_ensemble(
         self,
@@ -262,12 +237,12 @@ class Stepper:
         self, q: ArrayLike, p: ArrayLike, dt: float, steps: int, every: int,
         parameters: Mapping[str, float], solver: str, tolerance: float | None,
         max_iterations: int,
-    ) -> _Run:
+    ) -> Run:
         if solver not in SOLVERS:
             raise InputError(f"Unknown solver {solver!r}; choose {', '.join(SOLVERS)}.")
         if tolerance is not None and as_real("tolerance", tolerance) <= 0:
             raise InputError(f"tolerance = {tolerance} is not positive; give none for round-off.")
-        return _Run(
+        return Run(
             *self._state(q, p),
             as_step(dt),
             as_positive_count("steps", steps),
@@ -278,7 +253,7 @@ class Stepper:
             as_positive_count("max_iterations", max_iterations, least=1),
         )
 
-    def _refuse_inconsistent(self, run: _Run) -> None:
+    def _refuse_inconsistent(self, run: Run) -> None:
         """Refuse a start that is off the constraints by more than round-off.
 
         IMS and EMS let qᵀp oscillate at their truncation error O(Δt²) (paper, Fig. 7), and their
@@ -288,7 +263,8 @@ class Stepper:
             return
         parameters = self.binding.parameters(run.parameters)
         epsilon = float(np.finfo(self.binding.dtype).eps)
-        g, f = (float(d[0]) for d in self._defect_sizes(parameters, run.q[None], run.p[None]))
+        sizes = defect_sizes(self.binding, parameters, run.q[None], run.p[None])
+        g, f = (float(size[0]) for size in sizes)
         q_size, p_size = float(np.linalg.norm(run.q)), float(np.linalg.norm(run.p))
         g_bound = 64 * epsilon * max(1.0, q_size**2)
         f_bound = 64 * epsilon * q_size * p_size
@@ -303,108 +279,3 @@ class Stepper:
                 f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
                 "`q, p = stepper.project(q, p, parameters=...)` moves it onto them."
             )
-
-    def _defect_sizes(self, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
-        """Return the largest |g| and |f| of each row."""
-        g, f = self.binding.defects(parameters, q, p)
-        return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
-
-    def _run(self, run: _Run, progress: Callable[[int], None] | None) -> Trajectory:
-        b = self.binding
-        rows = run.rows
-        q_out, p_out = b.new(rows + 1, self.n), b.new(rows + 1, self.n)
-        multipliers = b.new(rows, b.multipliers)
-        iterations = np.zeros(rows, dtype=np.intc)
-        q_out[0], p_out[0] = run.q, run.p
-        q, p, report = run.q.copy(), run.p.copy(), b.report()
-        parameters, work = b.parameters(run.parameters), b.work()
-        options = b.options(run.tolerance, run.max_iterations)
-        chunk = run.every * max(1, _CHUNK // run.every)
-        status = 0
-        while report.steps < run.steps and status == 0:
-            done = int(report.steps)
-            row = done // run.every
-            count = min(chunk, run.steps - done)
-            every = run.every if count >= run.every else count  # the rest is stored as well
-            count -= count % every
-            out = (q_out[row + 1 :], p_out[row + 1 :], multipliers[row:], iterations[row:])
-            if run.solver == "python":
-                status = self._integrate_python(run, parameters, count, every, q, p, out, report,
-                                                work)
-            else:
-                status = b.integrate(parameters, options, run.dt, count, every, q, p, out, report,
-                                     work)
-            if progress is not None:
-                progress(int(report.steps))
-        if run.steps == 0:
-            b.integrate(parameters, options, run.dt, 0, 1, q, p,
-                        (b.new(0), b.new(0), b.new(0), iterations), report, work)
-        done = int(report.steps)
-        stored = done // run.every if status else rows
-        count_at = np.minimum(np.arange(stored + 1) * run.every, done)
-        q_kept, p_kept = q_out[: stored + 1], p_out[: stored + 1]
-        g_errors, f_errors = self._defect_sizes(parameters, q_kept, p_kept)
-        trajectory = Trajectory(
-            t=count_at * run.dt,
-            q=q_kept,
-            p=p_kept,
-            multipliers=self._shaped(multipliers[:stored]),
-            iterations=iterations[:stored],
-            dt=run.dt,
-            every=run.every,
-            parameters=run.parameters,
-            report=Report.read(report, q, p),
-            manifest=self.manifest,
-            energies=b.hamiltonian(parameters, q_kept, p_kept),
-            g_errors=g_errors,
-            f_errors=f_errors,
-        )
-        if status:
-            raise StepFailed(step=done + 1, t=done * run.dt, reason=REASONS[status],
-                             trajectory=trajectory)
-        return trajectory
-
-    def _shaped(self, multipliers: Array) -> Array:
-        """Return multipliers as (N, p+1), or (N, p+1, m) for several constraints."""
-        if self.m <= 1:
-            return multipliers
-        return multipliers.reshape(len(multipliers), -1, self.m)
-
-    def _integrate_python(
-        self, run: _Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-        out: tuple[Array, Array, Array, Array], report: Any, work: Any,
-    ) -> int:
-        """Do what the compiled integrate does, with ``newton_step`` for each step."""
-        b = self.binding
-        nothing = (b.new(0), b.new(0), b.new(0), np.zeros(0, dtype=np.intc))
-        none = b.options(None, 1)
-        if report.steps == 0:
-            b.integrate(parameters, none, run.dt, 0, 1, q, p, nothing, report, work)
-        most = 0
-        for k in range(1, steps + 1):
-            status, q1, p1, multipliers, taken = newton_step(
-                b, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
-            )
-            if status:
-                return status
-            q[:], p[:] = q1, p1
-            most = max(most, taken)
-            self._observe(parameters, q, p, taken, report)
-            if k % every == 0:
-                row = k // every - 1
-                out[0][row], out[1][row], out[2][row], out[3][row] = q, p, multipliers, most
-                most = 0
-        return 0
-
-    def _observe(self, parameters: Any, q: Array, p: Array, taken: int, report: Any) -> None:
-        b = self.binding
-        report.steps += 1
-        report.iterations += taken
-        report.iterations_max = max(report.iterations_max, taken)
-        H = float(b.hamiltonian(parameters, q[None], p[None])[0])
-        g, f = (float(d[0]) for d in self._defect_sizes(parameters, q[None], p[None]))
-        sizes = {"energy_error": abs(H - float(report.energy_start)), "constraint": g, "hidden": f}
-        for name, size in sizes.items():  # float(...): cffi hands long double over as an object
-            largest, total = f"{name}_max", f"{name}_sum"
-            setattr(report, largest, max(float(getattr(report, largest)), size))
-            setattr(report, total, float(getattr(report, total)) + size)

@@ -1,0 +1,188 @@
+"""One integration: chunks of compiled steps, everything kept that was computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import StepFailed
+from .binding import REASONS, Binding
+from .newton import newton_step
+from .trajectory import Report, Trajectory
+
+__all__ = ["Run", "defect_sizes", "integrate"]
+
+Array = NDArray[Any]
+
+#: Steps between two looks at the progress bar and at Ctrl-C.
+_CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class Run:
+    """The checked arguments of an integration."""
+
+    q: Array
+    p: Array
+    dt: float
+    steps: int
+    every: int
+    parameters: dict[str, float]
+    solver: str
+    tolerance: float | None
+    max_iterations: int
+
+    @property
+    def rows(self) -> int:
+        """Stored states after the first; the last state is always stored."""
+        return -(-self.steps // self.every)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Where stored states go: row 0 of q and p is the start."""
+
+    q: Array
+    p: Array
+    multipliers: Array
+    iterations: Array
+
+    @classmethod
+    def room(cls, binding: Binding, rows: int) -> _Rows:
+        return cls(
+            binding.new(rows + 1, binding.n),
+            binding.new(rows + 1, binding.n),
+            binding.new(rows, binding.multipliers),
+            np.zeros(rows, dtype=np.intc),
+        )
+
+    def after(self, row: int) -> tuple[Array, Array, Array, Array]:
+        """Return what compiled code fills from this row on."""
+        return self.q[row + 1 :], self.p[row + 1 :], self.multipliers[row:], self.iterations[row:]
+
+
+def integrate(
+    binding: Binding,
+    manifest: dict[str, Any],
+    run: Run,
+    progress: Callable[[int], None] | None = None,
+) -> Trajectory:
+    """Return the trajectory of a run.
+
+    Raises
+    ------
+    StepFailed
+        With everything computed before the failed step.
+    """
+    rows = _Rows.room(binding, run.rows)
+    rows.q[0], rows.p[0] = run.q, run.p
+    q, p, report = run.q.copy(), run.p.copy(), binding.report()
+    advance = _python_chunk if run.solver == "python" else _compiled_chunk
+    parameters, work = binding.parameters(run.parameters), binding.work()
+    status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
+    while report.steps < run.steps and status == 0:
+        count, every = _next_chunk(run, int(report.steps))
+        out = rows.after(int(report.steps) // run.every)
+        status = advance(binding, run, parameters, count, every, q, p, out, report, work)
+        if progress is not None:
+            progress(int(report.steps))
+    trajectory = _trajectory(binding, manifest, run, rows, report, q, p, parameters)
+    if status:
+        done = int(report.steps)
+        raise StepFailed(step=done + 1, t=done * run.dt, reason=REASONS[status],
+                         trajectory=trajectory)
+    return trajectory
+
+
+def _next_chunk(run: Run, done: int) -> tuple[int, int]:
+    """Return how many steps to do next, and how often to store; the very last is stored too."""
+    left = run.steps - done
+    if left < run.every:
+        return left, left
+    return min(run.every * max(1, _CHUNK // run.every), left - left % run.every), run.every
+
+
+def _compiled_chunk(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, Array, Array, Array], report: Any, work: Any,
+) -> int:
+    options = binding.options(run.tolerance, run.max_iterations)
+    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work)
+
+
+def _python_chunk(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, Array, Array, Array], report: Any, work: Any,
+) -> int:
+    """Do what the compiled chunk does, with ``newton_step`` for each step."""
+    if report.steps == 0:  # the compiled code starts the record; no step is taken
+        _compiled_chunk(binding, run, parameters, 0, 1, q, p, out, report, work)
+    most = 0
+    for k in range(1, steps + 1):
+        status, q[:], p[:], multipliers, taken = newton_step(
+            binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
+        )
+        if status:
+            return status
+        most = max(most, taken)
+        _observe(binding, parameters, q, p, taken, report)
+        if k % every == 0:
+            for part, value in zip(out, (q, p, multipliers, most), strict=True):
+                part[k // every - 1] = value
+            most = 0
+    return 0
+
+
+def _observe(
+    binding: Binding, parameters: Any, q: Array, p: Array, taken: int, report: Any
+) -> None:
+    """Add a state to the running record, as the compiled ``observe`` does."""
+    report.steps += 1
+    report.iterations += taken
+    report.iterations_max = max(report.iterations_max, taken)
+    H = float(binding.hamiltonian(parameters, q[None], p[None])[0])
+    g, f = (float(d[0]) for d in defect_sizes(binding, parameters, q[None], p[None]))
+    sizes = {"energy_error": abs(H - float(report.energy_start)), "constraint": g, "hidden": f}
+    for name, size in sizes.items():  # float(...): cffi hands long double over as an object
+        largest, total = f"{name}_max", f"{name}_sum"
+        setattr(report, largest, max(float(getattr(report, largest)), size))
+        setattr(report, total, float(getattr(report, total)) + size)
+
+
+def _trajectory(
+    binding: Binding, manifest: dict[str, Any], run: Run, rows: _Rows, report: Any,
+    q: Array, p: Array, parameters: Any,
+) -> Trajectory:
+    """Return the rows that were filled."""
+    done = int(report.steps)
+    stored = run.rows if done == run.steps else done // run.every
+    q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
+    multipliers = rows.multipliers[:stored]
+    if binding.m > 1:
+        multipliers = multipliers.reshape(stored, -1, binding.m)
+    g_errors, f_errors = defect_sizes(binding, parameters, q_kept, p_kept)
+    return Trajectory(
+        t=np.minimum(np.arange(stored + 1) * run.every, done) * run.dt,
+        q=q_kept,
+        p=p_kept,
+        multipliers=multipliers,
+        iterations=rows.iterations[:stored],
+        dt=run.dt,
+        every=run.every,
+        parameters=run.parameters,
+        report=Report.read(report, q, p),
+        manifest=manifest,
+        energies=binding.hamiltonian(parameters, q_kept, p_kept),
+        g_errors=g_errors,
+        f_errors=f_errors,
+    )
+
+
+def defect_sizes(binding: Binding, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
+    """Return the largest |g| and the largest momentum-constraint error of each row."""
+    g, f = binding.defects(parameters, q, p)
+    return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
