@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import numbers
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -67,6 +68,7 @@ def stepper(
     --------
     >>> step = gyrospark.stepper("G-L", stages=3, rep="gamma")  # doctest: +SKIP
     """
+    stages = _plain(stages)
     named = system if isinstance(system, str) or system is None else None
     file = Path(tableau) if isinstance(tableau, (str, Path)) else None
     own_tableau = None if file is not None else tableau
@@ -99,10 +101,16 @@ def tableau(scheme: str | Path, stages: int | None = None) -> Tableau:
             raise InputError("A tableau file fixes its stages; leave out stages.")
         found = tableau_of(Spec.checked(tableau=Path(scheme)))
     else:
-        found = tableau_of(Spec.checked(scheme, stages))
+        found = tableau_of(Spec.checked(scheme, _plain(stages)))
     if found is None:
         raise InputError(f"{scheme} has no SPARK tableau; choose G-L or LIIIA-B.")
     return found
+
+
+def _plain(stages: Any) -> Any:
+    """Return NumPy's and others' whole numbers as int, all else as it is."""
+    plain = isinstance(stages, bool) or not isinstance(stages, numbers.Integral)
+    return stages if plain else int(stages)
 
 
 @lru_cache(maxsize=64)

@@ -6,6 +6,7 @@ sentence on stderr, no traceback), 130 interrupted.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import sys
@@ -17,6 +18,7 @@ from .._version import __version__
 from ..errors import CompilerError, GyrosparkError, StepFailed
 from .cache import cache
 from .generate import generate
+from .reproduce import reproduce
 from .run import run
 from .verify import verify
 
@@ -35,7 +37,7 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, verify, run, cache):
+for command in (generate, verify, run, reproduce, cache):
     gyrospark.add_command(command)
 
 
@@ -89,7 +91,7 @@ def _one_line(message: str) -> str:
 
 def _forget_output() -> None:
     """Let what cannot be written go nowhere, so that Python does not try it again at its end."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
+    with contextlib.suppress(OSError, AttributeError):  # stdout may be no file at all
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)

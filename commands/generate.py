@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import json
 import os
@@ -133,7 +134,8 @@ def write_files(files: dict[str, str], out: Path) -> None:
             part.replace(out / name)
     except OSError as error:
         if part != out:
-            part.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                part.unlink()
         raise InputError(
             f"The output folder {str(out)!r} cannot be written: {error.strerror or error}; "
             "choose another with --out."

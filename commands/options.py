@@ -54,7 +54,7 @@ def whole_number(name: str, text: str) -> int:
 def real_number(name: str, text: str) -> float:
     """Return the number an option's text says."""
     try:
-        if "_" in text or not text.isascii():  # Python's float takes these, a user's typo is likelier
+        if "_" in text or not text.isascii():  # float() takes these; likelier a typo
             raise ValueError
         return float(text)
     except ValueError:

@@ -35,6 +35,8 @@ class Kernel:
     doc: str
     inputs: Mapping[str, Sequence[sp.Symbol]]
     outputs: Mapping[str, Any]
+    #: Add up the terms of polynomials in twice the working precision: for sums that nearly cancel.
+    compensated: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ def emit_kernel(kernel: Kernel, constants: Constants, real: Real) -> EmittedKern
     for array, symbols in kernel.inputs.items():
         names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
     targets = list(_entries(kernel.outputs))
+    if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in targets))):
+        return _emit_compensated(kernel, targets, constants, real, names)
     shared, reduced = sp.cse(
         [e for _, e in targets], symbols=sp.numbered_symbols("_t", real=True), order="canonical"
     )
@@ -119,6 +123,49 @@ def emit_kernel(kernel: Kernel, constants: Constants, real: Real) -> EmittedKern
         dict(sorted(printer.operations.items())),
         unused,
         frozenset(map(str, own_constants)),
+    )
+
+
+def _is_exact_polynomial(e: sp.Expr) -> bool:
+    """Whether e is a sum of products with coefficients that every binary format holds exactly."""
+    return all(
+        power.is_Integer and power > 0
+        for term in sp.Add.make_args(sp.expand(e))
+        for power in term.as_coeff_Mul()[1].as_powers_dict().values()
+    ) and all(
+        number.is_Rational and abs(number.p) < 2**20 and number.q & (number.q - 1) == 0
+        for number in (term.as_coeff_Mul()[0] for term in sp.Add.make_args(sp.expand(e)))
+    )
+
+
+def _emit_compensated(
+    kernel: Kernel,
+    targets: list[tuple[str, sp.Expr]],
+    constants: Constants,
+    real: Real,
+    names: dict[sp.Symbol, str],
+) -> EmittedKernel:
+    """Return a kernel that adds the products of each polynomial with ``add_product``."""
+    printer = CPrinter(real, names)
+    lines = [f"{real.c_type} sum[2];"]
+    for target, e in targets:
+        lines.append("sum[0] = sum[1] = 0;")
+        for term in sp.Add.make_args(sp.expand(e)):
+            number, rest = term.as_coeff_Mul()
+            factors = [] if number == 1 and rest != 1 else [printer(number)]
+            for base, power in rest.as_powers_dict().items():
+                factors += [] if base == 1 else [printer(base)] * int(power)
+            lines.append(f"add_product(sum, {len(factors)}, (const {real.c_type}[]){{ "
+                         f"{', '.join(factors)} }});")
+        lines.append(f"{target} = sum[0] + sum[1];")
+    used = {s for _, e in targets for s in e.free_symbols} & set(constants.definitions.values())
+    unused = [a for a, s in kernel.inputs.items() if not {x for _, e in targets
+                                                          for x in e.free_symbols} & set(s)]
+    return EmittedKernel(
+        kernel.name, f"{kernel.doc}, in twice the working precision", "void",
+        _signature(kernel, real), lines, 0,
+        {"product": sum(line.startswith("add_product") for line in lines)},
+        ([] if used else ["c"]) + unused, frozenset(map(str, used)),
     )
 
 

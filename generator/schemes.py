@@ -41,7 +41,7 @@ def common_kernels(system: System) -> list[Kernel]:
         return kernels
     return [
         *kernels,
-        Kernel("constraint", "g(q)", {"q": q}, {"g": list(system.constraints)}),
+        Kernel("constraint", "g(q)", {"q": q}, {"g": list(system.constraints)}, compensated=True),
         Kernel(
             "constraint_increment",
             "g(q + d) - g(q), by discrete differentiation: no digit is lost for small d",

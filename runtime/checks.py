@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 
-__all__ = ["as_array", "as_parameters", "as_positive_count", "as_step"]
+__all__ = ["as_array", "as_numbers", "as_parameters", "as_positive_count", "as_real", "as_step"]
+
+#: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
+_MOST = 2**62
 
 
 def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
@@ -25,24 +28,36 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
     InputError
         For another shape, for complex, boolean or non-numeric entries, for NaN and infinity.
     """
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise InputError(f"{name} is ragged; give an array of shape {shape}.") from error
-    if array.dtype.kind not in "fiu":
-        raise InputError(
-            f"{name} has entries of type {array.dtype}; give real numbers (float64 is best)."
-        )
+    array = as_numbers(name, value)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
     if not np.all(np.isfinite(array)):
         raise InputError(f"{name} = {array} is not finite; give finite numbers.")
     with np.errstate(over="ignore"):  # told below
-        converted = np.array(array, dtype=dtype, order="C")
+        converted: NDArray[Any] = np.array(array, dtype=dtype, order="C")
     if not np.all(np.isfinite(converted)):
         raise InputError(f"{name} = {array} is too large for {converted.dtype}; give smaller "
                          "numbers or a wider floating-point type.")
     return converted
+
+
+def as_numbers(name: str, value: Any) -> NDArray[Any]:
+    """Return an array of real numbers of whatever type and shape they are; not a copy.
+
+    Raises
+    ------
+    InputError
+        For complex, boolean or non-numeric entries.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InputError(f"{name} is ragged; give an array of numbers.") from error
+    if array.dtype.kind not in "fiu":
+        raise InputError(
+            f"{name} has entries of type {array.dtype}; give real numbers (float64 is best)."
+        )
+    return array
 
 
 def as_real(name: str, value: Any) -> float:
@@ -72,6 +87,8 @@ def as_positive_count(name: str, value: Any, least: int = 0) -> int:
         raise InputError(f"{name} = {value!r} is not a whole number.")
     if value < least:
         raise InputError(f"{name} = {value} is too small; give at least {least}.")
+    if value > _MOST:
+        raise InputError(f"{name} = {value} is too large; give at most {_MOST}.")
     return int(value)
 
 

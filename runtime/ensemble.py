@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, StepFailed
-from .checks import as_positive_count
+from .checks import as_numbers, as_positive_count
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -90,11 +90,15 @@ def integrate_members(
             raise InputError(f"Trajectory {i}: {error}") from error
 
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        futures = [pool.submit(run, i) for i in range(size)]
         try:
-            results = list(pool.map(run, range(size)))
-        except BaseException:  # Ctrl-C, or a member that was refused: do not finish the others
+            ended, _ = wait(futures, return_when=FIRST_EXCEPTION)
+            for future in filter(ended.__contains__, futures):
+                future.result()  # raises for the first member that was refused
+            results = [future.result() for future in futures]
+        finally:  # after Ctrl-C or a refusal the other members are not finished for nobody
             stopped.set()
-            raise
+            pool.shutdown(cancel_futures=True)
     members = [member for member, _ in results]
     failures = {i: failure for i, (_, failure) in enumerate(results) if failure is not None}
     rows = -(-options["steps"] // options["every"]) + 1
@@ -110,27 +114,16 @@ def integrate_members(
 
 
 def _each(name: str, value: Any, size: int) -> Array:
-    array = _numbers(name, value)
+    array = as_numbers(name, value)
     if array.shape not in ((), (size,)):
         raise InputError(f"{name} has shape {array.shape}; give one number or {size} of them.")
     return array
 
 
 def _rows(name: str, value: Any) -> Array:
-    array = _numbers(name, value)
+    array = as_numbers(name, value)
     if array.ndim != 2:
         raise InputError(f"{name} has shape {array.shape}; give one row for each trajectory.")
-    return array
-
-
-def _numbers(name: str, value: Any) -> Array:
-    """Return an array of real numbers, of whatever type they are."""
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise InputError(f"{name} is ragged; give an array of numbers.") from error
-    if array.dtype.kind not in "fiu":
-        raise InputError(f"{name} has entries of type {array.dtype}; give real numbers.")
     return array
 
 

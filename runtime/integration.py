@@ -163,7 +163,7 @@ def _trajectory(
     q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
     multipliers = rows.multipliers[:stored]
     if binding.m > 1:
-        multipliers = multipliers.reshape(stored, -1, binding.m)
+        multipliers = multipliers.reshape(stored, binding.multipliers // binding.m, binding.m)
     g_errors, f_errors = defect_sizes(binding, parameters, q_kept, p_kept)
     return Trajectory(
         t=np.minimum(np.arange(stored + 1) * run.every, done) * run.dt,

@@ -59,7 +59,7 @@ def solve_stages(
         done = (
             size <= (tolerance or 0.0)
             or (size < 65536 * epsilon and ratio >= 0.5)
-            or (not tolerance and ratio < 0.1 and size * ratio**2 < epsilon / 64)
+            or (not tolerance and size < 1e-3 and ratio < 0.1 and size * ratio**2 < epsilon / 64)
         )
         if done:
             return 0, x, taken

@@ -253,24 +253,38 @@ class Stepper:
             as_positive_count("max_iterations", max_iterations, least=1),
         )
 
+    def _changes(self, parameters: Any, run: Run, dq: float, dp: float) -> tuple[float, float]:
+        """Return how much g and f change when each q moves by dq and each p by dp, added up."""
+        n = self.n
+        q = run.q + np.vstack([np.zeros((1, n)), dq * np.eye(n), np.zeros((n, n))])
+        p = run.p + np.vstack([np.zeros((n + 1, n)), dp * np.eye(n)])
+        g, f = self.binding.defects(parameters, q.astype(self.binding.dtype),
+                                    p.astype(self.binding.dtype))
+        g_change, f_change = (float(np.abs(d[1:] - d[0]).sum(axis=0).max()) for d in (g, f))
+        return g_change, f_change
+
     def _refuse_inconsistent(self, run: Run) -> None:
         """Refuse a start that is off the constraints by more than round-off.
 
-        IMS and EMS let qᵀp oscillate at their truncation error O(Δt²) (paper, Fig. 7), and their
-        own results must be usable as a start: there the bound on the momenta is |Δt H_p|²|p|.
+        Round-off is what 64 ε of each coordinate and momentum is worth in g and f, whatever their
+        units. IMS and EMS let the momentum constraint oscillate at their truncation error
+        (paper, Fig. 7), and their own results must be usable as a start: there f may be as large
+        as what an explicit Euler step, without constraint forces, changes in it.
         """
         if not self.m:
             return
         parameters = self.binding.parameters(run.parameters)
-        epsilon = float(np.finfo(self.binding.dtype).eps)
         sizes = defect_sizes(self.binding, parameters, run.q[None], run.p[None])
         g, f = (float(size[0]) for size in sizes)
         q_size, p_size = float(np.linalg.norm(run.q)), float(np.linalg.norm(run.p))
-        g_bound = 64 * epsilon * max(1.0, q_size**2)
-        f_bound = 64 * epsilon * q_size * p_size
+        nudge = 2.0**-10 * float(np.finfo(self.binding.dtype).eps) ** 0.25
+        epsilons = 64 * float(np.finfo(self.binding.dtype).eps) / nudge
+        g_bound, f_bound = (epsilons * size for size in self._changes(
+            parameters, run, nudge * q_size, nudge * p_size))
         if not self.manifest["scheme"]["keeps_momentum_constraint"]:
             x = self.binding.guess(parameters, run.dt, run.q, run.p, self.binding.work())
-            f_bound += float(np.linalg.norm(x[: self.n])) ** 2 * q_size * p_size
+            f_bound += self._changes(parameters, run, float(np.abs(x[: self.n]).max()),
+                                     float(np.abs(x[self.n : 2 * self.n]).max()))[1]
         if g > g_bound or f > f_bound:
             norm = f", |q| = {q_size:.15g}" if self.manifest["system"]["rigid_body"] else ""
             what = "q^T p" if self.manifest["system"]["rigid_body"] else "the momentum constraint"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from dataclasses import asdict, dataclass
@@ -168,7 +169,8 @@ class Trajectory:
                                     **{name: getattr(self, name) for name in _ARRAYS})
             part.replace(target)
         except OSError as error:
-            part.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                part.unlink()
             raise GyrosparkError(
                 f"The trajectory cannot be written to {str(target)!r}: {error.strerror or error}."
             ) from error
@@ -184,7 +186,8 @@ class Trajectory:
             If the file is missing, damaged or of another kind.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            # Opened here because np.load leaves a damaged file open.
+            with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 about = json.loads(str(file["about"]))
                 arrays = {name: file[name] for name in _ARRAYS}
             if about["format"] != _FORMAT:

@@ -99,6 +99,7 @@ class Panel:
     series: list[Series]
     xscale: Literal["linear", "log"] = "linear"
     yscale: Literal["linear", "log"] = "linear"
+    zero: bool = False  # the y axis reaches down (or up) to 0
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from typing import Any
 
 import mpmath as mp
 import numpy as np
+
 from strategies import Case, left, tableau_of
 
 DIGITS = 50

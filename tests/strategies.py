@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import gyrospark as gs
 import numpy as np
-from gyrospark.generator.spec import PAPER_SPECS, Spec
 from hypothesis import assume
 from hypothesis import strategies as st
+
+import gyrospark as gs
+from gyrospark.generator.spec import PAPER_SPECS, Spec
 
 EPS = float(np.finfo(float).eps)
 

@@ -356,7 +356,7 @@ ANY = st.recursive(LEAVES, grow, max_leaves=7).filter(depends)
 rationals = st.fractions(-2, 2, max_denominator=1000)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(ANY, st.tuples(*[rationals] * 3), st.tuples(*[rationals] * 3))
 def test_identity_of_random_expressions_to_50_digits(e, at, step):
     with mpmath.workdps(50):

@@ -8,14 +8,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import gyrospark as gs
 import mpmath as mp
 import numpy as np
 import pytest
-from gyrospark.generator.spec import Spec
-from gyrospark.runtime.quaternion import left_matrix, rotation_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import gyrospark as gs
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.quaternion import left_matrix, rotation_matrix
 from reference import (
     WORKING_DIGITS,
     Method,
@@ -114,6 +115,42 @@ def test_momentum_constraint_of_ims_and_ems(spec):
             finer = run_for(step, replace(case, dt=case.dt / 8), 8 * steps)
             # O(Δt²) means 1/64; the largest value of another set of phases may differ by a few.
             assert finer.report.momentum_constraint_max < found / 16
+
+
+@pytest.mark.parametrize(
+    "spec", [Spec("G-L", 1), Spec("LIIIA-B", 2), Spec("LIIIA-B", 3)], ids=identify
+)
+def test_steps_too_long_fail_or_are_right(spec):
+    """Steps of up to 30 rad: Newton often fails there, but says so.
+
+    An iterate thrown far off by a nearly singular matrix shrinks by half, not quadratically; a
+    rule that trusts one ratio of increments takes it for the solution.
+    """
+    rng = np.random.default_rng(3)
+    drawn = [random_case(rng, spec.rep, turn=(0.5, 30)) for _ in range(3000)]
+    many = stepper_of(spec).integrate_ensemble(
+        np.array([case.q for case in drawn]), np.array([case.p for case in drawn]),
+        dt=np.array([case.dt for case in drawn]), steps=1,
+        parameters=[case.parameters for case in drawn])
+    q = many.q[:, 1]
+    done = np.isfinite(q).all(axis=1)
+    assert 100 < done.sum() < 2900
+    # Stages far from the unit sphere, |Q|² up to 100, leave that many ε in the last constraint.
+    assert np.abs(np.einsum("ki,ki->k", q[done], q[done]) - 1).max() <= 100 * EPS
+
+
+@pytest.mark.parametrize("spec", MEAN_SPECS, ids=identify)
+@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+def test_states_of_ims_and_ems_are_starts(spec, dt):
+    """Also of a top let go at rest, whose qᵀp exceeds |Δt H_p|²|p|: every state goes on."""
+    step, fast = stepper_of(spec), gs.problems.fast_top()
+    parameters = fast.parameters | {spec.rep: gs.gamma_m(fast.inertia)}
+    for p0 in (fast.p0, 0 * fast.p0):
+        run = step.integrate(fast.q0, p0, dt=dt, steps=30, parameters=parameters)
+        for k in range(30):
+            q, p = step.step(run.q[k], run.p[k], dt=dt, parameters=parameters)
+            assert np.array_equal(q, run.q[k + 1])
+            assert np.array_equal(p, run.p[k + 1])
 
 
 # ---------------------------------------------------------------- energy and momentum

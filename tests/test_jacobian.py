@@ -5,6 +5,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
+
 from reference import WORKING_DIGITS, complex_step, doubles, numbers, reference
 from strategies import EPS, MEAN_SPECS, PAPER_SPECS, SPARK_SPECS, identify, random_case, stepper_of
 

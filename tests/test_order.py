@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from functools import cache
 
-import gyrospark as gs
 import mpmath as mp
 import numpy as np
 import pytest
+
+import gyrospark as gs
 from gyrospark.generator.spec import PAPER_SPECS, Spec
 from reference import WORKING_DIGITS, Method, heavy_top, numbers
 from strategies import EPS, identify, make_case, stepper_of

@@ -21,9 +21,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gyrospark.generator.spec import Spec
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from gyrospark.generator.spec import Spec
 from reference import doubles, reference
 from strategies import (
     EPS,

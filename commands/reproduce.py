@@ -1,0 +1,163 @@
+"""``gyrospark reproduce``: a table or figure of the paper, ours beside the printed one."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .generate import write_files
+
+if TYPE_CHECKING:
+    from ..studies.model import Claim, Result, Table
+
+__all__ = ["reproduce"]
+
+#: Verdict → its colour on the terminal.
+_COLOURS = {"agrees": "green", "round-off": "blue", "misprint": "yellow", "differs": "red",
+            "not printed": "default"}
+
+
+@click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("name")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Write DIR/index.html with JSON, CSV and SVG beside it (for all: report).")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@click.option("--summary", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write what was found as Markdown; docs/paper.md is made like this.")
+def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) -> int:
+    """Compute NAME again: table-2 to table-14, figure-5 to figure-16, a finding, or all.
+
+    Exit code 1 if a claim does not hold or a number differs without a known reason.
+
+    \b
+    gyrospark reproduce table-4
+    gyrospark reproduce figure-13 --out figure
+    gyrospark reproduce all --out report
+    gyrospark reproduce all --out report --summary docs/paper.md
+    """
+    from ..studies.catalogue import chosen, compute
+    from ..studies.engine import Engine
+
+    names = chosen(name)
+    with _progress(len(names), quiet=as_json) as (advance, watch):
+        results = compute(names, Engine(watch=watch), advance)
+    if name == "all" and out is None and not as_json:
+        out = Path("report")
+    if out is not None:
+        from ..studies.report import report_files
+
+        write_files(report_files(results), out)
+    if summary is not None:
+        from ..studies.summary import write_summary
+
+        write_files({summary.name: write_summary(results)}, summary.parent)
+    if as_json:
+        _print_json(name, results)
+    else:
+        _print(name, results, out, summary)
+    return 0 if _sound(results) else 1
+
+
+def _sound(results: Sequence[Result]) -> bool:
+    """Return whether every claim holds and every difference has a reason."""
+    from ..studies.summary import failing, tables_of, unexplained
+
+    return not failing(results) and not any(unexplained(table) for table in tables_of(results))
+
+
+@contextmanager
+def _progress(
+    total: int, *, quiet: bool
+) -> Iterator[tuple[Callable[[str, int], None] | None, Callable[[str], None] | None]]:
+    """Yield callbacks that move a bar on the terminal; None when nobody would see it."""
+    if quiet or not sys.stderr.isatty():
+        yield None, None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.fields[result]:>14}"), BarColumn(),
+               TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeElapsedColumn(),
+               TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total, result="")
+        yield (lambda name, done: bar.update(task, completed=done, result=name, description=""),
+               lambda text: bar.update(task, description=text))
+
+
+# ---------------------------------------------------------------- what is printed
+
+
+def _print_json(name: str, results: Sequence[Result]) -> None:
+    from ..studies.report import as_json, json_text
+
+    text = as_json(results) if name == "all" else json_text(results[0].as_dict())
+    click.echo(text, nl=False)
+
+
+def _print(name: str, results: Sequence[Result], out: Path | None, summary: Path | None) -> None:
+    from ..studies.summary import counts_line, failing, requirements, tables_of
+
+    if name == "all":
+        claims = [claim for result in results for claim in result.claims]
+        click.echo(f"{len(results)} results: {counts_line(tables_of(results))}")
+        _print_claims([*requirements(results), *(claim for _, claim in failing(results))])
+        click.echo(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold")
+    else:
+        _print_result(results[0])
+    for path in (out / "index.html" if out is not None else None, summary):
+        if path is not None:
+            click.echo(f"wrote {path}")
+
+
+def _print_result(result: Result) -> None:
+    from ..studies.model import Table
+    from ..studies.report import heading
+
+    click.echo(f"{heading(result)}\n{result.about}\n")
+    if isinstance(result, Table):
+        _print_table(result)
+    _print_claims(result.claims)
+
+
+def _print_table(table: Table) -> None:
+    from rich.console import Console
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    from ..studies.report import MARKS, is_scientific, number_text
+    from ..studies.summary import counts_line, notes
+
+    cells = {(cell.row, cell.column): cell for cell in table.cells}
+    columns = list(dict.fromkeys(cell.column for cell in table.cells))
+    scientific = is_scientific(table)
+    grid = Grid("ours\npaper", *columns)
+    for row in dict.fromkeys(cell.row for cell in table.cells):
+        line: list[Any] = [row]
+        for column in columns:
+            cell = cells.get((row, column))
+            text = Text()
+            if cell is not None:
+                text.append(number_text(cell.ours, scientific, 3))
+                if cell.paper is not None:
+                    text.append(f"\n{number_text(cell.paper, scientific, 2)}"
+                                f"\n{MARKS[cell.verdict]} {cell.verdict}", _COLOURS[cell.verdict])
+                elif cell.note:
+                    text.append(f"\n{cell.note}")
+            line.append(text)
+        grid.add_row(*line)
+    Console().print(grid)
+    click.echo(counts_line([table]))
+    for group in notes(table):
+        click.echo(f"{group.verdict}: {group.places}" + (f": {group.note}" if group.note else ""))
+
+
+def _print_claims(claims: Sequence[Claim]) -> None:
+    for claim in claims:
+        mark = ("proved" if claim.how == "proved" else "holds") if claim.holds else "FAILS"
+        click.echo(f"{mark}: {claim.statement}: {claim.found} (wanted: {claim.wanted})")

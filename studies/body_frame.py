@@ -1,0 +1,112 @@
+"""The heavy top's exact motion as Taylor series, seen from the body at t = 0.
+
+All that the schemes do commutes with a fixed turn of space, q → r∘q, p → r∘p. With r = q̄(0) the
+motion starts at x(0) = 1 and only the momentum l and the vertical Γ = R(q)ᵀe₃ in body axes are
+left of the state:
+
+    l̇ = l × Ω − mgl e₃ × Γ,   Γ̇ = Γ × Ω,   Ω = J⁻¹ l
+    ẋ = ½ x∘(0, Ω),   y = 2 x∘(0, l)                (q = q(0)∘x,  p = q(0)∘y)
+
+Only sums and products are used (and division by integers): the state may be rational, a
+polynomial, or an array of many states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Top", "conjugate", "dot", "motion", "multiply", "over"]
+
+Vector = list[Any]
+
+
+@dataclass(frozen=True)
+class Top:
+    """A state with its parameters: l, Γ, (1/I₁, 1/I₂, 1/I₃) and mgl."""
+
+    l: Sequence[Any]  # noqa: E741
+    vertical: Sequence[Any]
+    inverse_inertia: Sequence[Any]
+    mgl: Any
+
+    def rates(self) -> tuple[Vector, Vector]:
+        """Return l̇ and Γ̇."""
+        omega = [j * x for j, x in zip(self.inverse_inertia, self.l, strict=True)]
+        G1, G2, _ = self.vertical
+        l_rate = cross(self.l, omega)
+        l_rate[0] += self.mgl * G2
+        l_rate[1] -= self.mgl * G1
+        return l_rate, cross(self.vertical, omega)
+
+
+def multiply(a: Sequence[Any], b: Sequence[Any]) -> Vector:
+    """Return the quaternion product a∘b."""
+    a0, a1, a2, a3 = a
+    b0, b1, b2, b3 = b
+    return [
+        a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+        a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+        a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
+        a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
+    ]
+
+
+def conjugate(a: Sequence[Any]) -> Vector:
+    """Return (a₀, −a₁, −a₂, −a₃)."""
+    return [a[0], -a[1], -a[2], -a[3]]
+
+
+def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    """Return Σ aᵢ bᵢ."""
+    return sum((x * y for x, y in zip(a[1:], b[1:], strict=True)), a[0] * b[0])
+
+
+def over(value: Any, n: int) -> Any:
+    """Return value/n, exactly for the elements of a ring over ℚ."""
+    ring = getattr(value, "ring", None)
+    return value.quo_ground(ring.domain(n)) if ring is not None else value / n
+
+
+def cross(a: Sequence[Any], b: Sequence[Any]) -> Vector:
+    """Return a × b."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+class _Taylor:
+    """One coefficient list; the product is the n-th Cauchy term, n set by the caller."""
+
+    def __init__(self, terms: Vector, n: int) -> None:
+        self.terms, self.n = terms, n
+
+    def __mul__(self, other: _Taylor) -> Any:
+        a, b = self.terms, other.terms
+        return sum((a[k] * b[self.n - k] for k in range(1, self.n + 1)), a[0] * b[self.n])
+
+
+def motion(top: Top, order: int) -> tuple[list[Vector], list[Vector]]:
+    """Return the Taylor coefficients x₀..x_order and y₀..y_order, four components each."""
+    zero = 0 * top.l[0]
+    l, G = [[c + zero] for c in top.l], [[c + zero] for c in top.vertical]  # noqa: E741
+    x = [[1 + zero], [zero], [zero], [zero]]
+    for n in range(order):
+        omega = [[j * c for c in terms] for j, terms in zip(top.inverse_inertia, l, strict=True)]
+        spin, momentum, vertical = (_at(n, part) for part in (omega, l, G))
+        l_rate, G_rate = cross(momentum, spin), cross(vertical, spin)
+        l_rate[0] += top.mgl * G[1][n]
+        l_rate[1] -= top.mgl * G[0][n]
+        x_rate = multiply(_at(n, x), [_Taylor([zero] * (n + 1), n), *spin])
+        for part, rate, factor in ((l, l_rate, 1), (G, G_rate, 1), (x, x_rate, 2)):
+            for terms, value in zip(part, rate, strict=True):
+                terms.append(over(value, factor * (n + 1)))
+    nothing = [zero] * (order + 1)
+    y = [multiply(_at(n, x), _at(n, [nothing, *l])) for n in range(order + 1)]
+    return (
+        [[terms[n] for terms in x] for n in range(order + 1)],
+        [[2 * value for value in row] for row in y],
+    )
+
+
+def _at(n: int, part: list[Vector]) -> list[_Taylor]:
+    return [_Taylor(terms, n) for terms in part]

@@ -1,0 +1,102 @@
+"""What LIIIA-B does to the energy: the leading terms of its modified Hamiltonian, with γ.
+
+LIIIA-B is the variational method of the discrete Lagrangian
+
+    L_d(q₀, q₁) = ext h Σ_i b_i L(Q_i, Q̇_i),   |Q_i| = 1,   Q̇_i of a polynomial of degree s,
+
+L = T + 2γ(qᵀq̇)² − V. Expanding it about the exact motion (``odd_stages`` tells the argument) gives
+
+    H̃ = H + h^{2s−2} (A_s + C_s/γ) + h^{2s} (B_s γ + terms without γ and with 1/γ) + O(h^{2s+2})
+
+    C_s = μ/(8s) Y²,    Y = y_{s−1}⁰
+    B_s = −2μς X²,      X = x_{s+1}⁰ + ẋᵀH_pp y_{s−1}/s
+    A_s = μ/(8s) Σᵢ (y_{s−1}ⁱ)²/Iᵢ + μ Σ_{k=1}^{s−1} y_{s−1−k}·x_{s+k} − ε [t^{2s−2}] ẋ·y
+
+with x_k = q⁽ᵏ⁾/k! and y_k = p⁽ᵏ⁾/k! of the exact motion, ⁰ the component along q and ⁱ those along
+the body axes, the node polynomial M(t) = Π(t − c_i), and the numbers
+
+    μ = b_i M′(c_i)², the same for every i,   ς = Σ (c_i − ½)²,   ε = Σ b_i c_i^{2s−2} − 1/(2s−1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import sympy as sp
+from sympy import QQ
+
+from ..generator.families import lobatto_iiiab
+from ..generator.node_algebra import Nodes, power
+from .body_frame import Top, dot, motion, over
+
+__all__ = ["Law", "NodeNumbers", "energy_law", "node_numbers", "node_slope"]
+
+Matrix = Any
+
+
+@dataclass(frozen=True)
+class NodeNumbers:
+    """μ, ς and ε of the s Lobatto nodes, exact."""
+
+    mu: sp.Rational
+    spread: sp.Rational
+    quadrature: sp.Rational
+
+
+@dataclass(frozen=True)
+class Law:
+    """A_s, B_s, C_s, X and Y at a state: numbers, polynomials, or arrays over many states."""
+
+    A: Any
+    B: Any
+    C: Any
+    X: Any
+    Y: Any
+
+
+def node_slope(nodes: Nodes) -> Matrix:
+    """Return the function c → M′(c) on the nodes."""
+    coefficients = nodes.polynomial.all_coeffs()[::-1]  # type: ignore[attr-defined]
+    return sum(
+        (power(nodes, k - 1) * QQ.from_sympy(k * a) for k, a in enumerate(coefficients) if k > 1),
+        nodes.one * QQ.from_sympy(coefficients[1]),
+    )
+
+
+@lru_cache
+def node_numbers(s: int) -> NodeNumbers:
+    """Return μ, ς and ε; all sums over the nodes are traces, so no root is ever written down."""
+    tableau = lobatto_iiiab(s)
+    nodes, b = tableau.stages, tableau.basis["b"]
+
+    def total(f: Matrix, g: Matrix) -> Any:
+        return (f.transpose() * nodes.trace * g).to_list()[0][0]
+
+    slope = node_slope(nodes)
+    mu = total(b, nodes.multiply(slope) * slope) / s
+    spread = total(power(nodes, 1), power(nodes, 1)) - QQ(s, 4)
+    quadrature = total(b, power(nodes, 2 * s - 2)) - QQ(1, 2 * s - 1)
+    return NodeNumbers(*(QQ.to_sympy(value) for value in (mu, spread, quadrature)))
+
+
+def energy_law(s: int, top: Top) -> Law:
+    """Return the law of s-LIIIA-B at the state of the top."""
+    x, y = motion(top, 2 * s - 1)
+    mu, spread, quadrature = (_as(top, number) for number in vars(node_numbers(s)).values())
+    radial, *inner = y[s - 1]
+    stretched = [j * a for j, a in zip(top.inverse_inertia, inner, strict=True)]
+    A = over(mu * sum(a * b for a, b in zip(stretched, inner, strict=True)), 8 * s)
+    A += mu * sum(dot(y[s - 1 - k], x[s + k]) for k in range(1, s))
+    A -= quadrature * sum((k + 1) * dot(x[k + 1], y[2 * s - 2 - k]) for k in range(2 * s - 1))
+    X = x[s + 1][0] + over(sum(a * b for a, b in zip(x[1][1:], stretched, strict=True)), 4 * s)
+    return Law(A, -2 * mu * spread * X * X, over(mu * radial * radial, 8 * s), X, radial)
+
+
+def _as(top: Top, number: sp.Rational) -> Any:
+    """Return a rational number in the arithmetic of the state."""
+    domain = getattr(getattr(top.l[0], "ring", None), "domain", None)
+    if domain is not None or isinstance(top.l[0], type(QQ(1, 2))):
+        return QQ.from_sympy(number)
+    return float(number)

@@ -1,0 +1,180 @@
+"""LIIIA-B-α = LIIIA-B-γ for α = γ (erratum 23): the proof, and the same in round-off."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ..facade import stepper
+from ..generator.families import lobatto_iiiab
+from ..generator.rigid_body import heavy_top
+from ..generator.tableau import Tableau
+from ..runtime.inertia import gamma_m
+from ..runtime.problems import fast_top
+from ..runtime.stepper import Stepper
+from .engine import Engine
+from .model import Claim, Finding
+from .sampled_energy import run
+
+__all__ = ["gradients_claim", "nodes_claim", "stages_claim", "study"]
+
+Array = NDArray[Any]
+
+STAGES = (2, 3, 4, 5)
+DT, STEPS = 0.005, 64
+
+
+def study(engine: Engine) -> Finding:
+    """Prove the identity and measure it."""
+    claims = [
+        gradients_claim(),
+        stages_claim(),
+        nodes_claim([lobatto_iiiab(s) for s in range(2, 9)]),
+        trajectories_claim(STEPS // 4 if engine.short else STEPS),
+        multipliers_claim(),
+    ]
+    return Finding("alpha-equals-gamma", "LIIIA-B-α and LIIIA-B-γ are one method", _about(claims),
+                   claims)
+
+
+def _about(claims: list[Claim]) -> str:
+    trajectories, multipliers = claims[3:]
+    return f"""The paper observes that s-LIIIA-B-α and s-LIIIA-B-γ give the same results for α = \
+γ and predicts it. Here is the proof, for every s.
+
+The two Hamiltonians differ by H_γ − H_α = (1 − |q|²)|p|²/(8γ), identically in q and p. On |q| = \
+1 the difference is zero, so is its derivative by p, and its derivative by q is −|p|²q/(4γ): a \
+multiple of q, and that is the direction of the constraint force.
+
+In LIIIA-B every stage is a constraint node: Ã = Â and Ā = A, so Q_i = Q̃_(i−1) and |Q_i| = 1 at \
+every stage. Take a solution of the α-step and put Λ_(i−1)^γ = Λ_(i−1)^α + |P_i|²/(8γ). Then k_i \
+= H_p is the same, and the force −H_q(Q_i, P_i) − 2Q_iΛ_(i−1) is the same, stage by stage. The \
+force enters P_i with the weights â_ij and the multiplier with ã_ij, which are equal, so all P_i \
+and Q_i stay as they were: the γ-step is solved too. The last column of both is zero and its \
+multiplier first appears in T2, with b̃ = b̂, where the same shift holds.
+
+For IMS, EMS and G-L the stages lie between the constraint nodes, |Q_i| differs from 1, and the \
+methods differ.
+
+Compiled steppers agree: over the fast top's motion q and p differ by at most \
+{trajectories.found} of their size, and the multipliers obey the relation to {multipliers.found}."""
+
+
+# ---------------------------------------------------------------- proofs
+
+
+def gradients_claim(alpha: sp.Expr | None = None) -> Claim:
+    """Claim H_γ − H_α = (1 − |q|²)|p|²/(8γ); false for any α but γ."""
+    one, other = heavy_top("gamma"), heavy_top("alpha")
+    gamma = one.parameters[-1]
+    at_alpha = {other.parameters[-1]: gamma if alpha is None else alpha}
+    q2, p2 = (sum(x**2 for x in v) for v in (one.q, one.p))
+    left = one.H - other.H.subs(at_alpha) - (1 - q2) * p2 / (8 * gamma)
+    rest = sp.expand(left)
+    return Claim(
+        "H_γ − H_α = (1 − |q|²)|p|²/(8γ) for all q and p; hence on |q| = 1 the H_p are equal and "
+        "the H_q differ by −|p|²q/(4γ).",
+        f"difference of the sides {rest}" if rest == 0 else "the sides differ", "0", rest == 0,
+        "proved",
+    )
+
+
+def stages_claim(norm: sp.Expr = 1) -> Claim:
+    """Claim that k_i and k̂_i + k̃_i of both forms are equal; false unless |Q_i|² = 1.
+
+    The gradients of (1 − |q|²)|p|²/(8γ) at a stage with |Q|² = norm are what is left of
+    k_i and of k̂_i + k̃_i once the multipliers are shifted.
+    """
+    Q, P = sp.symbols("Q0:4"), sp.symbols("P0:4")
+    gamma, multiplier = sp.symbols("gamma Lambda")
+    square = sum(x**2 for x in P)
+    difference = (1 - sum(x**2 for x in Q)) * square / (8 * gamma)
+    on_node = {Q[0] ** 2: norm - sum(x**2 for x in Q[1:])}
+    shifted = multiplier + square / (8 * gamma)
+    left = [difference.diff(x).subs(on_node) for x in P]
+    left += [-difference.diff(x) - 2 * x * shifted + 2 * x * multiplier for x in Q]
+    holds = all(sp.expand(sp.expand(e).subs(on_node)) == 0 for e in left)
+    return Claim(
+        "With Λ^γ = Λ^α + |P_i|²/(8γ) a stage with |Q_i| = 1 has the same k_i and the same force "
+        "k̂_i + k̃_i in both forms.",
+        "identical" if holds else "different", "identical", holds, "proved",
+    )
+
+
+def nodes_claim(tableaux: list[Tableau]) -> Claim:
+    """Claim that the stages are the constraint nodes with the same weights; false for G-L."""
+    good = [t for t in tableaux if _stages_are_constraint_nodes(t)]
+    return Claim(
+        "Ã = Â, Ā = A, b̃ = b̂ = b; the first node is 0, the last node 1, and the last column of Ã "
+        "is 0 (any s by construction, checked here in exact arithmetic).",
+        f"{len(good)} of {len(tableaux)} tableaux, s = {', '.join(str(t.s) for t in good)}",
+        f"all {len(tableaux)}", len(good) == len(tableaux), "proved",
+    )
+
+
+def _stages_are_constraint_nodes(t: Tableau) -> bool:
+    part = t.basis
+    if t.s != t.p + 1:
+        return False
+    same = [("A_tilde", "A_hat"), ("A_bar", "A"), ("b_tilde", "b_hat"), ("b_hat", "b"),
+            ("c_tilde", "c")]
+    last_column = part["A_tilde"] * t.constraints.at(-1).transpose()
+    ends = [e.centre for e in (t.enclosures["c"][0], t.enclosures["c"][-1])]
+    return bool(all(part[x] == part[y] for x, y in same) and last_column.is_zero_matrix
+                and ends == [0, 1])
+
+
+# ---------------------------------------------------------------- measured
+
+
+def trajectories_claim(steps: int) -> Claim:
+    """Claim that q and p of compiled steppers agree to round-off."""
+    value = gamma_m(fast_top().inertia)
+    worst = 0.0
+    for s in STAGES:
+        runs = [run("LIIIA-B", s, DT, steps, value, rep=rep) for rep in ("alpha", "gamma")]
+        worst = max(worst, _difference(runs[0].q, runs[1].q), _difference(runs[0].p, runs[1].p))
+    return Claim(
+        f"Fast top, s = 2..5, Δt = {DT}, {steps} steps, α = γ = γ_m: largest relative difference "
+        "of q and p.",
+        f"{worst:.1e}", "< 1e-11 (round-off)", worst < 1e-11,
+    )
+
+
+def multipliers_claim() -> Claim:
+    """Claim Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ) in one step, s = 2..5."""
+    value = gamma_m(fast_top().inertia)
+    worst = 0.0
+    for s in STAGES:
+        (P, Lambda_alpha), (_, Lambda_gamma) = (
+            _stages(stepper("LIIIA-B", s, rep), s, rep, value) for rep in ("alpha", "gamma")
+        )
+        expected = (P[:-1] ** 2).sum(axis=1) / (8 * value)  # Λ_p belongs to T2
+        worst = max(worst, _difference(Lambda_gamma - Lambda_alpha, expected))
+    return Claim(
+        f"Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ) in one step of Δt = {DT}, s = 2..5: relative defect.",
+        f"{worst:.1e}", "< 1e-10 (round-off)", worst < 1e-10,
+    )
+
+
+def _stages(step: Stepper, s: int, rep: str, value: float) -> tuple[Array, Array]:
+    """Solve T1 of the first step; return P_1..P_s and Λ_0..Λ_(s−2)."""
+    problem = fast_top()
+    at: dict[str, Any] = {"dt": DT, "parameters": problem.parameters | {rep: value}}
+    q, p = problem.q0, problem.p0
+    x = step.guess(q, p, **at)
+    for _ in range(12):
+        x = x - np.linalg.solve(step.jacobian(x, q, p, **at), step.residual(x, q, p, **at))
+    table = lobatto_iiiab(s).numeric(20)
+    A, A_hat = (np.array(part, dtype=float) for part in (table.A, table.A_hat))
+    k, k_hat = x[: 4 * s].reshape(s, 4), x[4 * s : 8 * s].reshape(s, 4)
+    Q = q + DT * A @ k
+    push = -2 * Q * np.append(x[8 * s :], 0.0)[:, None]
+    return p + DT * A_hat @ (k_hat + push), x[8 * s :]
+
+
+def _difference(a: Array, b: Array) -> float:
+    return float(np.abs(a - b).max() / np.abs(b).max())

@@ -1,0 +1,169 @@
+"""Tables 2, 3 and Figs. 5-7: which invariants each scheme keeps exactly, (88)-(91).
+
+    theory   IMS  l₃, g      EMS  H, g      LIIIA-B, G-L  l₃, g, qᵀp
+
+with and without a γ or α of whatever value. EMS-α keeps qᵀp as well: erratum 5's scheme has
+0 = q̄ᵀΔq = Δt q̄ᵀD_pH = Δt |q̄|² mean(qᵀp)/(4α), so mean(qᵀp) = 0 and qᵀp stays 0.
+
+Kept exactly means a mean error below the round-off floor ε · N_t · size. Our copy
+of the paper lost the numbers of both tables and says neither Δt nor N_t: Table 2 takes Δt = 0.01
+from Figs. 5-7, Table 3 takes Δt = 0.005 from Table 6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .accuracy import Setting
+from .engine import Case, Engine, Quantity
+from .labels import NORMS, PARAMETERS, row_name
+from .model import Cell, Claim, Figure, Panel, Series, Table
+from .printed import COLUMNS
+from .verdict import KEPT_EXACTLY, judge
+
+__all__ = ["KEPT", "figure_5", "figure_6", "figure_7", "table_2", "table_3"]
+
+STEPS = 1000
+TOP = Setting("fast-top", 0.01, STEPS)
+CONE = Setting("regular-precession", 0.005, STEPS)
+
+#: Scheme → what the theory says it keeps exactly.
+KEPT: dict[str, set[Quantity]] = {
+    "IMS": {"l3", "g"}, "EMS": {"H", "g"},
+    "3-LIIIA-B": {"l3", "g", "qp"}, "2-G-L": {"l3", "g", "qp"},
+}
+#: The rows for each quantity: representation and value of γ or α.
+VARIANTS = (("gamma", "m"), ("gamma", "h"), ("alpha", "m"), ("alpha", "h"))
+_QUANTITIES: tuple[Quantity, ...] = ("H", "l3", "g", "qp")
+_NAMES: dict[Quantity, str] = {"H": "H", "l3": "l₃", "g": "g", "qp": "qᵀp",
+                               "x": "x", "z": "z"}
+
+
+def table_2(engine: Engine) -> Table:
+    """Fast top."""
+    return _table(engine, 2, "Fast spinning top: conservation of invariants", TOP)
+
+
+def table_3(engine: Engine) -> Table:
+    """Regular precession."""
+    return _table(engine, 3, "Regular precession: conservation of invariants", CONE)
+
+
+def _table(engine: Engine, number: int, title: str, setting: Setting) -> Table:
+    about = (
+        f"{setting} (our choice: the paper's numbers and their Δt are lost in our copy). Means of "
+        "the absolute errors of energy and l₃ = I₃Ω₃, and of the defects of |q| = 1 and qᵀp = 0. "
+        "Kept exactly: below ε · N_t · size. That EMS-α keeps qᵀp too follows from "
+        "0 = q̄ᵀΔq = Δt |q̄|² mean(qᵀp)/(4α), q̄ the midpoint."
+    )
+    cells = [
+        _cell(engine, setting.case(method, rep, rule), quantity, rule)
+        for quantity in _QUANTITIES for rep, rule in VARIANTS for method in COLUMNS
+    ]
+    claims = [_kept_claim(engine, setting, method) for method in COLUMNS]
+    return Table(number, title, about, cells,
+                 [_overall_claim(engine, setting), *claims, _periodic_claim(engine, setting)])
+
+
+def _cell(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
+    note = KEPT_EXACTLY if _keeps(engine, case, quantity) else ""
+    return judge(row_name(quantity, case.rep, rule), case.method, engine.mean(case, quantity), None,
+                 reason=note)
+
+
+def _keeps(engine: Engine, case: Case, quantity: Quantity) -> bool:
+    return engine.mean(case, quantity) <= engine.floor(case, quantity)
+
+
+def _overall_claim(engine: Engine, setting: Setting) -> Claim:
+    """Compare what is kept with the theory: what a scheme should keep it keeps."""
+    wanted = [(setting.case(method, rep, rule), quantity) for method in COLUMNS
+              for rep, rule in VARIANTS for quantity in KEPT[method]]
+    kept = [pair for pair in wanted if _keeps(engine, *pair)]
+    return Claim("Neither γ nor α destroys an invariant: of those the theory promises, kept to "
+                 "round-off", f"{len(kept)}", f"all {len(wanted)}", len(kept) == len(wanted))
+
+
+def _kept_claim(engine: Engine, setting: Setting, method: str) -> Claim:
+    """Compare what is kept with the theory, for both types and all parameters."""
+    kept = {
+        rep: [{c for c in _QUANTITIES if _keeps(engine, setting.case(method, rep, rule), c)}
+              for other, rule in VARIANTS if other == rep]
+        for rep in ("gamma", "alpha")
+    }
+    gamma, alpha = set.intersection(*kept["gamma"]), set.intersection(*kept["alpha"])
+    found = f"γ-type {_listed(gamma)}; α-type {_listed(alpha)}"
+    return Claim(
+        f"{method} keeps exactly, whatever γ or α is", found,
+        f"{_listed(KEPT[method])} at least", KEPT[method] <= gamma and KEPT[method] <= alpha,
+    )
+
+
+def _listed(quantities: set[Quantity]) -> str:
+    return ", ".join(_NAMES[c] for c in _QUANTITIES if c in quantities) or "nothing"
+
+
+def _periodic_claim(engine: Engine, setting: Setting) -> Claim:
+    """Compare the second half of the run with the first, wherever an error is not round-off."""
+    growth = []
+    for method in COLUMNS:
+        for rep, rule in VARIANTS:
+            case = setting.case(method, rep, rule)
+            for quantity in _QUANTITIES:
+                if not _keeps(engine, case, quantity):
+                    first, second = np.array_split(np.abs(engine.errors(case, quantity)), 2)
+                    growth.append(float(second.max() / first.max()))
+    return Claim("What is not kept is periodic: largest error of the second half of the run over "
+                 "that of the first", f"at most {max(growth):.3f}", "at most 1.05",
+                 max(growth) <= 1.05)
+
+
+# ---------------------------------------------------------------- figures
+
+#: Steps drawn: 2 s.
+_DRAWN = 201
+
+
+def figure_5(engine: Engine) -> Figure:
+    """IMS and EMS: energy and l₃."""
+    wanted: tuple[tuple[str, Quantity], ...] = (("IMS", "H"), ("EMS", "H"), ("IMS", "l3"),
+                                                ("EMS", "l3"))
+    return _figure(engine, 5, "Conservation of invariants, fast top: IMS-γ and EMS-γ", wanted)
+
+
+def figure_6(engine: Engine) -> Figure:
+    """3-LIIIA-B: energy and l₃."""
+    return _figure(engine, 6, "Conservation of invariants, fast top: 3-LIIIA-B-γ",
+                   (("3-LIIIA-B", "H"), ("3-LIIIA-B", "l3")))
+
+
+def figure_7(engine: Engine) -> Figure:
+    """IMS and EMS: qᵀp."""
+    return _figure(engine, 7, "The orthogonal condition, fast top", (("IMS", "qp"), ("EMS", "qp")))
+
+
+def _figure(
+    engine: Engine, number: int, title: str, wanted: tuple[tuple[str, Quantity], ...]
+) -> Figure:
+    """Draw errors against time for γ = γ_m."""
+    panels, claims = [], []
+    for letter, (method, quantity) in zip("abcd", wanted, strict=False):
+        case = TOP.case(method, "gamma", "m")
+        errors = engine.errors(case, quantity)[:_DRAWN].tolist()
+        t = engine.trajectory(case).t[:_DRAWN].tolist()
+        name = "qᵀp" if quantity == "qp" else f"Δ{_NAMES[quantity]}"
+        panels.append(Panel(f"({letter}) {name}, {method}-γ", "t [s]", name,
+                            [Series(f"{method}-γ", t, errors)]))
+        claims.append(_exactness_claim(engine, case, quantity))
+    return Figure(number, title, f"Δt = {TOP.dt:g}, γ = {PARAMETERS['m']}; the first "
+                  f"{(_DRAWN - 1) * TOP.dt:g} s of the {STEPS * TOP.dt:g} s of Table 2.",
+                  panels, claims=claims)
+
+
+def _exactness_claim(engine: Engine, case: Case, quantity: Quantity) -> Claim:
+    kept, wanted = _keeps(engine, case, quantity), quantity in KEPT[case.method]
+    size = "round-off" if kept else f"{engine.mean(case, quantity):.3e}"
+    return Claim(f"{case.method}-γ {'keeps' if wanted else 'does not keep'} "
+                 f"{_NAMES[quantity]} exactly: {NORMS[quantity]}", size,
+                 "round-off" if wanted else "above round-off", kept == wanted)
+

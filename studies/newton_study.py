@@ -1,0 +1,209 @@
+"""T1 by Newton as the paper's tables annotate it, over the compiled residual and Jacobian.
+
+    solve J(x) dx = r(x),  x ← x − dx,  until ‖·‖ < ε_r or iter_max
+
+A ``Rule`` says as data where the iteration starts, which norm stops it and when. The product's
+steppers stop at round-off by themselves; this driver exists to count what the paper counted.
+
+Two things are done as the paper's formulas are written, because its numbers show them:
+
+- the constraint is evaluated as g = Q̃ᵀQ̃ − 1 (``plain``). Its rounding, about 1e-16, comes back
+  in λ and Λ multiplied by 1/Δt² and makes a small Δt stagnate. The product's own residual adds
+  increments, g(q) + Δg, and stagnates less;
+- a step that uses up iter_max is counted with iter_max and the run goes on (section 5.4), as long
+  as its last error is small. A march is *divergent* when that error is above 1e-6, when the matrix
+  is singular or a number is not finite, or when no step at all was solved: what would follow is
+  no motion of the top.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.stepper import Stepper
+
+__all__ = ["March", "Rule", "march"]
+
+Array = NDArray[Any]
+
+#: Above it, the last error of a step that used up iter_max is no round-off.
+STRAYED = 1e-6
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How a step is solved.
+
+    Attributes
+    ----------
+    start
+        "state": (q_{k−1}, p_{k−1}, 0), for IMS and EMS. "previous": the unknowns of the step
+        before (increments for IMS and EMS), for the first step the stepper's guess. "rates":
+        that guess every time.
+    stops_on
+        "dx": the whole increment. "d(q,p)": its part without the multipliers. "r": the residual,
+        looked at before each solution; the last look counts as an iteration.
+    size
+        "euclidean" or "largest" entry.
+    tolerance, most
+        ε_r and iter_max.
+    plain
+        Whether g is evaluated as Q̃ᵀQ̃ − 1; otherwise by increments, as the product does.
+    """
+
+    start: Literal["state", "previous", "rates"]
+    stops_on: Literal["dx", "d(q,p)", "r"]
+    tolerance: float
+    most: int
+    size: Literal["euclidean", "largest"] = "euclidean"
+    plain: bool = True
+
+    def __str__(self) -> str:
+        return f"‖{self.stops_on}‖{'' if self.size == 'euclidean' else '∞'} < {self.tolerance:.0e}"
+
+
+@dataclass
+class March:
+    """What became of a run: iterations of each step done, and how it ended."""
+
+    iterations: list[int] = field(default_factory=list)
+    unsolved: int = 0  # steps that used up iter_max
+    failure: str = ""  # why the march is divergent; empty if it is not
+    end: tuple[Array, Array] | None = None  # (q, p) after the last step, if it did not fail
+
+    @property
+    def divergent(self) -> bool:
+        """Whether the run stopped being a solution."""
+        return bool(self.failure)
+
+    @property
+    def mean(self) -> float:
+        """Mean number of iterations of a step."""
+        return sum(self.iterations) / len(self.iterations)
+
+    @property
+    def typical(self) -> float:
+        """Median number of iterations: stagnation of a few steps does not move it."""
+        return float(median(self.iterations))
+
+
+def march(
+    stepper: Stepper, parameters: Mapping[str, float], state: tuple[Array, Array], dt: float,
+    steps: int, rule: Rule, *, all_solved: bool = False,
+) -> March:
+    """Return the march of ``steps`` steps from ``state``; it ends early where it diverges.
+
+    ``all_solved`` lets it end at the first step that uses up iter_max, whatever its error.
+    """
+    run = _Run(stepper, parameters, dt, rule)
+    run.q[:], run.p[:] = state
+    result = March()
+    for _ in range(steps):
+        with np.errstate(over="ignore", invalid="ignore"):  # seen by run.solve
+            taken, error, result.failure = run.solve()
+        result.iterations.append(taken)
+        if not result.failure and not error < rule.tolerance:
+            result.unsolved += 1
+            if all_solved or not error < STRAYED:
+                result.failure = "not converged"
+        if not result.failure and run.advance():
+            result.failure = "no momentum on the constraint"
+        if result.failure:
+            return result
+    if result.unsolved == steps:
+        result.failure = "no step converged"
+    result.end = run.q, run.p
+    return result
+
+
+class _Run:
+    """Buffers and pointers of one march: each iteration is one compiled call and one solution."""
+
+    def __init__(
+        self, stepper: Stepper, parameters: Mapping[str, float], dt: float, rule: Rule
+    ) -> None:
+        self.b = b = stepper.binding
+        self.dt, self.rule = dt, rule
+        self.parameters, self.work = b.parameters(dict(parameters)), b.work()
+        self.is_state = bool(stepper.manifest["scheme"]["unknowns_are_state"])
+        self.q, self.p = b.new(b.n), b.new(b.n)
+        self.x, self.J = b.new(b.unknowns), b.new(b.unknowns, b.unknowns)
+        self.r = np.frombuffer(b.ffi.buffer(self.work.r), dtype=b.dtype)
+        self.constraints = b.unknowns if not b.m else self._first_constraint()
+        self.D = None if self.is_state else np.frombuffer(
+            b.ffi.buffer(self.work.D), dtype=b.dtype).reshape(-1, b.n)[1:]
+        self.before: Array | None = None  # unknowns of the step before
+        self.pointers = [b.pointer(a) for a in (self.q, self.p, self.x, self.J)]
+
+    def _first_constraint(self) -> int:
+        """Return the row of the first constraint: p of them in T1 of SPARK, 1 in IMS and EMS."""
+        b = self.b
+        return b.unknowns - (b.multipliers if self.is_state else b.multipliers - b.m)
+
+    def solve(self) -> tuple[int, float, str]:
+        """Return iterations, last error and why the step failed, if it did; y is left in x."""
+        rule, rows = self.rule, self.constraints
+        call, (q, p, x, J) = self.b.function("jacobian"), self.pointers
+        origin = self._origin()
+        y = self._start(origin)
+        error = math.inf
+        for taken in range(1, rule.most + 1):
+            np.subtract(y, origin, out=self.x)
+            call(self.parameters, self.dt, q, p, x, J, self.work)  # leaves r in work
+            if rule.plain:
+                self._plain_constraint(y)
+            if rule.stops_on == "r":
+                error = self._size(self.r)
+                if error < rule.tolerance:
+                    return taken, error, ""
+            try:
+                dx = np.linalg.solve(self.J, self.r)
+            except np.linalg.LinAlgError:
+                return taken, error, "singular matrix"
+            y -= dx
+            if rule.stops_on != "r":
+                error = self._size(dx if rule.stops_on == "dx" else dx[:rows])
+            if not math.isfinite(float(dx @ dx)):
+                return taken, error, "not finite"
+            if rule.stops_on != "r" and error < rule.tolerance:
+                break
+        np.subtract(y, origin, out=self.x)
+        return taken, error, ""
+
+    def advance(self) -> int:
+        """Take the step; return the status of T2."""
+        status, self.q[:], self.p[:], _ = self.b.finish(
+            self.parameters, self.dt, self.q, self.p, self.x, self.work)
+        self.before = self.x.copy()
+        return status
+
+    def _origin(self) -> Array:
+        """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
+        origin = self.b.new(self.b.unknowns)
+        if self.is_state:
+            origin[: 2 * self.b.n] = np.concatenate([self.q, self.p])
+        return origin
+
+    def _start(self, origin: Array) -> Array:
+        if self.rule.start == "state":
+            return origin.copy()
+        if self.rule.start == "previous" and self.before is not None:
+            return origin + self.before
+        return origin + self.b.guess(self.parameters, self.dt, self.q, self.p, self.work)
+
+    def _plain_constraint(self, y: Array) -> None:
+        """Put g = Q̃ᵀQ̃ − 1 into its rows of r."""
+        Q = y[None, : self.b.n] if self.D is None else self.q + self.D
+        self.r[self.constraints :] = np.einsum("ij,ij->i", Q, Q) - 1
+
+    def _size(self, v: Array) -> float:
+        if self.rule.size == "largest":
+            return float(np.abs(v).max())
+        return math.sqrt(float(v @ v))

@@ -1,0 +1,207 @@
+"""Proofs behind the law of ``energy_law``, each exact and each able to fail.
+
+- the tableau facts that make LIIIA-B variational and fix the radial velocity of its stages
+- one step expanded in h (``one_step``): its energy error must be −h^{2s−1} d/dt(A_s + C_s/γ), and
+  the first term with γ itself −h^{2s+1} γ dB_s/dt, as H̃ is conserved
+- the parity of X and Y, which decides between 1/γ and γ
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import sympy as sp
+from sympy import QQ, ring
+
+from ..generator.families import lobatto_iiiab
+from ..generator.tableau import Tableau
+from .body_frame import Top
+from .energy_law import energy_law, node_numbers, node_slope
+from .model import Claim
+from .one_step import energy_error
+
+__all__ = [
+    "RATIONAL_STATES",
+    "gamma_claim",
+    "identities_claim",
+    "parity_claim",
+    "step_claim_rational",
+    "step_claim_symbolic",
+    "symbolic_top",
+    "variational",
+    "variational_claim",
+]
+
+#: l, Γ, (1/I₁, 1/I₂, 1/I₃) and mgl of bodies without any symmetry.
+RATIONAL_STATES = [
+    (("3/7", "-2/5", "1/3"), ("2/3", "-1/3", "2/3"), ("1/2", "3/5", "4/3"), "5/7"),
+    (("-1/2", "5/3", "2/7"), ("2/7", "6/7", "3/7"), ("2/3", "1/4", "7/5"), "-3/4"),
+]
+
+Expression = Any
+
+
+# ---------------------------------------------------------------- the tableau
+
+
+def variational(tableau: Tableau) -> bool:
+    """Whether b_i â_ij + b_j a_ji = b_i b_j and Σ_i b_i M′(c_i) â_ij = 0, b_i M′(c_i)² constant.
+
+    The first makes the step stationary for its discrete Lagrangian; the second says that the
+    stage momenta P_i lie on a polynomial of degree s − 2.
+    """
+    nodes, basis = tableau.stages, tableau.basis
+    b, A, A_hat = (basis[name] for name in ("b", "A", "A_hat"))
+    times_b = nodes.multiply(b)
+    left = times_b * A_hat + (times_b * A).transpose() - b * b.transpose()
+    weighted = times_b * node_slope(nodes)
+    closing = weighted.transpose() * nodes.trace * A_hat
+    square = nodes.multiply(node_slope(nodes)) * weighted
+    mu = node_numbers(tableau.s).mu
+    constant = square - nodes.one * QQ.from_sympy(mu)
+    return all(part.is_zero_matrix for part in (left, closing, constant))
+
+
+def variational_claim(stages: Sequence[int]) -> Claim:
+    """Claim the tableau facts of LIIIA-B."""
+    good = [s for s in stages if variational(lobatto_iiiab(s))]
+    return Claim(
+        "LIIIA-B is the variational method of h Σ b_i L(Q_i, Q̇_i): b_i â_ij + b_j a_ji = b_i b_j; "
+        "Σ_i b_i M′(c_i) P_i = 0; b_i M′(c_i)² = μ for every i.",
+        f"exact for s = {_list(good)}", f"exact for s = {_list(stages)}", good == list(stages),
+        "proved",
+    )
+
+
+# ---------------------------------------------------------------- one step
+
+
+def symbolic_top() -> tuple[Top, Callable[[Expression], Expression]]:
+    """Return a top with l, Γ, 1/I₁, 1/I₂ as symbols, I₃ = mgl = 1, and d/dt along its motion.
+
+    The units of mass and time make I₃ and mgl equal to 1; nothing else is special.
+    """
+    polynomials, *symbols = ring("l1 l2 l3 G1 G2 G3 j1 j2", QQ)
+    top = Top(symbols[:3], symbols[3:6], [*symbols[6:], polynomials.one], polynomials.one)
+    rates = [rate for part in top.rates() for rate in part]
+
+    def derivative(f: Expression) -> Expression:
+        return sum((f.diff(x) * rate for x, rate in zip(symbols[:6], rates, strict=True)),
+                   polynomials.zero)
+
+    return top, derivative
+
+
+def step_claim_symbolic(s: int) -> Claim:
+    """Claim the leading energy error of one step for every top and state."""
+    top, derivative = symbolic_top()
+    law = energy_law(s, top)
+    error = energy_error(lobatto_iiiab(s), top, 2 * s - 1)
+    expected = {(2 * s - 1, 0): -derivative(law.A), (2 * s - 1, -1): -derivative(law.C)}
+    return _step_claim(s, error.terms == expected, "any state of any top, γ symbolic")
+
+
+def step_claim_rational(s: int) -> Claim:
+    """Claim the same at rational states of two bodies, with γ as a symbol."""
+    holds = True
+    for top in _rational_tops():
+        law = energy_law(s, _moving(top))
+        error = energy_error(lobatto_iiiab(s), top, 2 * s - 1)
+        expected = {(2 * s - 1, 0): -_rate(law.A), (2 * s - 1, -1): -_rate(law.C)}
+        holds &= error.terms == expected
+    return _step_claim(s, holds, f"{len(RATIONAL_STATES)} rational states, γ symbolic")
+
+
+def _step_claim(s: int, holds: bool, where: str) -> Claim:
+    return Claim(
+        f"One step of {s}-LIIIA-B changes the energy by −h^{2 * s - 1} d/dt(A_{s} + C_{s}/γ), with "
+        f"no other power of γ and nothing below h^{2 * s - 1}.",
+        f"{'equal' if holds else 'not equal'}, {where}", "equal, term by term", holds, "proved",
+    )
+
+
+def gamma_claim(stages: Sequence[int]) -> Claim:
+    """Claim where γ itself first appears in the energy error of one step."""
+    found = []
+    for s in stages:
+        for top in _rational_tops():
+            error = energy_error(lobatto_iiiab(s), top, 2 * s + 1)
+            with_gamma = {key: a for key, a in error.terms.items() if key[1] > 0}
+            found.append(with_gamma == {(2 * s + 1, 1): -_rate(energy_law(s, _moving(top)).B)})
+    return Claim(
+        "γ itself first appears two orders later, as −h^{2s+1} γ dB_s/dt.",
+        f"{sum(found)} of {len(found)} expansions of s = {_list(stages)} at rational states",
+        f"all {len(found)}, in rational arithmetic", all(found), "proved",
+    )
+
+
+def _rational_tops() -> list[Top]:
+    def numbers(texts: Sequence[str]) -> list[Any]:
+        return [QQ.from_sympy(sp.Rational(text)) for text in texts]
+
+    return [Top(numbers(a), numbers(b), numbers(c), numbers([d])[0])
+            for a, b, c, d in RATIONAL_STATES]
+
+
+def _moving(top: Top) -> Top:
+    """Return the state with its rates as the coefficients of a symbol e (e² is never read)."""
+    _, e = ring("e", QQ)
+    l_rate, vertical_rate = top.rates()
+    return Top([e * rate + x for x, rate in zip(top.l, l_rate, strict=True)],
+               [e * rate + x for x, rate in zip(top.vertical, vertical_rate, strict=True)],
+               top.inverse_inertia, top.mgl)
+
+
+def _rate(moving: Any) -> Any:
+    return moving.coeff(moving.ring.gens[0])
+
+
+# ---------------------------------------------------------------- what the terms are
+
+
+def identities_claim() -> Claim:
+    """Claim what C₂, C₃ and B₂ are in words, for every top."""
+    top, derivative = symbolic_top()
+    l, j = top.l, top.inverse_inertia  # noqa: E741
+    T = sum(x * x * i for x, i in zip(l, j, strict=True)) * QQ(1, 2)
+    asymmetry = (l[0] * l[1] * l[2]) * (j[0] - j[1]) * (j[1] - j[2]) * (j[2] - j[0])
+    two, three = energy_law(2, top), energy_law(3, top)
+    pairs = [(two.C, T**2 * QQ(1, 8)), (three.C, derivative(T) ** 2 * QQ(1, 256)),
+             (two.B, asymmetry**2 * QQ(-1, 512))]
+    holds = all(term == expected for term, expected in pairs)
+    return Claim(
+        "C₂ = T²/8, C₃ = V̇²/256 and B₂ = −[l₁l₂l₃(1/I₁−1/I₂)(1/I₂−1/I₃)(1/I₃−1/I₁)]²/512, which is "
+        "0 for a symmetric top.",
+        "identical polynomials" if holds else "different polynomials", "identical polynomials",
+        holds, "proved",
+    )
+
+
+def parity_claim(stages: Sequence[int]) -> Claim:
+    """Claim how X and Y behave under the reversal l₂ → −l₂, Γ₂ → −Γ₂, t → −t of every top."""
+    top, _ = symbolic_top()
+    good = [s for s in stages if _parity_holds(s, top)]
+    return Claim(
+        "Under the reversal (l₂, Γ₂, t) → (−l₂, −Γ₂, −t), Y_s → (−1)^s Y_s and X_s → (−1)^{s+1} "
+        "X_s: at the turning points of a symmetric top's nutation (l₂ = Γ₂ = 0 in suitable axes) "
+        "Y = 0 for odd s and X = 0 for even s.",
+        f"s = {_list(good)}, as polynomials in the state", f"s = {_list(stages)}",
+        good == list(stages), "proved",
+    )
+
+
+def _parity_holds(s: int, top: Top) -> bool:
+    law = energy_law(s, top)
+    sign = (-1) ** s
+    return bool(_reversed(law.Y) == sign * law.Y and _reversed(law.X) == -sign * law.X)
+
+
+def _reversed(f: Any) -> Any:
+    """Return f with l₂ and Γ₂ (generators 1 and 4) of the other sign."""
+    return f.ring.from_dict({powers: -a if (powers[1] + powers[4]) % 2 else a
+                             for powers, a in f.items()})
+
+
+def _list(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers)) or "none"

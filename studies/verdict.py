@@ -1,0 +1,81 @@
+"""Ours beside the paper's number: *agrees*, *round-off*, *misprint*, *differs*.
+
+    agrees      ours, rounded to as many digits as the paper printed, is what it printed
+    round-off   both lie below ε · N_t · size (``Engine.floor``), so their digits mean nothing
+    misprint    an erratum gives another value, and ours agrees with that one
+    differs     none of these; the note says by how much, and why if we know
+
+The rules are tried in this order and hold for whole tables; nothing is tuned to a cell.
+"""
+
+from __future__ import annotations
+
+import math
+from decimal import ROUND_HALF_EVEN, Decimal
+
+from .model import Cell, Verdict
+from .printed import Misprint
+
+__all__ = ["KEPT_EXACTLY", "ROUND_OFF", "judge", "same_digits", "units_apart"]
+
+#: Notes of cells that were not printed and whose digits mean nothing.
+ROUND_OFF, KEPT_EXACTLY = "round-off", "kept exactly"
+
+
+def same_digits(ours: float, printed: str) -> bool:
+    """Return whether ours, rounded to the printed digits, is the printed number."""
+    return math.isfinite(ours) and units_apart(ours, printed) == 0
+
+
+def units_apart(ours: float, printed: str) -> int:
+    """Return how many units of the last printed digit lie between the rounded numbers."""
+    number = Decimal(printed)
+    unit = Decimal((0, (1,), int(number.as_tuple().exponent)))
+    return int(abs((Decimal(ours) / unit).quantize(Decimal(1), ROUND_HALF_EVEN) - number / unit))
+
+
+def judge(
+    row: str,
+    column: str,
+    ours: float,
+    printed: str | None,
+    floor: float = 0.0,
+    misprint: Misprint | None = None,
+    reason: str = "",
+) -> Cell:
+    """Return the cell with its verdict.
+
+    Parameters
+    ----------
+    printed
+        The paper's number as text, with all its digits; None where our copy lost it.
+    floor
+        Below it a number is round-off.
+    misprint
+        What an erratum says of this cell.
+    reason
+        Why the cell differs, if it does and we know; the note of a cell that was not printed.
+    """
+    if printed is None:
+        return Cell(row, column, None, ours, "not printed", reason)
+    verdict, note = _verdict(ours, printed, floor, misprint, reason)
+    return Cell(row, column, float(printed), ours, verdict, note)
+
+
+def _verdict(
+    ours: float, printed: str, floor: float, misprint: Misprint | None, reason: str
+) -> tuple[Verdict, str]:
+    if same_digits(ours, printed):
+        return "agrees", ""
+    if max(abs(ours), abs(float(printed))) <= floor:
+        return "round-off", f"both below {floor:.1e} = ε · N_t · size"
+    if misprint is not None and same_digits(ours, misprint.right):
+        return "misprint", (f"erratum {misprint.erratum}: {misprint.why}; "
+                            f"right is {misprint.right}")
+    if not math.isfinite(ours):
+        return "differs", "ours is no finite number"
+    units = units_apart(ours, printed)
+    if units > 1 and (units > 9 or not reason):
+        return "differs", reason  # more than one unit needs a reason
+    apart = f"{units} unit{'s' if units > 1 else ''} in the last printed digit"
+    return "differs", f"{apart}; {reason}" if reason else apart

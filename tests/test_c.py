@@ -1,0 +1,440 @@
+"""The generated C by itself: warnings, symbols, sanitizers, C++, a program without Python."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import sys
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.facade import files_of
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import PAPER_SPECS, Spec
+from processes import ROOT, call
+
+STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+SANITIZE = ["-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+
+COMPILERS = {"gcc": ["gcc"], "clang": ["clang"], "zig": [sys.executable, "-m", "ziglang", "cc"]}
+SOME = [Spec("G-L", 3), Spec("EMS", None, "alpha")]
+OTHER_TYPES = [Spec(scheme, stages, rep, real=real) for real in ("float", "long-double")
+               for scheme, stages, rep in (("EMS", None, "gamma"), ("G-L", 3, "alpha"),
+                                           ("LIIIA-B", 3, "gamma"))]
+
+
+def name_of(spec):
+    return spec.name
+
+
+def compiler(name):
+    """Return a compiler's command; skip the test, with the reason, if it is not there."""
+    if name == "zig":
+        if importlib.util.find_spec("ziglang") is None:
+            pytest.skip("ziglang is not installed (pip install '.[compiler]')")
+    elif shutil.which(name) is None:
+        pytest.skip(f"{name} is not installed")
+    return COMPILERS[name]
+
+
+def write(files, folder):
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def run(command, folder, **changes):
+    """Run a command that must succeed without a word on stderr."""
+    done = call(command, cwd=folder, **changes)
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    return done.stdout
+
+
+# ---------------------------------------------------------------- warnings
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+@pytest.mark.parametrize("spec", [*PAPER_SPECS, *OTHER_TYPES, Spec("G-L", 8)], ids=name_of)
+def test_no_warning(name, spec, tmp_path):
+    command = compiler(name)
+    write(files_of(spec), tmp_path)
+    level = "-O2" if name == "gcc" else "-O0"  # only gcc warns from its optimiser
+    run([*command, *STRICT, level, "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
+
+
+@pytest.mark.parametrize("spec", SOME, ids=name_of)
+def test_no_warning_from_the_compiler_of_pypi(spec, tmp_path):
+    command = compiler("zig")
+    write(files_of(spec), tmp_path)
+    run([*command, *STRICT, "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+@pytest.mark.parametrize("spec", SOME, ids=name_of)
+def test_no_warning_at_other_settings(name, spec, tmp_path):
+    """C17 and no optimisation; shadowed names and missing prototypes are not there either."""
+    command = compiler(name)
+    write(files_of(spec), tmp_path)
+    more = ["-Wmissing-prototypes", "-Wstrict-prototypes", "-Wundef", "-Wvla", "-Wcast-qual",
+            "-Wunused-macros"]
+    for std, level in (("c11", "-O3"), ("c17", "-O0")):
+        flags = [*STRICT, *more, f"-std={std}", level]
+        run([*command, *flags, "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
+
+
+# ---------------------------------------------------------------- symbols
+
+
+def declared(spec, header):
+    """Return the functions that a header declares."""
+    text = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
+    return set(re.findall(rf"\b({spec.name}_\w+)\(", text))
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+@pytest.mark.parametrize(
+    "spec", [Spec("G-L", 3), Spec("LIIIA-B", 2, "alpha"), Spec("EMS"), Spec("IMS", None, "alpha")],
+    ids=name_of)
+def test_symbols_are_the_documented_functions(name, spec, tmp_path):
+    """Nothing else is exported, and there is no writable data: re-entrant by construction."""
+    command = compiler(name)
+    files = files_of(spec)
+    write(files, tmp_path)
+    run([*command, "-std=c11", "-O2", "-fPIC", "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
+    lines = [line.split() for line in run(["nm", "kernel.o"], tmp_path).splitlines()]
+    exported = {words[-1] for words in lines if words[-2] in "TDBRCVWG"}
+    assert exported == declared(spec, files[f"{spec.name}.h"])
+    assert {words[-2] for words in lines} <= set("TtrUu"), lines
+    functions = {"step", "integrate", "T1", "T2", "guess", "residual", "jacobian",
+                 "increment_size", "hamiltonian", "defects", "project"}
+    if spec.stages:
+        functions |= {"coefficients"}
+    assert exported == {f"{spec.name}_{function}" for function in functions}
+
+
+def test_symbols_needed_are_of_the_maths_library(tmp_path):
+    spec = Spec("LIIIA-B", 4)
+    write(files_of(spec), tmp_path)
+    run([*compiler("gcc"), "-std=c11", "-O2", "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
+    lines = [line.split() for line in run(["nm", "kernel.o"], tmp_path).splitlines()]
+    needed = {words[-1] for words in lines if words[-2] == "U"}
+    assert needed <= {"frexp", "ldexp", "memset", "memcpy", "memmove", "_GLOBAL_OFFSET_TABLE_",
+                      "__stack_chk_fail"}
+
+
+# ---------------------------------------------------------------- headers
+
+
+@pytest.mark.parametrize("spec", [*SOME, Spec("IMS", real="long-double")], ids=name_of)
+@pytest.mark.parametrize("name", ["g++", "clang++"])
+def test_header_is_cplusplus_and_can_be_included_twice(name, spec, tmp_path):
+    if shutil.which(name) is None:
+        pytest.skip(f"{name} is not installed")
+    write(files_of(spec), tmp_path)
+    (tmp_path / "user.cpp").write_text(
+        f'#include "{spec.name}.h"\n#include "{spec.name}.h"\n'
+        f"int main() {{ {spec.name}_options o = {{ 0, 50 }}; return o.max_iterations - 50; }}\n",
+        encoding="ascii")
+    run([name, "-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only",
+         "user.cpp"], tmp_path)
+
+
+def test_two_steppers_in_one_program(tmp_path):
+    """Names do not clash: all of the paper's headers together."""
+    text = ""
+    for spec in PAPER_SPECS:
+        write(files_of(spec), tmp_path)
+        text += f'#include "{spec.name}.h"\n'
+    (tmp_path / "all.c").write_text(text + "int main(void) { return 0; }\n", encoding="ascii")
+    run([*compiler("gcc"), *STRICT, "-fsyntax-only", "all.c"], tmp_path)
+
+
+# ---------------------------------------------------------------- a program without Python
+
+
+def test_plain_c_example_agrees_with_python(tmp_path):
+    """The README's three commands, with nothing but ``cc``; the same end as in Python."""
+    if shutil.which("cc") is None:
+        pytest.skip("cc is not installed")
+    spec = Spec("G-L", 3)
+    shutil.copy(ROOT / "examples" / "plain_c" / "main.c", tmp_path)
+    write(files_of(spec), tmp_path)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    command = re.search(r"^cd examples/plain_c && (cc .*) && \./top$", readme, re.MULTILINE)
+    assert command
+    run(command[1].split(), tmp_path)
+    lines = run([tmp_path / "top"], tmp_path).splitlines()
+    assert lines[0] == "status 0 after 2000 steps"
+    top = gs.problems.fast_top()
+    made = gs.stepper("G-L", 3, "gamma").integrate(
+        top.q0, top.p0, dt=1e-3, steps=2000,
+        parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
+    q = np.array(lines[1].removeprefix("q = ").split(), dtype=float)
+    assert abs(q - made.q[-1]).max() < 1e-11
+    numbers = [float(x) for x in re.findall(r"[0-9.]+e[+-][0-9]+", lines[2])]
+    assert numbers[0] < 1e-12
+    assert max(numbers[1:]) < 1e-14
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+def test_optimisation_and_contraction_do_not_change_the_answer(name, tmp_path):
+    """-O0, -O3 and FMA differ by round-off only, over 2000 steps."""
+    command = compiler(name)
+    spec = Spec("G-L", 3)
+    shutil.copy(ROOT / "examples" / "plain_c" / "main.c", tmp_path)
+    write(files_of(spec), tmp_path)
+    ends = []
+    for flags in (["-O0"], ["-O2", "-ffp-contract=off"],
+                  ["-O3", "-march=native", "-ffp-contract=fast"]):
+        run([*command, "-std=c11", *flags, "main.c", f"{spec.name}.c", "-lm", "-o", "top"],
+            tmp_path)
+        line = run([tmp_path / "top"], tmp_path).splitlines()[1]
+        ends.append(np.array(line.removeprefix("q = ").split(), dtype=float))
+    assert abs(np.array(ends) - ends[0]).max() < 1e-11
+
+
+# ---------------------------------------------------------------- sanitizers
+
+#: Calls everything, with good and with hopeless input, on memory of exactly the promised size.
+DRIVER = r"""
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "NAME.h"
+
+typedef REAL real;
+
+static real *reals(int count)
+{
+    real *made = malloc((size_t)(count > 0 ? count : 1)*sizeof(real));
+    memset(made, 0xff, (size_t)(count > 0 ? count : 1)*sizeof(real));
+    return made;
+}
+
+static NAME_work *work_of(int fill)
+{
+    NAME_work *work = malloc(sizeof *work);
+    memset(work, fill, sizeof *work);
+    return work;
+}
+
+static void show(const char *what, int status, int n, const real *x)
+{
+    printf("%s %d", what, status);
+    for (int i = 0; i < n; ++i)
+        printf(" %.17Lg", (long double)x[i]);
+    printf("\n");
+}
+
+static void everything(const char *label, const NAME_parameters *par, const real *q_start,
+    const real *p_start, real dt, int max_iterations, int fill)
+{
+    enum { N = COORDINATES, U = UNKNOWNS, L = MULTIPLIERS, ROOM = L > 0 ? L : 1, STEPS = 7 };
+    NAME_options options = { 0, max_iterations };
+    NAME_work *work = work_of(fill);
+    NAME_report report;
+    real *q = reals(N), *p = reals(N), *q1 = reals(N), *p1 = reals(N), *x = reals(U), *r = reals(U),
+         *J = reals(U*U), *l = reals(ROOM), *H = reals(STEPS), *q_out = reals(STEPS*N),
+         *p_out = reals(STEPS*N), *l_out = reals(STEPS*L), *g = reals(STEPS*CONSTRAINTS),
+         *f = reals(STEPS*CONSTRAINTS);
+    int *counts = malloc(STEPS*sizeof(int)), taken = -1, status;
+    printf("%s\n", label);
+    for (int i = 0; i < N; ++i) {
+        q[i] = q_start[i];
+        p[i] = p_start[i];
+    }
+    status = NAME_step(par, &options, dt, q, p, q1, p1, l, &taken, work);
+    show("step", status, status ? 0 : N, q1);
+    status = NAME_T1(par, &options, dt, q, p, x, &taken, work);
+    show("T1", status, status ? 0 : U, x);
+    status = NAME_T2(par, dt, q, p, x, q1, p1, l, work);
+    show("T2", status, status ? 0 : N, q1);
+    NAME_guess(par, dt, q, p, x, work);
+    NAME_residual(par, dt, q, p, x, r, work);
+    show("residual", 0, U, r);
+    NAME_jacobian(par, dt, q, p, x, J, work);
+    show("jacobian", 0, U*U, J);
+    real size[1] = { NAME_increment_size(dt, q, p, x, r) };
+    show("increment", 0, 1, size);
+    status = NAME_step(par, &options, dt, q, p, q, p, l, &taken, work); /* in place */
+    show("in place", status, status ? 0 : N, q);
+    memset(&report, 0, sizeof report);
+    for (int a = 0; a < N; ++a) {
+        q[a] = q_start[a];
+        p[a] = p_start[a];
+    }
+    status = NAME_integrate(par, &options, dt, STEPS, 1, q, p, q_out, p_out, l_out, counts, &report,
+        work);
+    show("integrate", status, (int)report.steps*N, q_out);
+    status = NAME_integrate(par, &options, -dt, STEPS, 3, q, p, q_out, NULL, l_out, NULL, &report,
+        work);
+    show("every 3", status, 0, q_out);
+    status = NAME_integrate(par, &options, dt, 0, 1, q, p, NULL, NULL, NULL, NULL, &report, work);
+    show("no step", status, 0, q_out);
+    for (int a = 0; a < N; ++a) {
+        q_out[a] = q_start[a];
+        p_out[a] = p_start[a];
+    }
+    NAME_hamiltonian(par, 1, q_out, p_out, H);
+    show("H", 0, 1, H);
+    NAME_hamiltonian(par, 0, NULL, NULL, NULL);
+#if CONSTRAINTS > 0
+    NAME_defects(par, 1, q_out, p_out, g, f);
+    show("g", 0, CONSTRAINTS, g);
+    NAME_defects(par, 0, NULL, NULL, NULL, NULL);
+    for (int a = 0; a < N; ++a) {
+        q_out[a] *= (real)1.1;
+        p_out[a] += q_out[a]/7;
+    }
+    status = NAME_project(par, q_out, p_out);
+    show("project", status, status ? 0 : N, q_out);
+#endif
+    free(q); free(p); free(q1); free(p1); free(x); free(r); free(J); free(l); free(H); free(q_out);
+    free(p_out); free(l_out); free(g); free(f); free(counts); free(work);
+}
+
+int main(int argc, char **argv)
+{
+    const int fill = argc > 1 ? atoi(argv[1]) : 0;
+    NAME_parameters par = { PARAMETERS }, odd = par;
+    const real q[] = { START_Q }, p[] = { START_P };
+    real bad[COORDINATES], far[COORDINATES], zero[COORDINATES];
+    for (int i = 0; i < COORDINATES; ++i) {
+        bad[i] = i ? q[i] : (real)NAN;
+        far[i] = q[i]*(real)1e30;
+        zero[i] = 0;
+    }
+    (void)argv;
+    everything("fine", &par, q, p, (real)1e-3, 50, fill);
+    everything("one iteration", &par, q, p, (real)1e-3, 1, fill);
+    everything("no iteration", &par, q, p, (real)1e-3, 0, fill);
+    everything("huge dt", &par, q, p, (real)1e6, 50, fill);
+    everything("hopeless dt", &par, q, p, (real)1e30, 50, fill);
+    everything("no dt", &par, q, p, 0, 50, fill);
+    everything("NaN dt", &par, q, p, (real)NAN, 50, fill);
+    everything("NaN state", &par, bad, p, (real)1e-3, 50, fill);
+    everything("far off", &par, far, p, (real)1e-3, 50, fill);
+    everything("zero", &par, zero, zero, (real)1e-3, 50, fill);
+    odd.ODD = HUGE;
+    everything("huge parameter", &odd, q, p, (real)1e-3, 50, fill);
+    odd.ODD = 0;
+    everything("zero parameter", &odd, q, p, (real)1e-3, 50, fill);
+    odd.ODD = (real)INFINITY;
+    everything("infinite parameter", &odd, q, p, (real)1e-3, 50, fill);
+    return 0;
+}
+"""
+
+
+@cache
+def other_systems():
+    """Return systems that are no rigid body: no constraint, one, two."""
+    x, y, z = sp.symbols("x y z", real=True)
+    px, py, pz = sp.symbols("px py pz", real=True)
+    m, g, l = sp.symbols("m g l", positive=True)  # noqa: E741
+    T = (px**2 + py**2) / (2 * m)
+    return {
+        "oscillator": gs.System("oscillator", (x, y), (px, py), (m, g),
+                                H=T + g * (x**2 + y**2) / 2 + x**4),
+        "pendulum": gs.System("pendulum", (x, y), (px, py), (m, g, l), H=T + m * g * y,
+                              constraints=[x**2 + y**2 - l**2]),
+        "curve": gs.System("curve", (x, y, z), (px, py, pz), (m, g), H=T + pz**2 / (2 * m)
+                           + m * g * z, constraints=[x**2 + y**2 - 1, x + z - x * y**2]),
+    }
+
+
+def driver_cases():
+    top = {"PARAMETERS": "2, 1.3, 0.8, 0.4, 1.4", "ODD": "WEIGHT", "HUGE": "(real)1e30",
+           "START_Q": "0.6, 0, 0.8, 0", "START_P": "-0.8, 1, 0.6, -2"}
+    cases = {}
+    for spec in (Spec("G-L", 3), Spec("LIIIA-B", 3, "alpha"), Spec("EMS", None, "alpha"),
+                 Spec("IMS"), Spec("EMS", real="float"), Spec("G-L", 2, real="long-double"),
+                 Spec("G-L", 2, system="free_body")):
+        words = {**top, "ODD": spec.rep}
+        if spec.system == "free_body":
+            words["PARAMETERS"] = "2, 1.3, 0.8, 1.4"
+        cases[spec.name] = (spec, None, words)
+    plain = {"ODD": "m", "HUGE": "(real)1e30"}
+    two = {**plain, "PARAMETERS": "1.5, 9.81", "START_Q": "1, 0", "START_P": "0, 1"}
+    for scheme, stages in (("G-L", 2), ("EMS", None)):
+        cases[f"oscillator_{scheme}"] = (Spec(scheme, stages), "oscillator", two)
+    cases["pendulum"] = (Spec("LIIIA-B", 3), "pendulum", {**two, "PARAMETERS": "1.5, 9.81, 1"})
+    for scheme, stages in (("G-L", 2), ("IMS", None)):
+        cases[f"curve_{scheme}"] = (Spec(scheme, stages), "curve", {
+            **plain, "PARAMETERS": "1.5, 9.81", "START_Q": "1, 0, -1", "START_P": "0, 1, 1"})
+    return cases
+
+
+CASES = driver_cases()
+
+
+def driver(case):
+    """Return the files of a driver program, and its name."""
+    spec, system, words = CASES[case]
+    made = generate(spec, system=other_systems()[system] if system else None)
+    scheme, name = made.scheme, made.source.name
+    types = {"double": "double", "float": "float", "long-double": "long double"}
+    words = {
+        **words, "NAME": name, "REAL": types[spec.real], "COORDINATES": made.system.n,
+        "UNKNOWNS": scheme.size, "MULTIPLIERS": scheme.multipliers * made.system.m,
+        "CONSTRAINTS": made.system.m,
+    }
+    text = DRIVER.replace("REAL", words.pop("REAL"))
+    # \b keeps HUGE from HUGE_VAL; NAME stands inside longer names.
+    text = text.replace("NAME", words.pop("NAME"))
+    for word, value in words.items():
+        text = re.sub(rf"\b{word}\b", str(value), text)
+    return name, {**made.source.files(), "driver.c": text}
+
+
+@pytest.mark.parametrize(("case", "name"), [
+    *((case, "gcc") for case in CASES),
+    *((case, "clang") for case in ("heavy_top_gl3_gamma", "heavy_top_ems_alpha", "curve_G-L")),
+])
+def test_sanitizers_find_nothing(name, case, tmp_path):
+    """Memory of the caller is kept to, integers do not overflow, whatever the input is.
+
+    The scratch memory needs no preparation: other contents before, the same results.
+    """
+    command = compiler(name)
+    kernel, files = driver(case)
+    write(files, tmp_path)
+    done = call([*command, *SANITIZE, "-std=c11", "driver.c", f"{kernel}.c", "-lm", "-o", "driver"],
+                cwd=tmp_path)
+    if done.returncode and re.search(r"lib(clang_rt\.)?(asan|ubsan)", done.stderr):
+        pytest.skip(f"{name} has no sanitizer libraries")
+    assert done.returncode == 0, done.stderr
+    texts = [run([tmp_path / "driver", str(fill)], tmp_path) for fill in (0, 255)]
+    assert texts[0] == texts[1]
+    results = outcome(texts[0])
+    assert len(results) == 13
+    for what in ("step", "T1", "T2", "in place", "integrate", "every 3", "no step"):
+        assert results["fine"][what] == 0
+    assert results["fine"].get("project", 0) == 0
+    for label in ("no iteration", "NaN dt", "NaN state"):
+        for what in ("step", "T1", "in place", "integrate"):
+            assert results[label][what] != 0, (label, what)
+    for line in texts[0].splitlines():  # what is called done is finite
+        if re.match("(step|T1|T2|in place|integrate|project) 0", line):
+            assert "nan" not in line
+            assert "inf" not in line
+
+
+def outcome(text):
+    """Return label → call → status."""
+    found, label = {}, ""
+    for line in text.splitlines():
+        match = re.match(r"(step|T1|T2|in place|integrate|every 3|no step|project|H|g|residual|"
+                         r"jacobian|increment) (-?\d+)", line)
+        if match is None:
+            label = line
+            found[label] = {}
+        else:
+            found[label][match[1]] = int(match[2])
+    return found

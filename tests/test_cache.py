@@ -1,0 +1,515 @@
+"""Compilers and the cache: none, a broken one, killed builds, many at once, damage, keys."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import random
+import re
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import gyrospark as gs
+from gyrospark import facade
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime import cache, compiler, module
+from processes import FAST_TOP, PATIENCE, ROOT, call, cli, environment
+
+BUILD = FAST_TOP + """
+step = gs.stepper("IMS")
+print(*step.integrate(top.q0, top.p0, dt=1e-3, steps=5, parameters=parameters).q[-1].tolist())
+"""
+
+
+def files_of(scheme="IMS"):
+    return facade.files_of(Spec(scheme))
+
+
+def needs_cc():
+    if shutil.which("cc") is None:
+        pytest.skip("cc is not installed")
+
+
+@pytest.fixture(autouse=True)
+def own_cache(monkeypatch, tmp_path):
+    """Every test here has a cache of its own."""
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("CC", raising=False)
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def script(tmp_path):
+    """Return a function that writes a shell script and returns its path."""
+    def write(text, name="mycc"):
+        path = tmp_path / name
+        path.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+        path.chmod(0o755)
+        return path
+    return write
+
+
+@pytest.fixture
+def quick(script):
+    """A compiler that does not optimise: these tests are about files, not speed."""
+    needs_cc()
+    return str(script('exec cc "$@" -O0', "quick"))
+
+
+def kept(folder):
+    """Return the modules in a cache folder."""
+    return sorted(p for p in folder.glob("*") if p.suffix == ".so") if folder.is_dir() else []
+
+
+def build(folder, cc=None):
+    """Build and step in a new process; return what it says."""
+    return call([sys.executable, "-c", BUILD], GYROSPARK_CACHE=str(folder), CC=cc)
+
+
+# ---------------------------------------------------------------- which compiler
+
+
+def test_without_a_compiler_the_cure_is_told(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "ziglang", None)
+    with pytest.raises(gs.CompilerError) as caught:
+        compiler.find_compiler()
+    for word in ("gcc", "clang", "CC", "pip install gyrospark[compiler]"):
+        assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_pypi_compiler_is_the_last_choice(monkeypatch, tmp_path, script):
+    """PATH before PyPI, CC before PATH."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    if importlib.util.find_spec("ziglang") is not None:
+        assert compiler.find_compiler().command == (sys.executable, "-m", "ziglang", "cc")
+    path = script("echo mine 1.0", "clang")
+    assert compiler.find_compiler() == compiler.Compiler((str(path),), "mine 1.0")
+    other = script("echo other 2.0", "other")
+    monkeypatch.setenv("CC", f"{other} -pipe")
+    assert compiler.find_compiler() == compiler.Compiler((str(other), "-pipe"), "other 2.0")
+    monkeypatch.setenv("CC", "  ")
+    assert compiler.find_compiler().version == "mine 1.0"
+
+
+@pytest.mark.parametrize(("chosen", "words"), [
+    ("/nonexistent", ["CC='/nonexistent'", "does not start", "No such file"]),
+    ("false", ["CC='false'", "exit code 1"]),
+    ("/", ["CC='/'", "does not start", "Permission denied"]),
+    ("gcc 'x", ["gcc 'x", "No closing quotation"]),
+    ("/dev/null", ["CC='/dev/null'", "does not start"]),
+])
+def test_unusable_cc_is_told(chosen, words, monkeypatch, own_cache):
+    monkeypatch.setenv("CC", chosen)
+    with pytest.raises(gs.CompilerError) as caught:
+        module.load_module("heavy_top_ims_gamma", files_of())
+    for word in [*words, "set CC"]:
+        assert word in str(caught.value)
+    assert not kept(own_cache)
+
+
+def test_unusable_cc_on_the_command_line():
+    done = cli("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "1", CC="false")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "CC='false'" in done.stderr
+
+
+@pytest.mark.parametrize(("body", "words"), [
+    ("echo 'bad day' >&2; exit 7", ["exit code 7", "bad day", "-Werror"]),
+    ("printf 'bad \\377 byte' >&2; exit 7", ["exit code 7", "bad", "byte"]),
+    ("exit 0", ["made no", "heavy_top_ims_gamma"]),
+    ("kill -9 $$", ["exit code -9"]),
+    ("for last; do :; done; echo nonsense > $last", ["does not load", "CC"]),
+], ids=["complains", "not UTF-8", "does nothing", "killed", "makes nonsense"])
+def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache):
+    """Command and stderr are in the error; nothing stays in the cache that would be loaded."""
+    path = script(f'[ "$1" = --version ] && {{ echo mine; exit 0; }}\n{body}')
+    monkeypatch.setenv("CC", str(path))
+    with pytest.raises(gs.CompilerError) as caught:
+        module.load_module("heavy_top_ims_gamma", files_of())
+    for word in words:
+        assert word in str(caught.value)
+    assert caught.value.command[0] == str(path)
+    if "day" in body:
+        assert caught.value.stderr == "bad day\n"
+        assert str(path) in str(caught.value)
+    assert not list(own_cache.glob("build-*"))
+    with pytest.raises(gs.CompilerError):
+        module.load_module("heavy_top_ims_gamma", files_of())
+
+
+def test_compiler_gets_no_input(monkeypatch, script):
+    """A compiler that reads stdin ends instead of waiting for the terminal."""
+    path = script("cat; exit 1")
+    monkeypatch.setenv("CC", str(path))
+    with pytest.raises(gs.CompilerError, match="exit code 1"):
+        compiler.find_compiler()
+
+
+def test_warnings_of_the_kernel_are_errors(monkeypatch, tmp_path):
+    """What the generator must not emit does not pass unseen."""
+    needs_cc()
+    files = dict(files_of())
+    name = "heavy_top_ims_gamma"
+    files[f"{name}.c"] += "\nstatic int unused(void) { return 1; }\n"
+    with pytest.raises(gs.CompilerError, match="unused") as caught:
+        module.load_module(name, files)
+    assert "-Wall" in caught.value.command
+
+
+@pytest.mark.slow
+def test_compiler_from_pypi_really_compiles(tmp_path):
+    """Its first call unpacks a C library and takes half a minute."""
+    if importlib.util.find_spec("ziglang") is None:
+        pytest.skip("ziglang is not installed (pip install '.[compiler]')")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    done = call([sys.executable, "-c", BUILD], PATH=str(empty), CC=None)
+    assert done.returncode == 0, done.stderr
+    mine = build(tmp_path / "mine")
+    a, b = ([float(x) for x in answer.stdout.split()] for answer in (done, mine))
+    assert a == pytest.approx(b, abs=1e-14)
+
+
+# ---------------------------------------------------------------- folders that cannot be used
+
+
+@pytest.mark.parametrize("folder", ["/dev/null", "/dev/null/x", "/proc", "/proc/x", "file",
+                                    "file/x"])
+def test_unusable_cache_folder_is_told(folder, monkeypatch, tmp_path, quick):
+    (tmp_path / "file").touch()
+    folder = str(tmp_path / folder)
+    monkeypatch.setenv("GYROSPARK_CACHE", folder)
+    monkeypatch.setenv("CC", quick)
+    with pytest.raises(cache.CacheError, match="GYROSPARK_CACHE") as caught:
+        module.load_module("heavy_top_ims_gamma", files_of())
+    assert folder in str(caught.value)
+    assert isinstance(caught.value, gs.GyrosparkError)
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """Return a function that mounts a file system of some KiB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+
+    def mount(size):
+        if call(["mount", "-t", "tmpfs", "-o", f"size={size}k", "none", disk]).returncode:
+            pytest.skip("mounting a small file system is not allowed here")
+        return disk
+
+    yield mount
+    call(["umount", "-l", disk])
+
+
+@pytest.mark.parametrize("size", [4, 20, 60, 120])
+def test_full_cache_is_told(size, small_disk, quick):
+    """Wherever in the build the disk fills up: an error in words, nothing left that is loaded."""
+    disk = small_disk(size)
+    done = build(disk, quick)
+    assert done.returncode == 1
+    assert re.search(r"(CacheError|CompilerError): ", done.stderr)
+    assert "No space left" in done.stderr
+    assert not list(disk.glob("build-*"))
+    call(["mount", "-o", "remount,size=2m", disk])
+    again = build(disk, quick)
+    assert again.returncode == 0, again.stderr
+
+
+def test_read_only_cache_serves_what_it_has(small_disk, quick):
+    disk = small_disk(2000)
+    first = build(disk, quick)
+    assert first.returncode == 0, first.stderr
+    if call(["mount", "-o", "remount,ro", disk]).returncode:
+        pytest.skip("remounting is not allowed here")
+    assert build(disk, quick).stdout == first.stdout
+    done = cli("run", "fast-top", "--scheme", "EMS", "--dt", "1e-3", "--steps", "1", CC=quick,
+               GYROSPARK_CACHE=str(disk))
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "Read-only" in done.stderr
+    assert "GYROSPARK_CACHE" in done.stderr
+    done = cli("cache", "clear", GYROSPARK_CACHE=str(disk))
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+# ---------------------------------------------------------------- killed, at once, damaged
+
+
+def test_killed_builds_leave_nothing_that_is_loaded(own_cache, quick):
+    """SIGKILL at 20 random instants of a cold build, then one that is left alone succeeds."""
+    rng = random.Random(2026)
+    reference = None
+    started = time.monotonic()
+    assert build(own_cache.with_name("timing"), quick).returncode == 0
+    whole = time.monotonic() - started
+    for _ in range(20):
+        shutil.rmtree(own_cache, ignore_errors=True)
+        process = subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE, start_new_session=True,
+                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
+        time.sleep(rng.uniform(0.2, 1.0) * whole)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=PATIENCE)
+        for path in kept(own_cache):  # appeared whole or not at all
+            assert path.read_bytes().startswith(b"\x7fELF")
+            if path.with_name(path.name + ".sha256").is_file():
+                assert module._is_whole(path)
+        if rng.random() < 0.3:
+            done = build(own_cache, quick)
+            assert done.returncode == 0, done.stderr
+            reference = reference or done.stdout
+            assert done.stdout == reference
+    done = build(own_cache, quick)
+    assert done.returncode == 0, done.stderr
+    assert len(kept(own_cache)) == 1
+
+
+def test_killed_derivation_leaves_nothing(own_cache, quick):
+    """The same for generated sources: a stepper that is not checked in."""
+    code = BUILD.replace('"IMS"', '"IMS", real="float"').replace(
+        "top.q0, top.p0", "*step.project(top.q0, top.p0, parameters=parameters)")
+    for pause in (0.3, 0.8, 1.5, 2.5):
+        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE, start_new_session=True,
+                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
+        time.sleep(pause)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=PATIENCE)
+    done = call([sys.executable, "-c", code], CC=quick)
+    assert done.returncode == 0, done.stderr
+
+
+def test_sixteen_processes_at_once(own_cache, quick):
+    """All build the same stepper cold: all succeed, with the same bits; one module stays."""
+    processes = [
+        subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE, text=True,
+                         stderr=subprocess.PIPE,
+                         env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
+        for _ in range(16)
+    ]
+    said = [process.communicate(timeout=PATIENCE) for process in processes]
+    assert [p.returncode for p in processes] == [0] * 16, [stderr for _, stderr in said]
+    assert len({stdout for stdout, _ in said}) == 1
+    assert not any(stderr for _, stderr in said)
+    (only,) = kept(own_cache)
+    assert module._is_whole(only)
+    assert not list(own_cache.glob("build-*"))
+
+
+def test_cache_may_be_cleared_while_others_build(own_cache, quick):
+    processes = [
+        subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE, text=True,
+                         stderr=subprocess.PIPE,
+                         env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
+        for _ in range(3)
+    ]
+    while any(process.poll() is None for process in processes):
+        cache.entries()
+        for left in own_cache.glob("build-*"):
+            assert left.name.startswith("build-")
+        time.sleep(0.05)
+        cache.clear()
+    for process in processes:
+        stderr = process.communicate(timeout=PATIENCE)[1]
+        # Cleared between publishing and loading, it may say so; it does not crash or hang.
+        assert process.returncode == 0 or "does not load" in stderr, stderr
+
+
+DAMAGE = {
+    "empty": lambda b: b"",
+    "text": lambda b: b"not a module\n",
+    "first kilobyte": lambda b: b[:1000],
+    "first half": lambda b: b[: len(b) // 2],
+    "all but a page": lambda b: b[:-4096],
+    "zeros within": lambda b: b[: len(b) // 2] + bytes(4096) + b[len(b) // 2 + 4096:],
+    "one bit": lambda b: b[: len(b) // 3] + bytes([b[len(b) // 3] ^ 1]) + b[len(b) // 3 + 1:],
+}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """A module, its checksum and its name, made once."""
+    if shutil.which("cc") is None:
+        pytest.skip("cc is not installed")
+    folder = tmp_path_factory.mktemp("built")
+    done = build(folder, "cc")
+    assert done.returncode == 0, done.stderr
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}, done.stdout
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE.keys())
+def test_damaged_module_is_built_anew(damage, built, own_cache):
+    """Loading it would end the process with a bus error: it is not even tried."""
+    content, expected = built
+    own_cache.mkdir()
+    for name, data in content.items():
+        (own_cache / name).write_bytes(damage(data) if name.endswith(".so") else data)
+    done = build(own_cache, "cc")
+    assert (done.returncode, done.stdout) == (0, expected), done.stderr
+    (only,) = kept(own_cache)
+    assert module._is_whole(only)
+
+
+@pytest.mark.parametrize("proof", [None, b"", b"\xff", b"0" * 64])
+def test_module_without_its_checksum_is_built_anew(proof, built, own_cache):
+    content, expected = built
+    own_cache.mkdir()
+    for name, data in content.items():
+        if name.endswith(".sha256"):
+            if proof is not None:
+                (own_cache / name).write_bytes(proof)
+        else:
+            (own_cache / name).write_bytes(data)
+    done = build(own_cache, "cc")
+    assert (done.returncode, done.stdout) == (0, expected), done.stderr
+
+
+def test_whole_module_is_used_as_it_is(built, own_cache, monkeypatch):
+    """A hit starts no compiler but for its version."""
+    content, _ = built
+    own_cache.mkdir()
+    for name, data in content.items():
+        (own_cache / name).write_bytes(data)
+    monkeypatch.setenv("CC", "cc")
+    monkeypatch.setattr(module, "compile_module", lambda *_: pytest.fail("compiled"))
+    loaded = module.load_module("heavy_top_ims_gamma", files_of())
+    assert loaded.lib.heavy_top_ims_gamma_step
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"null", b"{}", b'{"a": 1}', b"\xff"])
+def test_damaged_source_is_derived_anew(content, own_cache):
+    spec = Spec("IMS", real="float")
+    own_cache.mkdir()
+    path = own_cache / f"{spec.name}-{facade._source_key(spec)}.source.json"
+    path.write_bytes(content)
+    files = facade.files_of(spec)
+    assert set(files) == {f"{spec.name}.{end}" for end in ("h", "c", "json")}
+    assert path.read_bytes() != content
+    assert facade.files_of(spec) == files
+
+
+# ---------------------------------------------------------------- keys
+
+
+def test_key_depends_on_everything_that_changes_the_binary(monkeypatch):
+    files = files_of()
+    cc = compiler.Compiler(("cc",), "cc 1.0")
+    keys = [cache.binary_key(files, cc)]
+    assert cache.binary_key(dict(reversed(files.items())), cc) == keys[0]
+    for name in files:
+        keys.append(cache.binary_key(files | {name: files[name] + " "}, cc))
+    keys.append(cache.binary_key(files, compiler.Compiler(("clang",), "cc 1.0")))
+    keys.append(cache.binary_key(files, compiler.Compiler(("cc", "-m32"), "cc 1.0")))
+    keys.append(cache.binary_key(files, compiler.Compiler(("cc",), "cc 1.1")))
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, "cpu_description", lambda: "another CPU")
+        keys.append(cache.binary_key(files, cc))
+    with monkeypatch.context() as patch:
+        patch.setattr(compiler.Compiler, "flags", property(lambda self: ["-O0"]))
+        keys.append(cache.binary_key(files, cc))
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, "extension_suffix", lambda: ".another-python.so")
+        keys.append(cache.binary_key(files, cc))
+    with monkeypatch.context() as patch:
+        patch.setattr(cache.cffi, "__version__", "99")
+        keys.append(cache.binary_key(files, cc))
+    assert len(set(keys)) == len(keys)
+    assert cache.binary_key(files, cc) == keys[0]
+    assert all(re.fullmatch("[0-9a-f]{32}", key) for key in keys)
+
+
+def test_two_compilers_two_modules(own_cache, quick):
+    assert build(own_cache, quick).returncode == 0
+    assert build(own_cache, "cc -O1").returncode == 0
+    assert len(kept(own_cache)) == 2
+
+
+def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
+    """Changed text of the generator or a template, another version: no old source is used."""
+    spec = Spec("IMS", real="float")
+    for folder in ("generator", "templates"):
+        shutil.copytree(ROOT / folder, tmp_path / folder,
+                        ignore=shutil.ignore_patterns("__pycache__"))
+
+    def key(spec=spec):
+        facade._generator_fingerprint.cache_clear()
+        return facade._source_key(spec)
+
+    here = key()
+    with monkeypatch.context() as patch:
+        patch.setattr(facade, "ROOT", tmp_path)
+        keys = [key()]
+        assert keys == [here]
+        for path in (tmp_path / "templates" / "mean.c.jinja", tmp_path / "generator" / "nodes.py"):
+            path.write_text(path.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+            keys.append(key())
+        (tmp_path / "templates" / "mean.c.jinja").unlink()
+        keys.append(key())
+        patch.setattr(facade, "__version__", "99")
+        keys.append(key())
+        keys.append(key(Spec("IMS", None, "alpha", real="float")))
+    assert len(set(keys)) == len(keys)
+    assert key() == here
+
+
+# ---------------------------------------------------------------- listing and clearing
+
+
+def test_clearing_touches_only_what_is_ours(own_cache):
+    """GYROSPARK_CACHE may have been set to a folder that is used for something else."""
+    own_cache.mkdir()
+    key = "0123456789abcdef" * 2
+    ours = [f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so",
+            f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so.sha256",
+            f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd",
+            f"heavy_top_gl8_alpha-{key}.source.json"]
+    theirs = ["thesis.tex", ".bashrc", "notes-1.source.json", "lib.so", f"{key}.so", "build-log"]
+    for name in [*ours, *theirs]:
+        (own_cache / name).touch()
+    (own_cache / "folder").mkdir()
+    assert [p.name for p in cache.entries()] == sorted(ours)
+    assert cache.clear() == len(ours)
+    assert {p.name for p in own_cache.iterdir()} == {*theirs, "folder"}
+
+
+def test_old_build_folders_are_swept_up(own_cache, quick, monkeypatch):
+    """What killed builds left goes away a day later, or when the cache is cleared; not earlier."""
+    monkeypatch.setenv("CC", quick)
+    for name, hours in (("build-old", 30), ("build-young", 2), ("build-now", 0)):
+        (own_cache / name).mkdir(parents=True)
+        (own_cache / name / "kernel.o").touch()
+        then = time.time() - hours * 3600
+        os.utime(own_cache / name, (then, then))
+    module.load_module("heavy_top_ims_gamma", files_of())
+    assert {p.name for p in own_cache.glob("build-*")} == {"build-young", "build-now"}
+    cache.clear()
+    assert {p.name for p in own_cache.glob("build-*")} == {"build-now"}
+
+
+def test_empty_or_missing_cache_is_no_error(own_cache):
+    assert cache.entries() == []
+    assert cache.clear() == 0
+    assert not own_cache.exists()
+
+
+def test_cache_folder_is_the_users(monkeypatch, tmp_path):
+    """Where it lies, by default and chosen; what is in it can be read by others only if it may."""
+    assert cache.cache_folder() == tmp_path / "cache"
+    monkeypatch.delenv("GYROSPARK_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    if sys.platform == "linux":
+        assert cache.cache_folder() == tmp_path / "xdg" / "gyrospark"
+    monkeypatch.setenv("GYROSPARK_CACHE", "")
+    assert cache.cache_folder().name == "gyrospark"
+    with cache.workshop() as private:
+        assert stat.S_IMODE(private.stat().st_mode) == 0o700
+        assert Path(private).parent == cache.cache_folder()
+    assert not private.exists()

@@ -1,0 +1,332 @@
+"""The house: packaging, who imports whom, the public face, the README."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import pkgutil
+import re
+import shutil
+import sys
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import click
+import pytest
+
+import gyrospark
+from gyrospark.commands import gyrospark as command_line
+from gyrospark.commands.generate import generate
+from processes import FAST_TOP, ROOT, call, cli, python
+
+ROOMS = ("commands", "generator", "runtime")
+#: Where code of the package lies; studies, examples and tests are no part of it.
+SOURCES = sorted([*ROOT.glob("*.py"), *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath")
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def blocks(language: str) -> list[str]:
+    """Return the fenced blocks of the README in a language ('' for none)."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
+
+
+def imports_of(path: Path) -> set[str]:
+    """Return the modules a file imports, relative ones resolved to ``gyrospark...``."""
+    package = ["gyrospark", *path.relative_to(ROOT).parent.parts]
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            whole = ".".join([*base, *([node.module] if node.module else [])])
+            found |= {whole} | {f"{whole}.{alias.name}" for alias in node.names}
+    return found
+
+
+# ---------------------------------------------------------------- packaging
+
+
+def test_packages_in_pyproject_are_the_folders():
+    kept = {"generated", "templates"}  # folders of data that are installed as well
+    folders = {
+        p.name for p in ROOT.iterdir()
+        if p.is_dir() and not p.name.startswith((".", "_")) and (
+            p.name in kept or (p / "__init__.py").is_file())
+    }
+    setuptools = PROJECT["tool"]["setuptools"]
+    assert set(setuptools["packages"]) == {"gyrospark"} | {f"gyrospark.{f}" for f in folders}
+    assert setuptools["package-dir"] == {"gyrospark": "."}
+
+
+def test_every_data_file_is_packaged():
+    patterns = PROJECT["tool"]["setuptools"]["package-data"]
+    for folder in ("templates", "generated"):
+        for path in (ROOT / folder).iterdir():
+            if path.is_file() and path.suffix != ".py":
+                assert any(path.match(p) for p in patterns[f"gyrospark.{folder}"]), path
+    assert (ROOT / "py.typed").is_file()
+
+
+def test_version_is_the_same_everywhere():
+    assert PROJECT["project"]["version"] == gyrospark.__version__
+    assert gyrospark.__version__ in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_root_has_no_conftest_and_tests_are_no_package():
+    assert not (ROOT / "conftest.py").exists()
+    assert not (ROOT / "tests" / "__init__.py").exists()
+
+
+def test_console_scripts_point_at_functions():
+    for target in PROJECT["project"]["scripts"].values():
+        module, function = target.split(":")
+        assert callable(getattr(importlib.import_module(module), function))
+
+
+def test_dependencies_are_those_imported():
+    """What the package imports is declared: as a dependency, or as an extra."""
+    declared = [*PROJECT["project"]["dependencies"],
+                *(d for e in PROJECT["project"]["optional-dependencies"].values() for d in e)]
+    names = {re.split(r"[>=\[<]", line)[0].lower() for line in declared}
+    imported = {name.partition(".")[0] for path in SOURCES for name in imports_of(path)}
+    foreign = imported - set(sys.stdlib_module_names) - {"gyrospark", ""}
+    assert foreign <= names
+
+
+# ---------------------------------------------------------------- who imports whom
+
+
+def loaded(code: str, **changes: str | None) -> set[str]:
+    """Return which heavy packages Python has imported after some code."""
+    text = python(f"{code}\nimport sys\nprint([m for m in {HEAVY} if m in sys.modules])", **changes)
+    return set(ast.literal_eval(text.splitlines()[-1]))
+
+
+def test_import_is_light():
+    assert loaded("import gyrospark") == set()
+    assert loaded("from gyrospark import commands") == set()
+
+
+@pytest.mark.parametrize("scheme", ["'G-L', 3", "'EMS'"])
+def test_checked_in_stepper_imports_no_sympy(scheme):
+    code = FAST_TOP + (f"step = gs.stepper({scheme})\n"
+                       "step.integrate(top.q0, top.p0, dt=1e-3, steps=3, parameters=parameters)")
+    assert loaded(code) == set()
+
+
+def test_cache_hit_imports_no_sympy():
+    """A stepper beyond the checked-in ones: generated at most once, then read."""
+    code = FAST_TOP + "gs.stepper('IMS', real='float')"
+    loaded(code)
+    assert loaded(code) == set()
+
+
+def test_run_command_imports_no_sympy():
+    arguments = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3",
+                 "--steps", "3", "--json"]
+    code = (f"import sys\nsys.argv = ['gyrospark', *{arguments}]\n"
+            "from gyrospark.commands import main\n"
+            "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 0")
+    assert loaded(code) == set()
+
+
+def test_runtime_and_generator_do_not_know_each_other():
+    for path in (ROOT / "runtime").glob("*.py"):
+        for name in imports_of(path):
+            assert not name.startswith(("gyrospark.generator", "gyrospark.facade", "sympy",
+                                        "jinja2", "gyrospark.commands")), (path, name)
+    for path in (ROOT / "generator").glob("*.py"):
+        for name in imports_of(path):
+            assert not name.startswith(("gyrospark.runtime", "gyrospark.facade", "cffi",
+                                        "gyrospark.commands", "subprocess")), (path, name)
+
+
+def test_spec_costs_no_sympy():
+    assert loaded("import gyrospark.generator.spec") == set()
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
+def test_imports_are_relative(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level > 0 or not (node.module or "").startswith("gyrospark")
+        if isinstance(node, ast.Import):
+            assert not any(alias.name.startswith("gyrospark") for alias in node.names)
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
+def test_nothing_evaluates_text(path):
+    """No file's content can become code: the names that would do it are not even called."""
+    forbidden = {"eval", "exec", "compile", "__import__", "sympify", "S", "parse_expr", "lambdify",
+                 "system", "popen"}
+    allowed = {("re", "compile")}
+    if path.name == "observed_order.py":
+        allowed.add(("sp", "lambdify"))  # of its own test problem, which no file can change
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call):
+            f = node.func
+            owner = f.value.id if isinstance(f, ast.Attribute) and isinstance(
+                f.value, ast.Name) else ""
+            name = f.attr if isinstance(f, ast.Attribute) else getattr(f, "id", "")
+            assert name not in forbidden or (owner, name) in allowed, (path, node.lineno, name)
+            assert not any(k.arg == "shell" for k in node.keywords), (path, node.lineno)
+            assert not any(k.arg == "allow_pickle" and getattr(k.value, "value", 1)
+                           for k in node.keywords), (path, node.lineno)
+        if isinstance(node, (ast.Import, ast.ImportFrom)):
+            assert not any("pickle" in alias.name for alias in node.names), path
+
+
+# ---------------------------------------------------------------- the public face
+
+
+def test_public_names_resolve():
+    for name in gyrospark.__all__:
+        assert getattr(gyrospark, name) is not None
+    assert set(dir(gyrospark)) == set(gyrospark.__all__)
+    assert len(set(gyrospark.__all__)) == len(gyrospark.__all__)
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = gyrospark.nonsense
+
+
+def test_public_names_are_those_of_the_contract():
+    contract = {"stepper", "tableau", "problems", "gamma_m", "gamma_h", "gamma_m_tilde",
+                "gamma_h_tilde", "System", "Trajectory", "GyrosparkError", "StepFailed"}
+    assert contract <= set(gyrospark.__all__)
+
+
+def modules() -> list[ModuleType]:
+    names = [f"gyrospark.{p.stem}" for p in ROOT.glob("*.py") if p.stem not in
+             ("__init__", "__main__")]
+    for room in ROOMS:
+        package = importlib.import_module(f"gyrospark.{room}")
+        names += [m.name for m in pkgutil.iter_modules(package.__path__, f"gyrospark.{room}.")]
+    return [importlib.import_module(name) for name in names]
+
+
+@pytest.mark.parametrize("module", modules(), ids=lambda m: m.__name__)
+def test_public_things_have_docstrings(module):
+    assert module.__doc__
+    for name, thing in vars(module).items():
+        if name.startswith("_") or getattr(thing, "__module__", None) != module.__name__:
+            continue
+        if inspect.isclass(thing) or inspect.isfunction(thing):
+            assert inspect.getdoc(thing), f"{module.__name__}.{name}"
+        if inspect.isclass(thing):
+            for method, function in vars(thing).items():
+                if inspect.isfunction(function) and not method.startswith("_"):
+                    assert inspect.getdoc(function), f"{module.__name__}.{name}.{method}"
+
+
+@pytest.mark.parametrize("module", modules(), ids=lambda m: m.__name__)
+def test_all_lists_what_is_there(module):
+    for name in getattr(module, "__all__", ()):
+        assert hasattr(module, name), f"{module.__name__}.{name}"
+
+
+def test_errors_derive_from_one():
+    for name in ("CompilerError", "InputError", "MissingDependencyError", "StepFailed",
+                 "TableauError"):
+        assert issubclass(getattr(gyrospark, name), gyrospark.GyrosparkError)
+    assert issubclass(gyrospark.InputError, ValueError)
+    assert issubclass(gyrospark.TableauError, gyrospark.InputError)
+    assert issubclass(gyrospark.MissingDependencyError, ImportError)
+
+
+# ---------------------------------------------------------------- the README
+
+
+def test_readme_python_runs(tmp_path):
+    """All Python blocks, one after the other as a reader would type them."""
+    text = "\n".join(blocks("python"))
+    assert text.count("gs.stepper") >= 2
+    pytest.importorskip("scipy")
+    pytest.importorskip("matplotlib")
+    code = text + (
+        "\nassert trajectory.q.shape == (2001, 4) and trajectory.axis().shape == (2001, 3)"
+        "\nassert trajectory.angular_velocity().shape == (2001, 3)"
+        "\nassert trajectory.energy().shape == (2001,)"
+        "\nassert trajectory.multipliers.shape == (2000, 4)"
+        "\nassert q0.shape == p0.shape == (4,) and step.n == 2 and step.order == 4\n"
+    )
+    python(code, cwd=tmp_path)
+    assert (tmp_path / "top.npz").stat().st_size > 1000
+    assert (tmp_path / "top.png").read_bytes().startswith(b"\x89PNG")
+
+
+def commands_of(text: str) -> list[list[str]]:
+    """Return the gyrospark command lines in a text, continuation lines joined."""
+    lines = re.sub(r"\\\n\s*", " ", text).splitlines()
+    found = [line.strip("`$ ").split() for line in lines]
+    return [words for words in found if words and words[0] in ("generate", "gyrospark")]
+
+
+def help_pages() -> list[tuple[str, str]]:
+    pages = [("generate", generate.help or "")]
+    pages += [(f"gyrospark {name}", c.help or "") for name, c in command_line.commands.items()]
+    return [*pages, ("gyrospark", command_line.help or "")]
+
+
+README_COMMANDS = [
+    *commands_of("\n".join(re.findall(r"^\| `(.*?)` \|", README, flags=re.MULTILINE))),
+    *commands_of("\n".join(blocks(""))),
+    *commands_of("\n".join(re.findall(r"`((?:generate|gyrospark) [^`]*)`", README))),
+]
+
+
+def check_command(words: list[str]) -> None:
+    """Check that a command and every option it is given exist."""
+    command: click.Command = generate if words[0] == "generate" else command_line
+    rest = words[1:]
+    while isinstance(command, click.Group) and rest:
+        assert rest[0] in command.commands, words
+        command, rest = command.commands[rest[0]], rest[1:]
+    known = {opt for parameter in command.params for opt in parameter.opts}
+    for word in rest:
+        assert not word.startswith("--") or word in known, (word, words)
+
+
+def test_readme_commands_exist():
+    assert len(README_COMMANDS) >= 6
+    for words in README_COMMANDS:
+        check_command(words)
+
+
+def test_examples_in_help_exist():
+    for where, text in help_pages():
+        lines = commands_of(text)
+        assert lines or where == "gyrospark cache", where
+        for words in lines:
+            check_command(words)
+
+
+def test_readme_names_what_exists():
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"(?:^|`|\$ )make ([a-z]+)", README, flags=re.MULTILINE):
+        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+    for link in re.findall(r"\]\((?!https?:|#)([^)]+)\)", README):
+        assert (ROOT / link).exists(), link
+    for extra in re.findall(r'pip install "?\.\[(\w+)\]', README):
+        assert extra in PROJECT["project"]["optional-dependencies"], extra
+
+
+def test_ci_calls_the_readme_test_command():
+    assert "make test" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "make test" in README
+
+
+def test_module_is_the_command_line():
+    done = cli("--version")
+    assert done.returncode == 0
+    assert done.stdout.split()[-1] == gyrospark.__version__
+    script = shutil.which("gyrospark", path=str(Path(sys.executable).parent))
+    if script:  # installed, not only on the path
+        assert call([script, "--version"]).stdout == done.stdout
