@@ -13,7 +13,12 @@ representation, parameter, Δt, number of steps, norm) and shares the engine:
 ``convergence`` Figs. 10, 16
 ``robustness``  Table 8: the largest Δt that converges
 ``iterations``  Tables 9-14
-``beyond``      what the paper left open
+``beyond``      what the paper left open: the findings, each in a file of its own (``equivalence``,
+                ``odd_stages``, ``zeros``, ``one_stage``) over the expansion of one step in Δt
+                (``one_step``, ``body_frame``, ``power_series``, ``sampled_energy``,
+                ``energy_law``, ``odd_proof``)
+``newton_study`` and ``inexact_jacobian``  the iterations of Tables 8-14, not of the product
+``fit``, ``labels``, ``drawing``, ``summary``  lines and slopes, words, SVG, Markdown
 ``catalogue``   the name of every result → how to compute it
 ``report``      one static page, JSON and CSV
 """

@@ -7,10 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from gyrospark.errors import InputError
-from gyrospark.runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
 from hypothesis import given
 from hypothesis import strategies as st
+
+from gyrospark.errors import InputError
+from gyrospark.runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
 
 ALL = [gamma_m, gamma_h, gamma_m_tilde, gamma_h_tilde]
 FAST_TOP = (0.002, 0.002, 0.0008)

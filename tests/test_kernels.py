@@ -46,6 +46,9 @@ STATEMENT = re.compile(
     r"(?:const (?P<type>float|double|long double) (?P<name>[a-z]\w*)"
     r"|(?P<target>\w+(?:\[\d+\]){1,2})|(?P<returned>return)) ?=? ?(?P<value>[^=;]+);"
 )
+#: Sums in twice the working precision; the interpreter adds the products exactly.
+ADD_PRODUCT = re.compile(
+    r"add_product\(sum, (\d+), \(const (?:float|double|long double)\[\]\)\{ (.*) \}\);")
 ALLOWED = re.compile(r"[\w\s.,+*/()\[\]-]*")
 LITERAL = re.compile(r"(?<![\w.\]])(\d[\d.]*(?:e[+-]?\d+)?)([fL]?)(?![\w.\]])")
 MATH = ("sqrt", "pow", "sin", "cos", "tan", "exp", "log")
@@ -68,13 +71,34 @@ class Interpreter:
 
     def run(self, lines):
         for line in lines:
-            statement = STATEMENT.fullmatch(re.sub(r"\s+", " ", line))
+            text = re.sub(r"\s+", " ", line)
+            if self.add_up(text):
+                continue
+            statement = STATEMENT.fullmatch(text)
             assert statement, line
             value = self.evaluate(statement["value"])
             name = statement["name"] or statement["target"] or "return"
             assert name not in self.values, f"{name} is assigned twice"
             self.values[name] = value
         return self.values
+
+    def add_up(self, text):
+        """Run a statement of a compensated sum; return whether it is one."""
+        if re.fullmatch(r"(float|double|long double) sum\[2\];", text):
+            return True
+        if text == "sum[0] = sum[1] = 0;":
+            self.total = self.number(0)
+            return True
+        counted = self.operations.copy()
+        if product := ADD_PRODUCT.fullmatch(text):
+            factors = re.split(r", (?![^(]*\))", product[2])
+            assert len(factors) == int(product[1]), text
+            self.total += math.prod(map(self.evaluate, factors))
+            self.operations = counted + Counter(product=1)
+        elif ends := re.fullmatch(r"(\w+\[\d+\]) = sum\[0\] \+ sum\[1\];", text):
+            assert ends[1] not in self.values
+            self.values[ends[1]] = self.total
+        return bool(product or ends)
 
     def evaluate(self, text):
         text = python_name(text)
@@ -479,6 +503,33 @@ def test_kernels_of_random_expressions_are_exact_and_counted(expressions):
     for name, value in expected_of(kernel, constants, POINT).items():
         assert found[name] == Fraction(int(value.p), int(value.q))
     assert without_zeros(emitted.operations) == without_zeros(counted)
+
+
+POLYNOMIALS = st.recursive(
+    st.sampled_from([x, y, z, sp.Integer(1), sp.Integer(-3), -HALF]),
+    lambda children: st.tuples(children, children).flatmap(
+        lambda t: st.sampled_from([t[0] + t[1], t[0] - t[1], t[0] * t[1], t[0] ** 2])),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.lists(POLYNOMIALS, min_size=1, max_size=3))
+def test_compensated_kernels_of_random_polynomials_add_up_their_terms(expressions):
+    kernel = Kernel("f", "", {"v": [x, y, z]}, {"f": expressions}, compensated=True)
+    found, counted, emitted = run_kernel(kernel, Constants(()), POINT)
+    for name, value in expected_of(kernel, Constants(()), POINT).items():
+        assert found[name] == Fraction(int(value.p), int(value.q))
+    assert emitted.operations == without_zeros(counted)
+    assert emitted.operations == {
+        "product": sum(len(sp.Add.make_args(sp.expand(e))) for e in expressions)}
+
+
+@pytest.mark.parametrize("e", [x / y - 1, sp.sqrt(x) - y, THIRD * x - y, sp.exp(x), x**-2 - 1])
+def test_compensation_is_left_out_where_the_terms_are_no_exact_products(e):
+    kernel = Kernel("f", "", {"v": [x, y]}, {"f": [e]}, compensated=True)
+    plain = Kernel("f", "", {"v": [x, y]}, {"f": [e]})
+    assert emit_kernel(kernel, Constants(()), DOUBLE) == emit_kernel(plain, Constants(()), DOUBLE)
 
 
 # ---------------------------------------------------------------- kernels, piece by piece

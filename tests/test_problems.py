@@ -10,6 +10,10 @@ import pickle
 import mpmath
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
 from gyrospark.errors import InputError
 from gyrospark.runtime.closed_forms import FreeRotation, SteadyRotation
 from gyrospark.runtime.problems import (
@@ -21,9 +25,6 @@ from gyrospark.runtime.problems import (
     regular_precession,
 )
 from gyrospark.runtime.quaternion import angular_velocity, axis, left_matrix, rotation_matrix
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 ASYMMETRIC = [(0.002, 0.0013, 0.0008), (5.0, 3.0, 2.5), (1.0, 0.6, 0.59)]
 ORDERS = list(itertools.permutations(range(3)))

@@ -6,6 +6,10 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
 from gyrospark.errors import InputError, MissingDependencyError
 from gyrospark.runtime.quaternion import (
     angular_velocity,
@@ -18,9 +22,6 @@ from gyrospark.runtime.quaternion import (
     state_from_rotation,
     to_rotation,
 )
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 INERTIA = (0.002, 0.0013, 0.0008)
 RANDOM = np.random.default_rng(20)

@@ -45,7 +45,9 @@ def test_a_famous_near_identity_is_refuted() -> None:
     st.lists(st.integers(-40, 40), min_size=4, max_size=4),
     st.lists(st.integers(-40, 40), min_size=4, max_size=4),
 )
-def test_the_field_of_two_roots_is_decided_as_its_normal_form_says(a: list[int], b: list[int]) -> None:
+def test_the_field_of_two_roots_is_decided_as_its_normal_form_says(
+    a: list[int], b: list[int]
+) -> None:
     u, v = (sum(c * r for c, r in zip(x, (1, r2, r3, r6), strict=True)) for x in (a, b))
     product = sp.Mul(u, v, evaluate=False)
     assert vanishes(product - sp.expand(u * v))
