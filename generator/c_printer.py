@@ -52,7 +52,7 @@ class CPrinter:
             name = _FUNCTIONS[e.func]
             self.operations[name] += 1
             return f"{name}{self.real.suffix.lower()}({self(e.args[0])})", _ATOM
-        if e.is_number:
+        if e.is_number and e.is_real and e.is_finite:
             return self.real.literal(Fraction(str(sp.N(e, 60)))), _ATOM
         raise InputError(f"No C is known for {e.func.__name__!r} in {e}.")
 
@@ -90,7 +90,8 @@ class CPrinter:
                 below.append(a.base ** (-a.exp))
             else:
                 above.append(a)
-        self.operations["mul"] += max(len(above) - 1, 0) + max(len(below) - 1, 0)
+        if products := max(len(above) - 1, 0) + max(len(below) - 1, 0):
+            self.operations["mul"] += products
         text = "*".join(self._within(a, _PRODUCT) for a in above)
         if not below:
             return text, _PRODUCT
@@ -120,6 +121,8 @@ class CPrinter:
             return f"sqrt{suffix}({self(base)})", _ATOM
         if exponent.is_Rational and exponent.q == 2:
             whole = self._within(base ** sp.Integer((exponent.p - 1) // 2), _PRODUCT)
+            if whole.startswith("-"):
+                whole = f"({whole})"
             self.operations["mul"] += 1
             return f"{whole}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
         self.operations["pow"] += 1

@@ -206,6 +206,8 @@ def _structure(tableau: Tableau) -> list[Condition]:
         ("ā_0j = 0", first * a_bar, None, t.stages),
         ("ā_pj = b_j", last * a_bar - part["b"].transpose(), None, t.stages),
         ("ã_ip = 0", a_tilde * last.transpose(), t.stages, None),
+        ("c_i are the nodes", part["c"] - power(t.stages, 1), t.stages, None),
+        ("c̃_i are the nodes", c_tilde - power(t.constraints, 1), t.constraints, None),
         ("c̃_0 = 0", first * c_tilde, None, None),
         ("c̃_p = 1", last * c_tilde - column([t.stages.domain.one], t.stages.domain), None, None),
     ]

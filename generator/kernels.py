@@ -57,7 +57,10 @@ class EmittedKernel:
 class Constants:
     """Subexpressions of the parameters alone: computed once a run instead of in every kernel."""
 
-    def __init__(self, parameters: Sequence[sp.Symbol]) -> None:
+    def __init__(
+        self, parameters: Sequence[sp.Symbol], others: Sequence[sp.Symbol] = ()
+    ) -> None:
+        self.taken = {str(s) for s in (*parameters, *others)}
         self.parameters = tuple(parameters)
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
 
@@ -76,8 +79,7 @@ class Constants:
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:
         if e not in self.definitions:
-            taken = {str(p) for p in self.parameters}
-            free = (f"k{i}" for i in count() if f"k{i}" not in taken)
+            free = (f"k{i}" for i in count() if f"k{i}" not in self.taken)
             name = next(islice(free, len(self.definitions) - len(self.parameters), None))
             facts = {"nonzero": True} if e.is_nonzero else {}
             self.definitions[e] = sp.Symbol(name, real=True, **facts)
@@ -129,9 +131,9 @@ def emit_kernel(kernel: Kernel, constants: Constants, real: Real) -> EmittedKern
 def _is_exact_polynomial(e: sp.Expr) -> bool:
     """Whether e is a sum of products with coefficients that every binary format holds exactly."""
     return all(
-        power.is_Integer and power > 0
+        (base.is_Symbol or base == 1) and power.is_Integer and power > 0
         for term in sp.Add.make_args(sp.expand(e))
-        for power in term.as_coeff_Mul()[1].as_powers_dict().values()
+        for base, power in term.as_coeff_Mul()[1].as_powers_dict().items()
     ) and all(
         number.is_Rational and abs(number.p) < 2**20 and number.q & (number.q - 1) == 0
         for number in (term.as_coeff_Mul()[0] for term in sp.Add.make_args(sp.expand(e)))
@@ -193,7 +195,7 @@ def _name_bases(
         if e.is_Atom:
             return e
         e = e.func(*(name(a) for a in e.args))
-        if not (e.is_Pow and e.exp.is_Integer and abs(e.exp) > 1 and not e.base.is_Atom):
+        if not (e.is_Pow and (2 * e.exp).is_Integer and abs(e.exp) > 1 and not e.base.is_Atom):
             return e
         if e.base not in known:
             known[e.base] = next(fresh)

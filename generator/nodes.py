@@ -65,6 +65,8 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
         guesses = sorted(map(mp.re, mp.polyroots(integer, maxsteps=500, extraprec=128)))
     with mp.workprec(bits + 64):
         for _ in range(bits.bit_length() - 5):  # each Newton step doubles the correct bits
+            if not all(mp.polyval(slopes, r) for r in guesses):
+                raise TableauError(f"The roots of {polynomial.as_expr()} are not simple and real.")
             guesses = [r - mp.polyval(integer, r) / mp.polyval(slopes, r) for r in guesses]
         numerators = [int(mp.nint(mp.ldexp(guess, bits))) for guess in guesses]
     step = Fraction(1, 2**bits)

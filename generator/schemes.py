@@ -244,7 +244,7 @@ class MeanScheme:
 
 def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
-    constants = Constants(system.parameters)
+    constants = Constants(system.parameters, (*system.q, *system.p))
     H = constants.hoist(system.H)
     g = tuple(constants.hoist(e) for e in system.constraints)
     symbols = tuple(constants.definitions.values())

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import sympy as sp
+from sympy.core.sympify import _sympify
 
 from ..errors import InputError
 
@@ -59,7 +60,8 @@ class System:
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+            object.__setattr__(self, name, tuple(map(as_expression, getattr(self, name))))
+        object.__setattr__(self, "H", as_expression(self.H))
         if not self.name.isidentifier() or not self.name.isascii():
             raise InputError(
                 f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
@@ -169,7 +171,7 @@ class System:
 
     def _is_unit(self, factor: sp.Expr) -> bool:
         if not factor.has(*self.q):
-            return bool(factor.is_number) or bool(factor.is_nonzero)
+            return bool(factor.is_nonzero)
         if not all(e.is_polynomial(*self.q) for e in (factor, *self.constraints)):
             return False
         _, remainder = sp.reduced(factor, list(self.constraints), *self.q)
@@ -183,6 +185,16 @@ class System:
             [shortest(sum(a * b for a, b in zip(row, other, strict=True))) for other in self.G]
             for row in rows
         ]
+
+
+def as_expression(value: object) -> sp.Expr:
+    """Return a SymPy expression or a plain number as an expression; text is refused."""
+    try:
+        return _sympify(value)  # strict: never parses text
+    except sp.SympifyError as error:
+        raise InputError(
+            f"{value!r} is no SymPy expression; build systems from sympy symbols and numbers."
+        ) from error
 
 
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:

@@ -383,8 +383,6 @@ def test_original_type_is_singular_so_that_no_multiplier_can_act_on_qT_p():
     assert vanishes(sp.Matrix(system.G) * sp.Matrix(system.H_p))
 
 
-@pytest.mark.xfail(strict=True, reason="bug: System._is_unit(0) is True, so 0 becomes the empty "
-                                       "product 1")
 def test_hidden_constraint_that_vanishes_identically_is_zero():
     assert heavy_top("original").hidden == [0]
 

@@ -125,8 +125,6 @@ def test_symbol_name_that_is_no_c_identifier_of_its_own_is_refused(name):
         system(q=(odd, y, z), H=py**2, constraints=())
 
 
-@pytest.mark.xfail(strict=True, raises=AttributeError, reason="bug: a Python number is not made a "
-                                                              "SymPy one")
 @pytest.mark.parametrize("changes", [{"H": 0}, {"H": 1.5}, {"constraints": (1,)}])
 def test_plain_numbers_are_expressions(changes):
     assert system(**changes).n == 3
@@ -268,8 +266,6 @@ def test_factor_is_kept_when_its_constant_on_the_constraint_may_be_zero():
     assert made.hidden[0].has(x**2)
 
 
-@pytest.mark.xfail(strict=True, reason="bug: System._is_unit(0) is True, so 0 becomes the empty "
-                                       "product 1")
 def test_constraint_along_which_nothing_moves_has_the_hidden_constraint_zero():
     assert system(H=px**2, constraints=(z,)).hidden == [0]
 
