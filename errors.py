@@ -66,3 +66,11 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
         self.t = t
         self.reason = reason
         self.trajectory = trajectory
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle by arguments: worker processes hand failures over."""
+        return _step_failed, (self.step, self.t, self.reason, self.trajectory)
+
+
+def _step_failed(step: int, t: float, reason: str, trajectory: Trajectory) -> StepFailed:
+    return StepFailed(step=step, t=t, reason=reason, trajectory=trajectory)

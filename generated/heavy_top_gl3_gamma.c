@@ -305,13 +305,15 @@ static real larger(real a, real b)
     return a > b ? a : b;
 }
 
-/* max |x_i| */
+/* max |x_i|; NaN if there is one */
 static real norm(int n, const real *x)
 {
     real size = 0;
     for (int i = 0; i < n; ++i) {
         const real a = fabs(x[i]);
-        if (!(a <= size)) /* a NaN passes on */
+        if (isnan(a))
+            return a;
+        if (a > size)
             size = a;
     }
     return size;
@@ -689,6 +691,15 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
             force -= tableau.b_tilde[l]*w->force[l][a];
         q1[a] = q[a] + w->D[P][a];
         p1[a] = p[a] + dt*force;
+    }
+    real g[M], dg[M]; /* small increments of huge unknowns are no solution: the constraint tells */
+    constraint(&w->constants, q, g);
+    constraint_increment(&w->constants, q, w->D[P], dg);
+    for (int mu = 0; mu < M; ++mu) {
+        const real way = norm(N, w->D[P])/1000 + 64*epsilon*norm(N, q);
+        const real allowed = fabs(g[mu]) + norm(N, w->G[P][mu])*way;
+        if (!(fabs(g[mu] + dg[mu]) <= allowed))
+            return isfinite(allowed) ? NOT_CONVERGED : NOT_FINITE;
     }
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];

@@ -355,13 +355,15 @@ static real larger(real a, real b)
     return a > b ? a : b;
 }
 
-/* max |x_i| */
+/* max |x_i|; NaN if there is one */
 static real norm(int n, const real *x)
 {
     real size = 0;
     for (int i = 0; i < n; ++i) {
         const real a = fabs(x[i]);
-        if (!(a <= size)) /* a NaN passes on */
+        if (isnan(a))
+            return a;
+        if (a > size)
             size = a;
     }
     return size;

@@ -61,7 +61,8 @@ class Binding:
 
     def options(self, tolerance: float | None, max_iterations: int) -> Any:
         """Return the options struct; tolerance None means down to round-off."""
-        return self.ffi.new(f"{self.name}_options *", [tolerance or 0.0, max_iterations])
+        return self.ffi.new(f"{self.name}_options *",
+                            [tolerance or 0.0, min(max_iterations, 2**31 - 1)])
 
     def report(self) -> Any:
         """Return an empty running record."""

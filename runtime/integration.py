@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StepFailed
+from ..errors import InputError, StepFailed
 from .binding import REASONS, Binding
 from .newton import newton_step
 from .trajectory import Report, Trajectory
@@ -53,12 +53,18 @@ class _Rows:
 
     @classmethod
     def room(cls, binding: Binding, rows: int) -> _Rows:
-        return cls(
-            binding.new(rows + 1, binding.n),
-            binding.new(rows + 1, binding.n),
-            binding.new(rows, binding.multipliers),
-            np.zeros(rows, dtype=np.intc),
-        )
+        try:
+            return cls(
+                binding.new(rows + 1, binding.n),
+                binding.new(rows + 1, binding.n),
+                binding.new(rows, binding.multipliers),
+                np.zeros(rows, dtype=np.intc),
+            )
+        except (MemoryError, ValueError) as error:  # ValueError: more than can be addressed
+            raise InputError(
+                f"There is no memory for {rows + 1} states; take fewer steps, or keep fewer of "
+                "their states with a larger every."
+            ) from error
 
     def after(self, row: int) -> tuple[Array, Array, Array, Array]:
         """Return what compiled code fills from this row on."""
@@ -85,9 +91,12 @@ def integrate(
     parameters, work = binding.parameters(run.parameters), binding.work()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     while report.steps < run.steps and status == 0:
+        row = int(report.steps) // run.every
         count, every = _next_chunk(run, int(report.steps))
-        out = rows.after(int(report.steps) // run.every)
-        status = advance(binding, run, parameters, count, every, q, p, out, report, work)
+        most = rows.iterations[row]  # of the pieces before, where a row takes several
+        status = advance(binding, run, parameters, count, every, q, p, rows.after(row), report,
+                         work)
+        rows.iterations[row] = max(most, rows.iterations[row])
         if progress is not None:
             progress(int(report.steps))
     trajectory = _trajectory(binding, manifest, run, rows, report, q, p, parameters)
@@ -99,11 +108,17 @@ def integrate(
 
 
 def _next_chunk(run: Run, done: int) -> tuple[int, int]:
-    """Return how many steps to do next, and how often to store; the very last is stored too."""
+    """Return how many steps to do next, and how often to store; the very last is stored too.
+
+    Where it takes more than a chunk to the next stored state, each piece is stored in its row
+    and the last of them stays.
+    """
     left = run.steps - done
-    if left < run.every:
-        return left, left
-    return min(run.every * max(1, _CHUNK // run.every), left - left % run.every), run.every
+    to_row = min(run.every - done % run.every, left)
+    if to_row < run.every or run.every > _CHUNK:
+        piece = min(to_row, _CHUNK)
+        return piece, piece
+    return min(run.every * (_CHUNK // run.every), left - left % run.every), run.every
 
 
 def _compiled_chunk(

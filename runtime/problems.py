@@ -148,7 +148,7 @@ def regular_precession(
     if rate == 0:
         raise InputError("The precession rate is 0 rad/s and ψ̇ would be infinite; choose another.")
     theta = math.pi / 3
-    I1, I3 = 3 * m * (r**2 / 4 + h**2) / 5, 3 * m * r**2 / 10
+    I1, I3 = principal_moments((3 * m * (r * r / 4 + h * h) / 5,) * 2 + (3 * m * r * r / 10,))[1:]
     mgl = m * _finite(gravity, "gravity", "m/s²") * 3 * h / 4
     spin = mgl / (I3 * rate) + (I1 - I3) / I3 * rate * math.cos(theta)
     return _heavy_top(

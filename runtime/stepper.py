@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import GyrosparkError, InputError
 from .binding import REASONS, Binding
-from .checks import as_array, as_parameters, as_positive_count, as_real, as_step
+from .checks import as_array, as_numbers, as_parameters, as_positive_count, as_real, as_step
 from .ensemble import Ensemble, integrate_members
 from .integration import Run, defect_sizes, integrate
 from .module import load_module
@@ -120,7 +120,8 @@ class Stepper:
             When a step finds no solution; carries everything before it.
         """
         run = self._checked(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations)
-        self._refuse_inconsistent(run)
+        with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
+            self._refuse_inconsistent(run)
         return integrate(self.binding, self.manifest, run, progress)
 
     def integrate_ensemble(
@@ -179,7 +180,7 @@ class Stepper:
 
     def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]) -> Array:
         """Return H(q, p) in the stepper's own representation; leading axes are kept."""
-        q_rows, p_rows = np.asarray(q), np.asarray(p)
+        q_rows, p_rows = as_numbers("q", q), as_numbers("p", p)
         shape = q_rows.shape
         if shape[-1:] != (self.n,) or p_rows.shape != shape:
             raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "

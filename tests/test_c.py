@@ -123,8 +123,8 @@ def test_symbols_needed_are_of_the_maths_library(tmp_path):
     run([*compiler("gcc"), "-std=c11", "-O2", "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
     lines = [line.split() for line in run(["nm", "kernel.o"], tmp_path).splitlines()]
     needed = {words[-1] for words in lines if words[-2] == "U"}
-    assert needed <= {"frexp", "ldexp", "memset", "memcpy", "memmove", "_GLOBAL_OFFSET_TABLE_",
-                      "__stack_chk_fail"}
+    assert needed <= {"fma", "frexp", "ldexp", "memset", "memcpy", "memmove",
+                      "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
 
 
 # ---------------------------------------------------------------- headers
