@@ -254,7 +254,8 @@ def test_killed_builds_leave_nothing_that_is_loaded(own_cache, quick):
         shutil.rmtree(own_cache, ignore_errors=True)
         process = subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE,
                                    stderr=subprocess.PIPE, start_new_session=True,
-                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
+                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick,
+                                                   TMPDIR=str(own_cache.parent)))
         time.sleep(rng.uniform(0.2, 1.0) * whole)
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate(timeout=PATIENCE)
@@ -279,7 +280,8 @@ def test_killed_derivation_leaves_nothing(own_cache, quick):
     for pause in (0.3, 0.8, 1.5, 2.5):
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE,
                                    stderr=subprocess.PIPE, start_new_session=True,
-                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
+                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick,
+                                                   TMPDIR=str(own_cache.parent)))
         time.sleep(pause)
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate(timeout=PATIENCE)

@@ -86,6 +86,18 @@ def test_root_has_no_conftest_and_tests_are_no_package():
     assert not (ROOT / "tests" / "__init__.py").exists()
 
 
+def test_nothing_generated_is_checked_in_elsewhere():
+    """What somebody tried out at the root does not stay there."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("this is no git checkout")
+    listed = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
+    present = [Path(name) for name in listed if name and (ROOT / name).exists()]
+    for path in present:
+        if path.suffix in (".c", ".h"):
+            assert path.parts[0] in ("generated", "examples", "benchmarks", "tests"), path
+        assert path.suffix not in (".so", ".o", ".npz", ".pyc"), path
+
+
 def test_console_scripts_point_at_functions():
     for target in PROJECT["project"]["scripts"].values():
         module, function = target.split(":")
