@@ -61,20 +61,20 @@ class Condition:
 
 def quadrature_residual(nodes: Nodes, b: Matrix, k: int) -> Matrix:
     """B(k): Σ_i b_i c_i^{k−1} − 1/k, 1 × 1."""
-    total = b.transpose() * nodes.trace * power(nodes, k - 1)
+    total = b.transpose() * (nodes.trace * power(nodes, k - 1))
     return total - column([_fraction(nodes, 1, k)], nodes.domain)
 
 
 def stage_residual(rows: Nodes, columns: Nodes, a: Matrix, k: int) -> Matrix:
     """C(k): Σ_j a_ij c_j^{k−1} − c_i^k/k, a function of the row node."""
-    return a * columns.trace * power(columns, k - 1) - power(rows, k) * _fraction(rows, 1, k)
+    return a * (columns.trace * power(columns, k - 1)) - power(rows, k) * _fraction(rows, 1, k)
 
 
 def adjoint_residual(
     rows: Nodes, columns: Nodes, a: Matrix, b_rows: Matrix, b_columns: Matrix, k: int
 ) -> Matrix:
     """D(k): Σ_i b_i c_i^{k−1} a_ij − b_j (1 − c_j^k)/k, a function of the column node."""
-    weighted = a.transpose() * rows.trace * (rows.multiply(b_rows) * power(rows, k - 1))
+    weighted = a.transpose() * (rows.trace * (rows.multiply(b_rows) * power(rows, k - 1)))
     target = b_columns - columns.multiply(b_columns) * power(columns, k)
     return weighted - target * _fraction(columns, 1, k)
 
@@ -107,8 +107,9 @@ def _fraction(nodes: Nodes, numerator: int, denominator: int) -> Any:
 
 def is_zero(residual: Matrix, tableau: Tableau) -> bool:
     """Whether every entry vanishes: proved exactly, or to the digits a decimal file gives."""
-    return all(_entry_is_zero(entry, tableau.digits_given)
-               for entry in residual.to_Matrix().flat())
+    if residual.domain.is_QQ:
+        return bool(residual.is_zero_matrix)
+    return all(_entry_is_zero(entry, tableau.digits_given) for entry in residual.to_list_flat())
 
 
 @cache

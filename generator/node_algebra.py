@@ -38,8 +38,8 @@ class Nodes(Protocol):
         """The constant function 1, as a column."""
 
     @property
-    def x(self) -> Matrix:
-        """Multiplication by the node itself, as a matrix."""
+    def powers(self) -> dict[int, Matrix]:
+        """k → cᵏ, as far as ``power`` has formed them; begins with 0 → 1."""
 
     @property
     def trace(self) -> Matrix:
@@ -48,6 +48,9 @@ class Nodes(Protocol):
     @property
     def reflection(self) -> Matrix | None:
         """The map f(c) → f(1 − c); None when the nodes are not symmetric about ½."""
+
+    def times_node(self, f: Matrix) -> Matrix:
+        """Return the function c f(c) as a column."""
 
     def multiply(self, f: Matrix) -> Matrix:
         """Multiplication by the function f, as a matrix."""
@@ -58,10 +61,11 @@ class Nodes(Protocol):
 
 def power(nodes: Nodes, k: int) -> Matrix:
     """Return the function cᵏ as a column."""
-    result = nodes.one
-    for _ in range(k):
-        result = nodes.x * result
-    return result
+    known = nodes.powers
+    for j in range(1, k + 1):
+        if j not in known:
+            known[j] = nodes.times_node(known[j - 1])
+    return known[k]
 
 
 def column(entries: Sequence[Any], domain: Any) -> Matrix:
@@ -77,7 +81,7 @@ class PolynomialNodes:
     def __init__(self, polynomial: sp.Poly) -> None:
         self.polynomial = polynomial.monic()
         self.size = polynomial.degree()
-        self._coefficients = [QQ.from_sympy(c) for c in self.polynomial.all_coeffs()[::-1]]
+        self._coefficients = [QQ.from_sympy(c) for c in self.polynomial.all_coeffs()[:0:-1]]
 
     @cached_property
     def one(self) -> Matrix:
@@ -85,13 +89,9 @@ class PolynomialNodes:
         return column([QQ(1)] + [QQ(0)] * (self.size - 1), QQ)
 
     @cached_property
-    def x(self) -> Matrix:
-        """The companion matrix of M."""
-        s = self.size
-        rows = [[QQ(int(i == j + 1)) for j in range(s)] for i in range(s)]
-        for i in range(s):
-            rows[i][s - 1] = -self._coefficients[i]
-        return DomainMatrix(rows, (s, s), QQ)
+    def powers(self) -> dict[int, Matrix]:
+        """The constant polynomial, to be continued by ``power``."""
+        return {0: self.one}
 
     @cached_property
     def trace(self) -> Matrix:
@@ -111,19 +111,23 @@ class PolynomialNodes:
         mirrored = sp.Poly(self.polynomial.as_expr().subs(variable, 1 - variable), variable)
         if mirrored.monic() != self.polynomial:
             return None
-        mirror = DomainMatrix.eye(self.size, QQ) - self.x  # multiplication by 1 − x
         columns = [self.one]
         for _ in range(self.size - 1):
-            columns.append(mirror * columns[-1])
+            columns.append(columns[-1] - self.times_node(columns[-1]))  # times 1 − x
         return DomainMatrix.hstack(*columns)
 
+    def times_node(self, f: Matrix) -> Matrix:
+        """Shift the coefficients up; x^s is what M says."""
+        *low, top = f.to_list_flat()
+        shifted = zip([QQ(0), *low], self._coefficients, strict=True)
+        return column([a - top * m for a, m in shifted], QQ)
+
     def multiply(self, f: Matrix) -> Matrix:
-        """Return f of the companion matrix, by Horner's scheme."""
-        result = DomainMatrix.zeros((self.size, self.size), QQ)
-        identity = DomainMatrix.eye(self.size, QQ)
-        for coefficient in reversed(f.to_list_flat()):
-            result = result * self.x + identity * coefficient
-        return result
+        """Return the matrix with columns f, x f, x² f, …."""
+        columns = [f]
+        for _ in range(self.size - 1):
+            columns.append(self.times_node(columns[-1]))
+        return DomainMatrix.hstack(*columns)
 
     def at(self, position: int) -> Matrix:
         """Evaluate at 0 or 1; only for nodes that contain them (Lobatto)."""
@@ -146,9 +150,9 @@ class ValueNodes:
         return column([sp.Integer(1)] * self.size, EXRAW)
 
     @cached_property
-    def x(self) -> Matrix:
-        """The nodes on a diagonal."""
-        return self.multiply(column(self.values, EXRAW))
+    def powers(self) -> dict[int, Matrix]:
+        """Ones, to be continued by ``power``."""
+        return {0: self.one}
 
     @cached_property
     def trace(self) -> Matrix:
@@ -164,6 +168,11 @@ class ValueNodes:
         s = self.size
         rows = [[sp.Integer(int(i + j == s - 1)) for j in range(s)] for i in range(s)]
         return DomainMatrix(rows, (s, s), EXRAW)
+
+    def times_node(self, f: Matrix) -> Matrix:
+        """Multiply node by node."""
+        pairs = zip(self.values, f.to_list_flat(), strict=True)
+        return column([value * entry for value, entry in pairs], EXRAW)
 
     def multiply(self, f: Matrix) -> Matrix:
         """Return the values of f on a diagonal."""
