@@ -16,16 +16,9 @@ import sympy as sp
 from sympy.core.sympify import _sympify
 
 from ..errors import InputError
+from .c_names import is_taken
 
 __all__ = ["System"]
-
-#: Names that a struct member cannot have, and ``none``, the member of an empty struct.
-C_KEYWORDS = frozenset(
-    ["auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else",
-     "enum", "extern", "float", "for", "goto", "if", "inline", "int", "long", "register",
-     "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef",
-     "union", "unsigned", "void", "volatile", "while", "none"]
-)
 
 
 @dataclass(frozen=True)
@@ -81,10 +74,15 @@ class System:
     def _refuse_unknown_symbols(self) -> None:
         names = [str(s) for s in (*self.q, *self.p, *self.parameters)]
         for name in names:
-            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) or name in C_KEYWORDS:
+            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(
                     f"System {self.name!r} has a symbol named {name!r}; names are letters, digits "
-                    "and '_', begin with a letter, and are no keyword of C."
+                    "and '_' and begin with a letter."
+                )
+            if is_taken(name) or self._is_guard(name):
+                raise InputError(
+                    f"System {self.name!r} has a symbol named {name!r}, which is a keyword or a "
+                    "macro of the generated C; choose another name."
                 )
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -106,6 +104,10 @@ class System:
                     f"{min(map(str, unknown))!r}; a holonomic constraint depends on q and "
                     "parameters only."
                 )
+
+    def _is_guard(self, name: str) -> bool:
+        """Whether the header of a stepper of this system may have this include guard."""
+        return re.fullmatch(f"{self.name.upper()}_[A-Z0-9_]+_H", name) is not None
 
     @property
     def n(self) -> int:

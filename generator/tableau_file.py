@@ -35,6 +35,7 @@ from sympy import EXRAW
 from sympy.polys.matrices import DomainMatrix
 
 from ..errors import InputError, TableauError
+from .c_names import KEYWORDS
 from .expressions import decimal_digits, parse_expression
 from .node_algebra import ValueNodes, column
 from .tableau import FIELDS, Tableau
@@ -57,13 +58,6 @@ ROW_SUMS = {"c": "A", "c_tilde": "A_bar"}
 CLAIMS = ("order", "symmetric")
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
-C_KEYWORDS = {
-    "alignas", "alignof", "asm", "auto", "bool", "break", "case", "char", "const", "constexpr",
-    "continue", "default", "do", "double", "else", "enum", "extern", "false", "float", "for",
-    "goto", "if", "inline", "int", "long", "nullptr", "register", "restrict", "return", "short",
-    "signed", "sizeof", "static", "struct", "switch", "true", "typedef", "typeof", "union",
-    "unsigned", "void", "volatile", "while",
-}
 PLAIN_NUMBER = re.compile(r"\s*[+-]?[0-9.]+([eE][+-]?[0-9]+)?\s*")
 
 
@@ -202,7 +196,7 @@ class _Reader:
 
     def name(self, name: Any) -> str:
         is_text = isinstance(name, str) and not isinstance(name, _Number)
-        if not is_text or not NAME.fullmatch(name) or name in C_KEYWORDS:
+        if not is_text or not NAME.fullmatch(name) or name in KEYWORDS:
             raise self.error(
                 f"name is {_describe(name)}; write a C identifier of at most 40 lower case "
                 "letters, digits and _, with a letter first, that is no keyword of C."

@@ -1,0 +1,35 @@
+"""Names that C keeps for itself, so that no struct member can have them."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["KEYWORDS", "is_taken"]
+
+#: Of C11 and C23, and what C compilers (asm) and cffi's reader of C (the last two) add to them.
+KEYWORDS = frozenset(
+    ["auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else",
+     "enum", "extern", "float", "for", "goto", "if", "inline", "int", "long", "register",
+     "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "typedef",
+     "union", "unsigned", "void", "volatile", "while", "alignas", "alignof", "bool", "constexpr",
+     "false", "nullptr", "static_assert", "thread_local", "true", "typeof", "typeof_unqual", "asm",
+     "offsetof", "WINAPI"]
+)
+
+#: Macros without arguments that <float.h>, <math.h> and <stddef.h> define or reserve, under any
+#: edition of C, and those that compilers define on their own.
+_MACRO = re.compile(
+    r"""
+    NULL | NAN | INFINITY | HUGE | HUGE_VAL\w* | SNAN\w* | MAXFLOAT | DECIMAL_DIG
+    | math_errhandling | linux | unix | i386
+    | (FLT | DBL | LDBL | DEC[0-9]* | FP | MATH)_[A-Z0-9_]+
+    | M_(E | LOG2E | LOG10E | LN2 | LN10 | PI | PI_2 | PI_4 | 1_PI | 2_PI | 2_SQRTPI | SQRT2
+        | SQRT1_2)(f | l | f[0-9]+x?)?
+    """,
+    re.VERBOSE,
+)
+
+
+def is_taken(name: str) -> bool:
+    """Whether a name is a keyword of C or a macro that the generated C sees."""
+    return name in KEYWORDS or _MACRO.fullmatch(name) is not None
