@@ -6,8 +6,9 @@ The pipeline, told once; ``pipeline.generate`` runs it.
 2. **system**   name → H(q, p), g(q), derivatives (``rigid_body``, ``system``); subexpressions of
    the parameters alone get names (``kernels``)
 3. **tableau**  scheme and s → exact coefficients from (A.8)-(A.18) (``nodes``, ``node_algebra``,
-   ``families``, ``tableau``), or a file (``tableau_file``); what they satisfy is proved
-   (``conditions``) and the order measured (``observed_order``)
+   ``families``, ``tableau``), or a file (``tableau_file``), and as numbers in proved bounds
+   (``enclosures``); what they satisfy is proved (``conditions``) and the order measured
+   (``observed_order``)
 4. **scheme**   system and tableau → what a step must solve: unknowns, kernels (``schemes``); for
    EMS the discrete gradient is derived (``discrete_gradient``, ``mean_conditions``)
 5. **kernels**  expressions → C statements with shared subexpressions (``kernels``, ``c_printer``)

@@ -9,20 +9,24 @@ and Ã weights k̃ in P_i, Ā weights k in Q̃_j (A.7). Stages i = 1..s, constra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import numbers
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from fractions import Fraction
 from functools import cached_property
-from math import lcm
 from typing import Any
 
 import mpmath as mp
 import sympy as sp
 
+from ..errors import InputError
+from .enclosures import enclose_part, map_entries, widest_radius
 from .node_algebra import Nodes, ValueNodes
-from .nodes import BITS, Enclosure, enclose_roots, exact_roots
+from .nodes import BITS, Enclosure, exact_roots
 
 __all__ = ["FIELDS", "NumericTableau", "Tableau"]
+
+#: What ``numeric`` may be asked for.
+MAX_DIGITS = 1000
 
 #: The parts of a tableau, in the order in which files, C and reports list them, each with the
 #: node sets of its rows and columns ("s" stages, "p" constraint nodes).
@@ -118,37 +122,50 @@ class Tableau:
 
     @cached_property
     def enclosures(self) -> dict[str, Any]:
-        """Every part as nested tuples of certified enclosures."""
+        """Every part as nested tuples of certified enclosures, for correct rounding."""
+        return self._enclosures(BITS)
+
+    def _enclosures(self, bits: int) -> dict[str, Any]:
+        """Enclose every part with nodes of radius 2^−bits."""
         done: dict[tuple[int, ...], Any] = {}
         result = {}
         for name in FIELDS:  # parts that are the same matrix, such as Â = A, are done once
             key = (id(self.basis[name]), *map(id, self.nodes_of(name)))
             if key not in done:
-                done[key] = self._enclose(name)
+                done[key] = enclose_part(self.basis[name].to_list(), self.nodes_of(name), bits)
             result[name] = done[key]
         return result
 
     def numeric(self, digits: int = 50) -> NumericTableau:
-        """Return the coefficients as nested lists of mpmath numbers with that many digits.
+        """Return the coefficients as nested lists of mpmath numbers.
 
-        Digits count up to 120; the enclosures behind them are narrower than 1e-140.
+        They are certain to that many digits after the point: the enclosures behind them are
+        refined until none is wider than 10^−digits.
+
+        Raises
+        ------
+        InputError
+            If ``digits`` is no whole number from 1 to 1000.
         """
+        count = checked_digits(digits)
 
         def to_number(value: Enclosure) -> Any:
-            with mp.workdps(digits + 5):
+            with mp.workdps(count + 5):
                 return mp.mpf(value.centre.numerator) / value.centre.denominator
 
-        return NumericTableau(**self.map_enclosures(to_number))
+        return NumericTableau(**map_entries(self._refined(count), to_number))
+
+    def _refined(self, digits: int) -> dict[str, Any]:
+        """Return enclosures of width 10^−digits at most."""
+        bits, parts = BITS, self.enclosures
+        while widest_radius(parts) * 2 * 10**digits > 1:
+            bits = max(bits + 128, digits * 10 // 3 + 128)
+            parts = self._enclosures(bits)
+        return parts
 
     def map_enclosures(self, function: Callable[[Enclosure], Any]) -> dict[str, Any]:
         """Return every part as nested lists with the function applied to each entry."""
-        return {
-            name: [
-                [function(entry) for entry in row] if isinstance(row, tuple) else function(row)
-                for row in part
-            ]
-            for name, part in self.enclosures.items()
-        }
+        return map_entries(self.enclosures, function)
 
     def _evaluate(self, name: str) -> tuple[Any, ...]:
         """Evaluate a part at its exact nodes: Σ_kl C_kl uᵏ vˡ."""
@@ -163,24 +180,15 @@ class Tableau:
         return tuple(tuple(polynomial_value(coefficients, u, v) for v in roots[1])
                      for u in roots[0])
 
-    def _enclose(self, name: str) -> tuple[Any, ...]:
-        rows = self.basis[name].to_list()
-        nodes = self.nodes_of(name)
-        if self.given:
-            entries = [tuple(enclose_expression(entry) for entry in row) for row in rows]
-            return tuple(entries) if len(nodes) == 2 else tuple(row[0] for row in entries)
-        fractions = [[Fraction(int(e.numerator), int(e.denominator)) for e in row] for row in rows]
-        scale = lcm(*(e.denominator for row in fractions for e in row))
-        coefficients = [[(int(e * scale) << BITS, 0) for e in row] for row in fractions]
-        roots = [[_fixed(root) for root in enclose_roots(part.polynomial)]  # type: ignore[attr-defined]
-                 for part in nodes]
-        if len(nodes) == 1:
-            values = [_horner([row[0] for row in coefficients], at) for at in roots[0]]
-            return tuple(_enclosure(value, scale) for value in values)
-        # Columns first: Σ_l C_kl vˡ then vanishes exactly for the zero column (v = 1) of Ã.
-        by_column = [[_horner(row, at) for row in coefficients] for at in roots[1]]
-        return tuple(tuple(_enclosure(_horner(column, at), scale) for column in by_column)
-                     for at in roots[0])
+
+def checked_digits(digits: Any) -> int:
+    """Return a number of digits, refused where it is none that ``numeric`` can give."""
+    whole = isinstance(digits, numbers.Integral) and not isinstance(digits, bool)
+    if not whole or not 1 <= digits <= MAX_DIGITS:
+        raise InputError(
+            f"digits = {digits!r} is not usable; give a whole number from 1 to {MAX_DIGITS}."
+        )
+    return int(digits)
 
 
 def polynomial_value(coefficients: list[list[sp.Expr]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
@@ -200,38 +208,3 @@ def is_quadratic(number: sp.Expr) -> bool:
     return not number.has(sp.CRootOf) and all(
         power.base.is_Rational for power in number.atoms(sp.Pow)
     )
-
-
-def _fixed(value: Enclosure) -> tuple[int, int]:
-    """Return centre and radius as multiples of 2^−BITS; roots are such multiples."""
-    unit = 2**BITS
-    return int(value.centre * unit), int(value.radius * unit)
-
-
-def _enclosure(value: tuple[int, int], scale: int) -> Enclosure:
-    unit = scale << BITS
-    return Enclosure(Fraction(value[0], unit), Fraction(value[1], unit))
-
-
-def _horner(coefficients: Sequence[tuple[int, int]], at: tuple[int, int]) -> tuple[int, int]:
-    """Enclose Σ_k coefficients[k] atᵏ in fixed point: (centre, radius), radius 0 when exact.
-
-    |at| ≤ 1. A product is rounded down, which adds at most one unit to the radius.
-    """
-    centre, radius = coefficients[-1]
-    for c, r in reversed(coefficients[:-1]):
-        product = centre * at[0]
-        error = abs(centre) * at[1] + radius * (abs(at[0]) + at[1])
-        inexact = int(product & (2**BITS - 1) != 0)
-        centre = (product >> BITS) + c
-        radius = (error >> BITS) + (error != 0) + inexact + r
-    return centre, radius
-
-
-def enclose_expression(expression: sp.Expr, digits: int = 150) -> Enclosure:
-    """Enclose an exact number; rationals come out exact."""
-    if expression.is_Rational:
-        return Enclosure(Fraction(int(expression.p), int(expression.q)))
-    text = str(sp.N(expression, digits))
-    centre = Fraction(text)
-    return Enclosure(centre, abs(centre) * Fraction(1, 10 ** (digits - 5)))

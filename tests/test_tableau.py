@@ -16,7 +16,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import TableauError
+from gyrospark.errors import InputError, TableauError
 from gyrospark.generator.conditions import (
     MATRICES,
     check_tableau,
@@ -25,6 +25,7 @@ from gyrospark.generator.conditions import (
     symmetry_residual,
     symplectic_residual,
 )
+from gyrospark.generator.enclosures import horner
 from gyrospark.generator.families import gauss_lobatto, lobatto_iiiab, solve_rows
 from gyrospark.generator.node_algebra import PolynomialNodes, column, power
 from gyrospark.generator.nodes import (
@@ -36,7 +37,7 @@ from gyrospark.generator.nodes import (
     lobatto_polynomial,
 )
 from gyrospark.generator.real import REALS, round_binary
-from gyrospark.generator.tableau import FIELDS, _horner
+from gyrospark.generator.tableau import FIELDS
 
 X = sp.Symbol("x")
 SQRT3 = sp.sqrt(3)
@@ -167,7 +168,7 @@ corners = st.lists(st.sampled_from([-1, 0, 1]), min_size=6, max_size=6)
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(st.lists(fixed, min_size=1, max_size=5), in_unit, corners)
 def test_enclosure_of_a_polynomial_contains_its_value_at_any_members(coefficients, at, corner):
-    centre, radius = _horner(coefficients, at)
+    centre, radius = horner(coefficients, at, BITS)
     point = Fraction(at[0] + corner[-1] * at[1], 2**BITS)
     value = sum((c + t * r) * point**k
                 for k, ((c, r), t) in enumerate(zip(coefficients, corner, strict=False)))
@@ -176,8 +177,8 @@ def test_enclosure_of_a_polynomial_contains_its_value_at_any_members(coefficient
 
 def test_enclosure_of_a_polynomial_is_exact_where_nothing_is_rounded():
     half = 1 << (BITS - 1)
-    assert _horner([(3 << BITS, 0), (-(1 << BITS), 0), (1 << BITS, 0)], (half, 0)) == (
-        (11 << BITS) // 4, 0)
+    terms = [(3 << BITS, 0), (-(1 << BITS), 0), (1 << BITS, 0)]
+    assert horner(terms, (half, 0), BITS) == ((11 << BITS) // 4, 0)
 
 
 # ---------------------------------------------------------------- the printed tableaux
@@ -485,14 +486,34 @@ def test_numbers_have_the_exact_structure_of_the_step(family, s):
 
 
 def test_numeric_has_the_digits_asked_for():
-    with mpmath.workdps(130):
+    with mpmath.workdps(420):
         half_width = mpmath.sqrt(3) / 6
-        for digits in (5, 50, 120):
+        for digits in (5, 50, 120, 400, np.int64(160)):
             entry = gauss_lobatto(2).numeric(digits).c[0]
-            assert abs(entry - (mpmath.mpf(1) / 2 - half_width)) < mpmath.mpf(10) ** -digits
+            assert abs(entry - (mpmath.mpf(1) / 2 - half_width)) < mpmath.mpf(10) ** -int(digits)
 
 
-def test_enclosures_bear_the_120_digits_that_numeric_promises():
+@pytest.mark.parametrize(("family", "s"), [("gl", 12), ("liiiab", 16)])
+def test_numeric_refines_until_every_digit_is_certain(family, s):
+    coarse, fine = make(family, s).numeric(200), make(family, s).numeric(450)
+    with mpmath.workdps(500):
+        for field in FIELDS:
+            pairs = zip(flat(getattr(coarse, field)), flat(getattr(fine, field)), strict=True)
+            assert all(abs(a - b) < mpmath.mpf("1e-200") for a, b in pairs), field
+        moments = [mpmath.fsum(fine.b), mpmath.fdot(fine.b, fine.c)]
+        assert abs(moments[0] - 1) < mpmath.mpf("1e-445")
+        assert abs(moments[1] - mpmath.mpf(1) / 2) < mpmath.mpf("1e-445")
+
+
+@pytest.mark.parametrize("digits", [0, -5, 1001, 10**9, True, 50.0, "50", None])
+def test_digits_that_numeric_cannot_give_are_refused(digits):
+    with pytest.raises(InputError, match=r"digits = .* is not usable; give a whole number from 1 "
+                       "to 1000") as refusal:
+        gauss_lobatto(2).numeric(digits)
+    assert repr(digits) in str(refusal.value)
+
+
+def test_enclosures_bear_120_digits_without_being_refined():
     radii = gauss_lobatto(12).map_enclosures(lambda e: e.radius)
     assert max(max(flat(part)) for part in radii.values()) < Fraction(1, 10**125)
 

@@ -1,0 +1,93 @@
+"""A part of a tableau as numbers: enclosures in fixed point that are proved to hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from math import lcm
+from typing import Any
+
+import sympy as sp
+
+from .node_algebra import Nodes, ValueNodes
+from .nodes import Enclosure, enclose_roots
+
+__all__ = ["enclose_part", "horner", "map_entries", "widest_radius"]
+
+
+def enclose_part(rows: list[list[Any]], nodes: list[Nodes], bits: int) -> tuple[Any, ...]:
+    """Enclose the values of a part at its exact nodes, which are enclosed to 2^−bits.
+
+    ``rows`` is the exact matrix of the part over the algebras of its nodes: one for a vector,
+    two for a matrix.
+    """
+    if isinstance(nodes[0], ValueNodes):
+        given = [tuple(enclose_expression(entry, bits * 3 // 10) for entry in row) for row in rows]
+        return tuple(given) if len(nodes) == 2 else tuple(row[0] for row in given)
+    fractions = [[Fraction(int(e.numerator), int(e.denominator)) for e in row] for row in rows]
+    scale = lcm(*(e.denominator for row in fractions for e in row))
+    coefficients = [[(int(e * scale) << bits, 0) for e in row] for row in fractions]
+    roots = [_fixed_roots(part, bits) for part in nodes]
+    unit = scale << bits
+    if len(nodes) == 1:
+        values = [horner([row[0] for row in coefficients], at, bits) for at in roots[0]]
+        return tuple(_enclosure(value, unit) for value in values)
+    # Columns first: Σ_l C_kl vˡ then vanishes exactly for the zero column (v = 1) of Ã.
+    by_column = [[horner(row, at, bits) for row in coefficients] for at in roots[1]]
+    return tuple(tuple(_enclosure(horner(column, at, bits), unit) for column in by_column)
+                 for at in roots[0])
+
+
+def _fixed_roots(nodes: Any, bits: int) -> list[tuple[int, int]]:
+    """Return centres and radii of the nodes as multiples of 2^−bits; roots are such multiples."""
+    unit = 2**bits
+    return [(int(root.centre * unit), int(root.radius * unit))
+            for root in enclose_roots(nodes.polynomial, bits)]
+
+
+def _enclosure(value: tuple[int, int], unit: int) -> Enclosure:
+    return Enclosure(Fraction(value[0], unit), Fraction(value[1], unit))
+
+
+def horner(
+    coefficients: Sequence[tuple[int, int]], at: tuple[int, int], bits: int
+) -> tuple[int, int]:
+    """Enclose Σ_k coefficients[k] atᵏ in multiples of 2^−bits: (centre, radius), 0 when exact.
+
+    |at| ≤ 1. A product is rounded down, which adds at most one unit to the radius.
+    """
+    centre, radius = coefficients[-1]
+    for c, r in reversed(coefficients[:-1]):
+        product = centre * at[0]
+        error = abs(centre) * at[1] + radius * (abs(at[0]) + at[1])
+        inexact = int(product & (2**bits - 1) != 0)
+        centre = (product >> bits) + c
+        radius = (error >> bits) + (error != 0) + inexact + r
+    return centre, radius
+
+
+def enclose_expression(expression: sp.Expr, digits: int) -> Enclosure:
+    """Enclose an exact number; rationals come out exact."""
+    if expression.is_Rational:
+        return Enclosure(Fraction(int(expression.p), int(expression.q)))
+    text = str(sp.N(expression, digits))
+    centre = Fraction(text)
+    return Enclosure(centre, abs(centre) * Fraction(1, 10 ** (digits - 5)))
+
+
+def map_entries(parts: dict[str, Any], function: Callable[[Enclosure], Any]) -> dict[str, Any]:
+    """Return nested lists in place of the nested tuples, the function applied to each entry."""
+    return {
+        name: [
+            [function(entry) for entry in row] if isinstance(row, tuple) else function(row)
+            for row in part
+        ]
+        for name, part in parts.items()
+    }
+
+
+def widest_radius(parts: dict[str, Any]) -> Fraction:
+    """Return the largest radius of all enclosures."""
+    rows = (row if isinstance(row, tuple) else (row,) for part in parts.values() for row in part)
+    radii: list[Fraction] = [entry.radius for row in rows for entry in row]
+    return max(radii)
