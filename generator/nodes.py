@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import mpmath as mp
 import sympy as sp
@@ -60,35 +61,77 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
     prove that none is missing.
     """
     integer = [int(c) for c in polynomial.clear_denoms()[1].all_coeffs()]
-    slopes = [int(c) for c in (polynomial.clear_denoms()[1]).diff().all_coeffs()]
-    with mp.workprec(128):
-        guesses = sorted(map(mp.re, mp.polyroots(integer, maxsteps=500, extraprec=128)))
-    with mp.workprec(bits + 64):
-        for _ in range(bits.bit_length() - 5):  # each Newton step doubles the correct bits
-            if not all(mp.polyval(slopes, r) for r in guesses):
-                raise TableauError(f"The roots of {polynomial.as_expr()} are not simple and real.")
-            guesses = [r - mp.polyval(integer, r) / mp.polyval(slopes, r) for r in guesses]
-        numerators = [int(mp.nint(mp.ldexp(guess, bits))) for guess in guesses]
+    try:
+        numerators = _rounded_roots(integer, sorted(_approximate_roots(integer)), bits)
+    except ArithmeticError:
+        raise TableauError(
+            f"The roots of {polynomial.as_expr()} are not simple and real."
+        ) from None
     step = Fraction(1, 2**bits)
     enclosures = []
     for numerator in numerators:
-        centre = numerator * step
-        if _value(integer, centre) == 0:
-            enclosures.append(Enclosure(centre))
-        elif _value(integer, centre - step) * _value(integer, centre + step) < 0:
-            enclosures.append(Enclosure(centre, step))
-        else:
-            raise TableauError(f"No sign change of {polynomial.as_expr()} near {float(centre)}.")
-    if any(b.centre - a.centre <= 2 * step for a, b in pairwise(enclosures)):
+        low, middle, high = (_scaled_value(integer, numerator + i, bits) for i in (-1, 0, 1))
+        if middle != 0 and (low < 0) == (high < 0):
+            raise TableauError(
+                f"No sign change of {polynomial.as_expr()} near {float(numerator * step)}."
+            )
+        enclosures.append(Enclosure(numerator * step, step if middle else Fraction(0)))
+    if any(after - before <= 2 for before, after in pairwise(numerators)):
         raise TableauError(f"The roots of {polynomial.as_expr()} are not distinct.")
     return tuple(enclosures)
 
 
-def _value(coefficients: list[int], at: Fraction) -> Fraction:
-    result = Fraction(0)
-    for coefficient in coefficients:
-        result = result * at + coefficient
-    return result
+def _approximate_roots(integer: list[int]) -> list[Any]:
+    """Return the real roots of a polynomial that has no others, the largest first.
+
+    Newton's method falls monotonically to the largest root from above; the next one is the
+    largest once those known are divided out, which takes Σ 1/(x − root) off f′/f (Maehly).
+    """
+    roots: list[Any] = []
+    with mp.workprec(256):
+        start = _upper_bound(integer) + 1
+        for _ in integer[1:]:
+            roots.append(_next_root(integer, roots, start))
+    return roots
+
+
+def _upper_bound(integer: list[int]) -> Any:
+    """Return a bound on all roots when these are real (Laguerre, Samuelson)."""
+    n, (a, b, c) = len(integer) - 1, [*integer, 0][:3]
+    spread = (n - 1) * ((n - 1) * mp.mpf(b) ** 2 - 2 * n * a * c)
+    if spread < 0:
+        raise ArithmeticError("Some roots are not real.")
+    return (mp.sqrt(spread) / abs(a) - mp.mpf(b) / a) / n
+
+
+def _next_root(integer: list[int], known: list[Any], start: Any) -> Any:
+    x = start
+    for _ in range(500):
+        value, slope = mp.polyval(integer, x, derivative=True)
+        if value == 0:
+            return x
+        change = 1 / (slope / value - mp.fsum(1 / (x - root) for root in known))
+        x -= change
+        if abs(change) < mp.ldexp(1, -100):
+            return x
+    raise ArithmeticError("Newton's method does not converge.")
+
+
+def _rounded_roots(integer: list[int], roots: list[Any], bits: int) -> list[int]:
+    """Return 2^bits times the roots, rounded; each Newton step doubles the bits that are right."""
+    with mp.workprec(bits + 64):
+        for _ in range(max(bits.bit_length() - 5, 0)):
+            pairs = [mp.polyval(integer, r, derivative=True) for r in roots]
+            roots = [r - value / slope for r, (value, slope) in zip(roots, pairs, strict=True)]
+        return [int(mp.nint(mp.ldexp(root, bits))) for root in roots]
+
+
+def _scaled_value(integer: list[int], numerator: int, bits: int) -> int:
+    """Return the value at numerator/2^bits, multiplied by 2^(bits degree): a whole number."""
+    value = 0
+    for k, coefficient in enumerate(integer):
+        value = value * numerator + (coefficient << (bits * k))
+    return value
 
 
 @lru_cache
