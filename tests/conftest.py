@@ -1,10 +1,13 @@
-"""Options of the test run, and a SIGINT that tests can send."""
+"""Options of the test run, a SIGINT that tests can send, and steppers to call."""
 
 from __future__ import annotations
 
 import signal
 
 import pytest
+
+import gyrospark as gs
+from calls import SCHEMES, identify, late_failures
 
 # A shell that starts the run in the background has SIGINT ignored, and so would every process
 # that a test starts and interrupts.
@@ -17,3 +20,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--update", action="store_true",
         help="rewrite generated/ from the generator instead of comparing with it",
     )
+
+
+@pytest.fixture(params=SCHEMES, ids=identify)
+def step(request: pytest.FixtureRequest) -> gs.Stepper:
+    """A stepper of each kind."""
+    return gs.stepper(*request.param)
+
+
+@pytest.fixture(scope="session")
+def gl3() -> gs.Stepper:
+    return gs.stepper("G-L", stages=3, rep="gamma")
+
+
+@pytest.fixture(scope="session")
+def failures():
+    found = late_failures()
+    assert len(found) == 3
+    return found

@@ -1,0 +1,133 @@
+"""What the Python calls take for states and unknowns, and what they refuse."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import PARAMETERS, RUN, TOP, equal, refused
+
+
+def test_arrays_are_converted_by_value(gl3):
+    """The same numbers in any dress give the same bits; the caller's array is not written to."""
+    wide = np.zeros((4, 6))
+    wide[:, 3] = TOP.q0
+    backwards = TOP.q0[::-1].copy()
+    matrix = np.asfortranarray(np.array([TOP.q0, TOP.p0]))
+    expected = gl3.integrate(TOP.q0, TOP.p0, steps=3, **RUN)
+    swapped = TOP.q0.astype(TOP.q0.dtype.newbyteorder())
+    for q in (TOP.q0.tolist(), tuple(TOP.q0.tolist()), wide[:, 3], backwards[::-1], matrix[0],
+              TOP.q0.astype(np.longdouble), swapped, np.float64(1) * TOP.q0, memoryview(TOP.q0)):
+        before = np.array(q).tobytes()
+        assert equal(gl3.integrate(q, TOP.p0, steps=3, **RUN), expected)
+        assert np.array(q).tobytes() == before
+
+
+def test_integers_and_other_floats_are_converted():
+    step = gs.stepper("G-L", 2)
+    q, p = [1, 0, 0, 0], [0, 1, 2, -3]
+    expected = step.step(np.array(q, dtype=float), np.array(p, dtype=float), **RUN)
+    for kind in (int, np.int8, np.int64, np.float16, np.float32, np.longdouble, np.uint8):
+        q1 = np.array(q).astype(kind)
+        p1 = p if kind is np.uint8 else np.array(p).astype(kind)
+        made = step.step(q1, p1, **RUN)
+        assert np.array_equal(made, expected)
+        assert made[0].dtype == np.float64
+
+
+def test_float32_start_is_converted_by_value_then_judged(gl3):
+    """A float32 unit quaternion is none in double: refused, never reinterpreted."""
+    with refused("off the constraints"):
+        gl3.step(TOP.q0.astype(np.float32), TOP.p0, **RUN)
+
+
+BAD_STATES = {
+    "short": [1, 0, 0],
+    "long": [1, 0, 0, 0, 0],
+    "matrix": [[1, 0, 0, 0]],
+    "column": [[1], [0], [0], [0]],
+    "scalar": 1.0,
+    "empty": [],
+    "ragged": [1, [0, 0], 0, 0],
+    "NaN": [1, 0, np.nan, 0],
+    "inf": [1, 0, np.inf, 0],
+    "-inf": [1, 0, -np.inf, 0],
+    "complex": np.array([1, 0, 0, 0], dtype=complex),
+    "bool": [True, False, False, False],
+    "words": ["1", "0", "0", "0"],
+    "bytes": b"1000",
+    "objects": np.array([1, 0, 0, 0], dtype=object),
+    "fractions": [Fraction(1), 0, 0, 0],
+    "decimals": [Decimal(1), 0, 0, 0],
+    "symbols": [sp.Integer(1), 0, 0, 0],
+    "huge integers": [10**400, 0, 0, 0],
+    "None": None,
+    "with None": [None, 0, 0, 0],
+    "dict": {"q": 1},
+    "set": {1, 2, 3, 4},
+    "dates": np.array(["2026-01-01"] * 4, dtype="datetime64[D]"),
+    "records": np.zeros(4, dtype=[("a", float)]),
+}
+
+
+@pytest.mark.parametrize("bad", BAD_STATES.values(), ids=BAD_STATES.keys())
+def test_unusable_state_is_refused(bad, gl3):
+    """By every call that takes a state, with the name of the argument."""
+    good = [1, 0, 0, 0]
+    calls = [
+        lambda q, p: gl3.step(q, p, **RUN),
+        lambda q, p: gl3.integrate(q, p, steps=2, **RUN),
+        lambda q, p: gl3.residual(np.zeros(27), q, p, **RUN),
+        lambda q, p: gl3.jacobian(np.zeros(27), q, p, **RUN),
+        lambda q, p: gl3.guess(q, p, **RUN),
+        lambda q, p: gl3.defects(q, p, parameters=PARAMETERS),
+        lambda q, p: gl3.project(q, p, parameters=PARAMETERS),
+    ]
+    for call in calls:
+        with refused("^q ") as caught:
+            call(bad, [0, 0, 0, 0])
+        assert isinstance(caught.value, ValueError)
+        with refused("^p "):
+            call(good, bad)
+
+
+@pytest.mark.parametrize("bad", [b for k, b in BAD_STATES.items() if k not in (
+    "matrix", "NaN", "inf", "-inf")], ids=str)
+def test_unusable_states_have_no_energy(bad, gl3):
+    with refused("^q "):
+        gl3.energy(bad, bad, parameters=PARAMETERS)
+
+
+def test_energy_of_many_states(gl3):
+    """Leading axes are kept; NaN, which fills a failed ensemble member, stays NaN."""
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
+    assert np.array_equal(gl3.energy(made.q, made.p, parameters=PARAMETERS), made.energy())
+    q, p = (np.stack([part, part]).astype(np.longdouble) for part in (made.q, made.p))
+    q[1, 2] = np.nan
+    H = gl3.energy(q, p, parameters=PARAMETERS)
+    assert np.array_equal(H[0], made.energy())
+    assert np.isnan(H[1]).tolist() == [False, False, True, False, False, False]
+    assert gl3.energy(TOP.q0, TOP.p0, parameters=PARAMETERS).shape == ()
+    for q, p in ((made.q, made.p[1:]), (made.q[:, :3], made.p[:, :3]), (1.0, 1.0)):
+        with refused("shape"):
+            gl3.energy(q, p, parameters=PARAMETERS)
+
+
+def test_unusable_unknowns_are_refused(gl3):
+    for bad in (np.zeros(26), np.zeros((27, 1)), np.full(27, np.nan), np.zeros(27, complex), None):
+        with refused("^x "):
+            gl3.residual(bad, TOP.q0, TOP.p0, **RUN)
+        with refused("^x "):
+            gl3.jacobian(bad, TOP.q0, TOP.p0, **RUN)
+
+
+def test_too_large_for_float_is_refused():
+    """What overflows on conversion is named, without a warning."""
+    step = gs.stepper("IMS", real="float")
+    with refused("float32"):
+        step.defects([1e300, 0, 0, 0], [0, 0, 0, 0], parameters=PARAMETERS)

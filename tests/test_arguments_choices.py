@@ -1,0 +1,70 @@
+"""What ``stepper`` and ``tableau`` take, and what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import refused
+from processes import ROOT
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("RK4",), "'RK4'.*IMS, EMS, G-L or LIIIA-B"), ((3,), "3.*IMS"), ((None,), "No scheme"),
+    (("G-L",), "not given.*1 to 16"), (("G-L", 0), "0.*1 to 16"), (("G-L", -1), "-1"),
+    (("G-L", 17), "17.*16"), (("G-L", "three"), "'three'"), (("G-L", 2.0), "2.0.*whole"),
+    (("G-L", True), "True.*whole"), (("LIIIA-B", 1), "1.*2 to 16"), (("IMS", 2), "no stages"),
+    (("IMS", None, "beta"), "'beta'.*alpha or gamma"),
+], ids=str)
+def test_unusable_stepper_choice_is_refused(arguments, words):
+    with refused(words):
+        gs.stepper(*arguments)
+
+
+def test_numpy_integers_count_stages():
+    assert gs.stepper("G-L", np.int64(2)).name == "heavy_top_gl2_gamma"
+
+
+def test_unusable_system_and_tableau_are_refused():
+    tableau = gs.tableau("G-L", 2)
+    pendulum = gs.System("p", sp.symbols("x:2"), sp.symbols("y:2"), (),
+                         H=sum(y**2 for y in sp.symbols("y:2")) / 2,
+                         constraints=[sum(x**2 for x in sp.symbols("x:2")) - 1])
+    for options, words in [
+        ({"scheme": "IMS", "system": "car"}, "'car'.*heavy_top or free_body"),
+        ({"scheme": "IMS", "system": 42}, "42"),
+        ({"scheme": "IMS", "real": "quad"}, "'quad'.*double"),
+        ({"tableau": tableau, "real": "quad"}, "'quad'"),
+        ({"tableau": tableau, "rep": "beta"}, "'beta'"),
+        ({"tableau": tableau, "system": "car"}, "'car'"),
+        ({"tableau": tableau, "scheme": "G-L"}, "leave out"),
+        ({"tableau": tableau, "stages": 2}, "leave out"),
+        ({"tableau": 42}, "42"),
+        ({"tableau": [[1]]}, "tableau"),
+        ({"tableau": "none.json"}, "'none.json'"),
+        ({"tableau": "none.json", "scheme": "IMS"}, "leave out"),
+        ({"scheme": "IMS", "system": pendulum, "rep": "gamma"}, "rep"),
+    ]:
+        with refused(words):
+            gs.stepper(**options)
+
+
+def test_tableau_object_goes_with_any_named_system():
+    """As the named scheme does; free_body is not silently taken for heavy_top."""
+    tableau = gs.tableau("G-L", 2)
+    step = gs.stepper(tableau=tableau, system="free_body", rep="alpha")
+    assert step.name.startswith("free_body_")
+    assert set(step.parameter_domains) == {"I1", "I2", "I3", "alpha"}
+
+
+def test_unusable_tableau_request_is_refused():
+    for arguments, words in [(("IMS",), "no SPARK tableau"), (("G-L",), "not given"),
+                             (("G-L", 0), "1 to 16"), (("RK4", 4), "'RK4'"),
+                             (("none.json",), "'none.json'"), ((Path("none"),), "'none'"),
+                             ((ROOT / "examples/tableaux/gauss_lobatto_2.json", 2), "leave out")]:
+        with refused(words):
+            gs.tableau(*arguments)

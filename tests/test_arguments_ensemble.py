@@ -1,0 +1,143 @@
+"""Ensembles and threads."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, RUN, TOP, equal, refused
+
+
+def members(count=6):
+    """Return starts, time steps and parameters of different members."""
+    rng = np.random.default_rng(3)
+    q = rng.standard_normal((count, 4))
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    omega = rng.standard_normal((count, 3)) * 20
+    p = np.array([gs.momentum(*state, TOP.inertia) for state in zip(q, omega, strict=True)])
+    step = gs.stepper("G-L", 3)
+    states = [step.project(*state, parameters=PARAMETERS) for state in zip(q, p, strict=True)]
+    q, p = (np.array(part) for part in zip(*states, strict=True))
+    return q, p, np.linspace(1e-4, 1e-3, count), np.linspace(0.5, 2, count) * PARAMETERS["gamma"]
+
+
+def test_ensemble_equals_single_runs_bit_for_bit(step):
+    q, p, dts, gammas = members()
+    many = step.integrate_ensemble(q, p, dt=dts, steps=20, every=3,
+                                   parameters=PARAMETERS | {"gamma": gammas})
+    listed = step.integrate_ensemble(q, p, dt=dts, steps=20, every=3, workers=2,
+                                     parameters=[PARAMETERS | {"gamma": g} for g in gammas])
+    assert len(many) == 6
+    assert not many.failures
+    assert many.q.shape == many.p.shape == (6, 8, 4)
+    assert many.t.shape == (6, 8)
+    assert many.multipliers.shape == (6, 7, step.manifest["scheme"]["multipliers"])
+    assert many.iterations.shape == (6, 7)
+    for i in range(6):
+        one = step.integrate(q[i], p[i], dt=dts[i], steps=20, every=3,
+                             parameters=PARAMETERS | {"gamma": gammas[i]})
+        assert equal(many.members[i], one)
+        assert equal(listed.members[i], one)
+        for name in ("t", "q", "p", "multipliers", "iterations"):
+            assert np.array_equal(getattr(many, name)[i], getattr(one, name))
+
+
+def test_failing_member_does_not_touch_the_others(gl3):
+    q, p, dts, _ = members()
+    dts[2] = 5.0
+    many = gl3.integrate_ensemble(q, p, dt=dts, steps=12, parameters=PARAMETERS)
+    with pytest.raises(gs.StepFailed) as caught:
+        gl3.integrate(q[2], p[2], dt=5.0, steps=12, parameters=PARAMETERS)
+    failure = many.failures[2]
+    assert list(many.failures) == [2]
+    assert (failure.step, failure.reason) == (caught.value.step, caught.value.reason)
+    rows = failure.step
+    assert np.array_equal(many.q[2, :rows], caught.value.trajectory.q)
+    assert np.isnan(many.q[2, rows:]).all()
+    assert np.isnan(many.t[2, rows:]).all()
+    assert np.isnan(many.multipliers[2, rows - 1:]).all()
+    assert not many.iterations[2, rows - 1:].any()
+    for i in (0, 1, 3, 4, 5):
+        assert equal(many.members[i], gl3.integrate(q[i], p[i], dt=dts[i], steps=12,
+                                                    parameters=PARAMETERS))
+
+
+def test_unusable_member_is_named(gl3):
+    q, p, dts, gammas = members()
+    gammas[3] = 0
+    with refused("Trajectory 3: Parameter gamma"):
+        gl3.integrate_ensemble(q, p, dt=dts, steps=3, parameters=PARAMETERS | {"gamma": gammas})
+    dts[4] = np.nan
+    with refused("Trajectory 4: dt"):
+        gl3.integrate_ensemble(q, p, dt=dts, steps=3, parameters=PARAMETERS)
+    q[1] *= 1.1
+    with refused("Trajectory 1: The start is off"):
+        gl3.integrate_ensemble(q, p, dt=1e-3, steps=3, parameters=PARAMETERS)
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"q": [1, 0, 0, 0]}, "q has shape"), ({"q": np.zeros((5, 4))}, "shapes"),
+    ({"q": np.zeros((0, 4)), "p": np.zeros((0, 4))}, "shapes"),
+    ({"q": [[1, 0], [1]]}, "q is ragged"), ({"q": None}, "^q "), ({"q": np.zeros((6, 4), complex)},
+                                                                  "^q "),
+    ({"dt": [1e-3] * 5}, "^dt has shape"), ({"dt": "1e-3"}, "^dt "), ({"dt": None}, "^dt "),
+    ({"dt": [1j] * 6}, "^dt "), ({"dt": True}, "^dt "), ({"dt": [[1e-3] * 6]}, "^dt has shape"),
+    ({"parameters": None}, "parameters"), ({"parameters": [PARAMETERS] * 5}, "5 sets"),
+    ({"parameters": [1] * 6}, "parameters"),
+    ({"parameters": PARAMETERS | {"gamma": [1.0] * 5}}, "Parameter gamma has shape"),
+    ({"parameters": PARAMETERS | {"gamma": "1"}}, "Parameter gamma"),
+    ({"parameters": PARAMETERS | {"gamma": None}}, "Parameter gamma"),
+    ({"steps": -1}, "steps"), ({"steps": 2.5}, "steps"), ({"every": 0}, "every"),
+    ({"workers": -1}, "workers"), ({"workers": 0}, "workers"), ({"workers": 1.5}, "workers"),
+    ({"solver": "fast"}, "solver"),
+], ids=str)
+def test_unusable_ensemble_argument_is_refused(changes, words, gl3):
+    q, p, _, _ = members()
+    options = {"q": q, "p": p, "dt": 1e-3, "steps": 3, "parameters": PARAMETERS} | changes
+    with refused(words):
+        gl3.integrate_ensemble(options.pop("q"), options.pop("p"), **options)
+
+
+def test_ensemble_stops_when_one_member_is_refused(gl3):
+    """The members that run are not finished for nobody: this would take hours."""
+    q, p, _, _ = members(2)
+    q[1] *= 1.1
+    with refused("Trajectory 1"):
+        gl3.integrate_ensemble(q, p, dt=1e-5, steps=10**9, every=10**9, parameters=PARAMETERS,
+                               workers=2)
+
+
+def test_sixteen_threads_on_one_stepper(step):
+    """Re-entrant: all at once, each with its own state and Δt, as if alone."""
+    q, p, _, _ = members(16)
+    dts = np.linspace(1e-4, 1e-3, 16)
+    alone = [step.integrate(q[i], p[i], dt=dts[i], steps=150, parameters=PARAMETERS)
+             for i in range(16)]
+    gate = threading.Barrier(16)
+
+    def work(i):
+        gate.wait()
+        return [step.integrate(q[i], p[i], dt=dts[i], steps=150, parameters=PARAMETERS)
+                for _ in range(3)]
+
+    with ThreadPoolExecutor(16) as pool:
+        for i, results in enumerate(pool.map(work, range(16))):
+            for made in results:
+                assert equal(made, alone[i])
+
+
+def test_threads_may_ask_for_the_same_stepper():
+    gate = threading.Barrier(8)
+
+    def work(_):
+        gate.wait()
+        return gs.stepper("LIIIA-B", 3).step(TOP.q0, TOP.p0, **RUN)
+
+    with ThreadPoolExecutor(8) as pool:
+        results = list(pool.map(work, range(8)))
+    assert all(np.array_equal(results[0], r) for r in results)

@@ -1,0 +1,152 @@
+"""Trajectories in files: saved, loaded, refused."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, RUN, TOP, equal, refused
+
+
+@pytest.fixture
+def saved(tmp_path, gl3):
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=20, every=3, **RUN)
+    return made, made.save(tmp_path / "top.npz")
+
+
+def test_saved_is_loaded_bit_for_bit(saved):
+    made, path = saved
+    again = gs.Trajectory.load(path)
+    assert equal(made, again)
+    for name in ("dt", "every", "parameters", "report", "manifest"):
+        assert getattr(made, name) == getattr(again, name)
+    assert np.array_equal(again.axis(), made.axis())
+    assert [p.name for p in path.parent.iterdir()] == ["top.npz"]
+
+
+@pytest.mark.parametrize("real", ["float", "long-double"])
+def test_other_types_are_saved_too(real, tmp_path):
+    step = gs.stepper("IMS", real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    made = step.integrate(q, p, steps=5, **RUN)
+    again = gs.Trajectory.load(made.save(tmp_path / "top"))
+    assert equal(made, again)
+    assert again.q.dtype == made.q.dtype == step.binding.dtype
+
+
+def test_failed_trajectory_is_saved_too(failures, tmp_path):
+    for _, _, failure in failures:
+        path = failure.trajectory.save(tmp_path / "part.npz")
+        assert equal(gs.Trajectory.load(path), failure.trajectory)
+
+
+def test_names_of_files(saved, tmp_path, monkeypatch):
+    made, _ = saved
+    monkeypatch.chdir(tmp_path)
+    assert made.save("a.b") == Path("a.b.npz")
+    assert made.save(str(tmp_path / "c")) == tmp_path / "c.npz"
+    for bad in ("", ".", "/"):
+        with refused("no file name"):
+            made.save(bad)
+    for bad in ("none/top.npz", "/dev/null/top.npz", "/proc/top.npz"):
+        with pytest.raises(gs.GyrosparkError, match="cannot be written"):
+            made.save(bad)
+    (tmp_path / "folder.npz").mkdir()
+    with pytest.raises(gs.GyrosparkError, match="cannot be written"):
+        made.save("folder.npz")
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_file_in_the_way_is_replaced_whole(saved):
+    made, path = saved
+    path.write_bytes(b"something else")
+    made.save(path)
+    assert equal(gs.Trajectory.load(path), made)
+
+
+def test_damaged_files_are_refused(saved, tmp_path):
+    """Cut off anywhere, or with bytes changed: InputError, or the same numbers."""
+    made, path = saved
+    good = path.read_bytes()
+    rng = np.random.default_rng(5)
+    bad = tmp_path / "bad.npz"
+    for size in (0, 1, 4, 30, 100, len(good) // 2, len(good) - 30, len(good) - 1):
+        bad.write_bytes(good[:size])
+        with refused("bad.npz"):
+            gs.Trajectory.load(bad)
+    for _ in range(300):
+        content = bytearray(good)
+        for place in rng.integers(0, len(good), rng.integers(1, 4)):
+            content[place] ^= int(rng.integers(1, 256))
+        bad.write_bytes(content)
+        try:
+            again = gs.Trajectory.load(bad)
+        except gs.InputError as error:
+            assert "bad.npz" in str(error)  # noqa: PT017 (it may be refused and need not)
+        else:
+            assert equal(again, made)
+
+
+def test_foreign_files_are_refused(tmp_path):
+    np.savez(tmp_path / "foreign.npz", t=np.zeros(3))
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    (tmp_path / "text.npz").write_text("t, q\n0, 1\n", encoding="utf-8")
+    with zipfile.ZipFile(tmp_path / "zip.npz", "w") as archive:
+        archive.writestr("about.npy", b"not an array")
+    (tmp_path / "pickle.npz").write_bytes(pickle.dumps({"about": 1}))
+    (tmp_path / "folder.npz").mkdir()
+    for name in ("foreign.npz", "array.npy", "text.npz", "zip.npz", "pickle.npz", "none.npz",
+                 "folder.npz"):
+        with refused(name):
+            gs.Trajectory.load(tmp_path / name)
+
+
+class Bomb:
+    """Would write a file if it were unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def test_nothing_in_a_file_is_executed(saved, tmp_path):
+    _, path = saved
+    with np.load(path) as file:
+        content = dict(file)
+    for name in content:
+        trap = content | {name: np.array([Bomb(tmp_path / "evil")], dtype=object)}
+        np.savez(tmp_path / "bomb.npz", allow_pickle=True, **trap)
+        with refused("bomb.npz"):
+            gs.Trajectory.load(tmp_path / "bomb.npz")
+    assert not (tmp_path / "evil").exists()
+
+
+def rewritten(path, target, **changes):
+    """Copy a trajectory file with changed arrays; ``about`` is given as changes of its keys."""
+    with np.load(path) as file:
+        content = dict(file)
+    about = json.loads(str(content["about"]))
+    about.update(changes.pop("about", {}))
+    np.savez(target, **(content | {"about": np.array(json.dumps(about))} | changes))
+    return target
+
+
+def test_inconsistent_files_are_refused(saved, tmp_path):
+    made, path = saved
+    bad = tmp_path / "bad.npz"
+    for changes in ({"about": {"format": 2}}, {"about": {"report": {}}},
+                    {"about": {"manifest": {}}}, {"q": made.q[:-1]}, {"q": made.q[:, :3]},
+                    {"t": made.t[None]},
+                    {"multipliers": made.multipliers[1:]}, {"iterations": made.iterations[1:]},
+                    {"energies": made.energies[1:]}):
+        with refused(r"bad\.npz"):
+            gs.Trajectory.load(rewritten(path, bad, **changes))
+    assert equal(gs.Trajectory.load(rewritten(path, bad)), made)
