@@ -17,6 +17,7 @@ from sympy.core.sympify import _sympify
 
 from ..errors import InputError
 from .c_names import is_taken
+from .derivatives import derivative
 
 __all__ = ["System"]
 
@@ -201,7 +202,7 @@ def as_expression(value: object) -> sp.Expr:
 
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
     """Derivative of one expression by each symbol."""
-    return [sp.diff(expression, symbol) for symbol in symbols]
+    return [derivative(expression, symbol) for symbol in symbols]
 
 
 def jacobian(
@@ -218,7 +219,7 @@ def symmetric_jacobian(
     rows = [[sp.Integer(0)] * len(symbols) for _ in symbols]
     for i, entry in enumerate(grad):
         for j in range(i, len(symbols)):
-            rows[i][j] = rows[j][i] = sp.diff(entry, symbols[j])
+            rows[i][j] = rows[j][i] = derivative(entry, symbols[j])
     return rows
 
 

@@ -9,6 +9,7 @@ and Ã weights k̃ in P_i, Ā weights k in Q̃_j (A.7). Stages i = 1..s, constra
 
 from __future__ import annotations
 
+import itertools
 import numbers
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -173,11 +174,10 @@ class Tableau:
         nodes = self.nodes_of(name)
         if self.given:
             return tuple(tuple(row) if len(nodes) == 2 else row[0] for row in rows)
-        coefficients = [[sp.QQ.to_sympy(entry) for entry in row] for row in rows]
         roots = [exact_roots(part.polynomial) for part in nodes]  # type: ignore[attr-defined]
         if len(nodes) == 1:
-            return tuple(polynomial_value(coefficients, u, sp.Integer(0)) for u in roots[0])
-        return tuple(tuple(polynomial_value(coefficients, u, v) for v in roots[1])
+            return tuple(polynomial_value(rows, u, sp.Integer(0)) for u in roots[0])
+        return tuple(tuple(polynomial_value(rows, u, v) for v in roots[1])
                      for u in roots[0])
 
 
@@ -191,16 +191,43 @@ def checked_digits(digits: Any) -> int:
     return int(digits)
 
 
-def polynomial_value(coefficients: list[list[sp.Expr]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
-    """Return Σ_kl C_kl uᵏ vˡ; expanded where u and v are at most a + b√c, else as it stands."""
-    terms = [
-        entry * u**k * v**l
+def polynomial_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
+    """Return Σ_kl C_kl uᵏ vˡ; multiplied out where u and v are a + b√c, else as it stands."""
+    if is_quadratic(u) and is_quadratic(v):
+        return _quadratic_value(coefficients, u, v)
+    return sp.Add(*(
+        sp.QQ.to_sympy(entry) * u**k * v**l
         for k, row in enumerate(coefficients)
         for l, entry in enumerate(row)  # noqa: E741
         if entry
-    ]
-    value = sp.Add(*terms)
-    return sp.expand(value) if is_quadratic(u) and is_quadratic(v) else value
+    ))
+
+
+def _quadratic_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
+    """Return Σ_kl C_kl uᵏ vˡ as a sum of 1, √c, √d and √c√d with rational factors."""
+    root_u, powers_u = _powers(u, len(coefficients))
+    root_v, powers_v = _powers(v, len(coefficients[0]))
+    roots = itertools.product((sp.Integer(1), root_u), (sp.Integer(1), root_v))
+    factors = (
+        sum((entry * x * y for row, x in zip(coefficients, xs, strict=True)
+             for entry, y in zip(row, ys, strict=True)), sp.QQ(0))
+        for xs, ys in itertools.product(powers_u, powers_v)
+    )
+    return sp.Add(*(sp.QQ.to_sympy(factor) * a * b
+                    for factor, (a, b) in zip(factors, roots, strict=True)))
+
+
+def _powers(number: sp.Expr, count: int) -> tuple[sp.Expr, tuple[list[Any], list[Any]]]:
+    """Return √c, and the rational parts and the factors of √c in the powers of a + b√c."""
+    rational, rest = number.as_coeff_Add()
+    factor, root = rest.as_coeff_Mul()
+    a, b, c = (sp.QQ.from_sympy(part) for part in (rational, factor, root**2))
+    rationals, factors = [sp.QQ(1)], [sp.QQ(0)]
+    for _ in range(count - 1):
+        x, y = rationals[-1], factors[-1]
+        rationals.append(a * x + b * c * y)
+        factors.append(a * y + b * x)
+    return root, (rationals, factors)
 
 
 def is_quadratic(number: sp.Expr) -> bool:
