@@ -16,6 +16,7 @@ import click
 
 from .._version import __version__
 from ..errors import CompilerError, GyrosparkError, StepFailed
+from .bench import bench
 from .cache import cache
 from .generate import generate
 from .reproduce import reproduce
@@ -37,7 +38,7 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, verify, run, reproduce, cache):
+for command in (generate, verify, run, reproduce, bench, cache):
     gyrospark.add_command(command)
 
 

@@ -57,11 +57,13 @@ def imports_of(path: Path) -> set[str]:
 
 def test_packages_in_pyproject_are_the_folders():
     kept = {"generated", "templates"}  # folders of data that are installed as well
-    folders = {
-        p.name for p in ROOT.iterdir()
+    rooms = [
+        p for p in ROOT.iterdir()
         if p.is_dir() and not p.name.startswith((".", "_")) and (
             p.name in kept or (p / "__init__.py").is_file())
-    }
+    ]
+    inner = [p.parent for room in rooms for p in room.glob("*/__init__.py")]
+    folders = {".".join(p.relative_to(ROOT).parts) for p in (*rooms, *inner)}
     setuptools = PROJECT["tool"]["setuptools"]
     assert set(setuptools["packages"]) == {"gyrospark"} | {f"gyrospark.{f}" for f in folders}
     assert setuptools["package-dir"] == {"gyrospark": "."}
@@ -69,7 +71,7 @@ def test_packages_in_pyproject_are_the_folders():
 
 def test_every_data_file_is_packaged():
     patterns = PROJECT["tool"]["setuptools"]["package-data"]
-    for folder in ("templates", "generated"):
+    for folder in ("benchmarks", "templates", "generated"):
         for path in (ROOT / folder).iterdir():
             if path.is_file() and path.suffix != ".py":
                 assert any(path.match(p) for p in patterns[f"gyrospark.{folder}"]), path

@@ -1,0 +1,14 @@
+"""How fast, how exact: gyrospark beside other programs on the paper's fast top.
+
+    tops.py         the problem, as gyrospark and as its peers see it
+    reference.py    where the top is at t = 1, 10, 100 and 1000 s, in long double
+    peers/          one file a program; each is optional
+    timing.py       CPU time, contestants in turn, medians
+    contest.py      entries timed and judged: the table of ``gyrospark bench peers``
+    steps.py        one step by each solver, over dense Newton: ``gyrospark bench step``
+    ensembles.py    many tops at once: ``gyrospark bench ensemble``
+    drift.py        energy and position over a long time: ``gyrospark bench drift``
+    callgrind.py    instructions of one step, which guard the speed in CI
+
+Every time is CPU time on one machine in one run; ratios travel, times do not.
+"""

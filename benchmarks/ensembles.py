@@ -1,0 +1,124 @@
+"""Many tops at once: cost of one trajectory and simulated second, by CPU and by wall time.
+
+Eight tops of different tilt and spin, repeated; the error is that of the worst of them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from .._version import __version__
+from ..facade import stepper
+from ..runtime.quaternion import angular_velocity
+from .contest import Limits, Row, judged
+from .peers.entry import Entry, Run
+from .peers.heyoka_taylor import prepare_batch
+from .peers.optional import version
+from .timing import alternate
+from .tops import INERTIA, LANES, State, parameters, tops
+
+__all__ = ["EnsembleRow", "compare_ensembles", "ensemble_entries"]
+
+#: Stages and time step of our rows.
+_OURS = ((4, 1e-2), (8, 1e-2), (8, 2e-2))
+_BATCHES: dict[str, dict[str, Any]] = {
+    "default": {}, "tol 1e-14": {"tol": 1e-14}, "tol 1e-12": {"tol": 1e-12},
+    "tol 1e-9": {"tol": 1e-9},
+}
+
+
+@dataclass(frozen=True)
+class EnsembleRow:
+    """A row of the contest, its cost for each trajectory, and the wall time beside it.
+
+    Attributes
+    ----------
+    row
+        Errors of the worst trajectory; µs of CPU time for a trajectory's simulated second.
+    wall_us_per_second
+        The same in wall time, which workers shorten.
+    wall_samples
+        Wall seconds of every round.
+    """
+
+    row: Row
+    trajectories: int
+    wall_us_per_second: float | None = None
+    wall_samples: tuple[float, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what JSON holds of it."""
+        return asdict(self)
+
+
+def ensemble_entries(count: int, *, quick: bool = False) -> list[Entry]:
+    """Return our ensembles with one and two workers, and heyoka's batches."""
+    ours = [
+        Entry("gyrospark", __version__, f"G-L s={stages} Δt={dt:g}, {_workers(workers)}",
+              partial(_prepare, count, stages, dt, workers), dt, stages < 8)
+        for stages, dt in _OURS for workers in (1, 2)
+    ]
+    theirs = [Entry("heyoka", version("heyoka"), f"batch of 8, {name}",
+                    partial(prepare_batch, count, options), None, name == "default")
+              for name, options in _BATCHES.items()]
+    return [entry for entry in (*ours, *theirs) if entry.quick or not quick]
+
+
+def _workers(count: int) -> str:
+    return "1 worker" if count == 1 else f"{count} workers"
+
+
+def _prepare(count: int, stages: int, dt: float, workers: int) -> Run:
+    step = stepper("G-L", stages, "gamma")
+    starts = tops(count)
+    q, p = np.array([top.q for top in starts]), np.array([top.p for top in starts])
+    values = parameters()
+
+    def run(t_end: float) -> State:
+        steps = round(t_end / dt)
+        ends = step.integrate_ensemble(q, p, dt=dt, steps=steps, every=max(steps, 1),
+                                       parameters=values, workers=workers)
+        for failure in ends.failures.values():
+            raise failure
+        last = np.asarray(ends.q[:, -1], dtype=np.float64)
+        return State(last, angular_velocity(last, ends.p[:, -1], INERTIA))
+
+    return run
+
+
+def compare_ensembles(
+    entries: Sequence[Entry], limits: Limits, count: int = LANES,
+    watch: Callable[[str], None] = lambda name: None,
+) -> list[EnsembleRow]:
+    """Return a row for each entry: alternately timed by process CPU time, then by wall time."""
+    rows, runs = {}, {}
+    for entry in entries:
+        watch(entry.name)
+        rows[entry.name], run = judged(entry, limits)
+        if run is not None:
+            runs[entry.name] = run
+    amount = limits.t_end * count
+    jobs = {name: partial(run, limits.t_end) for name, run in runs.items()}
+    watch(f"{len(jobs)} entries in turn, {limits.rounds} rounds")
+    cpu = alternate(jobs, limits.rounds, time.process_time)
+    wall = alternate(jobs, limits.rounds, time.perf_counter)
+    found = []
+    for entry in entries:
+        row = rows[entry.name]
+        if entry.name not in jobs:
+            found.append(EnsembleRow(row, count))
+            continue
+        sample = cpu[entry.name]
+        cost = sample.per(amount).median
+        row = replace(row, us_per_second=cost * 1e6, spread=sample.spread, span=limits.t_end,
+                      ns_per_step=None if entry.dt is None else cost * entry.dt * 1e9,
+                      samples=sample.seconds)
+        elapsed = wall[entry.name]
+        found.append(EnsembleRow(row, count, elapsed.per(amount).median * 1e6, elapsed.seconds))
+    return found

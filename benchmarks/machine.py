@@ -1,0 +1,42 @@
+"""What a result was measured with."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from .._version import __version__
+from ..runtime.compiler import find_compiler
+from .peers.optional import version
+from .reference import about as reference_about
+
+__all__ = ["about"]
+
+
+def about(packages: Iterable[str]) -> dict[str, Any]:
+    """Return machine, compiler and the versions of the packages that are installed."""
+    compiler = find_compiler()
+    found = {name: version(name) for name in ("numpy", *packages)}
+    return {
+        "gyrospark": __version__,
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "compiler": compiler.version.splitlines()[0],
+        "flags": " ".join(compiler.flags),
+        "packages": {name: number for name, number in found.items() if number},
+        "reference": reference_about(),
+    }
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

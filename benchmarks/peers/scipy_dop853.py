@@ -1,0 +1,53 @@
+"""SciPy's explicit Runge-Kutta of order 8, its right-hand side compiled by numba where that is.
+
+The step itself is Python; the time is SciPy's, not numba's.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..tops import INERTIA, MGL, Array, State, euler_equations, state_of, tops
+from .entry import Entry, Run
+from .optional import Unavailable, need, version
+
+__all__ = ["PACKAGE", "entries"]
+
+PACKAGE = "scipy"
+
+
+def entries() -> list[Entry]:
+    """Return DOP853 at three tolerances."""
+    return [Entry("scipy", version(PACKAGE), f"DOP853 tol {text}", partial(_prepare, float(text)),
+                  quick=text == "1e-9")
+            for text in ("1e-12", "1e-9", "1e-6")]
+
+
+def _prepare(tol: float) -> Run:
+    integrate = need("scipy.integrate", "scipy")
+    rhs = _right_hand_side()
+    start = state_of(tops()[0])
+    initial = np.concatenate([start.q, start.omega])
+
+    def run(t_end: float) -> State:
+        x = integrate.solve_ivp(rhs, (0.0, t_end), initial, method="DOP853", rtol=tol, atol=tol,
+                                t_eval=[t_end]).y[:, -1]
+        return State(x[:4], x[4:])
+
+    return run
+
+
+def _right_hand_side() -> Any:
+    constants = (*INERTIA, MGL)
+    try:
+        equations = need("numba").njit(euler_equations)
+    except Unavailable:
+        equations = euler_equations
+
+    def rhs(t: float, x: Array) -> Array:
+        return np.array(equations(*x.tolist(), *constants))
+
+    return rhs

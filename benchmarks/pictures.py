@@ -1,0 +1,91 @@
+"""Pictures of the results: work against precision, and drift; needs matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import MissingDependencyError
+from .contest import Row
+from .drift import Course
+
+__all__ = ["draw_drift", "draw_work_precision"]
+
+_MARKS = "osD^vPX*<>hp"
+#: Errors below this are round-off and are drawn at it.
+_FLOOR = 1e-18
+
+
+def draw_work_precision(rows: Sequence[Row], path: Path) -> None:
+    """Draw cost against error, one line for each family of settings.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure = _figure_class()(figsize=(8.5, 5.5), layout="constrained")
+    axes = figure.add_subplot()
+    drawn = [row for row in rows if row.us_per_second and row.error is not None]
+    for number, family in enumerate(dict.fromkeys(_family(row) for row in drawn)):
+        points = sorted((max(row.error or 0.0, _FLOOR), row.us_per_second or 0.0)
+                        for row in drawn if _family(row) == family)
+        axes.plot(*zip(*points, strict=True), _MARKS[number % len(_MARKS)] + "-", label=family,
+                  alpha=0.85)
+    t_end = drawn[0].t_end if drawn else 0
+    _finish(axes, f"distance of the mass centre to the reference at t = {t_end:g} s, in m",
+            "CPU µs for a simulated second")
+    figure.savefig(path, dpi=150)
+
+
+def draw_drift(courses: Sequence[Course], path: Path) -> None:
+    """Draw energy error and position error against time.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure = _figure_class()(figsize=(11, 5), layout="constrained")
+    energy, position = figure.subplots(1, 2)
+    for number, course in enumerate(c for c in courses if c.points):
+        mark = _MARKS[number % len(_MARKS)] + "-"
+        times = [point.t for point in course.points]
+        energy.plot(times, _seen(p.energy_error for p in course.points), mark, ms=4,
+                    label=course.name, alpha=0.85)
+        known = [p for p in course.points if p.error is not None]
+        position.plot([p.t for p in known], _seen(p.error or 0.0 for p in known), mark, ms=4,
+                      alpha=0.85)
+    _finish(energy, "t in s", "|H − H₀| / |H₀|")
+    _finish(position, "t in s", "distance of the mass centre to the reference, in m")
+    figure.savefig(path, dpi=150)
+
+
+def _family(row: Row) -> str:
+    """Return the peer, ours by solver and stages: what one line joins."""
+    words = row.setting.split()
+    if row.peer == "gyrospark":
+        return " ".join([row.peer, *(w for w in words if not w.startswith("Δt"))])
+    return " ".join([row.peer, *words[:1]]) if row.peer == "casadi" else row.peer
+
+
+def _seen(values: Iterable[float]) -> list[float]:
+    return [max(value, _FLOOR) for value in values]
+
+
+def _finish(axes: Any, x: str, y: str) -> None:
+    axes.set(xscale="log", yscale="log", xlabel=x, ylabel=y)
+    axes.grid(True, which="major", alpha=0.3)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(fontsize=7)
+
+
+def _figure_class() -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Pictures need matplotlib; `pip install matplotlib` or `pip install gyrospark[plot]`."
+        ) from error
+    return Figure

@@ -1,0 +1,59 @@
+"""Times that can be compared: CPU time, jobs in turn, medians.
+
+Wall time counts what other programs do with the core; CPU time does not. Jobs that are compared
+run alternately, so that a machine that slows down slows all of them, and the order turns round
+after each round.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+__all__ = ["Clock", "Sample", "alternate", "stopwatch"]
+
+Clock = Callable[[], float]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Seconds of each round, as measured."""
+
+    seconds: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """Median of the rounds."""
+        return statistics.median(self.seconds)
+
+    @property
+    def spread(self) -> float:
+        """Median distance from the median, relative to it."""
+        middle = self.median
+        away = statistics.median(abs(x - middle) for x in self.seconds)
+        return away / middle if middle else 0.0
+
+    def per(self, amount: float) -> Sample:
+        """Return the seconds for each of ``amount`` equal parts."""
+        return Sample(tuple(x / amount for x in self.seconds))
+
+
+def stopwatch(job: Callable[[], object], clock: Clock = time.thread_time) -> float:
+    """Return the CPU seconds that this thread spends on a job."""
+    start = clock()
+    job()
+    return clock() - start
+
+
+def alternate(
+    jobs: Mapping[str, Callable[[], object]], rounds: int, clock: Clock = time.thread_time
+) -> dict[str, Sample]:
+    """Run all jobs once a round, forwards and backwards by turns; return each job's times."""
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    names = list(jobs)
+    for number in range(rounds):
+        for name in names if number % 2 == 0 else reversed(names):
+            seconds[name].append(stopwatch(jobs[name], clock))
+    return {name: Sample(tuple(times)) for name, times in seconds.items()}
