@@ -27,10 +27,10 @@ __all__ = ["EnsembleRow", "compare_ensembles", "ensemble_entries"]
 
 #: Stages and time step of our rows.
 _OURS = ((4, 1e-2), (8, 1e-2), (8, 2e-2))
-_BATCHES: dict[str, dict[str, Any]] = {
-    "default": {}, "tol 1e-14": {"tol": 1e-14}, "tol 1e-12": {"tol": 1e-12},
-    "tol 1e-9": {"tol": 1e-9},
-}
+#: Lanes (None: the machine's SIMD width, as heyoka recommends it) and tolerance of its rows.
+_BATCHES: tuple[tuple[int | None, str], ...] = (
+    (None, "default"), (8, "default"), (None, "1e-14"), (None, "1e-12"), (None, "1e-9"),
+)
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,15 @@ def ensemble_entries(count: int, *, quick: bool = False) -> list[Entry]:
               partial(_prepare, count, stages, dt, workers), dt, stages < 8)
         for stages, dt in _OURS for workers in (1, 2)
     ]
-    theirs = [Entry("heyoka", version("heyoka"), f"batch of 8, {name}",
-                    partial(prepare_batch, count, options), None, name == "default")
-              for name, options in _BATCHES.items()]
+    theirs = [_batch(count, width, tol) for width, tol in _BATCHES]
     return [entry for entry in (*ours, *theirs) if entry.quick or not quick]
+
+
+def _batch(count: int, width: int | None, tol: str) -> Entry:
+    options = {} if tol == "default" else {"tol": float(tol)}
+    lanes = "SIMD width" if width is None else str(width)
+    return Entry("heyoka", version("heyoka"), f"batch of {lanes}, tol {tol}",
+                 partial(prepare_batch, count, width, options), None, tol == "default")
 
 
 def _workers(count: int) -> str:

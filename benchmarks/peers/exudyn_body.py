@@ -36,7 +36,7 @@ def _prepare(solver: str, dt: float) -> Run:
     main = system.AddSystem()
     start = state_of(tops()[0])
     node, body = _add_body(main, utilities, start)
-    main.CreateSphericalJoint(bodyNumbers=[body, main.CreateGround()],
+    main.CreateSphericalJoint(itemNumbers=[body, main.CreateGround()],
                               position=[0, 0, 0], useGlobalFrame=True, show=False)
     main.Assemble()
 
@@ -47,7 +47,7 @@ def _prepare(solver: str, dt: float) -> Run:
         settings.timeIntegration.newton.relativeTolerance = 1e-10
         settings.timeIntegration.newton.absoluteTolerance = 1e-12
         settings.timeIntegration.verboseMode = 0
-        settings.solutionSettings.writeSolutionToFile = False
+        settings.solution.file.write = False
         main.SolveDynamic(settings, solverType=getattr(exudyn.DynamicSolverType, solver),
                           updateInitialValues=False)
         q = main.GetNodeOutput(node, exudyn.OutputVariableType.Coordinates)[3:7]

@@ -58,12 +58,15 @@ def _prepare(options: dict[str, Any]) -> Run:
     return run
 
 
-def prepare_batch(count: int, options: dict[str, Any]) -> Run:
-    """Return the run of ``count`` tops, eight at a time in the lanes of one integrator."""
+def prepare_batch(count: int, width: int | None, options: dict[str, Any]) -> Run:
+    """Return the run of ``count`` tops, ``width`` at a time in the lanes of one integrator.
+
+    Without a width it is what heyoka recommends for this machine; it must divide ``count``.
+    """
     heyoka = need("heyoka")
     starts = [state_of(top) for top in tops(count)]
     columns = np.array([np.concatenate([s.q, s.omega]) for s in starts]).T
-    width = 8
+    width = heyoka.recommended_simd_size() if width is None else width
     motion = heyoka.taylor_adaptive_batch(equations(), columns[:, :width].copy(), **options)
 
     def run(t_end: float) -> State:

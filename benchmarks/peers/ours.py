@@ -1,7 +1,8 @@
-"""gyrospark itself: Gauss-Lobatto with γ, by each solver."""
+"""gyrospark itself, by the solver it chooses and by dense Newton."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -10,47 +11,64 @@ from ..._version import __version__
 from ...errors import InputError
 from ...facade import stepper
 from ...runtime.quaternion import angular_velocity
+from ...runtime.stepper import SOLVERS as KNOWN
 from ..tops import INERTIA, State, parameters, tops
 from .entry import Entry, Run
 from .optional import Unavailable
 
-__all__ = ["PACKAGE", "SOLVERS", "available", "entries", "prepare"]
+__all__ = ["PACKAGE", "SOLVERS", "Method", "available", "entries", "prepare"]
 
 PACKAGE = "gyrospark"
 SOLVERS = ("auto", "newton", "fixed-point")
-#: Stages, time step, γ / I₃ (None: γ_m), whether quick.
-_SETTINGS: tuple[tuple[int, float, float | None, bool], ...] = (
-    (2, 1e-3, None, True),
-    (3, 1e-3, None, False),
-    (4, 1e-3, None, True),
-    (4, 1e-2, None, False),
-    (6, 1e-2, None, False),
-    (8, 1e-2, None, False),
-    (8, 2e-2, None, False),
-    (8, 2.5e-2, 1.1, False),
+
+
+@dataclass(frozen=True)
+class Method:
+    """A scheme with its time step, and its γ or α (None: γ_m)."""
+
+    scheme: str
+    stages: int | None
+    dt: float
+    rep: str = "gamma"
+    inertia: float | None = None
+    note: str = ""
+
+    @property
+    def text(self) -> str:
+        """What the table says of it."""
+        stages = "" if self.stages is None else f" s={self.stages}"
+        return f"{self.scheme}{stages} Δt={self.dt:g}{self.note}"
+
+
+_METHODS = (
+    Method("G-L", 2, 1e-3),
+    Method("G-L", 3, 1e-3),
+    Method("G-L", 4, 1e-3),
+    Method("G-L", 4, 1e-2),
+    Method("G-L", 6, 1e-2),
+    Method("G-L", 8, 1e-2),
+    Method("G-L", 8, 2e-2),
+    Method("G-L", 8, 2.5e-2, inertia=1.1 * INERTIA[2], note=" γ=1.1I₃"),
+    Method("IMS", None, 1e-3, "alpha", sum(INERTIA) / 2, " α=½trJ"),  # pydykit's midpoint rule
 )
+_QUICK = _METHODS[:1]
 
 
 def entries() -> list[Entry]:
-    """Return the default solver and dense Newton for each setting."""
-    return [_entry(solver, *setting) for setting in _SETTINGS for solver in ("auto", "newton")]
-
-
-def _entry(solver: str, stages: int, dt: float, ratio: float | None, quick: bool) -> Entry:
-    gamma = None if ratio is None else ratio * INERTIA[2]
-    setting = f"G-L s={stages} Δt={dt:g} {solver}" + ("" if ratio is None else f" γ={ratio:g}I₃")
-    return Entry("gyrospark", __version__, setting, partial(prepare, solver, stages, dt, gamma),
-                 dt, quick)
+    """Return each method by the default solver and by dense Newton."""
+    return [
+        Entry("gyrospark", __version__, f"{method.text} {solver}",
+              partial(prepare, method, solver), method.dt, method in _QUICK)
+        for method in _METHODS for solver in ("auto", "newton")
+    ]
 
 
 def available(solver: str) -> bool:
     """Return whether this version's steppers know a solver."""
-    from ...runtime.stepper import SOLVERS as KNOWN
-
     return solver in KNOWN
 
 
-def prepare(solver: str, stages: int, dt: float, gamma: float | None = None) -> Run:
+def prepare(method: Method, solver: str) -> Run:
     """Return the run of one stepper.
 
     Raises
@@ -60,14 +78,16 @@ def prepare(solver: str, stages: int, dt: float, gamma: float | None = None) -> 
     """
     if not available(solver):
         raise Unavailable(f"not available: solver {solver!r}")
-    step = stepper("G-L", stages, "gamma")
-    values, top = parameters(gamma), tops()[0]
+    step = stepper(method.scheme, method.stages, method.rep)
+    known = parameters(method.inertia)
+    values = {name: known.get(name, known["gamma"]) for name in step.parameter_domains}
+    top = tops()[0]
 
     def run(t_end: float) -> State:
-        steps = round(t_end / dt)
-        if abs(steps * dt - t_end) > 1e-9 * t_end:
-            raise InputError(f"t = {t_end:g} s is no whole number of steps of {dt:g} s.")
-        end = step.integrate(top.q, top.p, dt=dt, steps=steps, every=max(steps, 1),
+        steps = round(t_end / method.dt)
+        if abs(steps * method.dt - t_end) > 1e-9 * t_end:
+            raise InputError(f"t = {t_end:g} s is no whole number of steps of {method.dt:g} s.")
+        end = step.integrate(top.q, top.p, dt=method.dt, steps=steps, every=max(steps, 1),
                              parameters=values, solver=solver)
         q = np.asarray(end.q[-1], dtype=np.float64)
         return State(q, angular_velocity(q, end.p[-1], INERTIA))

@@ -1,0 +1,285 @@
+"""The benchmarks' machinery: fair turns, medians, errors, rows, files. No times are asserted."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.benchmarks import contest, drift, ensembles, peers, reference, steps, timing, tops
+from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_ratios
+from gyrospark.benchmarks.peers import optional, ours
+from gyrospark.benchmarks.peers.entry import Entry
+from gyrospark.commands import main
+
+SHORT = Limits(t_end=1.0, rounds=3, least=1e-4, most=60.0)
+
+
+def entry(name: str, run, dt: float | None = None) -> Entry:
+    return Entry(name, "1.0", "as it is", lambda: run, dt)
+
+
+def still(t_end: float) -> tops.State:
+    """A top that does not move."""
+    return tops.state_of(tops.tops()[0])
+
+
+# ---------------------------------------------------------------- timing
+
+
+def test_jobs_take_turns():
+    seen = []
+    jobs = {name: (lambda name=name: seen.append(name)) for name in "abc"}
+    timing.alternate(jobs, 3)
+    assert "".join(seen) == "abccbaabc"
+
+
+def test_times_are_the_clocks():
+    ticks = iter([0.0, 1.0, 1.0, 4.0, 10.0, 12.0])
+    sample = timing.alternate({"a": lambda: None}, 3, lambda: next(ticks))["a"]
+    assert sample.seconds == (1.0, 3.0, 2.0)
+    assert sample.median == 2.0
+    assert sample.spread == 0.5
+    assert sample.per(2.0).median == 1.0
+
+
+# ---------------------------------------------------------------- reference
+
+
+def test_reference_is_where_a_precise_run_ends():
+    """By another method than the one that made it; 1 s of all eight tops."""
+    step = gs.stepper("G-L", stages=4, rep="gamma")
+    starts = tops.tops(8)
+    ends = [step.integrate(top.q, top.p, dt=1e-3, steps=1000, every=1000,
+                           parameters=tops.parameters()).q[-1] for top in starts]
+    assert reference.distance(np.array(ends), 1).max() < 1e-14
+
+
+def test_reference_knows_its_times():
+    assert all(reference.reference_axes(t).shape == (8, 3) for t in reference.TIMES)
+    assert reference.has(10.0)
+    assert not reference.has(3.0)
+    assert {"made with", "checked with"} <= reference.about().keys()
+
+
+def test_peers_begin_where_we_do():
+    """Energy and Euler's equations against the stepper's own H and against Ω' of a short step."""
+    top = tops.tops()[0]
+    state, step = tops.state_of(top), gs.stepper("G-L", stages=2, rep="gamma")
+    H = step.energy(top.q, top.p, parameters=tops.parameters())
+    assert tops.energy(state) == pytest.approx(H, rel=1e-15)
+    h = 1e-4
+    ahead = step.integrate(top.q, top.p, dt=h, steps=1, parameters=tops.parameters())
+    back = step.integrate(top.q, top.p, dt=-h, steps=1, parameters=tops.parameters())
+    slope = (ahead.angular_velocity()[-1] - back.angular_velocity()[-1]) / (2 * h)
+    found = tops.euler_equations(*state.q, *state.omega, *tops.INERTIA, tops.MGL)
+    np.testing.assert_allclose(found[4:], slope, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(found[:4], (ahead.q[-1] - back.q[-1]) / (2 * h), rtol=1e-3,
+                               atol=1e-3)
+
+
+# ---------------------------------------------------------------- contest
+
+
+def test_a_row_of_each_entry():
+    rows = compete([entry("still", still, 0.1)], SHORT)
+    assert [row.name for row in rows] == ["still as it is"]
+    assert rows[0].error == pytest.approx(reference.distance(tops.tops()[0].q[None], 1)[0])
+    assert rows[0].energy_error < 1e-15
+    assert rows[0].norm_error < 1e-15
+    assert len(rows[0].samples) == 3
+    assert rows[0].ns_per_step == pytest.approx(rows[0].us_per_second * 100)
+
+
+def test_a_missing_peer_is_a_row():
+    with pytest.raises(optional.Unavailable, match=r"not installed \(pip install no-such\)"):
+        optional.need("no_such_module", "no-such")
+    missing = Entry("gone", "", "x", lambda: optional.need("no_such_module"))
+    rows = compete([missing, entry("still", still)], SHORT)
+    assert rows[0].us_per_second is None
+    assert rows[0].note == "not installed (pip install no_such_module)"
+    assert not rows[0].failed
+    assert rows[1].us_per_second is not None
+
+
+def test_a_peer_that_breaks_is_a_row():
+    def broken(t_end):
+        raise ZeroDivisionError("oh")
+
+    row, run = judged(entry("broken", broken), SHORT)
+    assert run is None
+    assert row.failed
+    assert "ZeroDivisionError('oh')" in row.note
+
+
+def test_a_dear_entry_is_not_run_to_its_end():
+    asked = []
+
+    def dear(t_end):
+        asked.append(t_end)
+        return still(t_end)
+
+    row, run = judged(entry("dear", dear), Limits(t_end=1000.0, most=0.0))
+    assert run is None
+    assert max(asked) < 1000
+    assert "not run to its end" in row.note
+    assert row.us_per_second > 0
+    assert row.error is None
+
+
+def test_ratios_are_over_the_base():
+    rows = [Row("a", "", "x", 1.0, us_per_second=4.0), Row("b", "", "x", 1.0),
+            Row("c", "", "y", 1.0, us_per_second=2.0)]
+    assert [row.ratio for row in with_ratios(rows)] == [1.0, None, 0.5]
+    assert [row.ratio for row in with_ratios(rows, "c y")] == [2.0, None, 1.0]
+    assert [row.ratio for row in with_ratios(rows[1:2])] == [None]
+
+
+def test_every_peer_has_entries():
+    for name in peers.PEERS:
+        found = peers.entries([name])
+        assert found, name
+        assert all(e.peer == name for e in found)
+        assert len({e.name for e in found}) == len(found)
+        assert peers.entries([name], quick=True), name
+
+
+@pytest.mark.parametrize("name", sorted(set(peers.PEERS) - {"gyrospark"}))
+def test_quick_peers_arrive(name):
+    """Each peer that is installed goes where the reference is; the others say what is missing."""
+    first = peers.entries([name], quick=True)[0]
+    try:
+        end = first.prepare()(0.1)
+    except optional.Unavailable as reason:
+        pytest.skip(str(reason))
+    exact = ours.prepare(ours.Method("G-L", 3, 1e-3), "newton")(0.1)
+    assert np.linalg.norm(tops.axis(end.q) - tops.axis(exact.q)) < 1e-3
+    np.testing.assert_allclose(end.omega, exact.omega, atol=0.2)
+
+
+def test_an_unknown_solver_is_a_row():
+    with pytest.raises(optional.Unavailable, match="not available"):
+        ours.prepare(ours.Method("G-L", 2, 1e-3), "clairvoyance")
+
+
+# ---------------------------------------------------------------- steps, ensembles, drift
+
+
+def test_solvers_of_a_step_agree():
+    variant = steps.Variant("G-L γ", "G-L", "gamma", gs.problems.fast_top, (2,))
+    cell, = steps.compare_steps([variant], [1e-3], 2, 1e-4)
+    assert cell.ns.keys() == {s for s in ours.SOLVERS if ours.available(s)}
+    assert all(size < 1e-12 for size in cell.difference.values())
+    assert cell.notes.keys() == set(ours.SOLVERS) - cell.ns.keys()
+    assert cell.ratio["auto"] == pytest.approx(cell.ns["newton"] / cell.ns["auto"])
+
+
+def test_every_variant_has_a_problem():
+    for variant in steps.variants():
+        assert variant.problem().q0.shape == (4,)
+
+
+def test_ensembles_judge_the_worst():
+    found = [e for e in ensembles.ensemble_entries(8) if e.name == "gyrospark G-L s=4 Δt=0.01, "
+             "1 worker"]
+    row, = ensembles.compare_ensembles(found, Limits(t_end=1.0, rounds=1), 8)
+    assert row.trajectories == 8
+    assert 1e-12 < row.row.error < 1e-7
+    assert row.wall_us_per_second is not None
+
+
+def test_batches_arrive():
+    """heyoka's lanes, each against the reference of its own top."""
+    found = [e for e in ensembles.ensemble_entries(8, quick=True) if e.peer == "heyoka"]
+    row, _ = judged(found[0], Limits(t_end=1.0))
+    if row.note:
+        pytest.skip(row.note)
+    assert row.error < 1e-14
+
+
+def test_drift_goes_through_the_decades():
+    assert drift.drift_times(10) == [1, 2, 5, 10]
+    assert drift.drift_times(1000)[-3:] == [200, 500, 1000]
+    course, = drift.follow([entry("still", still)], Limits(t_end=10.0))
+    assert [point.t for point in course.points] == [1, 2, 5, 10]
+    assert [point.error is None for point in course.points] == [False, True, True, False]
+    stopped, = drift.follow([entry("still", still)], Limits(t_end=10.0, most=0.0))
+    assert stopped.points == ()
+    assert "not run to its end" in stopped.note
+
+
+def test_contest_says_what_it_does():
+    said = []
+    compete([entry("still", still)], SHORT, said.append)
+    assert said == ["still as it is", "1 entries in turn, 3 rounds"]
+    assert contest.Row("a", "1", "b", 1.0).as_dict()["setting"] == "b"
+
+
+# ---------------------------------------------------------------- the command
+
+
+@pytest.fixture
+def bench(monkeypatch, capsys, tmp_path):
+    """Call ``gyrospark bench`` in an empty folder; return exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def caller(*arguments):
+        monkeypatch.setattr(sys, "argv", ["gyrospark", "bench", *arguments])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        said = capsys.readouterr()
+        return end.value.code, said.out, said.err
+
+    return caller
+
+
+def test_command_prints_a_table(bench):
+    code, out, _ = bench("--quick", "--peers", "gyrospark", "--rounds", "1")
+    assert code == 0
+    assert "G-L s=2 Δt=0.001 auto" in out
+
+
+def test_command_writes_json_and_pictures(bench, tmp_path):
+    pytest.importorskip("matplotlib")
+    code, out, _ = bench("all", "--quick", "--peers", "gyrospark", "--rounds", "1", "--json",
+                         "--out", "new/bench")
+    assert code == 0
+    document = json.loads(out)
+    assert document == json.loads((tmp_path / "new/bench/bench.json").read_text(encoding="utf-8"))
+    assert document.keys() == {"about", "peers", "step", "ensemble", "drift"}
+    assert {"gyrospark", "compiler", "processor", "packages"} <= document["about"].keys()
+    assert document["peers"][0]["samples"]
+    for picture in ("work_precision.png", "drift.png"):
+        assert (tmp_path / "new/bench" / picture).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["nonsense"], "Unknown benchmark 'nonsense'; choose peers, step, ensemble, drift or all."),
+    (["--peers", "gyrospark,matlab"], "Unknown peer 'matlab'; choose gyrospark, "),
+    (["--t-end", "3"], "There is no reference at t = 3 s; choose --t-end 1, 10, 100 or 1000."),
+    (["--t-end", "soon"], "--t-end 'soon' is not a number"),
+    (["--rounds", "0"], "--rounds 0 measures nothing; give 1 or more."),
+    (["--rounds", "many"], "--rounds 'many' is not a whole number"),
+    (["--quick", "--peers", "gyrospark", "--rounds", "1", "--base", "matlab"],
+     "No row has 'matlab' in its name"),
+])
+def test_command_refuses_in_a_sentence(bench, arguments, message):
+    code, out, err = bench(*arguments)
+    assert code == 2
+    assert not out
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_command_says_that_one_of_ours_failed(bench, monkeypatch):
+    def failing(method, solver):
+        raise gs.InputError("It does not work.")
+
+    monkeypatch.setattr(ours, "prepare", failing)
+    code, out, _ = bench("--quick", "--peers", "gyrospark", "--rounds", "1")
+    assert code == 1
+    assert "It does not work." in out
