@@ -18,7 +18,7 @@ _FLOOR = 1e-18
 
 
 def draw_work_precision(rows: Sequence[Row], path: Path) -> None:
-    """Draw cost against error, one line for each family of settings.
+    """Draw cost against error; a line joins those settings of a family that no other beats.
 
     Raises
     ------
@@ -31,8 +31,9 @@ def draw_work_precision(rows: Sequence[Row], path: Path) -> None:
     for number, family in enumerate(dict.fromkeys(_family(row) for row in drawn)):
         points = sorted((max(row.error or 0.0, _FLOOR), row.us_per_second or 0.0)
                         for row in drawn if _family(row) == family)
-        axes.plot(*zip(*points, strict=True), _MARKS[number % len(_MARKS)] + "-", label=family,
-                  alpha=0.85)
+        line, = axes.plot(*zip(*points, strict=True), _MARKS[number % len(_MARKS)], label=family,
+                          alpha=0.85)
+        axes.plot(*zip(*_best(points), strict=True), "-", color=line.get_color(), alpha=0.85)
     t_end = drawn[0].t_end if drawn else 0
     _finish(axes, f"distance of the mass centre to the reference at t = {t_end:g} s, in m",
             "CPU µs for a simulated second")
@@ -63,11 +64,19 @@ def draw_drift(courses: Sequence[Course], path: Path) -> None:
 
 
 def _family(row: Row) -> str:
-    """Return the peer, ours by solver and stages: what one line joins."""
+    """Return peer and method; ours is told by scheme and solver."""
     words = row.setting.split()
-    if row.peer == "gyrospark":
-        return " ".join([row.peer, *(w for w in words if not w.startswith("Δt"))])
-    return " ".join([row.peer, *words[:1]]) if row.peer == "casadi" else row.peer
+    kinds = {"gyrospark": [words[0], words[-1]], "casadi": words[:1]}
+    return " ".join([row.peer, *kinds.get(row.peer, [])])
+
+
+def _best(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the points, sorted by error, that cost less than every more exact one."""
+    kept: list[tuple[float, float]] = []
+    for point in points:
+        if not kept or point[1] < kept[-1][1]:
+            kept.append(point)
+    return kept
 
 
 def _seen(values: Iterable[float]) -> list[float]:
@@ -78,7 +87,7 @@ def _finish(axes: Any, x: str, y: str) -> None:
     axes.set(xscale="log", yscale="log", xlabel=x, ylabel=y)
     axes.grid(True, which="major", alpha=0.3)
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(fontsize=7)
+        axes.figure.legend(loc="outside right upper", fontsize=7)
 
 
 def _figure_class() -> Any:

@@ -67,8 +67,8 @@ def bench(
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
     optional: pip install "gyrospark[bench]" brings those that are on PyPI. For steady numbers pin
-    the run to one core (taskset -c 0 gyrospark bench). Exit code 1 if one of gyrospark's own runs
-    fails.
+    the run to one core (taskset -c 0 gyrospark bench), all but ensemble, which has two workers.
+    Exit code 1 if one of gyrospark's own runs fails.
 
     \b
     gyrospark bench

@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.benchmarks import contest, drift, ensembles, peers, reference, steps, timing, tops
+from gyrospark.benchmarks import (
+    contest,
+    drift,
+    ensembles,
+    peers,
+    pictures,
+    reference,
+    steps,
+    timing,
+    tops,
+)
 from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_ratios
 from gyrospark.benchmarks.peers import optional, ours
 from gyrospark.benchmarks.peers.entry import Entry
@@ -216,6 +226,11 @@ def test_contest_says_what_it_does():
     compete([entry("still", still)], SHORT, said.append)
     assert said == ["still as it is", "1 entries in turn, 3 rounds"]
     assert contest.Row("a", "1", "b", 1.0).as_dict()["setting"] == "b"
+
+
+def test_a_line_joins_what_nothing_beats():
+    points = [(1e-15, 9.0), (1e-12, 20.0), (1e-10, 4.0), (1e-8, 4.0), (1e-6, 1.0)]
+    assert pictures._best(points) == [points[0], points[2], points[4]]
 
 
 # ---------------------------------------------------------------- the command
