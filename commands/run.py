@@ -39,10 +39,11 @@ _BAR_FROM = 20_000
 @click.option("--steps", metavar="N", required=True, help="Number of steps.")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
-@click.option("--solver", default="auto", show_default=True, help="auto, newton or python.")
+@click.option("--solver", default="auto", show_default=True,
+              help="auto (sweeps, Newton behind them), fixed-point (sweeps alone), newton, python.")
 @click.option("--tolerance", metavar="TOL", help="Of the Newton increment (default: round-off).")
 @click.option("--max-iterations", metavar="N", default="50", show_default=True,
-              help="Newton iterations of one step.")
+              help="Iterations of one step.")
 @click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
               help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8.")
 @click.option("--reference", is_flag=True,
@@ -229,6 +230,7 @@ def _result(
         "momentum_constraint_mean": report.momentum_constraint_mean,
         "iterations_mean": report.iterations_mean,
         "iterations_max": report.iterations_max,
+        "newton_steps": report.newton_steps,
         "seconds": seconds,
         "ns_per_step": seconds / report.steps * 1e9 if report.steps else 0.0,
     }
@@ -260,7 +262,7 @@ def _text(result: dict[str, Any]) -> str:
         f"  momentum   |qᵀp|        largest {result['momentum_constraint_max']:.2e}",
         f"  energy     |H − H₀|     largest {result['energy_error_max']:.2e}, "
         f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}",
-        f"  Newton iterations       mean {result['iterations_mean']:.2f}, "
+        f"  iterations              mean {result['iterations_mean']:.2f}, "
         f"most {result['iterations_max']}",
     ]
     if "axis_reference" in result:

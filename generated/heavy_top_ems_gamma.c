@@ -39,6 +39,10 @@ enum {
     SINGULAR = HEAVY_TOP_EMS_GAMMA_SINGULAR,
     NOT_FINITE = HEAVY_TOP_EMS_GAMMA_NOT_FINITE
 };
+enum {
+    NEWTON = HEAVY_TOP_EMS_GAMMA_NEWTON,
+    FIXED_POINT = HEAVY_TOP_EMS_GAMMA_FIXED_POINT
+};
 
 static const real epsilon = DBL_EPSILON;
 
@@ -91,7 +95,7 @@ static void constraint(const constants *c, const double q[4], double g[1])
 {
     (void)c;
     double sum[2];
-    sum[0] = sum[1] = 0;
+    sum[0] = sum[1] = 0.0;
     add_product(sum, 1, (const double[]){ -1.0 });
     add_product(sum, 2, (const double[]){ q[0], q[0] });
     add_product(sum, 2, (const double[]){ q[1], q[1] });
@@ -393,49 +397,66 @@ static real norm(int n, const real *x)
 }
 
 /*
- * Solves A x = b by elimination with partial pivoting; x replaces b, A is used up. Rows are first
- * scaled by powers of two, which is exact, so that the choice of pivots does not depend on units.
+ * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
+ * powers of two, which is exact, so that the choice of pivots does not depend on units.
  */
-static int solve(int n, real *restrict A, real *restrict b)
+static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots)
 {
     for (int i = 0; i < n; ++i) {
         const real size = norm(n, A + i*n);
-        if (!isfinite(size) || !isfinite(b[i]))
+        if (!isfinite(size))
             return NOT_FINITE;
         if (!(size > 0))
             return SINGULAR;
-        int exponent;
-        (void)frexp(size, &exponent);
-        const real scale = ldexp(1, -exponent);
+        (void)frexp(size, &exponents[i]);
+        const real scale = ldexp(1, -exponents[i]);
         for (int j = 0; j < n; ++j)
             A[i*n + j] *= scale;
-        b[i] *= scale;
     }
     for (int k = 0; k < n; ++k) {
         int pivot = k;
         for (int i = k + 1; i < n; ++i)
             if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
                 pivot = i;
+        pivots[k] = pivot;
         if (!(fabs(A[pivot*n + k]) > 0))
             return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
-        if (pivot != k) {
-            for (int j = k; j < n; ++j) {
-                const real swap = A[k*n + j];
-                A[k*n + j] = A[pivot*n + j];
-                A[pivot*n + j] = swap;
-            }
-            const real swap = b[k];
-            b[k] = b[pivot];
-            b[pivot] = swap;
+        for (int j = 0; j < n && pivot != k; ++j) {
+            const real swap = A[k*n + j];
+            A[k*n + j] = A[pivot*n + j];
+            A[pivot*n + j] = swap;
         }
         for (int i = k + 1; i < n; ++i) {
             const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
+            A[i*n + k] = factor;
             if (factor == 0) /* most rows: stages couple through few entries */
                 continue;
             for (int j = k + 1; j < n; ++j)
                 A[i*n + j] -= factor*A[k*n + j];
-            b[i] -= factor*b[k];
         }
+    }
+    return OK;
+}
+
+/* x replaces b in A x = b, from the factors of A. */
+static int substitute(int n, const real *restrict A, const int *restrict exponents,
+    const int *restrict pivots, real *restrict b)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!isfinite(b[i]))
+            return NOT_FINITE;
+        b[i] = ldexp(b[i], -exponents[i]);
+    }
+    for (int k = 0; k < n; ++k) {
+        const real value = b[pivots[k]];
+        b[pivots[k]] = b[k];
+        b[k] = value;
+    }
+    for (int i = 1; i < n; ++i) {
+        real sum = b[i];
+        for (int j = 0; j < i; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum;
     }
     for (int i = n - 1; i >= 0; --i) {
         real sum = b[i];
@@ -444,6 +465,14 @@ static int solve(int n, real *restrict A, real *restrict b)
         b[i] = sum/A[i*n + i];
     }
     return OK;
+}
+
+/* Solves A x = b; x replaces b, the factors of A replace A. */
+static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
+    int *restrict pivots)
+{
+    const int status = factorise(n, A, exponents, pivots);
+    return status == OK ? substitute(n, A, exponents, pivots, b) : status;
 }
 
 /* ---------------------------------------------------------------- onto the constraints */
@@ -463,7 +492,8 @@ static int project_momentum(const constants *c, const real q[N], real G[M][N], r
         real f[M], W[M][M], step = 0;
         hidden_constraint(c, q, p, f);
         hidden_matrix(c, q, p, W);
-        const int status = solve(M, &W[0][0], f);
+        int exponents[M], pivots[M];
+        const int status = solve(M, &W[0][0], f, exponents, pivots);
         if (status != OK)
             return status;
         for (int a = 0; a < N; ++a) {
@@ -496,7 +526,8 @@ static int project_coordinates(const constants *c, real q[N])
                 for (int a = 0; a < N; ++a)
                     W[mu][nu] += G[mu][a]*G[nu][a];
             }
-        const int status = solve(M, &W[0][0], g);
+        int exponents[M], pivots[M];
+        const int status = solve(M, &W[0][0], g, exponents, pivots);
         if (status != OK)
             return status;
         for (int a = 0; a < N; ++a) {
@@ -658,7 +689,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
-        const int status = solve(U, w->J, w->r);
+        const int status = solve(U, w->J, w->r, w->exponents, w->pivots);
         if (status != OK)
             return status;
         ++*iterations;

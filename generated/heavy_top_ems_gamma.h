@@ -40,16 +40,25 @@ typedef struct {
     double gamma;
 } heavy_top_ems_gamma_parameters;
 
+/* How T1 is solved. */
+enum heavy_top_ems_gamma_solver {
+    HEAVY_TOP_EMS_GAMMA_AUTO = 0,       /* Newton: this scheme has no fast path */
+    HEAVY_TOP_EMS_GAMMA_NEWTON = 1,     /* full Newton */
+    HEAVY_TOP_EMS_GAMMA_FIXED_POINT = 2 /* sweeps alone */
+};
+
 typedef struct {
-    double tolerance;   /* of the scaled Newton increment; 0: down to round-off */
-    int max_iterations; /* Newton iterations of one step */
+    double tolerance;   /* of the scaled increment of the unknowns; 0: down to round-off */
+    int max_iterations; /* iterations of one step, of each kind */
+    int solver;         /* of enum heavy_top_ems_gamma_solver */
 } heavy_top_ems_gamma_options;
 
 /* Running record of an integration; all zero before its first call. */
 typedef struct {
     long steps;              /* steps done */
-    long iterations;         /* Newton iterations, all steps together */
+    long iterations;         /* sweeps and Newton iterations, all steps together */
     int iterations_max;      /* most of one step */
+    long newton_steps;       /* steps that only Newton could do (solver AUTO) */
     double energy_start;     /* H_0 */
     double energy_error_max; /* max |H_k - H_0| over all steps, and the sum */
     double energy_error_sum;
@@ -74,6 +83,8 @@ typedef struct {
     double x[9];
     double r[9];
     double J[81];
+    int exponents[9]; /* scales of the rows of J, and the order of its pivots */
+    int pivots[9];
     double q_mean[4];
     double p_mean[4];
     double G[1][1][4];
@@ -91,7 +102,8 @@ int heavy_top_ems_gamma_step(const heavy_top_ems_gamma_parameters *parameters, c
  * Up to `steps` steps; (q, p) is the start and becomes the end. Every `every`-th state is stored
  * in q_out, p_out (rows of 4), the multipliers of that step in a row of 1, and in
  * iterations the most that one of the `every` steps took. Any of the four may be NULL. A failed
- * step ends the call with its status; report->steps says how many succeeded.
+ * step ends the call with its status; report->steps says how many succeeded. A call with the
+ * report and the work of an earlier one goes on where that ended, to the bit.
  */
 int heavy_top_ems_gamma_integrate(const heavy_top_ems_gamma_parameters *parameters, const heavy_top_ems_gamma_options *options,
     double dt, long steps, long every, double q[4], double p[4], double *q_out, double *p_out,

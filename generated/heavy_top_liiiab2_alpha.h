@@ -40,16 +40,25 @@ typedef struct {
     double alpha;
 } heavy_top_liiiab2_alpha_parameters;
 
+/* How T1 is solved. */
+enum heavy_top_liiiab2_alpha_solver {
+    HEAVY_TOP_LIIIAB2_ALPHA_AUTO = 0,       /* sweeps, and Newton for a step where they do not converge */
+    HEAVY_TOP_LIIIAB2_ALPHA_NEWTON = 1,     /* full Newton */
+    HEAVY_TOP_LIIIAB2_ALPHA_FIXED_POINT = 2 /* sweeps alone */
+};
+
 typedef struct {
-    double tolerance;   /* of the scaled Newton increment; 0: down to round-off */
-    int max_iterations; /* Newton iterations of one step */
+    double tolerance;   /* of the scaled increment of the unknowns; 0: down to round-off */
+    int max_iterations; /* iterations of one step, of each kind */
+    int solver;         /* of enum heavy_top_liiiab2_alpha_solver */
 } heavy_top_liiiab2_alpha_options;
 
 /* Running record of an integration; all zero before its first call. */
 typedef struct {
     long steps;              /* steps done */
-    long iterations;         /* Newton iterations, all steps together */
+    long iterations;         /* sweeps and Newton iterations, all steps together */
     int iterations_max;      /* most of one step */
+    long newton_steps;       /* steps that only Newton could do (solver AUTO) */
     double energy_start;     /* H_0 */
     double energy_error_max; /* max |H_k - H_0| over all steps, and the sum */
     double energy_error_sum;
@@ -87,12 +96,15 @@ typedef struct {
     double x[17];
     double r[17];
     double J[289];
+    int exponents[17]; /* scales of the rows of J, and the order of its pivots */
+    int pivots[17];
     double Q[2][4];
     double P[2][4];
     double D[2][4]; /* Q~_l - q */
     double G[2][1][4];
     double force[1][4]; /* G_l^T Lambda_l */
     double K[1][4][4];
+    unsigned char memory[77632]; /* of the fast path, kept from step to step */
 } heavy_top_liiiab2_alpha_work;
 
 /*
@@ -107,11 +119,32 @@ int heavy_top_liiiab2_alpha_step(const heavy_top_liiiab2_alpha_parameters *param
  * Up to `steps` steps; (q, p) is the start and becomes the end. Every `every`-th state is stored
  * in q_out, p_out (rows of 4), the multipliers of that step in a row of 2, and in
  * iterations the most that one of the `every` steps took. Any of the four may be NULL. A failed
- * step ends the call with its status; report->steps says how many succeeded.
+ * step ends the call with its status; report->steps says how many succeeded. A call with the
+ * report and the work of an earlier one goes on where that ended, to the bit.
  */
 int heavy_top_liiiab2_alpha_integrate(const heavy_top_liiiab2_alpha_parameters *parameters, const heavy_top_liiiab2_alpha_options *options,
     double dt, long steps, long every, double q[4], double p[4], double *q_out, double *p_out,
     double *multipliers, int *iterations, heavy_top_liiiab2_alpha_report *report, heavy_top_liiiab2_alpha_work *work);
+
+/* Memory of heavy_top_liiiab2_alpha_integrate_lanes, for one batch at a time. Contents need no preparation. */
+typedef struct {
+    unsigned char memory[87232];
+} heavy_top_liiiab2_alpha_batch;
+
+/* How many trajectories heavy_top_liiiab2_alpha_integrate_lanes takes at a time: the lanes of a vector register. */
+int heavy_top_liiiab2_alpha_lanes(void);
+
+/*
+ * As heavy_top_liiiab2_alpha_integrate for `count` trajectories (at most heavy_top_liiiab2_alpha_lanes() of them), each with its own
+ * parameters, dt, state, report and status: all arrays have one entry, or one row, a trajectory.
+ * Trajectory i stores from row i*rows on. A trajectory that fails keeps its last state and does
+ * not disturb the others; statuses are 0 at the first call. Sweeps, and Newton for a trajectory
+ * and step where they do not converge.
+ */
+void heavy_top_liiiab2_alpha_integrate_lanes(int count, const heavy_top_liiiab2_alpha_parameters *parameters,
+    const heavy_top_liiiab2_alpha_options *options, const double *dt, long steps, long every, long rows,
+    double *q, double *p, double *q_out, double *p_out, double *multipliers, int *iterations,
+    heavy_top_liiiab2_alpha_report *reports, int *status, heavy_top_liiiab2_alpha_batch *batch, heavy_top_liiiab2_alpha_work *work);
 
 /* The two halves of a step: T1 solves for the 17 unknowns x, T2 finishes the step from them. */
 int heavy_top_liiiab2_alpha_T1(const heavy_top_liiiab2_alpha_parameters *parameters, const heavy_top_liiiab2_alpha_options *options, double dt,

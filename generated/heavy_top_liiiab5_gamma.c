@@ -31,6 +31,7 @@ typedef heavy_top_liiiab5_gamma_constants constants;
 typedef heavy_top_liiiab5_gamma_options options_t;
 typedef heavy_top_liiiab5_gamma_report report_t;
 typedef heavy_top_liiiab5_gamma_work work_t;
+typedef heavy_top_liiiab5_gamma_batch batch_memory;
 
 enum { N = 4, M = 1, S = 5, P = 4, U = 44, MULTIPLIERS = 5, ROOM = 5 };
 enum {
@@ -38,6 +39,10 @@ enum {
     NOT_CONVERGED = HEAVY_TOP_LIIIAB5_GAMMA_NOT_CONVERGED,
     SINGULAR = HEAVY_TOP_LIIIAB5_GAMMA_SINGULAR,
     NOT_FINITE = HEAVY_TOP_LIIIAB5_GAMMA_NOT_FINITE
+};
+enum {
+    NEWTON = HEAVY_TOP_LIIIAB5_GAMMA_NEWTON,
+    FIXED_POINT = HEAVY_TOP_LIIIAB5_GAMMA_FIXED_POINT
 };
 
 static const real epsilon = DBL_EPSILON;
@@ -91,7 +96,7 @@ static void constraint(const constants *c, const double q[4], double g[1])
 {
     (void)c;
     double sum[2];
-    sum[0] = sum[1] = 0;
+    sum[0] = sum[1] = 0.0;
     add_product(sum, 1, (const double[]){ -1.0 });
     add_product(sum, 2, (const double[]){ q[0], q[0] });
     add_product(sum, 2, (const double[]){ q[1], q[1] });
@@ -320,49 +325,66 @@ static real norm(int n, const real *x)
 }
 
 /*
- * Solves A x = b by elimination with partial pivoting; x replaces b, A is used up. Rows are first
- * scaled by powers of two, which is exact, so that the choice of pivots does not depend on units.
+ * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
+ * powers of two, which is exact, so that the choice of pivots does not depend on units.
  */
-static int solve(int n, real *restrict A, real *restrict b)
+static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots)
 {
     for (int i = 0; i < n; ++i) {
         const real size = norm(n, A + i*n);
-        if (!isfinite(size) || !isfinite(b[i]))
+        if (!isfinite(size))
             return NOT_FINITE;
         if (!(size > 0))
             return SINGULAR;
-        int exponent;
-        (void)frexp(size, &exponent);
-        const real scale = ldexp(1, -exponent);
+        (void)frexp(size, &exponents[i]);
+        const real scale = ldexp(1, -exponents[i]);
         for (int j = 0; j < n; ++j)
             A[i*n + j] *= scale;
-        b[i] *= scale;
     }
     for (int k = 0; k < n; ++k) {
         int pivot = k;
         for (int i = k + 1; i < n; ++i)
             if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
                 pivot = i;
+        pivots[k] = pivot;
         if (!(fabs(A[pivot*n + k]) > 0))
             return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
-        if (pivot != k) {
-            for (int j = k; j < n; ++j) {
-                const real swap = A[k*n + j];
-                A[k*n + j] = A[pivot*n + j];
-                A[pivot*n + j] = swap;
-            }
-            const real swap = b[k];
-            b[k] = b[pivot];
-            b[pivot] = swap;
+        for (int j = 0; j < n && pivot != k; ++j) {
+            const real swap = A[k*n + j];
+            A[k*n + j] = A[pivot*n + j];
+            A[pivot*n + j] = swap;
         }
         for (int i = k + 1; i < n; ++i) {
             const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
+            A[i*n + k] = factor;
             if (factor == 0) /* most rows: stages couple through few entries */
                 continue;
             for (int j = k + 1; j < n; ++j)
                 A[i*n + j] -= factor*A[k*n + j];
-            b[i] -= factor*b[k];
         }
+    }
+    return OK;
+}
+
+/* x replaces b in A x = b, from the factors of A. */
+static int substitute(int n, const real *restrict A, const int *restrict exponents,
+    const int *restrict pivots, real *restrict b)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!isfinite(b[i]))
+            return NOT_FINITE;
+        b[i] = ldexp(b[i], -exponents[i]);
+    }
+    for (int k = 0; k < n; ++k) {
+        const real value = b[pivots[k]];
+        b[pivots[k]] = b[k];
+        b[k] = value;
+    }
+    for (int i = 1; i < n; ++i) {
+        real sum = b[i];
+        for (int j = 0; j < i; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum;
     }
     for (int i = n - 1; i >= 0; --i) {
         real sum = b[i];
@@ -371,6 +393,14 @@ static int solve(int n, real *restrict A, real *restrict b)
         b[i] = sum/A[i*n + i];
     }
     return OK;
+}
+
+/* Solves A x = b; x replaces b, the factors of A replace A. */
+static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
+    int *restrict pivots)
+{
+    const int status = factorise(n, A, exponents, pivots);
+    return status == OK ? substitute(n, A, exponents, pivots, b) : status;
 }
 
 /* ---------------------------------------------------------------- onto the constraints */
@@ -390,7 +420,8 @@ static int project_momentum(const constants *c, const real q[N], real G[M][N], r
         real f[M], W[M][M], step = 0;
         hidden_constraint(c, q, p, f);
         hidden_matrix(c, q, p, W);
-        const int status = solve(M, &W[0][0], f);
+        int exponents[M], pivots[M];
+        const int status = solve(M, &W[0][0], f, exponents, pivots);
         if (status != OK)
             return status;
         for (int a = 0; a < N; ++a) {
@@ -423,7 +454,8 @@ static int project_coordinates(const constants *c, real q[N])
                 for (int a = 0; a < N; ++a)
                     W[mu][nu] += G[mu][a]*G[nu][a];
             }
-        const int status = solve(M, &W[0][0], g);
+        int exponents[M], pivots[M];
+        const int status = solve(M, &W[0][0], g, exponents, pivots);
         if (status != OK)
             return status;
         for (int a = 0; a < N; ++a) {
@@ -739,7 +771,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
-        const int status = solve(U, w->J, w->r);
+        const int status = solve(U, w->J, w->r, w->exponents, w->pivots);
         if (status != OK)
             return status;
         ++*iterations;
@@ -761,6 +793,1437 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
         previous = size;
     }
     return NOT_CONVERGED;
+}
+
+/*
+ * Simplified Newton from the guess in x: the Jacobian is factorised at the guess, once, and again
+ * only where the increments do not shrink fast enough. Gives up early: the caller has full Newton
+ * behind it, from a start that cannot lead to another root.
+ */
+static int simplified_newton(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real x[U], int *iterations)
+{
+    const real near_floor = 65536*epsilon, far = (real)0.02, slow = (real)0.1;
+    real previous = 0;
+    int stale = 1;
+    *iterations = 0;
+    while (*iterations < options->max_iterations) {
+        residual(w, dt, q, p, x, w->r);
+        int status = OK;
+        if (stale) {
+            jacobian(w, dt, q, p, x, w->J);
+            status = factorise(U, w->J, w->exponents, w->pivots);
+        }
+        if (status == OK)
+            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+        if (status != OK)
+            return status;
+        ++*iterations;
+        const real size = increment_size(dt, q, p, x, w->r);
+        if (!(size < far))
+            return NOT_CONVERGED;
+        for (int e = 0; e < U; ++e)
+            x[e] -= w->r[e];
+        if (size <= options->tolerance)
+            return OK;
+        const real ratio = *iterations > 1 ? size/previous : 1;
+        if (*iterations > 1 && size < near_floor && ratio >= (real)0.5)
+            return OK;
+        if (*iterations > 2 && ratio > 1)
+            return NOT_CONVERGED;
+        stale = *iterations > 1 && ratio > slow && size > near_floor;
+        previous = size;
+    }
+    return NOT_CONVERGED;
+}
+
+/* ---------------------------------------------------------------- the fast path, Newton behind it */
+
+/* ---------------------------------------------------------------- lanes: W reals that move together */
+
+/*
+ * One vector register where compiler and machine have them, one number elsewhere: the same
+ * expressions serve both. The build chooses; GYROSPARK_PLAIN asks for plain numbers.
+ */
+#if defined(__GNUC__) && !defined(GYROSPARK_PLAIN)
+#if defined(__AVX512F__)
+#define LANE_BYTES 64
+#elif defined(__AVX__)
+#define LANE_BYTES 32
+#else
+#define LANE_BYTES 16
+#endif
+typedef real lanes __attribute__((vector_size(LANE_BYTES)));
+#else
+typedef real lanes;
+#endif
+
+enum { W = sizeof(lanes)/sizeof(real) };
+
+#if defined(__GNUC__)
+#define INLINE static inline __attribute__((always_inline))
+#define NOINLINE static __attribute__((noinline))
+/* Keeps the compiler from holding more values in registers than there are, and spilling them. */
+#define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
+#else
+#define INLINE static inline
+#define NOINLINE static
+#define LOAD_AGAIN(pointer) (void)(pointer)
+#endif
+
+INLINE lanes splat(real x)
+{
+    return x - (lanes){ 0 };
+}
+
+INLINE real part(const lanes *x, int i)
+{
+    return ((const real *)x)[i];
+}
+
+INLINE void set_part(lanes *x, int i, real value)
+{
+    ((real *)x)[i] = value;
+}
+
+/* A rounded value: keeps the compiler from contracting its product into a sum. */
+INLINE lanes lanes_rounded(lanes value)
+{
+#if defined(__GNUC__) && defined(__AVX512F__)
+    __asm__("" : "+v"(value));
+    return value;
+#elif defined(__GNUC__) && defined(__SSE2__)
+    __asm__("" : "+x"(value));
+    return value;
+#elif defined(__GNUC__) && defined(__aarch64__)
+    __asm__("" : "+w"(value));
+    return value;
+#else
+    volatile lanes kept = value;
+    return kept;
+#endif
+}
+
+/* a b - product, exactly */
+INLINE lanes product_error(lanes a, lanes b, lanes product)
+{
+    lanes error = product;
+    for (int i = 0; i < W; ++i)
+        set_part(&error, i, fma(part(&a, i), part(&b, i), -part(&product, i)));
+    return error;
+}
+
+/* sum += the product of the factors, in twice the working precision (two-product, two-sum). */
+INLINE void lanes_add_product(lanes sum[2], int count, const lanes *factors)
+{
+    lanes high = factors[0], low = splat(0);
+    for (int i = 1; i < count; ++i) {
+        const lanes product = lanes_rounded(high*factors[i]);
+        low = low*factors[i] + product_error(high, factors[i], product);
+        high = product;
+    }
+    const lanes total = sum[0] + high, share = total - sum[0];
+    sum[1] += low + ((sum[0] - (total - share)) + (high - share));
+    sum[0] = total;
+}
+
+/* x + y = *high + *low exactly; *high is the rounded sum. */
+INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
+{
+    const lanes sum = x + y, share = sum - x;
+    *low = (x - (sum - share)) + (y - share);
+    *high = sum;
+}
+
+INLINE void lanes_factor(lanes A[M][M])
+{
+    A[0][0] = 1/A[0][0];
+}
+
+INLINE void lanes_substitute(lanes A[M][M], lanes b[M])
+{
+    b[0] *= A[0][0];
+}
+
+/* Constants of a run on lanes. */
+typedef struct {
+    lanes mgl;
+    lanes k0;
+    lanes k1;
+    lanes k2;
+    lanes k3;
+    lanes f0; /* 0.25*k0 */
+    lanes f1; /* 0.25*k1 */
+    lanes f2; /* 0.25*k2 */
+    lanes f3; /* 0.25*k3 */
+    lanes f4; /* 2.0*mgl */
+} lane_constants;
+
+/* Lane i of the constants. */
+static void set_constants(lane_constants *to, int i, const constants *from)
+{
+    set_part(&to->mgl, i, from->mgl);
+    set_part(&to->k0, i, from->k0);
+    set_part(&to->k1, i, from->k1);
+    set_part(&to->k2, i, from->k2);
+    set_part(&to->k3, i, from->k3);
+    set_part(&to->f0, i, 0.25*from->k0);
+    set_part(&to->f1, i, 0.25*from->k1);
+    set_part(&to->f2, i, 0.25*from->k2);
+    set_part(&to->f3, i, 0.25*from->k3);
+    set_part(&to->f4, i, 2.0*from->mgl);
+}
+
+/* H(q, p). 19 add, 32 mul. */
+INLINE lanes lanes_hamiltonian(const lane_constants *c, const lanes q[4], const lanes p[4])
+{
+    const lanes u0 = p[1]*q[0] + p[2]*q[3] - p[0]*q[1] - p[3]*q[2];
+    const lanes u1 = p[1]*q[2] + p[3]*q[0] - p[0]*q[3] - p[2]*q[1];
+    const lanes u2 = p[2]*q[0] + p[3]*q[1] - p[0]*q[2] - p[1]*q[3];
+    return c->mgl*(q[0]*q[0] + q[3]*q[3] - q[1]*q[1] - q[2]*q[2]) + 0.125*c->k1*u0*u0
+        + 0.125*c->k2*u1*u1 + 0.125*c->k3*u2*u2 + 0.125*c->k0*(p[0]*p[0] + p[1]*p[1] + p[2]*p[2]
+        + p[3]*p[3]);
+}
+
+/* g(q), in twice the working precision. 5 product. */
+INLINE void lanes_constraint(const lane_constants *c, const lanes q[4], lanes g[1])
+{
+    (void)c;
+    lanes sum[2];
+    sum[0] = sum[1] = splat(0.0);
+    lanes_add_product(sum, 1, (const lanes[]){ splat(-1.0) });
+    lanes_add_product(sum, 2, (const lanes[]){ q[0], q[0] });
+    lanes_add_product(sum, 2, (const lanes[]){ q[1], q[1] });
+    lanes_add_product(sum, 2, (const lanes[]){ q[2], q[2] });
+    lanes_add_product(sum, 2, (const lanes[]){ q[3], q[3] });
+    g[0] = sum[0] + sum[1];
+}
+
+/* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
+INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4], lanes dg[1])
+{
+    (void)c;
+    dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
+        + 2.0*q[3]);
+}
+
+/* G = dg/dq. 4 mul. */
+INLINE void lanes_constraint_jacobian(const lane_constants *c, const lanes q[4], lanes G[1][4])
+{
+    (void)c;
+    G[0][0] = 2.0*q[0];
+    G[0][1] = 2.0*q[1];
+    G[0][2] = 2.0*q[2];
+    G[0][3] = 2.0*q[3];
+}
+
+/* f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the working precision. 4 product. */
+INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4], lanes f[1])
+{
+    (void)c;
+    lanes sum[2];
+    sum[0] = sum[1] = splat(0.0);
+    lanes_add_product(sum, 2, (const lanes[]){ p[0], q[0] });
+    lanes_add_product(sum, 2, (const lanes[]){ p[1], q[1] });
+    lanes_add_product(sum, 2, (const lanes[]){ p[2], q[2] });
+    lanes_add_product(sum, 2, (const lanes[]){ p[3], q[3] });
+    f[0] = sum[0] + sum[1];
+}
+
+/* W = (df/dp) G^T. no operations. */
+INLINE void lanes_hidden_matrix(const lane_constants *c, const lanes q[4], const lanes p[4], lanes W[1][1])
+{
+    (void)c;
+    (void)q;
+    (void)p;
+    W[0][0] = splat(2.0);
+}
+
+/* H_p, and w: what H_q shares with it. 21 add, 31 mul. */
+INLINE void lanes_velocity(const lane_constants *c, const lanes q[4], const lanes p[4], lanes H_p[4], lanes w[3])
+{
+    const lanes t0 = c->f1*(p[1]*q[0] + p[2]*q[3] - p[0]*q[1] - p[3]*q[2]);
+    const lanes t1 = c->f2*(p[1]*q[2] + p[3]*q[0] - p[0]*q[3] - p[2]*q[1]);
+    const lanes t2 = c->f3*(p[2]*q[0] + p[3]*q[1] - p[0]*q[2] - p[1]*q[3]);
+    H_p[0] = p[0]*c->f0 - t0*q[1] - t1*q[3] - t2*q[2];
+    H_p[1] = t0*q[0] + t1*q[2] + p[1]*c->f0 - t2*q[3];
+    H_p[2] = t0*q[3] + t2*q[0] + p[2]*c->f0 - t1*q[1];
+    H_p[3] = t1*q[0] + t2*q[1] + p[3]*c->f0 - t0*q[2];
+    w[0] = t0;
+    w[1] = t2;
+    w[2] = t1;
+}
+
+/* H_q from the same w. 12 add, 16 mul. */
+INLINE void lanes_force(const lane_constants *c, const lanes q[4], const lanes p[4], const lanes w[3], lanes H_q[4])
+{
+    H_q[0] = w[0]*p[1] + w[1]*p[2] + w[2]*p[3] + q[0]*c->f4;
+    H_q[1] = w[1]*p[3] - w[0]*p[0] - w[2]*p[2] - q[1]*c->f4;
+    H_q[2] = w[2]*p[1] - w[0]*p[3] - w[1]*p[0] - q[2]*c->f4;
+    H_q[3] = w[0]*p[2] + q[3]*c->f4 - w[1]*p[1] - w[2]*p[0];
+}
+
+/* W^-1, with W = G H_pp G^T constant where g = 0. 1 div. */
+INLINE void lanes_schur_inverse(const lane_constants *c, lanes W_inverse[1][1])
+{
+    W_inverse[0][0] = 1.0/c->k0;
+}
+
+/* c, with H_pp G^T = c G^T where g = 0. 1 mul. */
+INLINE lanes lanes_correction(const lane_constants *c)
+{
+    return 0.25*c->k0;
+}
+
+/* ---------------------------------------------------------------- when a sweep has converged */
+
+/* What is known of the sweeps of one step, of one trajectory. */
+typedef struct {
+    int sweeps;
+    int calm;      /* changes near round-off that no longer shrink */
+    real change;   /* of the last sweep: the sum of its squared increments relative to the state */
+    real before;   /* and of the one before it */
+    real smallest; /* ratio of two changes of this step: the contraction, squared */
+} progress_t;
+
+enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
+
+static const progress_t start_of_sweeps = { 0, 0, 0, 0, 1 };
+
+/*
+ * Ends the sweeps when the next change would be far below round-off, or when changes near
+ * round-off have stopped shrinking; gives up when they grow, or would not get there in time.
+ */
+static enum verdict judge(progress_t *s, real change, real tolerance, int most)
+{
+    const real near_floor = 4096*epsilon, floor = epsilon, beyond = epsilon/4096;
+    const real ratio = change/s->change, of_two = change/s->before; /* modes may alternate */
+    const int near = change < near_floor*near_floor;
+    s->before = s->change;
+    s->change = change;
+    if (++s->sweeps > most)
+        return GIVE_UP;
+    if (s->sweeps == 1)
+        return change > 0 ? SWEEP_AGAIN : isnan(change) ? GIVE_UP : CONVERGED;
+    if (!(change < 9))
+        return GIVE_UP;
+    if (ratio < s->smallest)
+        s->smallest = ratio;
+    if (change <= tolerance*tolerance || change*s->smallest < beyond*beyond)
+        return CONVERGED;
+    if (near && ratio > (real)0.2
+        && (++s->calm == 2 || change < floor*floor))
+        return CONVERGED;
+    if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
+        return GIVE_UP;
+    if (s->sweeps > 6 && !near) {
+        real forecast = change;
+        for (int n = s->sweeps; n < most && forecast > near_floor*near_floor; n += 2)
+            forecast *= of_two;
+        if (forecast > near_floor*near_floor)
+            return GIVE_UP;
+    }
+    return SWEEP_AGAIN;
+}
+
+/* ---------------------------------------------------------------- starting values from the past */
+
+/*
+ * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
+ * of a spinning body are sums of a few exponentials, and one set of c_m serves them all: such a
+ * sum obeys a linear recurrence. At first the c_m are those of polynomial extrapolation, of the
+ * order that would have done best at the last step, unless the polynomial through the stages of
+ * the last step would have done better; then they are fitted by least squares to the steps just
+ * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
+ * small). They change the starting values only, never what the sweeps converge to.
+ */
+enum { ORDER = 16, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+/* Rates of q, of p, and multipliers have each their own recurrence. */
+enum { GROUPS = 3 };
+
+typedef struct {
+    long count;    /* steps recorded */
+    long training; /* the step from which the next fit takes its samples */
+    int order;     /* c_m in use */
+    int fitted;    /* whether by least squares */
+    int stages[W]; /* lanes that are better off with the polynomial through the last stages */
+    lanes coefficient[GROUPS][ORDER];
+    lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
+} predictor_t;
+
+static void forget(predictor_t *s)
+{
+    s->count = 0;
+    s->training = HISTORY + 1;
+    s->order = s->fitted = 0;
+    for (int i = 0; i < W; ++i)
+        s->stages[i] = 1;
+}
+
+/* The values of m steps ago; m = 0 is the place of the newest. */
+INLINE lanes *past_values(const predictor_t *s, lanes *past, int length, int m)
+{
+    return past + ((s->count - m) & (HISTORY - 1))*length;
+}
+
+/* x = sum_m c_m x_(n-m), m = 1..order, group by group */
+INLINE void recur(const predictor_t *s, int order, lanes *past, int length, const int *ends,
+    lanes *x)
+{
+    const lanes *before[ORDER];
+    for (int m = 0; m < order; ++m)
+        before[m] = past_values(s, past, length, m);
+    for (int group = 0, i = 0; group < GROUPS; ++group)
+        for (; i < ends[group]; ++i) {
+            lanes sum = s->coefficient[group][0]*before[0][i];
+            for (int m = 1; m < order; ++m)
+                sum += s->coefficient[group][m]*before[m][i];
+            x[i] = sum;
+        }
+}
+
+/* Starting values x; `through` are those of the polynomial through the last stages. */
+INLINE void predict(const predictor_t *s, lanes *past, int length, const int *ends,
+    const lanes *through, lanes *x)
+{
+    if (s->fitted) {
+        recur(s, ORDER, past, length, ends, x);
+        return;
+    }
+    recur(s, s->order, past, length, ends, x);
+    for (int i = 0; i < W; ++i)
+        for (int e = 0; e < length && s->stages[i]; ++e)
+            set_part(&x[e], i, part(&through[e], i));
+}
+
+/* Chooses, lane by lane, the extrapolation that comes closest to x. */
+INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
+    const lanes *through, const lanes *x)
+{
+    const int most = s->count < POLYNOMIAL ? (int)s->count : POLYNOMIAL;
+    real binomial[POLYNOMIAL + 1][POLYNOMIAL];
+    lanes error[POLYNOMIAL + 1];
+    s->order = most;
+    error[0] = splat(0);
+    for (int i = 0; i < rows; ++i)
+        error[0] += (through[i] - x[i])*(through[i] - x[i]);
+    for (int k = 1; k <= most; ++k) {
+        error[k] = splat(0);
+        for (int m = 0; m < POLYNOMIAL; ++m)
+            binomial[k][m] = m == 0 ? (real)k : m >= k ? 0
+                : -binomial[k][m - 1]*(real)(k - m)/(real)(m + 1);
+        for (int i = 0; i < rows; ++i) {
+            lanes defect = x[i];
+            for (int m = 0; m < k; ++m)
+                defect -= binomial[k][m]*past_values(s, past, length, m)[i];
+            error[k] += defect*defect;
+        }
+    }
+    for (int i = 0; i < W; ++i) {
+        int best = 1;
+        for (int k = 2; k <= most; ++k)
+            if (part(&error[k], i) < part(&error[best], i))
+                best = k;
+        s->stages[i] = part(&error[0], i) < part(&error[best], i);
+        for (int m = 0; m < most; ++m)
+            for (int group = 0; group < GROUPS; ++group)
+                set_part(&s->coefficient[group][m], i, binomial[best][m]);
+    }
+}
+
+/* Empty least-squares problems: R = the ridge. */
+INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
+{
+    const real tiny = sqrt(DBL_MIN)*1024;
+    for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
+        for (int k = 0; k <= ORDER; ++k)
+            for (int l = 0; l <= ORDER; ++l)
+                for (int i = 0; i < W; ++i) {
+                    real size = tiny;
+                    for (int e = start; k == l && e < ends[group]; ++e)
+                        size = larger(size, 8*epsilon*fabs(part(&x[e], i)));
+                    set_part(&s->R[group][k][l], i, k == l && k < ORDER ? size : 0);
+                }
+}
+
+/* One more equation, sum_m c_m x_(n-m) = x_n, for the value at place e. */
+INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, const lanes *x)
+{
+    lanes row[ORDER + 1], (*R)[ORDER + 1] = s->R[group];
+    for (int m = 0; m < ORDER; ++m)
+        row[m] = past_values(s, past, length, m)[e];
+    row[ORDER] = x[e];
+    for (int k = 0; k < ORDER; ++k) {
+        const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
+        lanes inverse = square;
+        for (int i = 0; i < W; ++i)
+            set_part(&inverse, i, 1/sqrt(part(&square, i)));
+        const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
+        for (int l = k; l <= ORDER; ++l) {
+            const lanes upper = R[k][l];
+            R[k][l] = cosine*upper + sine*row[l];
+            row[l] = cosine*row[l] - sine*upper;
+        }
+    }
+    R[ORDER][ORDER] += row[ORDER]*row[ORDER];
+}
+
+/* The c_m of the fit: the shortest recurrence that fits within a factor of the longest. */
+static void end_training(predictor_t *s)
+{
+    s->order = ORDER;
+    s->fitted = 1;
+    for (int group = 0; group < GROUPS; ++group) {
+        lanes (*R)[ORDER + 1] = s->R[group];
+        for (int i = 0; i < W; ++i) {
+            real defect = part(&R[ORDER][ORDER], i), c[ORDER];
+            const real allowed = 16*defect;
+            int order = ORDER;
+            while (order > 1) {
+                const real more = part(&R[order - 1][ORDER], i);
+                if (!(defect + more*more <= allowed))
+                    break;
+                defect += more*more;
+                --order;
+            }
+            for (int k = ORDER - 1; k >= 0; --k) {
+                c[k] = k < order ? part(&R[k][ORDER], i) : 0;
+                for (int l = k + 1; l < order; ++l)
+                    c[k] -= part(&R[k][l], i)*c[l];
+                c[k] = k < order ? c[k]/part(&R[k][k], i) : 0;
+                set_part(&s->coefficient[group][k], i, c[k]);
+            }
+        }
+    }
+}
+
+/*
+ * Records the values x of the step just done. Equations for a fit come from the first `rows` of
+ * each group: its other values obey the same recurrence.
+ */
+INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, const int *rows,
+    const lanes *through, const lanes *x)
+{
+    const long since = s->count - s->training;
+    if (s->count > 0 && !s->fitted && since <= 0)
+        choose_polynomial(s, past, length, rows[0], through, x);
+    if (since == 0)
+        begin_training(s, ends, x);
+    if (since >= 0 && since % STRIDE == 0)
+        for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
+            for (int e = start; e < start + rows[group]; ++e)
+                train(s, past, length, group, e, x);
+    if (since == STRIDE*(SAMPLES - 1)) {
+        end_training(s);
+        s->training = s->count + (s->count < 4096 ? 16*s->count : 65536);
+    }
+    ++s->count;
+    lanes *newest = past_values(s, past, length, 0);
+    for (int i = 0; i < length; ++i)
+        newest[i] = x[i];
+    if (s->count == 1) {
+        s->order = 1;
+        for (int group = 0; group < GROUPS; ++group)
+            s->coefficient[group][0] = splat(1);
+    }
+}
+
+static const real fast_mu[5][5] = {
+    { 0.0, 0.0, 0.0, 0.0, 0.0 },
+    { 1.354568643723138, 0.4398787445268184, -0.061131717749694614, 0.039070374705607924, -0.0740027848482907 },
+    { 0.8125, 1.1137378162887286, 0.5, -0.11373781628872859, 0.1875 },
+    { 1.0740027848482907, 0.9609296252943921, 1.0611317177496946, 0.5601212554731816, -0.3545686437231379 },
+    { 1.0, 1.0, 1.0, 1.0, 1.0 },
+};
+static const real fast_mu_hat[5][5] = {
+    { 1.0, -0.3545686437231379, 0.1875, -0.0740027848482907, 0.0 },
+    { 1.0, 0.5601212554731816, -0.11373781628872859, 0.039070374705607924, 0.0 },
+    { 1.0, 1.0611317177496946, 0.5, -0.061131717749694614, 0.0 },
+    { 1.0, 0.9609296252943921, 1.1137378162887286, 0.4398787445268184, 0.0 },
+    { 1.0, 1.0740027848482907, 0.8125, 1.354568643723138, 0.0 },
+};
+static const real fast_nu[4][5] = {
+    { 1.354568643723138, 0.4398787445268184, -0.061131717749694614, 0.039070374705607924, -0.0740027848482907 },
+    { 0.8125, 1.1137378162887286, 0.5, -0.11373781628872859, 0.1875 },
+    { 1.0740027848482907, 0.9609296252943921, 1.0611317177496946, 0.5601212554731816, -0.3545686437231379 },
+    { 1.0, 1.0, 1.0, 1.0, 1.0 },
+};
+static const real fast_nu_tilde[5][4] = {
+    { -0.3545686437231379, 0.1875, -0.0740027848482907, 1.0 },
+    { 0.5601212554731816, -0.11373781628872859, 0.039070374705607924, 1.0 },
+    { 1.0611317177496946, 0.5, -0.061131717749694614, 1.0 },
+    { 0.9609296252943921, 1.1137378162887286, 0.4398787445268184, 1.0 },
+    { 1.0740027848482907, 0.8125, 1.354568643723138, 1.0 },
+};
+static const real fast_inverse[4][4] = {
+    { -12.703703703703704, 5.807407407407408, -1.2703703703703704, 0.340896515786064 },
+    { 5.807407407407408, -9.481481481481481, 5.807407407407408, -1.0666666666666667 },
+    { -1.2703703703703704, 5.807407407407408, -12.703703703703704, 7.825770150880603 },
+    { 7.825770150880603, -1.0666666666666667, 0.340896515786064, -0.1 },
+};
+static const real fast_onward[5][5] = {
+    { 0.0, 0.0, 0.0, 0.0, 1.0 },
+    { 3.0574925078748088, -1.5366168921818666, 1.9988009799182134, -4.449495366961067, 20.76431171248498 },
+    { 44.44444444444444, -21.525541268672367, 25.0, -42.47445873132764, 133.33333333333334 },
+    { 138.49806304768074, -65.55050463303893, 71.50119902008178, -108.46338310781813, 305.9023549541817 },
+    { 45.0, -21.108116963628206, 22.5, -32.891883036371794, 90.0 },
+};
+static const real fast_onward_nodes[4][4] = {
+    { 7.362373841740267, -5.787815912263653, 4.449495366961067, -17.70681920461017 },
+    { 35.617315874184776, -25.0, 14.668398411529509, -88.88888888888889 },
+    { 65.55050463303893, -43.21218408773635, 22.63762615825973, -167.40429190650093 },
+    { 0.42857142857142855, -0.375, 0.42857142857142855, -1.0 },
+};
+
+/* ---------------------------------------------------------------- sweeps: the stages of one step in lanes */
+
+/* Items of W stages, or of W constraint nodes 1..P-1 and last P (where g is asked for) or 0
+ * (where a multiplier acts). */
+enum { STAGE_ITEMS = (S + W - 1)/W, NODE_ITEMS = (P + W - 1)/W };
+/* Where the scaled unknowns stand: L = h b k, L^ = h b^ k^ item by item, then h b~ Lambda. */
+enum { STAGES_X_HAT = STAGE_ITEMS*N, STAGES_X_IMPULSE = 2*STAGE_ITEMS*N, STAGES_X = 2*STAGE_ITEMS*N + NODE_ITEMS*M };
+static const int stages_ends[GROUPS] = { STAGES_X_HAT, STAGES_X_IMPULSE, STAGES_X };
+static const int stages_rows[GROUPS] = { N, N, M };
+
+/* What a sweep improves, and what the end of the step needs of it. */
+typedef struct {
+    lanes x[STAGES_X];
+    lanes C[STAGE_ITEMS*N], D[NODE_ITEMS*N], Y[NODE_ITEMS*N];
+} stages_iterate;
+
+typedef struct {
+    lane_constants constants;
+    lanes h, h_inverse;
+    lanes zero[N];
+    lanes q[N], p[N];         /* the state, rounded, */
+    lanes q_low[N], p_low[N]; /* and what rounding left over */
+    lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes hb[STAGE_ITEMS], hb_hat[STAGE_ITEMS];
+    lanes mu[S*STAGE_ITEMS], mu_hat[S*STAGE_ITEMS];
+    stages_iterate now;
+    lanes change;
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes nu[S*NODE_ITEMS], nu_tilde[P*STAGE_ITEMS], inverse[P*NODE_ITEMS], moves[NODE_ITEMS]; /* 0 at node 0 */
+    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes W_inverse[M][M];
+    lanes correction;
+    predictor_t predictor;
+    lanes through[STAGES_X]; /* the polynomial through the last stages, one step on */
+    lanes onward[S*STAGE_ITEMS], onward_nodes[P*NODE_ITEMS];
+    lanes past[HISTORY*STAGES_X];
+} stages_t;
+
+/*
+ * y_i = base_i + sum_j table_ij x_j over items of W rows: `width` numbers each row, `columns` of them. Four
+ * numbers at a time: as many sums as a register file holds, and enough of them to hide latency.
+ */
+INLINE void stages_four(int rows, int columns, int width, int count, const lanes *restrict base,
+    int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
+{
+    lanes sum[4][STAGE_ITEMS > NODE_ITEMS ? STAGE_ITEMS : NODE_ITEMS];
+    for (int a = 0; a < count; ++a)
+        for (int i = 0; i < rows; ++i)
+            sum[a][i] = base[i*stride + a];
+    for (int from = 0; from < columns; from += W, x += width)
+        for (int j = 0; j < W && from + j < columns; ++j, table += rows)
+            for (int a = 0; a < count; ++a) {
+                const lanes value = splat(part(&x[a], j));
+                for (int i = 0; i < rows; ++i)
+                    sum[a][i] += table[i]*value;
+            }
+    for (int a = 0; a < count; ++a)
+        for (int i = 0; i < rows; ++i)
+            y[i*width + a] = sum[a][i];
+}
+
+/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+NOINLINE void stages_stages_of_stages(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        stages_four(STAGE_ITEMS, S, N, 4, base + start, stride, table, x + start, y + start);
+}
+
+/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+NOINLINE void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        stages_four(NODE_ITEMS, S, N, 4, base + start, stride, table, x + start, y + start);
+}
+
+/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+NOINLINE void stages_stages_of_nodes(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        stages_four(STAGE_ITEMS, P, N, 4, base + start, stride, table, x + start, y + start);
+}
+
+/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+NOINLINE void stages_nodes_of_nodes(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= M; start += 4)
+        stages_four(NODE_ITEMS, P, M, 4, base + start, stride, table, x + start, y + start);
+    stages_four(NODE_ITEMS, P, M, 1, base + start, stride, table, x + start,
+        y + start);
+}
+
+/* sum over the `count` rows of x */
+INLINE void stages_total(int count, int width, const lanes *x, lanes *total)
+{
+    for (int a = 0; a < width; ++a) {
+        real sum = part(&x[a], 0);
+        for (int j = 1; j < count; ++j)
+            sum += part(&x[j/W*width + a], j % W);
+        total[a] = splat(sum);
+    }
+}
+
+static void stages_fill(lanes *to, int rows, int columns, const real *from)
+{
+    const int items = (rows + W - 1)/W;
+    for (int j = 0; j < columns; ++j)
+        for (int i = 0; i < items*W; ++i)
+            set_part(&to[j*items + i/W], i % W, i < rows ? from[i*columns + j] : 0);
+}
+
+/* g at the state, with what rounding left of q. */
+INLINE void stages_look(stages_t *w)
+{
+    lanes G[M][N];
+    lanes_constraint(&w->constants, w->q, w->g_rounded);
+    lanes_constraint_jacobian(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        w->g[mu] = w->g_rounded[mu];
+        for (int a = 0; a < N; ++a)
+            w->g[mu] += G[mu][a]*w->q_low[a];
+    }
+}
+
+/* C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j), at the places D. */
+INLINE void stages_forces(stages_t *w, lanes *C)
+{
+    const lanes *impulse = w->now.x + STAGES_X_IMPULSE;
+    for (int j = 0; j < NODE_ITEMS; ++j) {
+        lanes place[N], G[M][N];
+        for (int a = 0; a < N; ++a)
+            place[a] = w->q[a] + w->moves[j]*w->now.D[j*N + a];
+        lanes_constraint_jacobian(&w->constants, place, G);
+        for (int a = 0; a < N; ++a) {
+            lanes sum = G[0][a]*impulse[j*M];
+            for (int mu = 1; mu < M; ++mu)
+                sum += G[mu][a]*impulse[j*M + mu];
+            w->now.Y[j*N + a] = -sum;
+        }
+    }
+    stages_stages_of_nodes(w->p, 0, w->nu_tilde, w->now.Y, C);
+}
+
+/* From starting values: the places of the nodes and the constraint forces there. */
+INLINE void stages_begin(stages_t *w)
+{
+    stages_nodes_of_stages(w->zero, 0, w->nu, w->now.x, w->now.D);
+    stages_forces(w, w->now.C);
+}
+
+/* Starting values without a past: the rates at the start of the step, no impulse. */
+INLINE void stages_guess(stages_t *w)
+{
+    lanes H_q[N], H_p[N];
+    lanes shared[3];
+    lanes_velocity(&w->constants, w->q, w->p, H_p, shared);
+    lanes_force(&w->constants, w->q, w->p, shared, H_q);
+    for (int i = 0; i < STAGE_ITEMS; ++i)
+        for (int a = 0; a < N; ++a) {
+            w->now.x[i*N + a] = w->hb[i]*H_p[a];
+            w->now.x[STAGES_X_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
+        }
+    for (int e = STAGES_X_IMPULSE; e < STAGES_X; ++e)
+        w->now.x[e] = splat(0);
+}
+
+/* One sweep; w->change is the sum of squares of what it changed, relative to the state. */
+INLINE void stages_sweep(stages_t *w)
+{
+    lanes *L = w->now.x, *L_hat = w->now.x + STAGES_X_HAT;
+    lanes Q[STAGE_ITEMS*N], momentum[STAGE_ITEMS*N], L_new[STAGE_ITEMS*N];
+    lanes shared[STAGE_ITEMS][3];
+    lanes q_change = splat(0), p_change = splat(0);
+    stages_stages_of_stages(w->q, 0, w->mu, L, Q);
+    stages_stages_of_stages(w->now.C, N, w->mu_hat, L_hat, momentum);
+    for (int i = 0; i < STAGE_ITEMS; ++i) {
+        lanes H_p[N];
+        lanes_velocity(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
+        for (int a = 0; a < N; ++a)
+            L_new[i*N + a] = w->hb[i]*H_p[a];
+    }
+    lanes g[NODE_ITEMS*M], C_new[STAGE_ITEMS*N];
+    stages_nodes_of_stages(w->zero, 0, w->nu, L_new, w->now.D);
+    for (int l = 0; l < NODE_ITEMS; ++l) {
+        lanes increment[M];
+        lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
+        for (int mu = 0; mu < M; ++mu)
+            g[l*M + mu] = w->g[mu] + increment[mu];
+    }
+    lanes defect[NODE_ITEMS*M];
+    stages_nodes_of_nodes(w->zero, 0, w->inverse, g, defect);
+    for (int j = 0; j < NODE_ITEMS; ++j) {
+        lanes *impulse = w->now.x + STAGES_X_IMPULSE + j*M;
+        for (int mu = 0; mu < M; ++mu)
+            for (int nu = 0; nu < M; ++nu)
+                impulse[mu] += w->W_inverse[mu][nu]*defect[j*M + nu];
+    }
+    stages_forces(w, C_new);
+    for (int i = 0; i < STAGE_ITEMS; ++i) {
+        lanes H_q[N];
+        const lanes pull = w->hb[i]*w->correction;
+        for (int a = 0; a < N; ++a) {
+            const lanes more = C_new[i*N + a] - w->now.C[i*N + a];
+            momentum[i*N + a] += more;
+            w->now.C[i*N + a] = C_new[i*N + a];
+            L_new[i*N + a] += pull*more;
+        }
+        lanes_force(&w->constants, Q + i*N, momentum + i*N, shared[i], H_q);
+        for (int a = 0; a < N; ++a) {
+            const lanes force = -w->hb_hat[i]*H_q[a];
+            const lanes dq = L_new[i*N + a] - L[i*N + a], dp = force - L_hat[i*N + a];
+            q_change += dq*dq;
+            p_change += dp*dp;
+            L[i*N + a] = L_new[i*N + a];
+            L_hat[i*N + a] = force;
+        }
+    }
+    w->change = q_change*w->q_size + p_change*w->p_size;
+}
+
+/* T2: the end of the step from the converged stages, in compensated sums. */
+INLINE void stages_finish(stages_t *w)
+{
+    lanes dq[N], dp[N], q[N], p[N];
+    stages_total(S, N, w->now.x, dq);
+    stages_total(S, N, w->now.x + STAGES_X_HAT, dp);
+    lanes impulse[N];
+    stages_total(P, N, w->now.Y, impulse);
+    for (int a = 0; a < N; ++a) {
+        dq[a] += w->q_low[a];
+        dp[a] += impulse[a] + w->p_low[a];
+        two_sum(w->q[a], dq[a], &q[a], &w->q_low[a]);
+        w->q[a] = q[a];
+    }
+    lanes G[M][N];
+    lanes_constraint_jacobian(&w->constants, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        w->last[mu] = splat(0);
+    for (int round = 0; round < 1; ++round) {
+        lanes f[M], matrix[M][M];
+        for (int a = 0; a < N; ++a)
+            p[a] = w->p[a] + dp[a];
+        lanes_hidden_constraint(&w->constants, q, p, f);
+        lanes_hidden_matrix(&w->constants, q, p, matrix);
+        lanes_factor(matrix);
+        lanes_substitute(matrix, f);
+        for (int mu = 0; mu < M; ++mu) {
+            w->last[mu] += f[mu];
+            for (int a = 0; a < N; ++a)
+                dp[a] -= G[mu][a]*f[mu];
+        }
+    }
+    for (int a = 0; a < N; ++a) {
+        two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
+        w->p[a] = p[a];
+    }
+    stages_look(w);
+}
+
+/* Lane i of a run: its constants and weights. */
+static void stages_prepare(stages_t *w, int lane, const constants *c, real h)
+{
+    set_constants(&w->constants, lane, c);
+    set_part(&w->h, lane, h);
+    set_part(&w->h_inverse, lane, 1/h);
+}
+
+/* What follows from the constants and steps of all lanes. */
+static void stages_set_up(stages_t *w)
+{
+    stages_fill(w->mu, S, S, &fast_mu[0][0]);
+    stages_fill(w->mu_hat, S, S, &fast_mu_hat[0][0]);
+    stages_fill(w->onward, S, S, &fast_onward[0][0]);
+    stages_fill(w->nu, P, S, &fast_nu[0][0]);
+    stages_fill(w->nu_tilde, S, P, &fast_nu_tilde[0][0]);
+    stages_fill(w->inverse, P, P, &fast_inverse[0][0]);
+    stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
+    for (int l = 0; l < NODE_ITEMS*W; ++l)
+        set_part(&w->moves[l/W], l % W, l < P - 1 ? 1 : 0);
+    for (int i = 0; i < STAGE_ITEMS*W; ++i) {
+        set_part(&w->hb[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
+        set_part(&w->hb_hat[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
+    }
+    lanes_schur_inverse(&w->constants, w->W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->W_inverse[mu][nu] *= w->h_inverse;
+    w->correction = lanes_correction(&w->constants);
+    forget(&w->predictor);
+    for (int a = 0; a < N; ++a)
+        w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
+    stages_look(w);
+}
+
+/* Starting values of the next step. */
+INLINE void stages_start(stages_t *w, int predicted)
+{
+    if (predicted) {
+        if (!w->predictor.fitted) {
+            const lanes *x = past_values(&w->predictor, w->past, STAGES_X, 0);
+            stages_stages_of_stages(w->zero, 0, w->onward, x, w->through);
+            stages_stages_of_stages(w->zero, 0, w->onward, x + STAGES_X_HAT,
+                w->through + STAGES_X_HAT);
+            stages_nodes_of_nodes(w->zero, 0, w->onward_nodes,
+                x + STAGES_X_IMPULSE, w->through + STAGES_X_IMPULSE);
+        }
+        predict(&w->predictor, w->past, STAGES_X, stages_ends, w->through, w->now.x);
+    } else
+        stages_guess(w);
+    lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
+    stages_total(S, N, w->now.x, dq);
+    stages_total(S, N, w->now.x + STAGES_X_HAT, dp);
+    for (int a = 0; a < N; ++a) {
+        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
+        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+    }
+    w->q_size = 1/q_square;
+    w->p_size = 1/p_square;
+    stages_begin(w);
+}
+
+/* Multipliers of lane i, from its impulses. */
+static void stages_multipliers(const stages_t *w, int lane, real *multipliers)
+{
+    for (int mu = 0; mu < M; ++mu) {
+        for (int l = 0; l < P; ++l) {
+            const int place = l == 0 ? P - 1 : l - 1;
+            const real impulse = part(&w->now.x[STAGES_X_IMPULSE + place/W*M + mu], place % W);
+            multipliers[l*M + mu] = impulse/(part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+        multipliers[P*M + mu] = part(&w->last[mu], lane)/(part(&w->h, lane)*tableau.b_tilde[P]);
+    }
+}
+
+/* The unknowns (B.2) from the scaled ones, and back. */
+static void stages_unscale(const stages_t *w, real x[U])
+{
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            const int place = i/W*N + a, at = i % W;
+            x[i*N + a] = part(&w->now.x[place], at)/part(&w->hb[i/W], at);
+            x[K_HAT + i*N + a] = part(&w->now.x[STAGES_X_HAT + place], at)/part(&w->hb_hat[i/W], at);
+        }
+    real multipliers[ROOM];
+    stages_multipliers(w, 0, multipliers);
+    for (int l = 0; l < P*M; ++l)
+        x[LAMBDA + l] = multipliers[l];
+}
+
+static void stages_load(stages_t *w, int lane, const real x[U])
+{
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            const int place = i/W*N + a, at = i % W;
+            (void)lane;
+            set_part(&w->now.x[place], at, x[i*N + a]*part(&w->hb[i/W], at));
+            set_part(&w->now.x[STAGES_X_HAT + place], at, x[K_HAT + i*N + a]*part(&w->hb_hat[i/W], at));
+        }
+    for (int mu = 0; mu < M; ++mu)
+        for (int l = 0; l < P; ++l) {
+            const int place = l == 0 ? P - 1 : l - 1;
+            const real impulse = x[LAMBDA + l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l];
+            set_part(&w->now.x[STAGES_X_IMPULSE + place/W*M + mu], place % W, impulse);
+        }
+}
+
+/* ---------------------------------------------------------------- sweeps: W trajectories in lanes */
+
+/* Where the scaled unknowns stand: L = h b k, L^ = h b^ k^ item by item, then h b~ Lambda. */
+enum { TRAJECTORIES_X_HAT = S*N, TRAJECTORIES_X_IMPULSE = 2*S*N, TRAJECTORIES_X = 2*S*N + P*M };
+static const int trajectories_ends[GROUPS] = { TRAJECTORIES_X_HAT, TRAJECTORIES_X_IMPULSE, TRAJECTORIES_X };
+static const int trajectories_rows[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N, (P > 1 ? 2 : 1)*M };
+
+/* What a sweep improves, and what the end of the step needs of it. */
+typedef struct {
+    lanes x[TRAJECTORIES_X];
+    lanes C[S*N], D[P*N], Y[P*N];
+} trajectories_iterate;
+
+typedef struct {
+    lane_constants constants;
+    lanes h, h_inverse;
+    lanes zero[N];
+    lanes q[N], p[N];         /* the state, rounded, */
+    lanes q_low[N], p_low[N]; /* and what rounding left over */
+    lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes hb[S], hb_hat[S];
+    trajectories_iterate now;
+    lanes change;
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes W_inverse[M][M];
+    lanes correction;
+    predictor_t predictor;
+    lanes through[TRAJECTORIES_X]; /* the polynomial through the last stages, one step on */
+    lanes past[HISTORY*TRAJECTORIES_X];
+} trajectories_t;
+
+/*
+ * y_i = base_i + sum_j table_ij x_j, `width` numbers each row. Two rows by four numbers at a time: then
+ * multiply-adds, not loads, are the limit.
+ */
+INLINE void trajectories_four(int rows, int columns, int width, int count,
+    const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
+{
+    for (int i = 0; i < rows; i += 2) {
+        const int next = i + 1 < rows ? i + 1 : i;
+        const real *first = table + i*columns, *second = table + next*columns;
+        LOAD_AGAIN(x);
+        lanes upper[4], lower[4];
+        for (int a = 0; a < count; ++a) {
+            upper[a] = base[i*stride + a];
+            lower[a] = base[next*stride + a];
+        }
+        for (int j = 0; j < columns; ++j)
+            for (int a = 0; a < count; ++a) {
+                upper[a] += splat(first[j])*x[j*width + a];
+                lower[a] += splat(second[j])*x[j*width + a];
+            }
+        for (int a = 0; a < count; ++a) {
+            y[i*width + a] = upper[a];
+            y[next*width + a] = lower[a];
+        }
+    }
+}
+
+/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+NOINLINE void trajectories_stages_of_stages(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        trajectories_four(S, S, N, 4, base + start, stride, table, x + start, y + start);
+}
+
+/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        trajectories_four(P, S, N, 4, base + start, stride, table, x + start, y + start);
+}
+
+/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        trajectories_four(S, P, N, 4, base + start, stride, table, x + start, y + start);
+}
+
+/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= M; start += 4)
+        trajectories_four(P, P, M, 4, base + start, stride, table, x + start, y + start);
+    trajectories_four(P, P, M, 1, base + start, stride, table, x + start,
+        y + start);
+}
+
+INLINE void trajectories_total(int count, int width, const lanes *x, lanes *total)
+{
+    for (int a = 0; a < width; ++a) {
+        total[a] = x[a];
+        for (int j = 1; j < count; ++j)
+            total[a] += x[j*width + a];
+    }
+}
+
+/* g at the state, with what rounding left of q. */
+INLINE void trajectories_look(trajectories_t *w)
+{
+    lanes G[M][N];
+    lanes_constraint(&w->constants, w->q, w->g_rounded);
+    lanes_constraint_jacobian(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        w->g[mu] = w->g_rounded[mu];
+        for (int a = 0; a < N; ++a)
+            w->g[mu] += G[mu][a]*w->q_low[a];
+    }
+}
+
+/* C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j), at the places D. */
+INLINE void trajectories_forces(trajectories_t *w, lanes *C)
+{
+    const lanes *impulse = w->now.x + TRAJECTORIES_X_IMPULSE;
+    for (int j = 0; j < P; ++j) {
+        lanes place[N], G[M][N];
+        for (int a = 0; a < N; ++a)
+            place[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
+        lanes_constraint_jacobian(&w->constants, place, G);
+        for (int a = 0; a < N; ++a) {
+            lanes sum = G[0][a]*impulse[j*M];
+            for (int mu = 1; mu < M; ++mu)
+                sum += G[mu][a]*impulse[j*M + mu];
+            w->now.Y[j*N + a] = -sum;
+        }
+    }
+    trajectories_stages_of_nodes(w->p, 0, &fast_nu_tilde[0][0], w->now.Y, C);
+}
+
+/* From starting values: the places of the nodes and the constraint forces there. */
+INLINE void trajectories_begin(trajectories_t *w)
+{
+    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], w->now.x, w->now.D);
+    trajectories_forces(w, w->now.C);
+}
+
+/* Starting values without a past: the rates at the start of the step, no impulse. */
+INLINE void trajectories_guess(trajectories_t *w)
+{
+    lanes H_q[N], H_p[N];
+    lanes shared[3];
+    lanes_velocity(&w->constants, w->q, w->p, H_p, shared);
+    lanes_force(&w->constants, w->q, w->p, shared, H_q);
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            w->now.x[i*N + a] = w->hb[i]*H_p[a];
+            w->now.x[TRAJECTORIES_X_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
+        }
+    for (int e = TRAJECTORIES_X_IMPULSE; e < TRAJECTORIES_X; ++e)
+        w->now.x[e] = splat(0);
+}
+
+/* One sweep; w->change is the sum of squares of what it changed, relative to the state. */
+INLINE void trajectories_sweep(trajectories_t *w)
+{
+    lanes *L = w->now.x, *L_hat = w->now.x + TRAJECTORIES_X_HAT;
+    lanes Q[S*N], momentum[S*N], L_new[S*N];
+    lanes shared[S][3];
+    lanes q_change = splat(0), p_change = splat(0);
+    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], L, Q);
+    trajectories_stages_of_stages(w->now.C, N, &fast_mu_hat[0][0], L_hat, momentum);
+    for (int i = 0; i < S; ++i) {
+        lanes H_p[N];
+        lanes_velocity(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
+        for (int a = 0; a < N; ++a)
+            L_new[i*N + a] = w->hb[i]*H_p[a];
+    }
+    lanes g[P*M], C_new[S*N];
+    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L_new, w->now.D);
+    for (int l = 0; l < P; ++l) {
+        lanes increment[M];
+        lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
+        for (int mu = 0; mu < M; ++mu)
+            g[l*M + mu] = w->g[mu] + increment[mu];
+    }
+    lanes defect[P*M];
+    trajectories_nodes_of_nodes(w->zero, 0, &fast_inverse[0][0], g, defect);
+    for (int j = 0; j < P; ++j) {
+        lanes *impulse = w->now.x + TRAJECTORIES_X_IMPULSE + j*M;
+        for (int mu = 0; mu < M; ++mu)
+            for (int nu = 0; nu < M; ++nu)
+                impulse[mu] += w->W_inverse[mu][nu]*defect[j*M + nu];
+    }
+    trajectories_forces(w, C_new);
+    for (int i = 0; i < S; ++i) {
+        lanes H_q[N];
+        const lanes pull = w->hb[i]*w->correction;
+        for (int a = 0; a < N; ++a) {
+            const lanes more = C_new[i*N + a] - w->now.C[i*N + a];
+            momentum[i*N + a] += more;
+            w->now.C[i*N + a] = C_new[i*N + a];
+            L_new[i*N + a] += pull*more;
+        }
+        lanes_force(&w->constants, Q + i*N, momentum + i*N, shared[i], H_q);
+        for (int a = 0; a < N; ++a) {
+            const lanes force = -w->hb_hat[i]*H_q[a];
+            const lanes dq = L_new[i*N + a] - L[i*N + a], dp = force - L_hat[i*N + a];
+            q_change += dq*dq;
+            p_change += dp*dp;
+            L[i*N + a] = L_new[i*N + a];
+            L_hat[i*N + a] = force;
+        }
+    }
+    w->change = q_change*w->q_size + p_change*w->p_size;
+}
+
+/* T2: the end of the step from the converged stages, in compensated sums. */
+INLINE void trajectories_finish(trajectories_t *w)
+{
+    lanes dq[N], dp[N], q[N], p[N];
+    trajectories_total(S, N, w->now.x, dq);
+    trajectories_total(S, N, w->now.x + TRAJECTORIES_X_HAT, dp);
+    lanes impulse[N];
+    trajectories_total(P, N, w->now.Y, impulse);
+    for (int a = 0; a < N; ++a) {
+        dq[a] += w->q_low[a];
+        dp[a] += impulse[a] + w->p_low[a];
+        two_sum(w->q[a], dq[a], &q[a], &w->q_low[a]);
+        w->q[a] = q[a];
+    }
+    lanes G[M][N];
+    lanes_constraint_jacobian(&w->constants, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        w->last[mu] = splat(0);
+    for (int round = 0; round < 1; ++round) {
+        lanes f[M], matrix[M][M];
+        for (int a = 0; a < N; ++a)
+            p[a] = w->p[a] + dp[a];
+        lanes_hidden_constraint(&w->constants, q, p, f);
+        lanes_hidden_matrix(&w->constants, q, p, matrix);
+        lanes_factor(matrix);
+        lanes_substitute(matrix, f);
+        for (int mu = 0; mu < M; ++mu) {
+            w->last[mu] += f[mu];
+            for (int a = 0; a < N; ++a)
+                dp[a] -= G[mu][a]*f[mu];
+        }
+    }
+    for (int a = 0; a < N; ++a) {
+        two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
+        w->p[a] = p[a];
+    }
+    trajectories_look(w);
+}
+
+/* Lane i of a run: its constants and weights. */
+static void trajectories_prepare(trajectories_t *w, int lane, const constants *c, real h)
+{
+    set_constants(&w->constants, lane, c);
+    set_part(&w->h, lane, h);
+    set_part(&w->h_inverse, lane, 1/h);
+}
+
+/* What follows from the constants and steps of all lanes. */
+static void trajectories_set_up(trajectories_t *w)
+{
+    for (int i = 0; i < S; ++i) {
+        w->hb[i] = w->h*tableau.b[i];
+        w->hb_hat[i] = w->h*tableau.b_hat[i];
+    }
+    lanes_schur_inverse(&w->constants, w->W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->W_inverse[mu][nu] *= w->h_inverse;
+    w->correction = lanes_correction(&w->constants);
+    forget(&w->predictor);
+    for (int a = 0; a < N; ++a)
+        w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
+    trajectories_look(w);
+}
+
+/* Starting values of the next step. */
+INLINE void trajectories_start(trajectories_t *w, int predicted)
+{
+    if (predicted) {
+        if (!w->predictor.fitted) {
+            const lanes *x = past_values(&w->predictor, w->past, TRAJECTORIES_X, 0);
+            trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x, w->through);
+            trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x + TRAJECTORIES_X_HAT,
+                w->through + TRAJECTORIES_X_HAT);
+            trajectories_nodes_of_nodes(w->zero, 0, &fast_onward_nodes[0][0],
+                x + TRAJECTORIES_X_IMPULSE, w->through + TRAJECTORIES_X_IMPULSE);
+        }
+        predict(&w->predictor, w->past, TRAJECTORIES_X, trajectories_ends, w->through, w->now.x);
+    } else
+        trajectories_guess(w);
+    lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
+    trajectories_total(S, N, w->now.x, dq);
+    trajectories_total(S, N, w->now.x + TRAJECTORIES_X_HAT, dp);
+    for (int a = 0; a < N; ++a) {
+        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
+        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+    }
+    w->q_size = 1/q_square;
+    w->p_size = 1/p_square;
+    trajectories_begin(w);
+}
+
+/* Multipliers of lane i, from its impulses. */
+static void trajectories_multipliers(const trajectories_t *w, int lane, real *multipliers)
+{
+    for (int mu = 0; mu < M; ++mu) {
+        for (int l = 0; l < P; ++l) {
+            const int place = l == 0 ? P - 1 : l - 1;
+            const real impulse = part(&w->now.x[TRAJECTORIES_X_IMPULSE + place*M + mu], lane);
+            multipliers[l*M + mu] = impulse/(part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+        multipliers[P*M + mu] = part(&w->last[mu], lane)/(part(&w->h, lane)*tableau.b_tilde[P]);
+    }
+}
+
+/* The scaled unknowns of a lane from (B.2). */
+static void trajectories_load(trajectories_t *w, int lane, const real x[U])
+{
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            const int place = i*N + a;
+            set_part(&w->now.x[place], lane, x[i*N + a]*part(&w->hb[i], lane));
+            set_part(&w->now.x[TRAJECTORIES_X_HAT + place], lane, x[K_HAT + i*N + a]*part(&w->hb_hat[i], lane));
+        }
+    for (int mu = 0; mu < M; ++mu)
+        for (int l = 0; l < P; ++l) {
+            const int place = l == 0 ? P - 1 : l - 1;
+            const real impulse = x[LAMBDA + l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l];
+            set_part(&w->now.x[TRAJECTORIES_X_IMPULSE + place*M + mu], lane, impulse);
+        }
+}
+
+/* What a caller's work memory holds of the fast path. */
+typedef struct {
+    stages_t stages;
+    int failures; /* steps in a row whose sweeps gave up */
+    int wait;     /* steps to take with Newton before sweeping again */
+} fast_t;
+
+_Static_assert(sizeof(fast_t) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
+
+static fast_t *fast_of(work_t *w)
+{
+    return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
+}
+
+/* Sweeps from the starting values until they have converged: true if they did. */
+static int sweep(stages_t *w, const options_t *options, int predicted, int *sweeps)
+{
+    progress_t progress = start_of_sweeps;
+    enum verdict verdict;
+    const real far = (real)0.02;
+    stages_start(w, predicted);
+    do {
+        stages_sweep(w);
+        real change = part(&w->change, 0);
+        for (int i = 1; i < W; ++i)
+            change += part(&w->change, i);
+        verdict = judge(&progress, change, options->tolerance, options->max_iterations);
+        if (predicted && progress.sweeps == 1 && change > far*far)
+            verdict = GIVE_UP; /* a far prediction may lead to another root */
+    } while (verdict == SWEEP_AGAIN);
+    *sweeps += progress.sweeps;
+    return verdict == CONVERGED;
+}
+
+/*
+ * The step's unknowns by Newton: from the prediction if that is close, else in full from the rates
+ * at the start of the step, as solver NEWTON does: a far prediction may lead to another root.
+ */
+static int solve_by_newton(work_t *w, const options_t *options, real dt, int *iterations)
+{
+    stages_t *s = &fast_of(w)->stages;
+    real q[N], p[N];
+    int taken, status = NOT_CONVERGED;
+    for (int a = 0; a < N; ++a) {
+        q[a] = part(&s->q[a], 0);
+        p[a] = part(&s->p[a], 0);
+    }
+    if (s->predictor.count > 0) {
+        stages_start(s, 1);
+        stages_unscale(s, w->x);
+        status = simplified_newton(w, options, dt, q, p, w->x, &taken);
+        *iterations += taken;
+    }
+    if (status != OK) {
+        guess(w, dt, q, p, w->x);
+        status = newton(w, options, dt, q, p, w->x, &taken);
+        *iterations += taken;
+    }
+    if (status != OK)
+        return status;
+    stages_load(s, 0, w->x);
+    stages_begin(s);
+    return OK;
+}
+
+/* One step of the state in the work memory: sweeps, and Newton where they do not converge. */
+static int fast_advance(work_t *w, const options_t *options, real dt, int *iterations,
+    report_t *report)
+{
+    fast_t *f = fast_of(w);
+    *iterations = 0;
+    const int past = f->stages.predictor.count > 0;
+    const int swept = f->wait == 0
+        && ((past && sweep(&f->stages, options, 1, iterations))
+            || sweep(&f->stages, options, 0, iterations));
+    if (!swept) {
+        if (options->solver == FIXED_POINT)
+            return NOT_CONVERGED;
+        const int status = solve_by_newton(w, options, dt, iterations);
+        if (status != OK)
+            return status;
+        ++report->newton_steps;
+        if (f->wait > 0)
+            --f->wait;
+        else
+            f->wait = (1 << (f->failures < 6 ? f->failures++ : 6)) - 1;
+    } else
+        f->failures = 0;
+    stages_t *s = &f->stages;
+    record(&s->predictor, s->past, STAGES_X, stages_ends, stages_rows, s->through, s->now.x);
+    stages_finish(s);
+    real size = 0;
+    for (int a = 0; a < N; ++a)
+        size += part(&s->q[a], 0) + part(&s->p[a], 0);
+    return isfinite(size) ? OK : NOT_FINITE;
+}
+
+static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
+{
+    fast_t *f = fast_of(w);
+    f->failures = f->wait = 0;
+    for (int i = 0; i < W; ++i)
+        stages_prepare(&f->stages, i, &w->constants, dt);
+    for (int a = 0; a < N; ++a) {
+        f->stages.q[a] = splat(q[a]);
+        f->stages.p[a] = splat(p[a]);
+    }
+    stages_set_up(&f->stages);
+}
+
+static void fast_state(work_t *w, real q[N], real p[N])
+{
+    const stages_t *s = &fast_of(w)->stages;
+    for (int a = 0; a < N; ++a) {
+        q[a] = part(&s->q[a], 0);
+        p[a] = part(&s->p[a], 0);
+    }
+}
+
+/* Adds the state in the work memory to the record, as observe does. */
+static void fast_observe(work_t *w, report_t *report)
+{
+    stages_t *s = &fast_of(w)->stages;
+    const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
+    const real error = fabs(part(&H, 0) - report->energy_start);
+    report->energy_error_max = larger(error, report->energy_error_max);
+    report->energy_error_sum += error;
+    lanes f[M];
+    real g_size = 0, f_size = 0;
+    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = larger(fabs(part(&s->g_rounded[mu], 0)), g_size);
+        f_size = larger(fabs(part(&f[mu], 0)), f_size);
+    }
+    report->constraint_max = larger(g_size, report->constraint_max);
+    report->constraint_sum += g_size;
+    report->hidden_max = larger(f_size, report->hidden_max);
+    report->hidden_sum += f_size;
 }
 
 /* ---------------------------------------------------------------- the public functions */
@@ -803,6 +2266,16 @@ int heavy_top_liiiab5_gamma_step(const parameters_t *parameters, const options_t
     work_t *work)
 {
     prepare(parameters, &work->constants);
+    if (options->solver != NEWTON) {
+        report_t report = { 0 };
+        fast_begin(work, dt, q, p);
+        const int status = fast_advance(work, options, dt, iterations, &report);
+        if (status == OK) {
+            fast_state(work, q1, p1);
+            stages_multipliers(&fast_of(work)->stages, 0, multipliers);
+        }
+        return status;
+    }
     return advance(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 
@@ -831,11 +2304,15 @@ int heavy_top_liiiab5_gamma_integrate(const parameters_t *parameters, const opti
         report->energy_start = hamiltonian(&work->constants, q, p);
         observe(&work->constants, q, p, report);
     }
+    const int fast = options->solver != NEWTON;
+    if (fast && report->steps == 0)
+        fast_begin(work, dt, q, p);
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        const int status = advance(work, options, dt, q, p, q, p, forces, &taken);
+        const int status = fast ? fast_advance(work, options, dt, &taken, report)
+            : advance(work, options, dt, q, p, q, p, forces, &taken);
         if (status != OK)
             return status;
         ++report->steps;
@@ -844,9 +2321,15 @@ int heavy_top_liiiab5_gamma_integrate(const parameters_t *parameters, const opti
             report->iterations_max = taken;
         if (taken > most)
             most = taken;
-        observe(&work->constants, q, p, report);
+        if (fast) {
+            fast_observe(work, report);
+            fast_state(work, q, p);
+        } else
+            observe(&work->constants, q, p, report);
         if (k % every != 0)
             continue;
+        if (fast && multipliers != NULL)
+            stages_multipliers(&fast_of(work)->stages, 0, forces);
         const long row = k/every - 1;
         for (int a = 0; a < N && q_out != NULL; ++a)
             q_out[row*N + a] = q[a];
@@ -896,4 +2379,300 @@ void heavy_top_liiiab5_gamma_hamiltonian(const parameters_t *parameters, long co
     prepare(parameters, &c);
     for (long i = 0; i < count; ++i)
         H[i] = hamiltonian(&c, q + i*N, p + i*N);
+}
+
+/* ---------------------------------------------------------------- W trajectories at a time */
+
+/* What a caller's batch memory holds. */
+typedef struct {
+    trajectories_t run;
+    trajectories_iterate kept; /* lanes that converged before their mates, or are to be kept */
+    lanes energy_start, energy_error_max, energy_error_sum;
+    lanes g_max, g_sum, f_max, f_sum;
+} batch_t;
+
+_Static_assert(sizeof(batch_t) + 64 <= sizeof(((batch_memory *)0)->memory),
+    "batch memory is too small");
+
+static batch_t *batch_of(batch_memory *memory)
+{
+    return (batch_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
+}
+
+static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane)
+{
+    lanes *target = (lanes *)(void *)to;
+    const lanes *source = (const lanes *)(const void *)from;
+    for (size_t e = 0; e < sizeof(trajectories_iterate)/sizeof(lanes); ++e)
+        set_part(&target[e], lane, part(&source[e], lane));
+}
+
+/*
+ * The lanes marked in `fresh` begin at the rates at the start of the step (or, with x given, at
+ * those unknowns); the others are not touched, to the bit.
+ */
+static void restart(batch_t *b, const int *fresh, const real *x)
+{
+    b->kept = b->run.now;
+    if (x == NULL)
+        trajectories_guess(&b->run);
+    for (int i = 0; i < W; ++i)
+        if (x != NULL && fresh[i])
+            trajectories_load(&b->run, i, x);
+    trajectories_begin(&b->run);
+    for (int i = 0; i < W; ++i)
+        if (!fresh[i])
+            copy_lane(&b->run.now, &b->kept, i);
+}
+
+/*
+ * Sweeps until every lane has converged or given up. A lane ends with the sweep that is its own
+ * last one: what it computes does not depend on its mates. lost[i] says that lane i gave up.
+ */
+static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, int *lost,
+    int *sweeps)
+{
+    trajectories_t *run = &b->run;
+    const real far = (real)0.02;
+    const int predicted = run->predictor.count > 0;
+    progress_t progress[W];
+    int busy[W], early[W], fresh[W], left = 0;
+    for (int i = 0; i < W; ++i) {
+        progress[i] = start_of_sweeps;
+        busy[i] = alive[i];
+        early[i] = lost[i] = 0;
+        left += alive[i];
+    }
+    trajectories_start(run, predicted);
+    for (int round = 1; left > 0; ++round) {
+        int again = 0;
+        trajectories_sweep(run);
+        for (int i = 0; i < W; ++i) {
+            fresh[i] = 0;
+            if (!busy[i])
+                continue;
+            const real change = part(&run->change, i);
+            const enum verdict verdict = judge(&progress[i], change, options->tolerance,
+                options->max_iterations);
+            ++sweeps[i];
+            if (predicted && round == 1 && !(change < far*far)) {
+                fresh[i] = again = 1; /* a far prediction may lead to another root */
+                progress[i] = start_of_sweeps;
+            } else if (verdict != SWEEP_AGAIN) {
+                busy[i] = 0;
+                lost[i] = verdict == GIVE_UP;
+                early[i] = 1;
+                --left;
+            }
+        }
+        if (again)
+            restart(b, fresh, NULL);
+        for (int i = 0; i < W && left > 0; ++i)
+            if (early[i] == 1) {
+                early[i] = 2;
+                copy_lane(&b->kept, &run->now, i);
+            }
+    }
+    for (int i = 0; i < W; ++i)
+        if (early[i] == 2)
+            copy_lane(&run->now, &b->kept, i);
+}
+
+/* Lane i by full Newton, as solver NEWTON does it. */
+static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
+{
+    real q[N], p[N];
+    int fresh[W] = { 0 }, taken;
+    constants *c = &w->constants;
+    c->mgl = part(&b->run.constants.mgl, lane);
+    c->k0 = part(&b->run.constants.k0, lane);
+    c->k1 = part(&b->run.constants.k1, lane);
+    c->k2 = part(&b->run.constants.k2, lane);
+    c->k3 = part(&b->run.constants.k3, lane);
+    for (int a = 0; a < N; ++a) {
+        q[a] = part(&b->run.q[a], lane);
+        p[a] = part(&b->run.p[a], lane);
+    }
+    const real dt = part(&b->run.h, lane);
+    guess(w, dt, q, p, w->x);
+    const int status = newton(w, options, dt, q, p, w->x, &taken);
+    *iterations += taken;
+    if (status != OK)
+        return status;
+    fresh[lane] = 1;
+    restart(b, fresh, w->x);
+    return OK;
+}
+
+/* Larger of two, lane by lane */
+INLINE lanes lanes_larger(lanes a, lanes b)
+{
+    lanes result = a;
+    for (int i = 0; i < W; ++i)
+        set_part(&result, i, larger(part(&b, i), part(&a, i)));
+    return result;
+}
+
+INLINE lanes lanes_size(lanes a)
+{
+    lanes result = a;
+    for (int i = 0; i < W; ++i)
+        set_part(&result, i, fabs(part(&a, i)));
+    return result;
+}
+
+static void observe_lanes(batch_t *b)
+{
+    trajectories_t *run = &b->run;
+    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
+        - b->energy_start);
+    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_sum += error;
+    lanes f[M], g_size = splat(0), f_size = splat(0);
+    lanes_hidden_constraint(&run->constants, run->q, run->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = lanes_larger(g_size, lanes_size(run->g_rounded[mu]));
+        f_size = lanes_larger(f_size, lanes_size(f[mu]));
+    }
+    b->g_max = lanes_larger(b->g_max, g_size);
+    b->g_sum += g_size;
+    b->f_max = lanes_larger(b->f_max, f_size);
+    b->f_sum += f_size;
+}
+
+/* The record of a lane, between memory and report. */
+static void write_report(const batch_t *b, int lane, report_t *report)
+{
+    report->energy_error_max = part(&b->energy_error_max, lane);
+    report->energy_error_sum = part(&b->energy_error_sum, lane);
+    report->constraint_max = part(&b->g_max, lane);
+    report->constraint_sum = part(&b->g_sum, lane);
+    report->hidden_max = part(&b->f_max, lane);
+    report->hidden_sum = part(&b->f_sum, lane);
+}
+
+/* State and record of a lane, for the caller. */
+static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p, real *q,
+    real *p, report_t *report)
+{
+    write_report(b, lane, report);
+    for (int a = 0; a < N; ++a) {
+        q[lane*N + a] = part(&from_q[a], lane);
+        p[lane*N + a] = part(&from_p[a], lane);
+    }
+}
+
+static int is_finite_lane(const trajectories_t *run, int lane)
+{
+    real size = 0;
+    for (int a = 0; a < N; ++a)
+        size += part(&run->q[a], lane) + part(&run->p[a], lane);
+    return isfinite(size);
+}
+
+/* Lanes beyond the last trajectory repeat the first: they cost nothing and disturb nobody. */
+static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
+    const real *q, const real *p)
+{
+    for (int i = 0; i < W; ++i) {
+        const int from = i < count ? i : 0;
+        constants c;
+        prepare(&parameters[from], &c);
+        trajectories_prepare(&b->run, i, &c, dt[from]);
+        for (int a = 0; a < N; ++a) {
+            set_part(&b->run.q[a], i, q[from*N + a]);
+            set_part(&b->run.p[a], i, p[from*N + a]);
+        }
+    }
+    trajectories_set_up(&b->run);
+    b->energy_start = lanes_hamiltonian(&b->run.constants, b->run.q, b->run.p);
+    b->energy_error_max = b->energy_error_sum = splat(0);
+    b->g_max = b->g_sum = b->f_max = b->f_sum = splat(0);
+    observe_lanes(b);
+}
+
+int heavy_top_liiiab5_gamma_lanes(void)
+{
+    return W;
+}
+
+void heavy_top_liiiab5_gamma_integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, long rows, real *q, real *p, real *q_out, real *p_out,
+    real *multipliers, int *iterations, report_t *reports, int *status, batch_memory *batch,
+    work_t *work)
+{
+    batch_t *b = batch_of(batch);
+    trajectories_t *run = &b->run;
+    int alive[W], most[W] = { 0 }, living = 0;
+    if (reports[0].steps == 0 && status[0] == OK) {
+        begin_batch(b, count, parameters, dt, q, p);
+        for (int i = 0; i < count; ++i) {
+            reports[i].energy_start = part(&b->energy_start, i);
+            write_report(b, i, &reports[i]);
+        }
+    }
+    for (int i = 0; i < W; ++i) {
+        alive[i] = i < count && status[i] == OK;
+        living += alive[i];
+    }
+    for (long k = 1; k <= steps && living > 0; ++k) {
+        int lost[W], taken[W] = { 0 };
+        sweep_lanes(b, options, alive, lost, taken);
+        for (int i = 0; i < W; ++i) {
+            if (!lost[i])
+                continue;
+            int failure = NOT_CONVERGED;
+            if (options->solver != FIXED_POINT) {
+                failure = rescue(b, options, i, &taken[i], work);
+                ++reports[i].newton_steps;
+            }
+            if (failure != OK) {
+                status[i] = failure;
+                alive[i] = 0;
+                --living;
+                keep_state(b, i, run->q, run->p, q, p, &reports[i]);
+            }
+        }
+        lanes q_before[N], p_before[N];
+        for (int a = 0; a < N; ++a) {
+            q_before[a] = run->q[a];
+            p_before[a] = run->p[a];
+        }
+        record(&run->predictor, run->past, TRAJECTORIES_X, trajectories_ends, trajectories_rows,
+            run->through, run->now.x);
+        trajectories_finish(run);
+        for (int i = 0; i < count; ++i)
+            if (alive[i] && !is_finite_lane(run, i)) {
+                status[i] = NOT_FINITE;
+                alive[i] = 0;
+                --living;
+                keep_state(b, i, q_before, p_before, q, p, &reports[i]);
+            }
+        observe_lanes(b);
+        for (int i = 0; i < count; ++i) {
+            if (!alive[i])
+                continue;
+            report_t *report = &reports[i];
+            ++report->steps;
+            report->iterations += taken[i];
+            if (taken[i] > report->iterations_max)
+                report->iterations_max = taken[i];
+            if (taken[i] > most[i])
+                most[i] = taken[i];
+            if (k == steps)
+                keep_state(b, i, run->q, run->p, q, p, report);
+            if (k % every != 0)
+                continue;
+            const long row = i*rows + k/every - 1;
+            for (int a = 0; a < N && q_out != NULL; ++a)
+                q_out[row*N + a] = part(&run->q[a], i);
+            for (int a = 0; a < N && p_out != NULL; ++a)
+                p_out[row*N + a] = part(&run->p[a], i);
+            if (MULTIPLIERS > 0 && multipliers != NULL)
+                trajectories_multipliers(run, i, multipliers + row*MULTIPLIERS);
+            if (iterations != NULL)
+                iterations[row] = most[i];
+            most[i] = 0;
+        }
+    }
 }

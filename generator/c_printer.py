@@ -26,16 +26,35 @@ class CPrinter:
         The floating-point type; fixes literals and the suffix of ``<math.h>`` functions.
     names : mapping
         C text for each symbol; a symbol without an entry keeps its own name.
+    prefix : str
+        Of the functions that take and return lanes; empty for plain numbers.
     """
 
-    def __init__(self, real: Real, names: Mapping[sp.Symbol, str]) -> None:
+    def __init__(self, real: Real, names: Mapping[sp.Symbol, str], prefix: str = "") -> None:
         self.real = real
         self.names = dict(names)
+        self.prefix = prefix
         self.operations: Counter[str] = Counter()
+        #: Names of the functions of <math.h> that were called, without suffix.
+        self.functions: set[str] = set()
 
     def __call__(self, expression: sp.Expr) -> str:
         """Return C text for the expression."""
         return self._text(expression)[0]
+
+    def number(self, e: sp.Expr) -> str:
+        """Return C text for an expression that must have the kernel's type though it is a number.
+
+        C does not convert a number to lanes by itself.
+        """
+        text = self(e)
+        return f"splat({text})" if self.prefix and e.is_number else text
+
+    def _call(self, name: str, *arguments: str) -> str:
+        self.functions.add(name)
+        self.operations[name] += 1
+        function = f"{self.prefix}{name}" if self.prefix else f"{name}{self.real.suffix.lower()}"
+        return f"{function}({', '.join(arguments)})"
 
     def _text(self, e: sp.Expr) -> tuple[str, int]:
         if e.is_Symbol:
@@ -49,9 +68,7 @@ class CPrinter:
         if e.is_Pow:
             return self._power(e.base, e.exp)
         if e.func in _FUNCTIONS:
-            name = _FUNCTIONS[e.func]
-            self.operations[name] += 1
-            return f"{name}{self.real.suffix.lower()}({self(e.args[0])})", _ATOM
+            return self._call(_FUNCTIONS[e.func], self(e.args[0])), _ATOM
         if e.is_number and e.is_real and e.is_finite:
             return self.real.literal(Fraction(str(sp.N(e, 60)))), _ATOM
         raise InputError(f"No C is known for {e.func.__name__!r} in {e}.")
@@ -115,15 +132,12 @@ class CPrinter:
         if exponent.is_Integer and exponent <= 4:
             self.operations["mul"] += int(exponent) - 1
             return "*".join([self._within(base, _ATOM)] * int(exponent)), _PRODUCT
-        suffix = self.real.suffix.lower()
         if exponent == sp.Rational(1, 2):
-            self.operations["sqrt"] += 1
-            return f"sqrt{suffix}({self(base)})", _ATOM
+            return self._call("sqrt", self(base)), _ATOM
         if exponent.is_Rational and exponent.q == 2:
             whole = self._within(base ** sp.Integer((exponent.p - 1) // 2), _PRODUCT)
             if whole.startswith("-"):
                 whole = f"({whole})"
             self.operations["mul"] += 1
             return f"{whole}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
-        self.operations["pow"] += 1
-        return f"pow{suffix}({self(base)}, {self(exponent)})", _ATOM
+        return self._call("pow", self(base), self.number(exponent)), _ATOM

@@ -13,7 +13,8 @@ import sympy as sp
 
 from .._version import __version__
 from .c_printer import CPrinter
-from .kernels import Constants, EmittedKernel, emit_kernel
+from .fast_path import FastSystem, FastTableau
+from .kernels import Constants, EmittedKernel, Target, emit_kernel
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
 from .system import System
@@ -22,7 +23,7 @@ from .tableau import FIELDS, Tableau, is_quadratic
 __all__ = ["SCHEMA", "Source", "emit"]
 
 TEMPLATES = Path(__file__).resolve().parent.parent / "templates"
-SCHEMA = 1  # of the manifest; part of the cache key
+SCHEMA = 2  # of the manifest; part of the cache key
 
 
 @dataclass(frozen=True)
@@ -58,13 +59,15 @@ def emit(
     """
     kernels = [emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
                                                          *scheme.kernels()]]
-    context = _context(name, method, scheme, system, constants, real, kernels)
+    fast = _fast_context(scheme, constants, real)
+    context = _context(name, method, scheme, system, constants, real,
+                       [*kernels, *fast["lane_kernels"]]) | fast | {"kernels": kernels}
     environment = _environment()
     return Source(
         name,
         environment.get_template("stepper.h.jinja").render(context),
         environment.get_template("stepper.c.jinja").render(context),
-        _manifest(name, method, scheme, system, constants, real, kernels),
+        _manifest(name, method, scheme, system, constants, real, kernels, fast),
     )
 
 
@@ -130,6 +133,86 @@ def _context(
         "tableau_shapes": _tableau_shapes(tableau) if tableau else {},
         "tableau_doc": _tableau_doc(tableau) if tableau else [],
     }
+
+
+def _fast_context(
+    scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
+) -> dict[str, Any]:
+    """Return what the templates of the fast path need; ``fast`` is False where there is none."""
+    nothing: dict[str, Any] = {"fast": False, "lane_kernels": []}
+    if not isinstance(scheme, SparkScheme):
+        return nothing | {"no_fast_path": "this scheme has no fast path"}
+    tableau, system = FastTableau(scheme.tableau), FastSystem(scheme.system)
+    if tableau.refusal is not None:
+        return nothing | {"no_fast_path": tableau.refusal}
+    own_kernels = system.kernels()
+    folds = {symbol: f"c->{symbol.name.lstrip('_')}"
+             for symbol in system.folds.definitions.values()}
+    kernels = [emit_kernel(k, constants, real, Target.lanes(folds)) for k in own_kernels]
+    values = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
+    tables = tableau.tables(real)
+    if not scheme.system.m:
+        tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
+    return {
+        "fast": True,
+        "vectors": real.name in ("float", "double"),
+        "lane_kernels": kernels,
+        "folded": {symbol.name.lstrip("_"): values(e)
+                   for e, symbol in system.folds.definitions.items()},
+        "lane_functions": sorted(set().union(*(k.functions for k in kernels))),
+        "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
+                        for name, rows in tables.items()},
+        "fast_template": "sweep_spark.c.jinja",
+        "constant_schur": scheme.system.m and system.schur_inverse is not None,
+        "correction": scheme.system.m and system.correction is not None,
+        "shared": len(system.shared),
+        "separable": system.is_separable,
+        "affine": system.is_affine,
+        "predictor_order": 16,
+        "beyond": 4096,
+        "product_shapes": lambda mode: _product_shapes(mode, scheme.system.m),
+        "widths": {"N": scheme.system.n, "M": scheme.system.m},
+        "memory": _memory(scheme, real, system, stages=True),
+        "batch_memory": _memory(scheme, real, system, stages=False),
+    }
+
+
+def _fast_manifest(fast: dict[str, Any]) -> dict[str, Any]:
+    """Say whether there is a fast path, what was proved for it, or why there is none."""
+    if not fast["fast"]:
+        return {"available": False, "reason": fast["no_fast_path"]}
+    return {
+        "available": True,
+        "constant_schur": bool(fast["constant_schur"]),
+        "scalar_correction": bool(fast["correction"]),
+        "gauss_seidel": bool(fast["separable"]),
+        "operations": {k.name: k.operations for k in fast["lane_kernels"]},
+    }
+
+
+def _product_shapes(mode: str, m: int) -> list[tuple[str, str, str, str]]:
+    """Return name, rows (as items), columns and width of each kind of table product."""
+    stages, nodes = ("STAGE_ITEMS", "NODE_ITEMS") if mode == "stages" else ("S", "P")
+    shapes = [("stages_of_stages", stages, "S", "N")]
+    if m:
+        shapes += [("nodes_of_stages", nodes, "S", "N"), ("stages_of_nodes", stages, "P", "N"),
+                   ("nodes_of_nodes", nodes, "P", "M")]
+    return shapes
+
+
+def _memory(scheme: SparkScheme, real: Real, system: FastSystem, *, stages: bool) -> int:
+    """Return bytes enough for the fast path's state at any number of lanes; C checks it."""
+    n, m, s, p = scheme.system.n, scheme.system.m, scheme.tableau.s, scheme.tableau.p
+    size = {"float": 4, "double": 8, "long-double": 16}[real.name]
+    lanes = 64 // size if real.name in ("float", "double") else 1
+    blocks, nodes = (-(-s // lanes), -(-p // lanes)) if stages else (s, p)
+    x = 2 * blocks * n + nodes * m
+    iterate = x + (blocks + 2 * nodes) * n + nodes * m * m
+    tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if stages else 0
+    vectors = (2 * len(scheme.system.parameters) + len(system.folds.definitions) + 32 + 5 * n
+               + 2 * blocks + tables + 2 * iterate + 17 * x + 3 * m + m * m
+               + 3 * (16 + 17 * 17))
+    return vectors * lanes * size + 512
 
 
 def comment(e: sp.Expr) -> str:
@@ -198,6 +281,7 @@ def _manifest(
     constants: Constants,
     real: Real,
     kernels: list[EmittedKernel],
+    fast: dict[str, Any],
 ) -> str:
     tableau = scheme.tableau
     content = {
@@ -225,6 +309,7 @@ def _manifest(
             "multipliers": scheme.multipliers,
             "keeps_momentum_constraint": tableau is not None,
         },
+        "fast_path": _fast_manifest(fast),
         "real": real.name,
         "operations": {k.name: k.operations for k in kernels},
     }

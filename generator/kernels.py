@@ -13,7 +13,7 @@ import sympy as sp
 from .c_printer import CPrinter
 from .real import Real
 
-__all__ = ["Constants", "EmittedKernel", "Kernel", "emit_kernel"]
+__all__ = ["Constants", "EmittedKernel", "Kernel", "Target", "emit_kernel"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,8 @@ class EmittedKernel:
     operations: dict[str, int]
     unused: list[str] = field(default_factory=list)
     constants: frozenset[str] = frozenset()
+    #: Functions of <math.h> that it calls, without suffix.
+    functions: frozenset[str] = frozenset()
 
 
 class Constants:
@@ -94,37 +96,62 @@ class Constants:
         return {symbol: f"c->{symbol}" for symbol in self.definitions.values()}
 
 
-def emit_kernel(kernel: Kernel, constants: Constants, real: Real) -> EmittedKernel:
+@dataclass(frozen=True)
+class Target:
+    """What a kernel computes with: one number, or lanes of numbers that move together."""
+
+    value: str
+    constants: str
+    prefix: str
+    #: Further symbols with their C text.
+    names: Mapping[sp.Symbol, str] = field(default_factory=dict)
+
+    @classmethod
+    def scalar(cls, real: Real) -> Target:
+        """One state a call."""
+        return cls(real.c_type, "constants", "")
+
+    @classmethod
+    def lanes(cls, names: Mapping[sp.Symbol, str]) -> Target:
+        """As many states a call as a vector register holds."""
+        return cls("lanes", "lane_constants", "lanes_", names)
+
+
+def emit_kernel(
+    kernel: Kernel, constants: Constants, real: Real, target: Target | None = None
+) -> EmittedKernel:
     """Return the C of a kernel: shared subexpressions first, then one line an output entry."""
-    names = constants.names()
+    target = target or Target.scalar(real)
+    names = constants.names() | dict(target.names)
     for array, symbols in kernel.inputs.items():
         names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
     targets = list(_entries(kernel.outputs))
     if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in targets))):
-        return _emit_compensated(kernel, targets, constants, real, names)
+        return _emit_compensated(kernel, targets, constants, real, names, target)
     shared, reduced = sp.cse(
         [e for _, e in targets], symbols=sp.numbered_symbols("_t", real=True), order="canonical"
     )
     shared, reduced = _name_bases(shared, reduced)
     names |= {t: t.name.lstrip("_") for t, _ in shared}
-    printer = CPrinter(real, names)
-    lines = [wrap(f"const {real.c_type} {printer(t)} = {printer(e)};") for t, e in shared]
+    printer = CPrinter(real, names, target.prefix)
+    lines = [wrap(f"const {target.value} {printer(t)} = {printer(e)};") for t, e in shared]
     lines += map(wrap, _assignments(targets, reduced, printer))
     used = set().union(*(e.free_symbols for _, e in targets), set())
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
-    if not own_constants:
+    if not own_constants and not used & target.names.keys():
         unused.insert(0, "c")
     return EmittedKernel(
-        kernel.name,
+        target.prefix + kernel.name,
         kernel.doc,
-        "void" if all(isinstance(v, list) for v in kernel.outputs.values()) else real.c_type,
-        _signature(kernel, real),
+        "void" if all(isinstance(v, list) for v in kernel.outputs.values()) else target.value,
+        _signature(kernel, target),
         lines,
         len(shared),
         dict(sorted(printer.operations.items())),
         unused,
         frozenset(map(str, own_constants)),
+        frozenset(printer.functions),
     )
 
 
@@ -146,27 +173,28 @@ def _emit_compensated(
     constants: Constants,
     real: Real,
     names: dict[sp.Symbol, str],
+    target: Target,
 ) -> EmittedKernel:
     """Return a kernel that adds the products of each polynomial with ``add_product``."""
-    printer = CPrinter(real, names)
-    lines = [f"{real.c_type} sum[2];"]
-    for target, e in targets:
-        lines.append("sum[0] = sum[1] = 0;")
+    printer = CPrinter(real, names, target.prefix)
+    lines = [f"{target.value} sum[2];"]
+    for entry, e in targets:
+        lines.append(f"sum[0] = sum[1] = {printer.number(sp.Integer(0))};")
         for term in sp.Add.make_args(sp.expand(e)):
             number, rest = term.as_coeff_Mul()
-            factors = [] if number == 1 and rest != 1 else [printer(number)]
+            factors = [] if number == 1 and rest != 1 else [printer.number(number)]
             for base, power in rest.as_powers_dict().items():
                 factors += [] if base == 1 else [printer(base)] * int(power)
-            lines.append(f"add_product(sum, {len(factors)}, (const {real.c_type}[]){{ "
-                         f"{', '.join(factors)} }});")
-        lines.append(f"{target} = sum[0] + sum[1];")
+            lines.append(f"{target.prefix}add_product(sum, {len(factors)}, "
+                         f"(const {target.value}[]){{ {', '.join(factors)} }});")
+        lines.append(f"{entry} = sum[0] + sum[1];")
     used = {s for _, e in targets for s in e.free_symbols} & set(constants.definitions.values())
     unused = [a for a, s in kernel.inputs.items() if not {x for _, e in targets
                                                           for x in e.free_symbols} & set(s)]
     return EmittedKernel(
-        kernel.name, f"{kernel.doc}, in twice the working precision", "void",
-        _signature(kernel, real), lines, 0,
-        {"product": sum(line.startswith("add_product") for line in lines)},
+        target.prefix + kernel.name, f"{kernel.doc}, in twice the working precision", "void",
+        _signature(kernel, target), lines, 0,
+        {"product": sum("add_product" in line for line in lines)},
         ([] if used else ["c"]) + unused, frozenset(map(str, used)),
     )
 
@@ -215,7 +243,9 @@ def _assignments(
     seen: dict[sp.Expr, str] = {}
     for (target, _), e in zip(targets, reduced, strict=True):
         if not target:
-            yield f"return {printer(e)};"
+            yield f"return {printer.number(e)};"
+        elif e.is_number:
+            yield f"{target} = {printer.number(e)};"
         elif e in seen and not e.is_Atom:
             yield f"{target} = {seen[e]};"
         else:
@@ -235,13 +265,13 @@ def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
                 yield f"{array}[{i}]", row
 
 
-def _signature(kernel: Kernel, real: Real) -> str:
-    parts = ["const constants *c"]
-    parts += [f"const {real.c_type} {a}[{len(s)}]" for a, s in kernel.inputs.items()]
+def _signature(kernel: Kernel, target: Target) -> str:
+    parts = [f"const {target.constants} *c"]
+    parts += [f"const {target.value} {a}[{len(s)}]" for a, s in kernel.inputs.items()]
     for array, value in kernel.outputs.items():
         if isinstance(value, list):
             shape = f"[{len(value)}]" + (f"[{len(value[0])}]" if isinstance(value[0], list) else "")
-            parts.append(f"{real.c_type} {array}{shape}")
+            parts.append(f"{target.value} {array}{shape}")
     return ", ".join(parts)
 
 

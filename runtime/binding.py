@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DTYPES", "REASONS", "Binding"]
+__all__ = ["DTYPES", "REASONS", "SOLVERS", "Binding"]
 
 Array = NDArray[Any]
 
@@ -20,6 +20,8 @@ DTYPES: dict[str, Any] = {
     "double": np.float64,
     "long-double": np.longdouble,
 }
+#: Solver → its number in the generated enum; "python" drives the compiled parts itself.
+SOLVERS = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
 #: Why a call failed, by its status.
 REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite"}
 
@@ -40,6 +42,8 @@ class Binding:
         self.m = len(manifest["system"]["constraints"])
         self.unknowns = int(manifest["scheme"]["unknowns"])
         self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
+        #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
+        self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
 
     def function(self, name: str) -> Any:
         """Return a function of the module by its short name."""
@@ -59,10 +63,10 @@ class Binding:
         """Return work memory for one thread."""
         return self.ffi.new(f"{self.name}_work *")
 
-    def options(self, tolerance: float | None, max_iterations: int) -> Any:
+    def options(self, tolerance: float | None, max_iterations: int, solver: str) -> Any:
         """Return the options struct; tolerance None means down to round-off."""
         return self.ffi.new(f"{self.name}_options *",
-                            [tolerance or 0.0, min(max_iterations, 2**31 - 1)])
+                            [tolerance or 0.0, min(max_iterations, 2**31 - 1), SOLVERS[solver]])
 
     def report(self) -> Any:
         """Return an empty running record."""
@@ -87,6 +91,36 @@ class Binding:
             self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers), counts, report,
             work,
         ))
+
+    def batch_memory(self) -> tuple[Any, Any]:
+        """Return the memory of ``integrate_lanes`` for one thread."""
+        return self.ffi.new(f"{self.name}_batch *"), self.work()
+
+    def reports(self, count: int) -> Any:
+        """Return empty running records."""
+        return self.ffi.new(f"{self.name}_report[]", count)
+
+    def parameter_sets(self, values: list[dict[str, float]]) -> Any:
+        """Return an array of parameter structs."""
+        return self.ffi.new(f"{self.name}_parameters[]", values)
+
+    def integrate_lanes(
+        self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
+        q: Array, p: Array, out: tuple[Array, Array, Array, Array], reports: Any, status: Array,
+        memory: tuple[Any, Any],
+    ) -> None:
+        """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
+        rows = out[0].shape[1]
+        counts = self.ffi.from_buffer("int[]", out[3], require_writable=True)
+        starts = [self.pointer(part) for part in out[:3]]
+        widths = [self.n, self.n, self.multipliers]
+        starts = [start if start == self.ffi.NULL else start + row * width
+                  for start, width in zip(starts, widths, strict=True)]
+        self.function("integrate_lanes")(
+            len(dt), parameters, options, self.pointer(dt), steps, every, rows, self.pointer(q),
+            self.pointer(p), *starts, counts + row, reports,
+            self.ffi.from_buffer("int[]", status, require_writable=True), *memory,
+        )
 
     def guess(self, parameters: Any, dt: float, q: Array, p: Array, work: Any) -> Array:
         """Return the starting guess of T1."""

@@ -1,4 +1,4 @@
-"""Many trajectories at once: one thread a trajectory, the GIL released in the compiled code."""
+"""Many trajectories at once: lanes of vector registers, threads over batches, no GIL."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from .checks import as_numbers, as_positive_count
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from .integration import Run
+    from .lanes import Member
     from .stepper import Stepper
 
 __all__ = ["Ensemble", "integrate_members"]
@@ -80,22 +82,25 @@ def integrate_members(
         if stopped.is_set():
             raise _StoppedError
 
-    def run(i: int) -> tuple[Trajectory, StepFailed | None]:
+    def check(i: int) -> Run:
         try:
-            return stepper.integrate(starts[i], momenta[i], dt=steps[i].item(),
-                                     parameters=runs[i], progress=look, **options), None
-        except StepFailed as failure:
-            return failure.trajectory, failure
+            return stepper.checked_run(starts[i], momenta[i], dt=steps[i].item(),
+                                       parameters=runs[i], **options)
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
+    def work(members: range) -> list[Member]:
+        return stepper.integrate_runs([check(i) for i in members], look)
+
+    batch = stepper.batch_size(options["solver"])
+    batches = [range(i, min(i + batch, size)) for i in range(0, size, batch)]
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        futures = [pool.submit(run, i) for i in range(size)]
+        futures = [pool.submit(work, members) for members in batches]
         try:
             ended, _ = wait(futures, return_when=FIRST_EXCEPTION)
             for future in filter(ended.__contains__, futures):
                 future.result()  # raises for the first member that was refused
-            results = [future.result() for future in futures]
+            results = [member for future in futures for member in future.result()]
         finally:  # after Ctrl-C or a refusal the other members are not finished for nobody
             stopped.set()
             pool.shutdown(cancel_futures=True)

@@ -14,7 +14,7 @@ from .binding import REASONS, Binding
 from .newton import newton_step
 from .trajectory import Report, Trajectory
 
-__all__ = ["Run", "defect_sizes", "integrate"]
+__all__ = ["Rows", "Run", "defect_sizes", "integrate", "next_chunk", "trajectory_of"]
 
 Array = NDArray[Any]
 
@@ -43,7 +43,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class Rows:
     """Where stored states go: row 0 of q and p is the start."""
 
     q: Array
@@ -52,7 +52,8 @@ class _Rows:
     iterations: Array
 
     @classmethod
-    def room(cls, binding: Binding, rows: int) -> _Rows:
+    def room(cls, binding: Binding, rows: int) -> Rows:
+        """Return empty rows, or say that there is no memory for them."""
         try:
             return cls(
                 binding.new(rows + 1, binding.n),
@@ -84,7 +85,7 @@ def integrate(
     StepFailed
         With everything computed before the failed step.
     """
-    rows = _Rows.room(binding, run.rows)
+    rows = Rows.room(binding, run.rows)
     rows.q[0], rows.p[0] = run.q, run.p
     q, p, report = run.q.copy(), run.p.copy(), binding.report()
     advance = _python_chunk if run.solver == "python" else _compiled_chunk
@@ -92,14 +93,14 @@ def integrate(
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     while report.steps < run.steps and status == 0:
         row = int(report.steps) // run.every
-        count, every = _next_chunk(run, int(report.steps))
+        count, every = next_chunk(run, int(report.steps))
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = advance(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
         rows.iterations[row] = max(most, rows.iterations[row])
         if progress is not None:
             progress(int(report.steps))
-    trajectory = _trajectory(binding, manifest, run, rows, report, q, p, parameters)
+    trajectory = trajectory_of(binding, manifest, run, rows, report, q, p, parameters)
     if status:
         done = int(report.steps)
         raise StepFailed(step=done + 1, t=done * run.dt, reason=REASONS[status],
@@ -107,7 +108,7 @@ def integrate(
     return trajectory
 
 
-def _next_chunk(run: Run, done: int) -> tuple[int, int]:
+def next_chunk(run: Run, done: int) -> tuple[int, int]:
     """Return how many steps to do next, and how often to store; the very last is stored too.
 
     Where it takes more than a chunk to the next stored state, each piece is stored in its row
@@ -125,7 +126,7 @@ def _compiled_chunk(
     binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
     out: tuple[Array, Array, Array, Array], report: Any, work: Any,
 ) -> int:
-    options = binding.options(run.tolerance, run.max_iterations)
+    options = binding.options(run.tolerance, run.max_iterations, run.solver)
     return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work)
 
 
@@ -168,8 +169,8 @@ def _observe(
         setattr(report, total, float(getattr(report, total)) + size)
 
 
-def _trajectory(
-    binding: Binding, manifest: dict[str, Any], run: Run, rows: _Rows, report: Any,
+def trajectory_of(
+    binding: Binding, manifest: dict[str, Any], run: Run, rows: Rows, report: Any,
     q: Array, p: Array, parameters: Any,
 ) -> Trajectory:
     """Return the rows that were filled."""

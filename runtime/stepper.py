@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import GyrosparkError, InputError
-from .binding import REASONS, Binding
+from ..errors import GyrosparkError, InputError, StepFailed
+from .binding import REASONS, SOLVERS, Binding
 from .checks import as_array, as_numbers, as_parameters, as_positive_count, as_real, as_step
 from .ensemble import Ensemble, integrate_members
 from .integration import Run, defect_sizes, integrate
+from .lanes import Member, integrate_lanes
 from .module import load_module
 from .trajectory import Trajectory
 
@@ -21,7 +22,7 @@ __all__ = ["SOLVERS", "Stepper"]
 
 Array = NDArray[Any]
 
-SOLVERS = ("auto", "newton", "python")
+
 class Stepper:
     """A stepper compiled from generated C.
 
@@ -102,13 +103,15 @@ class Stepper:
             Exactly the parameters in ``parameter_domains``.
         every : int
             Store every so many steps, and the last.
-        solver : {"auto", "newton", "python"}
-            Full Newton in C (``auto`` chooses it), or the same driven from Python.
+        solver : {"auto", "newton", "fixed-point", "python"}
+            ``auto`` sweeps (fixed point with a Schur correction of the multipliers) from values
+            predicted out of the past steps, and takes a step with Newton where sweeps do not
+            converge; ``fixed-point`` sweeps only; ``newton`` is full Newton in C from a constant
+            guess, ``python`` the same driven from Python.
         tolerance : float, optional
-            Bound on the last Newton increment relative to the state; by default down to
-            round-off.
+            Bound on the last increment relative to the state; by default down to round-off.
         max_iterations : int
-            Newton iterations before a step counts as failed.
+            Iterations (of each kind) before a step counts as failed.
         progress : callable, optional
             Called now and then with the number of steps done.
 
@@ -119,9 +122,8 @@ class Stepper:
         StepFailed
             When a step finds no solution; carries everything before it.
         """
-        run = self._checked(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations)
-        with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
-            self._refuse_inconsistent(run)
+        run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters,
+                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
         return integrate(self.binding, self.manifest, run, progress)
 
     def integrate_ensemble(
@@ -143,6 +145,11 @@ class Stepper:
         ``dt`` and each parameter are one number for all, or one for each trajectory; a list of
         dicts does as well. A trajectory that fails is NaN from its failed step on and has its
         reason in ``Ensemble.failures``; the others are not touched.
+
+        With solvers ``auto`` and ``fixed-point`` trajectories run side by side in the lanes of a
+        vector register, batches of them on ``workers`` threads (default: all cores). What a
+        trajectory gives does not depend on its neighbours; it may differ by round-off from
+        ``integrate``, which puts the stages of one step into lanes.
         """
         return integrate_members(
             self, q, p, dt, parameters, workers,
@@ -210,6 +217,24 @@ class Stepper:
             )
         return q_near, p_near
 
+    # ------------------------------------------------------------ for ensembles
+
+    def batch_size(self, solver: str) -> int:
+        """Return how many trajectories compiled code takes at a time."""
+        return max(self.binding.lanes, 1) if solver in ("auto", "fixed-point") else 1
+
+    def integrate_runs(self, runs: list[Run], progress: Callable[[int], None]) -> list[Member]:
+        """Integrate up to ``batch_size`` checked runs; failures are returned, not raised."""
+        if self.binding.lanes and runs[0].solver in ("auto", "fixed-point"):
+            return integrate_lanes(self.binding, self.manifest, runs, progress)
+        members: list[Member] = []
+        for run in runs:
+            try:
+                members.append((integrate(self.binding, self.manifest, run, progress), None))
+            except StepFailed as failure:
+                members.append((failure.trajectory, failure))
+        return members
+
     # ------------------------------------------------------------ inside
 
     def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
@@ -234,13 +259,27 @@ class Stepper:
             origin[: 2 * self.n] = np.concatenate([q, p])
         return origin
 
-    def _checked(
+    def checked_run(
+        self, q: ArrayLike, p: ArrayLike, *, dt: float, steps: int, every: int,
+        parameters: Mapping[str, float], solver: str, tolerance: float | None,
+        max_iterations: int,
+    ) -> Run:
+        """Return the arguments of ``integrate`` as a run, or raise InputError."""
+        run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations)
+        with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
+            self._refuse_inconsistent(run)
+        return run
+
+    def _run(
         self, q: ArrayLike, p: ArrayLike, dt: float, steps: int, every: int,
         parameters: Mapping[str, float], solver: str, tolerance: float | None,
         max_iterations: int,
     ) -> Run:
         if solver not in SOLVERS:
             raise InputError(f"Unknown solver {solver!r}; choose {', '.join(SOLVERS)}.")
+        if solver == "fixed-point" and not self.binding.lanes:
+            raise InputError(f"{self.name} has no solver fixed-point: "
+                             f"{self.manifest['fast_path']['reason']}; choose auto or newton.")
         if tolerance is not None and as_real("tolerance", tolerance) <= 0:
             raise InputError(f"tolerance = {tolerance} is not positive; give none for round-off.")
         return Run(

@@ -28,12 +28,15 @@ class Report:
 
     Energy errors are |H_k − H_0| with the scheme's own H (α or γ term included), constraint
     errors |g(q_k)| and momentum-constraint errors |qᵀp| (for other systems the derived
-    constraint on the momenta); means run over k = 0..N as in (87)-(91).
+    constraint on the momenta); means run over k = 0..N as in (87)-(91). ``iterations`` counts
+    sweeps and Newton iterations together; ``newton_steps`` the steps of solver ``auto`` whose
+    sweeps did not converge.
     """
 
     steps: int
     iterations: int
     iterations_max: int
+    newton_steps: int
     energy_start: float
     energy_error_max: float
     energy_error_mean: float
@@ -52,6 +55,7 @@ class Report:
             int(record.steps),
             int(record.iterations),
             int(record.iterations_max),
+            int(record.newton_steps),
             float(record.energy_start),
             float(record.energy_error_max),
             float(record.energy_error_sum) / states,
@@ -65,7 +69,7 @@ class Report:
 
     @property
     def iterations_mean(self) -> float:
-        """Newton iterations a step; 0 without steps."""
+        """Iterations (sweeps, Newton) a step; 0 without steps."""
         return self.iterations / self.steps if self.steps else 0.0
 
 
@@ -82,7 +86,8 @@ class Trajectory:
     multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
         Λ_0..Λ_p of the step that ends at each stored state (λ for IMS and EMS).
     iterations : array, shape (N,)
-        Newton iterations of that step, the most of the ``every`` steps since the last state.
+        Iterations of that step (sweeps or Newton's), the most of the ``every`` steps since the
+        last state.
     energies : array, shape (N+1,)
         H of each state.
     g_errors, f_errors : array, shape (N+1,)

@@ -134,7 +134,8 @@ class Engine:
             if case.real != "double":  # a start that is consistent in that type
                 q0, p0 = step.project(q0, p0, parameters=parameters)
             self._trajectories[case] = step.integrate(q0, p0, dt=case.dt, steps=case.steps,
-                                                      parameters=parameters)
+                                                      parameters=parameters,
+                                                      solver="newton")  # as the paper
         return self._trajectories[case]
 
     def axis_reference(self, case: Case) -> Array:

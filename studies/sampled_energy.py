@@ -30,7 +30,7 @@ def run(
     q, p = problem.q0, problem.p0
     if real != "double":  # the start is on the constraints to double precision only
         q, p = step.project(q, p, parameters=parameters)
-    return step.integrate(q, p, dt=dt, steps=steps, parameters=parameters)
+    return step.integrate(q, p, dt=dt, steps=steps, parameters=parameters, solver="newton")
 
 
 def energy_errors(run: Trajectory) -> Array:

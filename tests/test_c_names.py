@@ -18,7 +18,15 @@ from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from processes import ROOT, call
 
-HEADERS = "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n"
+HEADERS = """\
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+#define GYROSPARK_PLAIN 1
+#define LANE_BYTES 32
+#define INLINE static inline
+#define NOINLINE static
+"""
 EDITIONS = ["c11", "gnu17", "c2x", "gnu2x"]
 KEYWORDS_OF_C23 = {
     "alignas", "alignof", "bool", "constexpr", "false", "nullptr", "static_assert",

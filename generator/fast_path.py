@@ -1,0 +1,378 @@
+"""What the fast path may use of a system and a tableau, found by algebra (not declared).
+
+The fast path solves T1 by fixed-point sweeps on scaled unknowns
+
+    L_j = h b_j k_j,   L̂_j = h b̂_j k̂_j,   ι_j = h b̃_j Λ_j,   Y_j = −G(Q̃_j)ᵀ ι_j
+    Q_i = q + Σ μ_ij L_j,   Q̃_l = q + Σ ν_lj L_j,   P_i = p + Σ μ̂_ij L̂_j + Σ ν̃_ij Y_j
+
+with the multipliers corrected in every sweep through the Schur complement of the constraints,
+δι_j = (b̃_j/h) W_j⁻¹ Σ_l (M⁻¹)_jl g(Q̃_l), M = Ā Ã, W = G H_pp Gᵀ. It profits from identities that
+hold where g = 0; each is proved here by reduction modulo g:
+
+- W is constant (1/γ for the quaternion): inverted once a run instead of once a node and step;
+- H_pp Gᵀ = c Gᵀ: the correction of k is c times that of P, no second evaluation of H_p;
+- parts of H_q that a constraint force cannot change ((∂u/∂p) Gᵀ = 0, as L(q)q = 0) are evaluated
+  once a sweep and shared by H_p and H_q.
+
+Where an identity is not proved the general form is emitted: slower, never wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+
+import mpmath as mp
+import sympy as sp
+
+from .kernels import Kernel
+from .real import Real, round_binary
+from .schemes import common_kernels, vector
+from .system import System, gradient, jacobian, shortest
+from .tableau import Tableau
+
+__all__ = ["FastSystem", "FastTableau"]
+
+Row = list[Fraction]
+
+#: A constant matrix W is inverted in symbols up to this size.
+_LARGEST_INVERSE = 3
+
+
+@dataclass(frozen=True)
+class FastSystem:
+    """The identities of a system that its sweeps use."""
+
+    system: System
+
+    def reduced(self, e: sp.Expr) -> sp.Expr:
+        """Return the remainder of e modulo g = 0; e itself where that is not a division.
+
+        Whatever the remainder is, e equals it on the constraint manifold.
+        """
+        expanded = sp.expand(e)
+        if not expanded.free_symbols & set(self.system.q):
+            return expanded
+        if not all(x.is_polynomial(*self.system.q) for x in (expanded, *self.system.constraints)):
+            return expanded
+        return sp.expand(sp.reduced(expanded, list(self.system.constraints), *self.system.q)[1])
+
+    def _is_constant(self, e: sp.Expr) -> bool:
+        return not e.has(*self.system.q, *self.system.p)
+
+    @cached_property
+    def forces(self) -> list[list[sp.Expr]]:
+        """H_pp Gᵀ, n × m: how a constraint force changes the velocity."""
+        system = self.system
+        return [
+            [shortest(sum((a * b for a, b in zip(row, g, strict=True)), sp.Integer(0)))
+             for g in system.G]
+            for row in system.H_pp
+        ]
+
+    @cached_property
+    def schur(self) -> list[list[sp.Expr]]:
+        """W = G H_pp Gᵀ, m × m, reduced modulo g entry by entry."""
+        columns = list(zip(*self.forces, strict=True))
+        return [
+            [self.reduced(sum((a * b for a, b in zip(g, column, strict=True)), sp.Integer(0)))
+             for column in columns]
+            for g in self.system.G
+        ]
+
+    @cached_property
+    def schur_inverse(self) -> list[list[sp.Expr]] | None:
+        """W⁻¹ where W is proved constant on g = 0; None where it is not."""
+        W = self.schur
+        if self.system.m > _LARGEST_INVERSE or not all(self._is_constant(e) for r in W for e in r):
+            return None
+        matrix = sp.Matrix(W)
+        return None if sp.expand(matrix.det()) == 0 else matrix.inv().tolist()
+
+    @cached_property
+    def correction(self) -> sp.Expr | None:
+        """The c of H_pp Gᵀ = c Gᵀ on g = 0; None where there is no such number."""
+        if not self.system.m or self.schur_inverse is None:
+            return None
+        g = self.system.G[0]
+        square = self.reduced(sum((a * a for a in g), sp.Integer(0)))
+        if square == 0 or not self._is_constant(square):
+            return None
+        c = sp.cancel(self.schur[0][0] / square)
+        entries = [
+            force - c * row[a]
+            for a, forces in enumerate(self.forces)
+            for force, row in zip(forces, self.system.G, strict=True)
+        ]
+        return c if all(self.reduced(e) == 0 for e in entries) else None
+
+    @cached_property
+    def shared(self) -> list[sp.Expr]:
+        """Sums in H_q that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
+        if self.system.m and self.correction is None:
+            return []  # H_p is evaluated again with H_q anyway
+        sums = {u for e in self.system.H_q for u in e.atoms(sp.Add)}
+        return sorted((u for u in sums if u.has(*self.system.p) and self._is_unmoved(u)),
+                      key=sp.default_sort_key)
+
+    def _is_unmoved(self, u: sp.Expr) -> bool:
+        by_p = gradient(u, self.system.p)
+        return all(
+            sp.expand(sum((a * b for a, b in zip(by_p, g, strict=True)), sp.Integer(0))) == 0
+            for g in self.system.G
+        )
+
+    @cached_property
+    def is_affine(self) -> bool:
+        """Whether f(q, p), the constraint on the momenta, is affine in p: one solve finds p."""
+        return not any(e.has(*self.system.p) for row in jacobian(self.system.hidden, self.system.p)
+                       for e in row)
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether H_pq = 0: Gauss-Seidel sweeps then square the contraction."""
+        return all(sp.expand(e) == 0 for row in self.system.H_pq for e in row)
+
+    @cached_property
+    def folds(self) -> Folds:
+        """Numbers times constants, as constants of their own: 2 mgl is not computed in a loop."""
+        return Folds(set(self.system.parameters))
+
+    @cached_property
+    def gradients(self) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr]]:
+        """H_p, H_q and w: H_q in terms of the shared w, each times its constant if it has one."""
+        H_p, H_q = ([self.folds(e) for e in side] for side in (self.system.H_p, self.system.H_q))
+        w = []
+        for index, u in enumerate(map(self.folds, self.shared)):
+            factor = self._only_factor(u, H_p + H_q)
+            symbol = sp.Symbol(f"_w{index}", real=True)
+            w.append(factor * u)
+            H_q = [e.xreplace({u: symbol / factor}) for e in H_q]
+        return H_p, H_q, w
+
+    def _only_factor(self, u: sp.Expr, expressions: list[sp.Expr]) -> sp.Expr:
+        """Return the constant that multiplies u wherever u occurs; 1 if there is no such one."""
+        factors = set()
+        for e in expressions:
+            inside = [m for m in e.atoms(sp.Mul) if u in m.args]
+            if e.count(u) != len(inside):
+                return sp.Integer(1)
+            factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in inside}
+        return factors.pop() if len(factors) == 1 else sp.Integer(1)
+
+    def kernels(self) -> list[Kernel]:
+        """Return the kernels of the sweeps, to be emitted on lanes."""
+        system = self.system
+        state = {"q": list(system.q), "p": list(system.p)}
+        H_p, H_q, shared = self.gradients
+        w = vector("w", len(shared))
+        velocity: dict[str, list[sp.Expr]] = {"H_p": H_p}
+        force: dict[str, list[sp.Expr]] = {"H_q": H_q}
+        if w:
+            velocity["w"] = shared
+        if system.m and self.correction is None:
+            force = {"H_p": H_p, "H_q": H_q}
+        kernels = [
+            *self._common(),
+            Kernel("velocity", "H_p" + (", and w: what H_q shares with it" if w else ""), state,
+                   velocity),
+            Kernel("force", "H_q" + (" from the same w" if w else "") +
+                   (", H_p" if "H_p" in force else ""), state | ({"w": w} if w else {}), force),
+        ]
+        if not system.m:
+            return kernels
+        if self.schur_inverse is None:
+            return [*kernels, Kernel("schur", "W = G H_pp G^T", state, {"W": self.schur})]
+        return [
+            *kernels,
+            Kernel("schur_inverse", "W^-1, with W = G H_pp G^T constant where g = 0", {},
+                   {"W_inverse": self.schur_inverse}),
+            *([Kernel("correction", "c, with H_pp G^T = c G^T where g = 0", {},
+                      {"c_correction": self.correction})] if self.correction is not None else []),
+        ]
+
+    def _common(self) -> list[Kernel]:
+        """Return H, g and f on lanes: f in twice the working precision, its matrix reduced."""
+        kernels = []
+        for kernel in common_kernels(self.system):
+            if kernel.name == "hidden_constraint":
+                kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, kernel.outputs,
+                                      compensated=True))
+            elif kernel.name == "hidden_matrix":
+                W = [[self.reduced(e) for e in row] for row in self.system.hidden_matrix]
+                kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, {"W": W}))
+            else:
+                kernels.append(kernel)
+        return kernels
+
+
+class Folds:
+    """Replaces number times constant by a constant of its own, wherever both stand in a product."""
+
+    def __init__(self, constants: set[sp.Symbol]) -> None:
+        self.constants = set(constants)
+        self.definitions: dict[sp.Expr, sp.Symbol] = {}
+
+    def __call__(self, e: sp.Expr) -> sp.Expr:
+        """Return e with its numbers folded into its constants."""
+        if e.is_Atom:
+            return e
+        e = e.func(*map(self, e.args))
+        if not e.is_Mul:
+            return e
+        number, rest = e.as_coeff_Mul()
+        sign, number = (-1, -number) if number < 0 else (1, number)
+        own = [a for a in sp.Mul.make_args(rest) if a in self.constants]
+        if number == 1 or not own or not is_power_of_two(number):
+            return e
+        product = number * own[0]
+        if product not in self.definitions:
+            symbol = sp.Symbol(f"_f{len(self.definitions)}", real=True, nonzero=True)
+            self.definitions[product] = symbol
+            self.constants.add(symbol)
+        return sp.Mul(sign, self.definitions[product], *(a for a in sp.Mul.make_args(rest)
+                                                         if a is not own[0]))
+
+
+def is_power_of_two(number: sp.Expr) -> bool:
+    """Whether a product with the number is exact in binary."""
+    if not number.is_Rational:
+        return False
+    return all(n & (n - 1) == 0 for n in (int(number.p), int(number.q)))
+
+
+@dataclass(frozen=True)
+class FastTableau:
+    """The coefficients of the scaled unknowns, rounded so that the map stays symplectic.
+
+    Nodes are in lane order: constraint nodes 1, …, p − 1, and last node p where g is asked for,
+    node 0 where a multiplier acts; node 0 has Q̃_0 = q.
+    """
+
+    tableau: Tableau
+
+    @cached_property
+    def centres(self) -> dict[str, list[Row] | Row]:
+        """Every part as exact rationals within 2^−500 of the coefficients."""
+        return self.tableau.map_enclosures(lambda e: e.centre)
+
+    @cached_property
+    def refusal(self) -> str | None:
+        """Why this tableau has no fast path; None if it has one."""
+        part = self.centres
+        p = self.tableau.p
+        if 0 in [*part["b"], *part["b_hat"]]:
+            return "a weight b_i is zero, and the scaled stages divide by it"
+        if 0 in part["b_tilde"][:p]:
+            return "a weight b~_j is zero, and the scaled multipliers divide by it"
+        if any(part["A_bar"][0]):  # type: ignore[arg-type]
+            return "the first constraint node is not the start of the step"
+        if p and self._inverse is None:
+            return "the matrix A- A~ of the multipliers is singular"
+        return None
+
+    @cached_property
+    def _inverse(self) -> mp.matrix | None:
+        """M⁻¹ with M = Ā[1..p] Ã[:, 0..p−1], at 100 digits."""
+        part, s, p = self.centres, self.tableau.s, self.tableau.p
+        with mp.workdps(100):
+            M = mp.matrix(p, p)
+            for row in range(p):
+                for j in range(p):
+                    entry = sum((part["A_bar"][row + 1][i] * part["A_tilde"][i][j]  # type: ignore[index]
+                                 for i in range(s)), Fraction(0))
+                    M[row, j] = mp.mpf(entry.numerator) / entry.denominator
+            try:
+                inverse = M**-1
+            except ZeroDivisionError:
+                return None
+            return inverse if mp.mnorm(inverse, 1) * mp.mnorm(M, 1) < mp.mpf(10) ** 12 else None
+
+    def tables(self, real: Real) -> dict[str, list[Row]]:
+        """Return μ, μ̂, ν, ν̃ and the scaled M⁻¹ as numbers of that type, row by row."""
+        part, s, p = self.centres, self.tableau.s, self.tableau.p
+        last = [*range(1, p), 0]  # nodes where multipliers act, in lane order
+        ends = [*range(1, p), p]  # nodes where g is asked for
+        A, A_hat, A_bar, A_tilde = (part[x] for x in ("A", "A_hat", "A_bar", "A_tilde"))
+        b, b_hat, b_tilde = (part[x] for x in ("b", "b_hat", "b_tilde"))
+        bits = real.bits
+        mu, mu_hat = _paired(
+            [[A[i][j] / b[j] for j in range(s)] for i in range(s)],  # type: ignore[index,operator]
+            [[A_hat[i][j] / b_hat[j] for j in range(s)] for i in range(s)], bits)  # type: ignore[index,operator]
+        onward = _onward(part["c"], b, list(range(s)), bits)  # type: ignore[arg-type]
+        if not p:
+            return {"mu": mu, "mu_hat": mu_hat, "onward": onward}
+        nu, nu_tilde = _paired(
+            [[A_bar[row][j] / b[j] for j in range(s)] for row in range(p + 1)],  # type: ignore[index,operator]
+            [[A_tilde[i][j] / (b_tilde[j] or 1) for j in range(p + 1)] for i in range(s)],  # type: ignore[index,operator]
+            bits)
+        assert self._inverse is not None
+        scaled = [
+            [round_binary(_fraction(self._inverse[j, row - 1]) * b_tilde[j], bits)  # type: ignore[operator]
+             for row in ends]
+            for j in last
+        ]
+        return {
+            "mu": mu,
+            "mu_hat": mu_hat,
+            "nu": [nu[row] for row in ends],
+            "nu_tilde": [[row[j] for j in last] for row in nu_tilde],
+            "inverse": scaled,
+            "onward": onward,
+            "onward_nodes": _onward(part["c_tilde"], b_tilde, last, bits),  # type: ignore[arg-type]
+        }
+
+    def is_symplectic(self, real: Real) -> bool:
+        """Whether the rounded tables fulfil μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji exactly."""
+        tables = self.tables(real)
+        s, p = self.tableau.s, self.tableau.p
+        stages = all(tables["mu_hat"][i][j] + tables["mu"][j][i] == 1
+                     for i in range(s) for j in range(s))
+        nodes = all(tables["nu_tilde"][i][j] + tables["nu"][j][i] == 1
+                    for i in range(s) for j in range(p - 1))
+        return stages and nodes
+
+
+def _onward(nodes: Row, weights: Row, order: list[int], bits: int) -> list[Row]:
+    """Return w_i ℓ_j(1 + c_i)/w_j: values at the nodes, continued by their polynomial for a step.
+
+    Where two nodes coincide there is no such polynomial; the last values themselves stand in.
+    """
+    c, w = [nodes[i] for i in order], [weights[i] for i in order]
+    if len(set(c)) < len(c):
+        return [[Fraction(int(i == j)) for j in range(len(c))] for i in range(len(c))]
+    table = []
+    for i, at in enumerate(c):
+        row = []
+        for j, own in enumerate(c):
+            value = w[i] / w[j]
+            for other in c[:j] + c[j + 1 :]:
+                value *= (1 + at - other) / (own - other)
+            row.append(round_binary(value, bits))
+        table.append(row)
+    return table
+
+
+def _fraction(value: mp.mpf) -> Fraction:
+    sign, mantissa, exponent, _ = value._mpf_
+    size = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+    return -size if sign else size
+
+
+def _paired(x: list[Row], y: list[Row], bits: int) -> tuple[list[Row], list[Row]]:
+    """Round two tables so that y_ij = 1 − x_ji stays exact wherever it holds.
+
+    Of such a pair the member of at least ½ is rounded; 1 minus it is a binary number again.
+    """
+    x_rounded = [[round_binary(e, bits) for e in row] for row in x]
+    y_rounded = [[round_binary(e, bits) for e in row] for row in y]
+    for i, row in enumerate(y):
+        for j, value in enumerate(row):
+            if abs(value + x[j][i] - 1) * 2**bits > 1:
+                continue  # not a symplectic pair: each stays as it is
+            if value >= x[j][i]:
+                x_rounded[j][i] = 1 - y_rounded[i][j]
+            else:
+                y_rounded[i][j] = 1 - x_rounded[j][i]
+    return x_rounded, y_rounded
