@@ -31,6 +31,7 @@ typedef heavy_top_ems_alpha_constants constants;
 typedef heavy_top_ems_alpha_options options_t;
 typedef heavy_top_ems_alpha_report report_t;
 typedef heavy_top_ems_alpha_work work_t;
+typedef heavy_top_ems_alpha_batch batch_memory;
 
 enum { N = 4, M = 1, U = 9, MULTIPLIERS = 1, ROOM = 1 };
 enum {
@@ -95,7 +96,7 @@ static void constraint(const constants *c, const double q[4], double g[1])
 {
     (void)c;
     double sum[2];
-    sum[0] = sum[1] = 0.0;
+    sum[0] = sum[1] = 0;
     add_product(sum, 1, (const double[]){ -1.0 });
     add_product(sum, 2, (const double[]){ q[0], q[0] });
     add_product(sum, 2, (const double[]){ q[1], q[1] });
@@ -778,6 +779,903 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
     return NOT_CONVERGED;
 }
 
+/*
+ * Simplified Newton from the guess in x: the Jacobian is factorised at the guess, once, and again
+ * only where the increments do not shrink fast enough. Gives up early: the caller has full Newton
+ * behind it, from a start that cannot lead to another root.
+ */
+static int simplified_newton(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real x[U], int *iterations)
+{
+    const real near_floor = 65536*epsilon, far = (real)0.02, slow = (real)0.1;
+    real previous = 0;
+    int stale = 1;
+    *iterations = 0;
+    while (*iterations < options->max_iterations) {
+        residual(w, dt, q, p, x, w->r);
+        int status = OK;
+        if (stale) {
+            jacobian(w, dt, q, p, x, w->J);
+            status = factorise(U, w->J, w->exponents, w->pivots);
+        }
+        if (status == OK)
+            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+        if (status != OK)
+            return status;
+        ++*iterations;
+        const real size = increment_size(dt, q, p, x, w->r);
+        if (!(size < far))
+            return NOT_CONVERGED;
+        for (int e = 0; e < U; ++e)
+            x[e] -= w->r[e];
+        if (size <= options->tolerance)
+            return OK;
+        const real ratio = *iterations > 1 ? size/previous : 1;
+        if (*iterations > 1 && size < near_floor && ratio >= (real)0.5)
+            return OK;
+        if (*iterations > 2 && ratio > 1)
+            return NOT_CONVERGED;
+        stale = *iterations > 1 && ratio > slow && size > near_floor;
+        previous = size;
+    }
+    return NOT_CONVERGED;
+}
+
+/* ---------------------------------------------------------------- the fast path, Newton behind it */
+
+/* ---------------------------------------------------------------- lanes: W reals that move together */
+
+/*
+ * One vector register where compiler and machine have them, one number elsewhere: the same
+ * expressions serve both. The build chooses; GYROSPARK_PLAIN asks for plain numbers.
+ */
+#if defined(__GNUC__) && !defined(GYROSPARK_PLAIN)
+#if defined(__AVX512F__)
+#define LANE_BYTES 64
+#elif defined(__AVX__)
+#define LANE_BYTES 32
+#else
+#define LANE_BYTES 16
+#endif
+typedef real lanes __attribute__((vector_size(LANE_BYTES)));
+#else
+typedef real lanes;
+#endif
+
+enum { W = sizeof(lanes)/sizeof(real) };
+
+#if defined(__GNUC__)
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
+INLINE lanes splat(real x)
+{
+    return x - (lanes){ 0 };
+}
+
+INLINE real part(const lanes *x, int i)
+{
+    return ((const real *)x)[i];
+}
+
+INLINE void set_part(lanes *x, int i, real value)
+{
+    ((real *)x)[i] = value;
+}
+
+/* A rounded value: keeps the compiler from contracting its product into a sum. */
+INLINE lanes lanes_rounded(lanes value)
+{
+#if defined(__GNUC__) && defined(__AVX512F__)
+    __asm__("" : "+v"(value));
+    return value;
+#elif defined(__GNUC__) && defined(__SSE2__)
+    __asm__("" : "+x"(value));
+    return value;
+#elif defined(__GNUC__) && defined(__aarch64__)
+    __asm__("" : "+w"(value));
+    return value;
+#else
+    volatile lanes kept = value;
+    return kept;
+#endif
+}
+
+/* a b - product, exactly */
+INLINE lanes product_error(lanes a, lanes b, lanes product)
+{
+    lanes error = product;
+    for (int i = 0; i < W; ++i)
+        set_part(&error, i, fma(part(&a, i), part(&b, i), -part(&product, i)));
+    return error;
+}
+
+/* sum += the product of the factors, in twice the working precision (two-product, two-sum). */
+INLINE void lanes_add_product(lanes sum[2], int count, const lanes *factors)
+{
+    lanes high = factors[0], low = splat(0);
+    for (int i = 1; i < count; ++i) {
+        const lanes product = lanes_rounded(high*factors[i]);
+        low = low*factors[i] + product_error(high, factors[i], product);
+        high = product;
+    }
+    const lanes total = sum[0] + high, share = total - sum[0];
+    sum[1] += low + ((sum[0] - (total - share)) + (high - share));
+    sum[0] = total;
+}
+
+/* x + y = *high + *low exactly; *high is the rounded sum. */
+INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
+{
+    const lanes sum = x + y, share = sum - x;
+    *low = (x - (sum - share)) + (y - share);
+    *high = sum;
+}
+
+/* Constants of a run on lanes. */
+typedef struct {
+    lanes mgl;
+    lanes k0;
+    lanes k1;
+    lanes k2;
+    lanes k3;
+    lanes f0; /* 2.0*mgl */
+    lanes f1; /* 0.125*k0 */
+    lanes f2; /* 0.125*k1 */
+    lanes f3; /* 0.125*k2 */
+    lanes f4; /* 0.125*k3 */
+} lane_constants;
+
+/* Lane i of the constants. */
+static void set_constants(lane_constants *to, int i, const constants *from)
+{
+    set_part(&to->mgl, i, from->mgl);
+    set_part(&to->k0, i, from->k0);
+    set_part(&to->k1, i, from->k1);
+    set_part(&to->k2, i, from->k2);
+    set_part(&to->k3, i, from->k3);
+    set_part(&to->f0, i, 2.0*from->mgl);
+    set_part(&to->f1, i, 0.125*from->k0);
+    set_part(&to->f2, i, 0.125*from->k1);
+    set_part(&to->f3, i, 0.125*from->k2);
+    set_part(&to->f4, i, 0.125*from->k3);
+}
+
+/* H(q, p). 19 add, 33 mul. */
+INLINE lanes lanes_hamiltonian(const lane_constants *c, const lanes q[4], const lanes p[4])
+{
+    const lanes u0 = p[0]*q[0] + p[1]*q[1] + p[2]*q[2] + p[3]*q[3];
+    const lanes u1 = p[1]*q[0] + p[2]*q[3] - p[0]*q[1] - p[3]*q[2];
+    const lanes u2 = p[2]*q[0] + p[3]*q[1] - p[0]*q[2] - p[1]*q[3];
+    const lanes u3 = p[1]*q[2] + p[3]*q[0] - p[0]*q[3] - p[2]*q[1];
+    return c->mgl*(q[0]*q[0] + q[3]*q[3] - q[1]*q[1] - q[2]*q[2]) + 0.125*c->k0*u0*u0
+        + 0.125*c->k1*u1*u1 + 0.125*c->k2*u2*u2 + 0.125*c->k3*u3*u3;
+}
+
+/* g(q), in twice the working precision. 5 product. */
+INLINE void lanes_constraint(const lane_constants *c, const lanes q[4], lanes g[1])
+{
+    (void)c;
+    lanes sum[2];
+    sum[0] = sum[1] = splat(0);
+    lanes_add_product(sum, 1, (const lanes[]){ splat(-1.0) });
+    lanes_add_product(sum, 2, (const lanes[]){ q[0], q[0] });
+    lanes_add_product(sum, 2, (const lanes[]){ q[1], q[1] });
+    lanes_add_product(sum, 2, (const lanes[]){ q[2], q[2] });
+    lanes_add_product(sum, 2, (const lanes[]){ q[3], q[3] });
+    g[0] = sum[0] + sum[1];
+}
+
+/* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
+INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4], lanes dg[1])
+{
+    (void)c;
+    dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
+        + 2.0*q[3]);
+}
+
+/* G = dg/dq. 4 mul. */
+INLINE void lanes_constraint_jacobian(const lane_constants *c, const lanes q[4], lanes G[1][4])
+{
+    (void)c;
+    G[0][0] = 2.0*q[0];
+    G[0][1] = 2.0*q[1];
+    G[0][2] = 2.0*q[2];
+    G[0][3] = 2.0*q[3];
+}
+
+/* f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the working precision. 4 product. */
+INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4], lanes f[1])
+{
+    (void)c;
+    lanes sum[2];
+    sum[0] = sum[1] = splat(0);
+    lanes_add_product(sum, 2, (const lanes[]){ p[0], q[0] });
+    lanes_add_product(sum, 2, (const lanes[]){ p[1], q[1] });
+    lanes_add_product(sum, 2, (const lanes[]){ p[2], q[2] });
+    lanes_add_product(sum, 2, (const lanes[]){ p[3], q[3] });
+    f[0] = sum[0] + sum[1];
+}
+
+/* D_p. 40 add, 76 mul. */
+INLINE void lanes_mean_velocity(const lane_constants *c, const lanes qm[4], const lanes pm[4], const lanes dq[4], const lanes dp[4], lanes D_p[4])
+{
+    const lanes t0 = 0.5*dq[1];
+    const lanes t1 = 0.5*dp[3];
+    const lanes t2 = 2.0*pm[0];
+    const lanes t3 = 2.0*qm[2];
+    const lanes t4 = c->f2*(0.5*dp[1]*dq[0] + 0.5*dp[2]*dq[3] + 2.0*pm[1]*qm[0] + 2.0*pm[2]*qm[3]
+        - dp[0]*t0 - dq[2]*t1 - pm[3]*t3 - qm[1]*t2);
+    const lanes t5 = 0.5*dq[3];
+    const lanes t6 = 2.0*pm[1];
+    const lanes t7 = c->f3*(0.5*dp[2]*dq[0] + 0.5*dp[3]*dq[1] + 2.0*pm[2]*qm[0] + 2.0*pm[3]*qm[1]
+        - dp[1]*t5 - qm[2]*t2 - qm[3]*t6 - 0.5*dp[0]*dq[2]);
+    const lanes t8 = c->f4*(0.5*dp[1]*dq[2] + 0.5*dp[3]*dq[0] + 2.0*pm[1]*qm[2] + 2.0*pm[3]*qm[0]
+        - dp[0]*t5 - dp[2]*t0 - qm[3]*t2 - 2.0*pm[2]*qm[1]);
+    const lanes t9 = dp[1]*t0 + dq[3]*t1 + pm[2]*t3 + qm[0]*t2 + qm[1]*t6 + 0.5*dp[0]*dq[0]
+        + 0.5*dp[2]*dq[2] + 2.0*pm[3]*qm[3];
+    const lanes t10 = t9*c->f1;
+    D_p[0] = qm[0]*t9*c->f1 - qm[1]*t4 - qm[2]*t7 - qm[3]*t8;
+    D_p[1] = qm[0]*t4 + qm[1]*t10 + qm[2]*t8 - qm[3]*t7;
+    D_p[2] = qm[0]*t7 + qm[2]*t10 + qm[3]*t4 - qm[1]*t8;
+    D_p[3] = qm[0]*t8 + qm[1]*t7 + qm[3]*t10 - qm[2]*t4;
+}
+
+/* D_q. 44 add, 83 mul. */
+INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const lanes pm[4], const lanes dq[4], const lanes dp[4], lanes D_q[4])
+{
+    const lanes t0 = 0.5*dq[1];
+    const lanes t1 = 0.5*dp[3];
+    const lanes t2 = 2.0*pm[0];
+    const lanes t3 = 2.0*pm[1];
+    const lanes t4 = 2.0*qm[2];
+    const lanes t5 = dp[1]*t0 + dq[3]*t1 + pm[2]*t4 + qm[0]*t2 + qm[1]*t3 + 0.5*dp[0]*dq[0]
+        + 0.5*dp[2]*dq[2] + 2.0*pm[3]*qm[3];
+    const lanes t6 = t5*c->f1;
+    const lanes t7 = c->f2*(0.5*dp[1]*dq[0] + 0.5*dp[2]*dq[3] + 2.0*pm[1]*qm[0] + 2.0*pm[2]*qm[3]
+        - dp[0]*t0 - dq[2]*t1 - pm[3]*t4 - qm[1]*t2);
+    const lanes t8 = 0.5*dq[3];
+    const lanes t9 = 0.5*dp[2]*dq[0] + 0.5*dp[3]*dq[1] + 2.0*pm[2]*qm[0] + 2.0*pm[3]*qm[1]
+        - dp[1]*t8 - qm[2]*t2 - qm[3]*t3 - 0.5*dp[0]*dq[2];
+    const lanes t10 = t9*c->f3;
+    const lanes t11 = 0.5*dp[1]*dq[2] + 0.5*dp[3]*dq[0] + 2.0*pm[1]*qm[2] + 2.0*pm[3]*qm[0]
+        - dp[0]*t8 - dp[2]*t0 - qm[3]*t2 - 2.0*pm[2]*qm[1];
+    const lanes t12 = t11*c->f4;
+    D_q[0] = pm[0]*t6 + pm[1]*t7 + pm[2]*t10 + pm[3]*t12 + qm[0]*c->f0;
+    D_q[1] = pm[1]*t5*c->f1 + pm[3]*t9*c->f3 - pm[0]*t7 - pm[2]*t12 - qm[1]*c->f0;
+    D_q[2] = pm[1]*t11*c->f4 + pm[2]*t5*c->f1 - pm[0]*t10 - pm[3]*t7 - qm[2]*c->f0;
+    D_q[3] = pm[2]*t7 + pm[3]*t6 + qm[3]*c->f0 - pm[0]*t12 - pm[1]*t10;
+}
+
+/* G between q0 and q1. 4 mul. */
+INLINE void lanes_mean_constraint(const lane_constants *c, const lanes qm[4], const lanes dq[4], lanes G[1][4])
+{
+    (void)c;
+    (void)dq;
+    G[0][0] = 2.0*qm[0];
+    G[0][1] = 2.0*qm[1];
+    G[0][2] = 2.0*qm[2];
+    G[0][3] = 2.0*qm[3];
+}
+
+/* W^-1, with W = G H_pp G^T constant where g = 0. 1 div. */
+INLINE void lanes_schur_inverse(const lane_constants *c, lanes W_inverse[1][1])
+{
+    W_inverse[0][0] = 1.0/c->k0;
+}
+
+/* c, with H_pp G^T = c G^T where g = 0. 1 mul. */
+INLINE lanes lanes_correction(const lane_constants *c)
+{
+    return 0.25*c->k0;
+}
+
+/* ---------------------------------------------------------------- when a sweep has converged */
+
+/* What is known of the sweeps of one step, of one trajectory. */
+typedef struct {
+    int sweeps;
+    int calm;    /* sweeps near round-off that brought nothing more */
+    real change; /* of the last sweep: the sum of its squared increments relative to the state */
+    real before; /* of the sweep before it */
+    real first;  /* of the first */
+    real least;  /* of all sweeps */
+    real rate;   /* mean ratio of two changes far from round-off, in this step or an earlier one */
+} progress_t;
+
+enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
+
+static progress_t start_of_sweeps(real rate)
+{
+    const progress_t start = { 0, 0, 0, 0, 0, (real)HUGE_VAL, rate };
+    return start;
+}
+
+/*
+ * Ends the sweeps when the next change would be far below round-off, or when changes near
+ * round-off have stopped shrinking; gives up when they grow, or would not get there in time.
+ * Modes may alternate: rates are those of the last two sweeps together.
+ */
+static enum verdict judge(progress_t *s, real change, real tolerance, int most)
+{
+    const real near_floor = 4096*epsilon, beyond = epsilon/4096, fast = (real)0.05;
+    const real ratio = change/s->change, of_two = change/s->before;
+    const int near = change < near_floor*near_floor, least = change < s->least;
+    s->before = s->change;
+    s->change = change;
+    if (least)
+        s->least = change;
+    if (++s->sweeps > most)
+        return GIVE_UP;
+    if (s->sweeps == 1) {
+        s->first = change;
+        return change > 0 ? SWEEP_AGAIN : isnan(change) ? GIVE_UP : CONVERGED;
+    }
+    if (!(change < 9))
+        return GIVE_UP;
+    if (near && s->sweeps > 3 && !(s->before < near_floor*near_floor))
+        s->rate = pow(s->before/s->first, 1/(real)(s->sweeps - 2));
+    const real next = s->sweeps == 2 ? ratio : larger(ratio, sqrt(of_two));
+    if (change <= tolerance*tolerance || change*next < beyond*beyond)
+        return CONVERGED;
+    const int stalled = near && (s->rate < fast ? ratio > 4*fast : !least);
+    s->calm = stalled ? s->calm + 1 : s->rate < fast ? s->calm : 0;
+    if (stalled && (s->calm == (s->rate < fast ? 2 : 4) || change < epsilon*epsilon))
+        return CONVERGED;
+    if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
+        return GIVE_UP;
+    if (s->sweeps % 8 == 0 && !near) { /* at the rate of all sweeps so far: would it get there? */
+        const real left = (real)(most - s->sweeps)/(real)(s->sweeps - 1);
+        if (change*pow(change/s->first, left) > near_floor*near_floor)
+            return GIVE_UP;
+    }
+    return SWEEP_AGAIN;
+}
+
+/* ---------------------------------------------------------------- starting values from the past */
+
+/*
+ * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
+ * of a spinning body are sums of a few exponentials, and one set of c_m serves them all: such a
+ * sum obeys a linear recurrence. At first the c_m are those of polynomial extrapolation, of the
+ * order that would have done best at the last step, unless the polynomial through the stages of
+ * the last step would have done better; then they are fitted by least squares to the steps just
+ * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
+ * small). They change the starting values only, never what the sweeps converge to.
+ */
+enum { ORDER = 16, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+/* Rates of q, of p, and multipliers have each their own recurrence. */
+enum { GROUPS = 3 };
+
+typedef struct {
+    long count;    /* steps recorded */
+    long training; /* the step from which the next fit takes its samples */
+    int order;     /* c_m in use */
+    int fitted;    /* whether by least squares */
+    real rate[W];  /* how fast sweeps converge, as last seen */
+    int stages[W]; /* lanes that are better off with the polynomial through the last stages */
+    lanes coefficient[GROUPS][ORDER];
+    lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
+} predictor_t;
+
+static void forget(predictor_t *s)
+{
+    s->count = 0;
+    s->training = HISTORY + 1;
+    s->order = s->fitted = 0;
+    for (int i = 0; i < W; ++i)
+        s->stages[i] = 1;
+    for (int i = 0; i < W; ++i)
+        s->rate[i] = 1;
+}
+
+/* The values of m steps ago; m = 0 is the place of the newest. */
+INLINE lanes *past_values(const predictor_t *s, lanes *past, int length, int m)
+{
+    return past + ((s->count - m) & (HISTORY - 1))*length;
+}
+
+/* x = sum_m c_m x_(n-m), m = 1..order, group by group */
+INLINE void recur(const predictor_t *s, int order, lanes *past, int length, const int *ends,
+    lanes *x)
+{
+    const lanes *before[ORDER];
+    for (int m = 0; m < order; ++m)
+        before[m] = past_values(s, past, length, m);
+    for (int group = 0, i = 0; group < GROUPS; ++group)
+        for (; i < ends[group]; ++i) {
+            lanes sum = s->coefficient[group][0]*before[0][i];
+            for (int m = 1; m < order; ++m)
+                sum += s->coefficient[group][m]*before[m][i];
+            x[i] = sum;
+        }
+}
+
+/* Starting values x; `through` are those of the polynomial through the last stages. */
+INLINE void predict(const predictor_t *s, lanes *past, int length, const int *ends,
+    const lanes *through, lanes *x)
+{
+    if (s->fitted) {
+        recur(s, ORDER, past, length, ends, x);
+        return;
+    }
+    recur(s, s->order, past, length, ends, x);
+    for (int i = 0; i < W; ++i)
+        for (int e = 0; e < length && s->stages[i]; ++e)
+            set_part(&x[e], i, part(&through[e], i));
+}
+
+/* Chooses, lane by lane, the extrapolation that comes closest to x. */
+INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
+    const lanes *through, const lanes *x)
+{
+    const int most = s->count < POLYNOMIAL ? (int)s->count : POLYNOMIAL;
+    real binomial[POLYNOMIAL + 1][POLYNOMIAL];
+    lanes error[POLYNOMIAL + 1];
+    s->order = most;
+    error[0] = splat(0);
+    for (int i = 0; i < rows; ++i)
+        error[0] += (through[i] - x[i])*(through[i] - x[i]);
+    for (int k = 1; k <= most; ++k) {
+        error[k] = splat(0);
+        for (int m = 0; m < POLYNOMIAL; ++m)
+            binomial[k][m] = m == 0 ? (real)k : m >= k ? 0
+                : -binomial[k][m - 1]*(real)(k - m)/(real)(m + 1);
+        for (int i = 0; i < rows; ++i) {
+            lanes defect = x[i];
+            for (int m = 0; m < k; ++m)
+                defect -= binomial[k][m]*past_values(s, past, length, m)[i];
+            error[k] += defect*defect;
+        }
+    }
+    for (int i = 0; i < W; ++i) {
+        int best = 1;
+        for (int k = 2; k <= most; ++k)
+            if (part(&error[k], i) < part(&error[best], i))
+                best = k;
+        s->stages[i] = part(&error[0], i) < part(&error[best], i);
+        for (int m = 0; m < most; ++m)
+            for (int group = 0; group < GROUPS; ++group)
+                set_part(&s->coefficient[group][m], i, binomial[best][m]);
+    }
+}
+
+/* Empty least-squares problems: R = the ridge. */
+INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
+{
+    const real tiny = sqrt(DBL_MIN)*1024;
+    for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
+        for (int k = 0; k <= ORDER; ++k)
+            for (int l = 0; l <= ORDER; ++l)
+                for (int i = 0; i < W; ++i) {
+                    real size = tiny;
+                    for (int e = start; k == l && e < ends[group]; ++e)
+                        size = larger(size, 8*epsilon*fabs(part(&x[e], i)));
+                    set_part(&s->R[group][k][l], i, k == l && k < ORDER ? size : 0);
+                }
+}
+
+/* One more equation, sum_m c_m x_(n-m) = x_n, for the value at place e. */
+INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, const lanes *x)
+{
+    lanes row[ORDER + 1], (*R)[ORDER + 1] = s->R[group];
+    for (int m = 0; m < ORDER; ++m)
+        row[m] = past_values(s, past, length, m)[e];
+    row[ORDER] = x[e];
+    for (int k = 0; k < ORDER; ++k) {
+        const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
+        lanes inverse = square;
+        for (int i = 0; i < W; ++i)
+            set_part(&inverse, i, 1/sqrt(part(&square, i)));
+        const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
+        for (int l = k; l <= ORDER; ++l) {
+            const lanes upper = R[k][l];
+            R[k][l] = cosine*upper + sine*row[l];
+            row[l] = cosine*row[l] - sine*upper;
+        }
+    }
+    R[ORDER][ORDER] += row[ORDER]*row[ORDER];
+}
+
+/* The c_m of the fit: the shortest recurrence that fits within a factor of the longest. */
+static void end_training(predictor_t *s)
+{
+    s->order = ORDER;
+    s->fitted = 1;
+    for (int group = 0; group < GROUPS; ++group) {
+        lanes (*R)[ORDER + 1] = s->R[group];
+        for (int i = 0; i < W; ++i) {
+            real defect = part(&R[ORDER][ORDER], i), c[ORDER];
+            const real allowed = 16*defect;
+            int order = ORDER;
+            while (order > 1) {
+                const real more = part(&R[order - 1][ORDER], i);
+                if (!(defect + more*more <= allowed))
+                    break;
+                defect += more*more;
+                --order;
+            }
+            for (int k = ORDER - 1; k >= 0; --k) {
+                c[k] = k < order ? part(&R[k][ORDER], i) : 0;
+                for (int l = k + 1; l < order; ++l)
+                    c[k] -= part(&R[k][l], i)*c[l];
+                c[k] = k < order ? c[k]/part(&R[k][k], i) : 0;
+                set_part(&s->coefficient[group][k], i, c[k]);
+            }
+        }
+    }
+}
+
+/*
+ * Records the values x of the step just done. Equations for a fit come from the first `rows` of
+ * each group: its other values obey the same recurrence.
+ */
+INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, const int *rows,
+    const lanes *through, const lanes *x)
+{
+    const long since = s->count - s->training;
+    if (s->count > 0 && !s->fitted && since <= 0)
+        choose_polynomial(s, past, length, rows[0], through, x);
+    if (since == 0)
+        begin_training(s, ends, x);
+    if (since >= 0 && since % STRIDE == 0)
+        for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
+            for (int e = start; e < start + rows[group]; ++e)
+                train(s, past, length, group, e, x);
+    if (since == STRIDE*(SAMPLES - 1)) {
+        end_training(s);
+        s->training = s->count + (s->count < 4096 ? 16*s->count : 65536);
+    }
+    ++s->count;
+    lanes *newest = past_values(s, past, length, 0);
+    for (int i = 0; i < length; ++i)
+        newest[i] = x[i];
+    if (s->count == 1) {
+        s->order = 1;
+        for (int group = 0; group < GROUPS; ++group)
+            s->coefficient[group][0] = splat(1);
+    }
+}
+
+/* ---------------------------------------------------------------- sweeps: one mean value a step */
+
+/* Where the unknowns stand: the increments dq and dp, and the impulses h lambda. */
+enum { MEAN_X_HAT = N, MEAN_X_IMPULSE = 2*N, MEAN_X = 2*N + M };
+static const int mean_ends[GROUPS] = { MEAN_X_HAT, MEAN_X_IMPULSE, MEAN_X };
+static const int mean_rows[GROUPS] = { N, N, M };
+
+/* What a sweep improves, and what the end of the step needs of it. */
+typedef struct {
+    lanes x[MEAN_X];
+} mean_iterate;
+
+typedef struct {
+    lane_constants constants;
+    lanes h, h_inverse;
+    lanes q[N], p[N];         /* the state, rounded, */
+    lanes q_low[N], p_low[N]; /* and what rounding left over */
+    lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    mean_iterate now;
+    lanes change;
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes W_inverse[M][M];
+    lanes correction;
+    predictor_t predictor;
+    lanes through[MEAN_X]; /* what went before, once more */
+    lanes past[HISTORY*MEAN_X];
+} mean_t;
+
+/* g at the state, with what rounding left of q. */
+INLINE void mean_look(mean_t *w)
+{
+    lanes G[M][N];
+    lanes_constraint(&w->constants, w->q, w->g_rounded);
+    lanes_constraint_jacobian(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        w->g[mu] = w->g_rounded[mu];
+        for (int a = 0; a < N; ++a)
+            w->g[mu] += G[mu][a]*w->q_low[a];
+    }
+}
+
+/* From starting values: W = G H_pp G^T at the end of the step, where it is not constant. */
+INLINE void mean_begin(mean_t *w)
+{
+    (void)w;
+}
+
+/* The means of the ends (51). */
+INLINE void mean_means(const mean_t *w, const lanes *x, lanes *q_mean, lanes *p_mean)
+{
+    for (int a = 0; a < N; ++a) {
+        q_mean[a] = w->q[a] + (real)0.5*x[a];
+        p_mean[a] = w->p[a] + (real)0.5*x[MEAN_X_HAT + a];
+    }
+}
+
+/* Starting values without a past: an explicit Euler step, no impulse. */
+INLINE void mean_guess(mean_t *w)
+{
+    lanes rates[2*N], zero[N];
+    for (int a = 0; a < N; ++a)
+        zero[a] = splat(0);
+    lanes_mean_velocity(&w->constants, w->q, w->p, zero, zero, rates);
+    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, rates + N);
+    for (int a = 0; a < N; ++a) {
+        w->now.x[a] = w->h*rates[a];
+        w->now.x[MEAN_X_HAT + a] = -w->h*rates[N + a];
+    }
+    for (int e = MEAN_X_IMPULSE; e < MEAN_X; ++e)
+        w->now.x[e] = splat(0);
+}
+
+/*
+ * One sweep, Gauss-Seidel: dq from dp, the impulses from the constraint at the end, both corrected,
+ * dp from them. w->change is the sum of squares of what it changed, relative to the state.
+ */
+INLINE void mean_sweep(mean_t *w)
+{
+    lanes x[MEAN_X], q_mean[N], p_mean[N], rate[N], q_change = splat(0), p_change = splat(0);
+    for (int e = 0; e < MEAN_X; ++e)
+        x[e] = w->now.x[e];
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_velocity(&w->constants, q_mean, p_mean, x, x + MEAN_X_HAT, rate);
+    for (int a = 0; a < N; ++a)
+        x[a] = w->h*rate[a];
+    lanes G[M][N], more[M];
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_constraint(&w->constants, q_mean, x, G);
+    lanes_constraint_increment(&w->constants, w->q, x, more);
+    for (int mu = 0; mu < M; ++mu)
+        more[mu] += w->g[mu];
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            x[MEAN_X_IMPULSE + mu] += 2*w->W_inverse[mu][nu]*more[nu];
+    for (int mu = 0; mu < M; ++mu)
+        for (int a = 0; a < N; ++a) {
+            const lanes pull = G[mu][a]*(x[MEAN_X_IMPULSE + mu] - w->now.x[MEAN_X_IMPULSE + mu]);
+            x[MEAN_X_HAT + a] -= pull;
+            x[a] -= (real)0.5*w->h*w->correction*pull;
+        }
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_force(&w->constants, q_mean, p_mean, x, x + MEAN_X_HAT, rate);
+    for (int a = 0; a < N; ++a) {
+        lanes force = -w->h*rate[a];
+        for (int mu = 0; mu < M; ++mu)
+            force -= G[mu][a]*x[MEAN_X_IMPULSE + mu];
+        x[MEAN_X_HAT + a] = force;
+        const lanes dq = x[a] - w->now.x[a], dp = force - w->now.x[MEAN_X_HAT + a];
+        q_change += dq*dq;
+        p_change += dp*dp;
+    }
+    for (int e = 0; e < MEAN_X; ++e)
+        w->now.x[e] = x[e];
+    w->change = q_change*w->q_size + p_change*w->p_size;
+}
+
+/* The change of the last sweep; all lanes hold the same trajectory. */
+INLINE real mean_change(const mean_t *w)
+{
+    return part(&w->change, 0);
+}
+
+/* The end of the step, in compensated sums. */
+INLINE void mean_finish(mean_t *w)
+{
+    lanes q[N], p[N];
+    for (int a = 0; a < N; ++a) {
+        two_sum(w->q[a], w->now.x[a] + w->q_low[a], &q[a], &w->q_low[a]);
+        two_sum(w->p[a], w->now.x[MEAN_X_HAT + a] + w->p_low[a], &p[a], &w->p_low[a]);
+        w->q[a] = q[a];
+        w->p[a] = p[a];
+    }
+    mean_look(w);
+}
+
+/* Lane i of a run: its constants and time step. */
+static void mean_prepare(mean_t *w, int lane, const constants *c, real h)
+{
+    set_constants(&w->constants, lane, c);
+    set_part(&w->h, lane, h);
+    set_part(&w->h_inverse, lane, 1/h);
+}
+
+/* What follows from the constants and steps of all lanes. */
+static void mean_set_up(mean_t *w)
+{
+    lanes_schur_inverse(&w->constants, w->W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->W_inverse[mu][nu] *= w->h_inverse;
+    w->correction = lanes_correction(&w->constants);
+    forget(&w->predictor);
+    for (int a = 0; a < N; ++a)
+        w->q_low[a] = w->p_low[a] = splat(0);
+    mean_look(w);
+}
+
+/* Starting values of the next step. */
+INLINE void mean_start(mean_t *w, int predicted)
+{
+    if (predicted) {
+        const lanes *x = past_values(&w->predictor, w->past, MEAN_X, 0);
+        for (int e = 0; e < MEAN_X && !w->predictor.fitted; ++e)
+            w->through[e] = x[e];
+        predict(&w->predictor, w->past, MEAN_X, mean_ends, w->through, w->now.x);
+    } else
+        mean_guess(w);
+    lanes q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
+    for (int a = 0; a < N; ++a) {
+        const lanes *dq = w->now.x, *dp = w->now.x + MEAN_X_HAT;
+        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
+        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+    }
+    w->q_size = 1/q_square;
+    w->p_size = 1/p_square;
+    mean_begin(w);
+}
+
+/* The multipliers of lane i, from its impulses. */
+static void mean_multipliers(const mean_t *w, int lane, real *multipliers)
+{
+    for (int mu = 0; mu < M; ++mu)
+        multipliers[mu] = part(&w->now.x[MEAN_X_IMPULSE + mu], lane)/part(&w->h, lane);
+}
+
+/* The unknowns from those of the sweeps, and those of a lane from them. */
+static void mean_unscale(const mean_t *w, real x[U])
+{
+    for (int e = 0; e < MEAN_X; ++e)
+        x[e] = part(&w->now.x[e], 0)/(e < MEAN_X_IMPULSE ? 1 : part(&w->h, 0));
+}
+
+static void mean_load(mean_t *w, int lane, const real x[U])
+{
+    for (int e = 0; e < MEAN_X; ++e)
+        set_part(&w->now.x[e], lane, x[e]*(e < MEAN_X_IMPULSE ? 1 : part(&w->h, lane)));
+}
+
+/* What a caller's work memory holds of the fast path. */
+typedef struct {
+    mean_t run;
+    int failures; /* steps in a row whose sweeps gave up */
+    int wait;     /* steps to take with Newton before sweeping again */
+} fast_t;
+
+_Static_assert(sizeof(fast_t) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
+
+static fast_t *fast_of(work_t *w)
+{
+    return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
+}
+
+/* Sweeps from the starting values until they have converged: true if they did. */
+static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps)
+{
+    progress_t progress = start_of_sweeps(w->predictor.rate[0]);
+    enum verdict verdict;
+    const real far = (real)0.02;
+    mean_start(w, predicted);
+    do {
+        mean_sweep(w);
+        const real change = mean_change(w);
+        verdict = judge(&progress, change, options->tolerance, options->max_iterations);
+        if (predicted && progress.sweeps == 1 && change > far*far)
+            verdict = GIVE_UP; /* a far prediction may lead to another root */
+    } while (verdict == SWEEP_AGAIN);
+    *sweeps += progress.sweeps;
+    w->predictor.rate[0] = progress.rate;
+    return verdict == CONVERGED;
+}
+
+/*
+ * The step's unknowns by Newton: from the prediction if that is close, else in full from the rates
+ * at the start of the step, as solver NEWTON does: a far prediction may lead to another root.
+ */
+static int solve_by_newton(work_t *w, const options_t *options, real dt, int *iterations)
+{
+    mean_t *s = &fast_of(w)->run;
+    real q[N], p[N];
+    int taken, status = NOT_CONVERGED;
+    for (int a = 0; a < N; ++a) {
+        q[a] = part(&s->q[a], 0);
+        p[a] = part(&s->p[a], 0);
+    }
+    if (s->predictor.count > 0) {
+        mean_start(s, 1);
+        mean_unscale(s, w->x);
+        status = simplified_newton(w, options, dt, q, p, w->x, &taken);
+        *iterations += taken;
+    }
+    if (status != OK) {
+        guess(w, dt, q, p, w->x);
+        status = newton(w, options, dt, q, p, w->x, &taken);
+        *iterations += taken;
+    }
+    if (status != OK)
+        return status;
+    mean_load(s, 0, w->x);
+    mean_begin(s);
+    return OK;
+}
+
+/* One step of the state in the work memory: sweeps, and Newton where they do not converge. */
+static int fast_advance(work_t *w, const options_t *options, real dt, int *iterations,
+    report_t *report)
+{
+    fast_t *f = fast_of(w);
+    *iterations = 0;
+    const int past = f->run.predictor.count > 0;
+    const int swept = f->wait == 0
+        && ((past && sweep(&f->run, options, 1, iterations))
+            || sweep(&f->run, options, 0, iterations));
+    if (!swept) {
+        if (options->solver == FIXED_POINT)
+            return NOT_CONVERGED;
+        const int status = solve_by_newton(w, options, dt, iterations);
+        if (status != OK)
+            return status;
+        ++report->newton_steps;
+        if (f->wait > 0)
+            --f->wait;
+        else
+            f->wait = (1 << (f->failures < 6 ? f->failures++ : 6)) - 1;
+    } else
+        f->failures = 0;
+    mean_t *s = &f->run;
+    record(&s->predictor, s->past, MEAN_X, mean_ends, mean_rows, s->through, s->now.x);
+    mean_finish(s);
+    real size = 0;
+    for (int a = 0; a < N; ++a)
+        size += part(&s->q[a], 0) + part(&s->p[a], 0);
+    return isfinite(size) ? OK : NOT_FINITE;
+}
+
+static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
+{
+    fast_t *f = fast_of(w);
+    f->failures = f->wait = 0;
+    for (int i = 0; i < W; ++i)
+        mean_prepare(&f->run, i, &w->constants, dt);
+    for (int a = 0; a < N; ++a) {
+        f->run.q[a] = splat(q[a]);
+        f->run.p[a] = splat(p[a]);
+    }
+    mean_set_up(&f->run);
+}
+
+static void fast_state(work_t *w, real q[N], real p[N])
+{
+    const mean_t *s = &fast_of(w)->run;
+    for (int a = 0; a < N; ++a) {
+        q[a] = part(&s->q[a], 0);
+        p[a] = part(&s->p[a], 0);
+    }
+}
+
+/* Adds the state in the work memory to the record, as observe does. */
+static void fast_observe(work_t *w, report_t *report)
+{
+    mean_t *s = &fast_of(w)->run;
+    const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
+    const real error = fabs(part(&H, 0) - report->energy_start);
+    report->energy_error_max = larger(error, report->energy_error_max);
+    report->energy_error_sum += error;
+    lanes f[M];
+    real g_size = 0, f_size = 0;
+    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = larger(fabs(part(&s->g_rounded[mu], 0)), g_size);
+        f_size = larger(fabs(part(&f[mu], 0)), f_size);
+    }
+    report->constraint_max = larger(g_size, report->constraint_max);
+    report->constraint_sum += g_size;
+    report->hidden_max = larger(f_size, report->hidden_max);
+    report->hidden_sum += f_size;
+}
+
 /* ---------------------------------------------------------------- the public functions */
 
 int heavy_top_ems_alpha_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
@@ -818,6 +1716,16 @@ int heavy_top_ems_alpha_step(const parameters_t *parameters, const options_t *op
     work_t *work)
 {
     prepare(parameters, &work->constants);
+    if (options->solver != NEWTON) {
+        report_t report = { 0 };
+        fast_begin(work, dt, q, p);
+        const int status = fast_advance(work, options, dt, iterations, &report);
+        if (status == OK) {
+            fast_state(work, q1, p1);
+            mean_multipliers(&fast_of(work)->run, 0, multipliers);
+        }
+        return status;
+    }
     return advance(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 
@@ -846,11 +1754,15 @@ int heavy_top_ems_alpha_integrate(const parameters_t *parameters, const options_
         report->energy_start = hamiltonian(&work->constants, q, p);
         observe(&work->constants, q, p, report);
     }
+    const int fast = options->solver != NEWTON;
+    if (fast && report->steps == 0)
+        fast_begin(work, dt, q, p);
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        const int status = advance(work, options, dt, q, p, q, p, forces, &taken);
+        const int status = fast ? fast_advance(work, options, dt, &taken, report)
+            : advance(work, options, dt, q, p, q, p, forces, &taken);
         if (status != OK)
             return status;
         ++report->steps;
@@ -859,9 +1771,15 @@ int heavy_top_ems_alpha_integrate(const parameters_t *parameters, const options_
             report->iterations_max = taken;
         if (taken > most)
             most = taken;
-        observe(&work->constants, q, p, report);
+        if (fast) {
+            fast_observe(work, report);
+            fast_state(work, q, p);
+        } else
+            observe(&work->constants, q, p, report);
         if (k % every != 0)
             continue;
+        if (fast && multipliers != NULL)
+            mean_multipliers(&fast_of(work)->run, 0, forces);
         const long row = k/every - 1;
         for (int a = 0; a < N && q_out != NULL; ++a)
             q_out[row*N + a] = q[a];
@@ -911,4 +1829,302 @@ void heavy_top_ems_alpha_hamiltonian(const parameters_t *parameters, long count,
     prepare(parameters, &c);
     for (long i = 0; i < count; ++i)
         H[i] = hamiltonian(&c, q + i*N, p + i*N);
+}
+
+/* ---------------------------------------------------------------- W trajectories at a time */
+
+/* What a caller's batch memory holds. */
+typedef struct {
+    mean_t run;
+    mean_iterate kept; /* lanes that converged before their mates, or are to be kept */
+    lanes energy_start, energy_error_max, energy_error_sum;
+    lanes g_max, g_sum, f_max, f_sum;
+} batch_t;
+
+_Static_assert(sizeof(batch_t) + 64 <= sizeof(((batch_memory *)0)->memory),
+    "batch memory is too small");
+
+static batch_t *batch_of(batch_memory *memory)
+{
+    return (batch_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
+}
+
+static void copy_lane(mean_iterate *to, const mean_iterate *from, int lane)
+{
+    lanes *target = (lanes *)(void *)to;
+    const lanes *source = (const lanes *)(const void *)from;
+    for (size_t e = 0; e < sizeof(mean_iterate)/sizeof(lanes); ++e)
+        set_part(&target[e], lane, part(&source[e], lane));
+}
+
+/*
+ * The lanes marked in `fresh` begin at the rates at the start of the step (or, with x given, at
+ * those unknowns); the others are not touched, to the bit.
+ */
+static void restart(batch_t *b, const int *fresh, const real *x)
+{
+    b->kept = b->run.now;
+    if (x == NULL)
+        mean_guess(&b->run);
+    for (int i = 0; i < W; ++i)
+        if (x != NULL && fresh[i])
+            mean_load(&b->run, i, x);
+    mean_begin(&b->run);
+    for (int i = 0; i < W; ++i)
+        if (!fresh[i])
+            copy_lane(&b->run.now, &b->kept, i);
+}
+
+/*
+ * Sweeps until every lane has converged or given up. A lane ends with the sweep that is its own
+ * last one: what it computes does not depend on its mates. lost[i] says that lane i gave up.
+ */
+static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, int *lost,
+    int *sweeps)
+{
+    mean_t *run = &b->run;
+    const real far = (real)0.02;
+    const int predicted = run->predictor.count > 0;
+    progress_t progress[W];
+    int busy[W], early[W], fresh[W], left = 0;
+    for (int i = 0; i < W; ++i) {
+        progress[i] = start_of_sweeps(run->predictor.rate[i]);
+        busy[i] = alive[i];
+        early[i] = lost[i] = 0;
+        left += alive[i];
+    }
+    mean_start(run, predicted);
+    for (int round = 1; left > 0; ++round) {
+        int again = 0;
+        mean_sweep(run);
+        for (int i = 0; i < W; ++i) {
+            fresh[i] = 0;
+            if (!busy[i])
+                continue;
+            const real change = part(&run->change, i);
+            const enum verdict verdict = judge(&progress[i], change, options->tolerance,
+                options->max_iterations);
+            ++sweeps[i];
+            if (predicted && round == 1 && !(change < far*far)) {
+                fresh[i] = again = 1; /* a far prediction may lead to another root */
+                progress[i] = start_of_sweeps(run->predictor.rate[i]);
+            } else if (verdict != SWEEP_AGAIN) {
+                busy[i] = 0;
+                lost[i] = verdict == GIVE_UP;
+                early[i] = 1;
+                --left;
+            }
+        }
+        if (again)
+            restart(b, fresh, NULL);
+        for (int i = 0; i < W && left > 0; ++i)
+            if (early[i] == 1) {
+                early[i] = 2;
+                copy_lane(&b->kept, &run->now, i);
+            }
+    }
+    for (int i = 0; i < W; ++i) {
+        run->predictor.rate[i] = progress[i].rate;
+        if (early[i] == 2)
+            copy_lane(&run->now, &b->kept, i);
+    }
+}
+
+/* Lane i by full Newton, as solver NEWTON does it. */
+static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
+{
+    real q[N], p[N];
+    int fresh[W] = { 0 }, taken;
+    constants *c = &w->constants;
+    c->mgl = part(&b->run.constants.mgl, lane);
+    c->k0 = part(&b->run.constants.k0, lane);
+    c->k1 = part(&b->run.constants.k1, lane);
+    c->k2 = part(&b->run.constants.k2, lane);
+    c->k3 = part(&b->run.constants.k3, lane);
+    for (int a = 0; a < N; ++a) {
+        q[a] = part(&b->run.q[a], lane);
+        p[a] = part(&b->run.p[a], lane);
+    }
+    const real dt = part(&b->run.h, lane);
+    guess(w, dt, q, p, w->x);
+    const int status = newton(w, options, dt, q, p, w->x, &taken);
+    *iterations += taken;
+    if (status != OK)
+        return status;
+    fresh[lane] = 1;
+    restart(b, fresh, w->x);
+    return OK;
+}
+
+/* Larger of two, lane by lane */
+INLINE lanes lanes_larger(lanes a, lanes b)
+{
+    lanes result = a;
+    for (int i = 0; i < W; ++i)
+        set_part(&result, i, larger(part(&b, i), part(&a, i)));
+    return result;
+}
+
+INLINE lanes lanes_size(lanes a)
+{
+    lanes result = a;
+    for (int i = 0; i < W; ++i)
+        set_part(&result, i, fabs(part(&a, i)));
+    return result;
+}
+
+static void observe_lanes(batch_t *b)
+{
+    mean_t *run = &b->run;
+    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
+        - b->energy_start);
+    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_sum += error;
+    lanes f[M], g_size = splat(0), f_size = splat(0);
+    lanes_hidden_constraint(&run->constants, run->q, run->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = lanes_larger(g_size, lanes_size(run->g_rounded[mu]));
+        f_size = lanes_larger(f_size, lanes_size(f[mu]));
+    }
+    b->g_max = lanes_larger(b->g_max, g_size);
+    b->g_sum += g_size;
+    b->f_max = lanes_larger(b->f_max, f_size);
+    b->f_sum += f_size;
+}
+
+/* The record of a lane, between memory and report. */
+static void write_report(const batch_t *b, int lane, report_t *report)
+{
+    report->energy_error_max = part(&b->energy_error_max, lane);
+    report->energy_error_sum = part(&b->energy_error_sum, lane);
+    report->constraint_max = part(&b->g_max, lane);
+    report->constraint_sum = part(&b->g_sum, lane);
+    report->hidden_max = part(&b->f_max, lane);
+    report->hidden_sum = part(&b->f_sum, lane);
+}
+
+/* State and record of a lane, for the caller. */
+static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p, real *q,
+    real *p, report_t *report)
+{
+    write_report(b, lane, report);
+    for (int a = 0; a < N; ++a) {
+        q[lane*N + a] = part(&from_q[a], lane);
+        p[lane*N + a] = part(&from_p[a], lane);
+    }
+}
+
+static int is_finite_lane(const mean_t *run, int lane)
+{
+    real size = 0;
+    for (int a = 0; a < N; ++a)
+        size += part(&run->q[a], lane) + part(&run->p[a], lane);
+    return isfinite(size);
+}
+
+/* Lanes beyond the last trajectory repeat the first: they cost nothing and disturb nobody. */
+static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
+    const real *q, const real *p)
+{
+    for (int i = 0; i < W; ++i) {
+        const int from = i < count ? i : 0;
+        constants c;
+        prepare(&parameters[from], &c);
+        mean_prepare(&b->run, i, &c, dt[from]);
+        for (int a = 0; a < N; ++a) {
+            set_part(&b->run.q[a], i, q[from*N + a]);
+            set_part(&b->run.p[a], i, p[from*N + a]);
+        }
+    }
+    mean_set_up(&b->run);
+    b->energy_start = lanes_hamiltonian(&b->run.constants, b->run.q, b->run.p);
+    b->energy_error_max = b->energy_error_sum = splat(0);
+    b->g_max = b->g_sum = b->f_max = b->f_sum = splat(0);
+    observe_lanes(b);
+}
+
+int heavy_top_ems_alpha_lanes(void)
+{
+    return W;
+}
+
+void heavy_top_ems_alpha_integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, long rows, real *q, real *p, real *q_out, real *p_out,
+    real *multipliers, int *iterations, report_t *reports, int *status, batch_memory *batch,
+    work_t *work)
+{
+    batch_t *b = batch_of(batch);
+    mean_t *run = &b->run;
+    int alive[W], most[W] = { 0 }, living = 0;
+    if (reports[0].steps == 0 && status[0] == OK) {
+        begin_batch(b, count, parameters, dt, q, p);
+        for (int i = 0; i < count; ++i) {
+            reports[i].energy_start = part(&b->energy_start, i);
+            write_report(b, i, &reports[i]);
+        }
+    }
+    for (int i = 0; i < W; ++i) {
+        alive[i] = i < count && status[i] == OK;
+        living += alive[i];
+    }
+    for (long k = 1; k <= steps && living > 0; ++k) {
+        int lost[W], taken[W] = { 0 };
+        sweep_lanes(b, options, alive, lost, taken);
+        for (int i = 0; i < W; ++i) {
+            if (!lost[i])
+                continue;
+            int failure = NOT_CONVERGED;
+            if (options->solver != FIXED_POINT) {
+                failure = rescue(b, options, i, &taken[i], work);
+                ++reports[i].newton_steps;
+            }
+            if (failure != OK) {
+                status[i] = failure;
+                alive[i] = 0;
+                --living;
+                keep_state(b, i, run->q, run->p, q, p, &reports[i]);
+            }
+        }
+        lanes q_before[N], p_before[N];
+        for (int a = 0; a < N; ++a) {
+            q_before[a] = run->q[a];
+            p_before[a] = run->p[a];
+        }
+        record(&run->predictor, run->past, MEAN_X, mean_ends, mean_rows,
+            run->through, run->now.x);
+        mean_finish(run);
+        for (int i = 0; i < count; ++i)
+            if (alive[i] && !is_finite_lane(run, i)) {
+                status[i] = NOT_FINITE;
+                alive[i] = 0;
+                --living;
+                keep_state(b, i, q_before, p_before, q, p, &reports[i]);
+            }
+        observe_lanes(b);
+        for (int i = 0; i < count; ++i) {
+            if (!alive[i])
+                continue;
+            report_t *report = &reports[i];
+            ++report->steps;
+            report->iterations += taken[i];
+            if (taken[i] > report->iterations_max)
+                report->iterations_max = taken[i];
+            if (taken[i] > most[i])
+                most[i] = taken[i];
+            if (k == steps)
+                keep_state(b, i, run->q, run->p, q, p, report);
+            if (k % every != 0)
+                continue;
+            const long row = i*rows + k/every - 1;
+            for (int a = 0; a < N && q_out != NULL; ++a)
+                q_out[row*N + a] = part(&run->q[a], i);
+            for (int a = 0; a < N && p_out != NULL; ++a)
+                p_out[row*N + a] = part(&run->p[a], i);
+            if (MULTIPLIERS > 0 && multipliers != NULL)
+                mean_multipliers(run, i, multipliers + row*MULTIPLIERS);
+            if (iterations != NULL)
+                iterations[row] = most[i];
+            most[i] = 0;
+        }
+    }
 }

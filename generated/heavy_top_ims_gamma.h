@@ -42,7 +42,7 @@ typedef struct {
 
 /* How T1 is solved. */
 enum heavy_top_ims_gamma_solver {
-    HEAVY_TOP_IMS_GAMMA_AUTO = 0,       /* Newton: this scheme has no fast path */
+    HEAVY_TOP_IMS_GAMMA_AUTO = 0,       /* sweeps, and Newton for a step where they do not converge */
     HEAVY_TOP_IMS_GAMMA_NEWTON = 1,     /* full Newton */
     HEAVY_TOP_IMS_GAMMA_FIXED_POINT = 2 /* sweeps alone */
 };
@@ -88,6 +88,7 @@ typedef struct {
     double q_mean[4];
     double p_mean[4];
     double G[1][1][4];
+    unsigned char memory[77376]; /* of the fast path, kept from step to step */
 } heavy_top_ims_gamma_work;
 
 /*
@@ -108,6 +109,26 @@ int heavy_top_ims_gamma_step(const heavy_top_ims_gamma_parameters *parameters, c
 int heavy_top_ims_gamma_integrate(const heavy_top_ims_gamma_parameters *parameters, const heavy_top_ims_gamma_options *options,
     double dt, long steps, long every, double q[4], double p[4], double *q_out, double *p_out,
     double *multipliers, int *iterations, heavy_top_ims_gamma_report *report, heavy_top_ims_gamma_work *work);
+
+/* Memory of heavy_top_ims_gamma_integrate_lanes, for one batch at a time. Contents need no preparation. */
+typedef struct {
+    unsigned char memory[76864];
+} heavy_top_ims_gamma_batch;
+
+/* How many trajectories heavy_top_ims_gamma_integrate_lanes takes at a time: the lanes of a vector register. */
+int heavy_top_ims_gamma_lanes(void);
+
+/*
+ * As heavy_top_ims_gamma_integrate for `count` trajectories (at most heavy_top_ims_gamma_lanes() of them), each with its own
+ * parameters, dt, state, report and status: all arrays have one entry, or one row, a trajectory.
+ * Trajectory i stores from row i*rows on. A trajectory that fails keeps its last state and does
+ * not disturb the others; statuses are 0 at the first call. Sweeps, and Newton for a trajectory
+ * and step where they do not converge.
+ */
+void heavy_top_ims_gamma_integrate_lanes(int count, const heavy_top_ims_gamma_parameters *parameters,
+    const heavy_top_ims_gamma_options *options, const double *dt, long steps, long every, long rows,
+    double *q, double *p, double *q_out, double *p_out, double *multipliers, int *iterations,
+    heavy_top_ims_gamma_report *reports, int *status, heavy_top_ims_gamma_batch *batch, heavy_top_ims_gamma_work *work);
 
 /* The two halves of a step: T1 solves for the 9 unknowns x, T2 finishes the step from them. */
 int heavy_top_ims_gamma_T1(const heavy_top_ims_gamma_parameters *parameters, const heavy_top_ims_gamma_options *options, double dt,

@@ -96,7 +96,7 @@ static void constraint(const constants *c, const double q[4], double g[1])
 {
     (void)c;
     double sum[2];
-    sum[0] = sum[1] = 0.0;
+    sum[0] = sum[1] = 0;
     add_product(sum, 1, (const double[]){ -1.0 });
     add_product(sum, 2, (const double[]){ q[0], q[0] });
     add_product(sum, 2, (const double[]){ q[1], q[1] });
@@ -935,6 +935,7 @@ INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
     *high = sum;
 }
 
+/* A one-by-one matrix is factorised by its inverse. */
 INLINE void lanes_factor(lanes A[M][M])
 {
     A[0][0] = 1/A[0][0];
@@ -990,7 +991,7 @@ INLINE void lanes_constraint(const lane_constants *c, const lanes q[4], lanes g[
 {
     (void)c;
     lanes sum[2];
-    sum[0] = sum[1] = splat(0.0);
+    sum[0] = sum[1] = splat(0);
     lanes_add_product(sum, 1, (const lanes[]){ splat(-1.0) });
     lanes_add_product(sum, 2, (const lanes[]){ q[0], q[0] });
     lanes_add_product(sum, 2, (const lanes[]){ q[1], q[1] });
@@ -1022,7 +1023,7 @@ INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], c
 {
     (void)c;
     lanes sum[2];
-    sum[0] = sum[1] = splat(0.0);
+    sum[0] = sum[1] = splat(0);
     lanes_add_product(sum, 2, (const lanes[]){ p[0], q[0] });
     lanes_add_product(sum, 2, (const lanes[]){ p[1], q[1] });
     lanes_add_product(sum, 2, (const lanes[]){ p[2], q[2] });
@@ -1080,47 +1081,58 @@ INLINE lanes lanes_correction(const lane_constants *c)
 /* What is known of the sweeps of one step, of one trajectory. */
 typedef struct {
     int sweeps;
-    int calm;      /* changes near round-off that no longer shrink */
-    real change;   /* of the last sweep: the sum of its squared increments relative to the state */
-    real before;   /* and of the one before it */
-    real smallest; /* ratio of two changes of this step: the contraction, squared */
+    int calm;    /* sweeps near round-off that brought nothing more */
+    real change; /* of the last sweep: the sum of its squared increments relative to the state */
+    real before; /* of the sweep before it */
+    real first;  /* of the first */
+    real least;  /* of all sweeps */
+    real rate;   /* mean ratio of two changes far from round-off, in this step or an earlier one */
 } progress_t;
 
 enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 
-static const progress_t start_of_sweeps = { 0, 0, 0, 0, 1 };
+static progress_t start_of_sweeps(real rate)
+{
+    const progress_t start = { 0, 0, 0, 0, 0, (real)HUGE_VAL, rate };
+    return start;
+}
 
 /*
  * Ends the sweeps when the next change would be far below round-off, or when changes near
  * round-off have stopped shrinking; gives up when they grow, or would not get there in time.
+ * Modes may alternate: rates are those of the last two sweeps together.
  */
 static enum verdict judge(progress_t *s, real change, real tolerance, int most)
 {
-    const real near_floor = 4096*epsilon, floor = epsilon, beyond = epsilon/4096;
-    const real ratio = change/s->change, of_two = change/s->before; /* modes may alternate */
-    const int near = change < near_floor*near_floor;
+    const real near_floor = 4096*epsilon, beyond = epsilon/4096, fast = (real)0.05;
+    const real ratio = change/s->change, of_two = change/s->before;
+    const int near = change < near_floor*near_floor, least = change < s->least;
     s->before = s->change;
     s->change = change;
+    if (least)
+        s->least = change;
     if (++s->sweeps > most)
         return GIVE_UP;
-    if (s->sweeps == 1)
+    if (s->sweeps == 1) {
+        s->first = change;
         return change > 0 ? SWEEP_AGAIN : isnan(change) ? GIVE_UP : CONVERGED;
+    }
     if (!(change < 9))
         return GIVE_UP;
-    if (ratio < s->smallest)
-        s->smallest = ratio;
-    if (change <= tolerance*tolerance || change*s->smallest < beyond*beyond)
+    if (near && s->sweeps > 3 && !(s->before < near_floor*near_floor))
+        s->rate = pow(s->before/s->first, 1/(real)(s->sweeps - 2));
+    const real next = s->sweeps == 2 ? ratio : larger(ratio, sqrt(of_two));
+    if (change <= tolerance*tolerance || change*next < beyond*beyond)
         return CONVERGED;
-    if (near && ratio > (real)0.2
-        && (++s->calm == 2 || change < floor*floor))
+    const int stalled = near && (s->rate < fast ? ratio > 4*fast : !least);
+    s->calm = stalled ? s->calm + 1 : s->rate < fast ? s->calm : 0;
+    if (stalled && (s->calm == (s->rate < fast ? 2 : 4) || change < epsilon*epsilon))
         return CONVERGED;
     if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
         return GIVE_UP;
-    if (s->sweeps > 6 && !near) {
-        real forecast = change;
-        for (int n = s->sweeps; n < most && forecast > near_floor*near_floor; n += 2)
-            forecast *= of_two;
-        if (forecast > near_floor*near_floor)
+    if (s->sweeps % 8 == 0 && !near) { /* at the rate of all sweeps so far: would it get there? */
+        const real left = (real)(most - s->sweeps)/(real)(s->sweeps - 1);
+        if (change*pow(change/s->first, left) > near_floor*near_floor)
             return GIVE_UP;
     }
     return SWEEP_AGAIN;
@@ -1146,6 +1158,7 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
+    real rate[W];  /* how fast sweeps converge, as last seen */
     int stages[W]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
@@ -1158,6 +1171,8 @@ static void forget(predictor_t *s)
     s->order = s->fitted = 0;
     for (int i = 0; i < W; ++i)
         s->stages[i] = 1;
+    for (int i = 0; i < W; ++i)
+        s->rate[i] = 1;
 }
 
 /* The values of m steps ago; m = 0 is the place of the newest. */
@@ -1600,6 +1615,15 @@ INLINE void stages_sweep(stages_t *w)
         }
     }
     w->change = q_change*w->q_size + p_change*w->p_size;
+}
+
+/* The change of the last sweep, over all stages. */
+INLINE real stages_change(const stages_t *w)
+{
+    real change = part(&w->change, 0);
+    for (int i = 1; i < W; ++i)
+        change += part(&w->change, i);
+    return change;
 }
 
 /* T2: the end of the step from the converged stages, in compensated sums. */
@@ -2088,7 +2112,7 @@ static void trajectories_load(trajectories_t *w, int lane, const real x[U])
 
 /* What a caller's work memory holds of the fast path. */
 typedef struct {
-    stages_t stages;
+    stages_t run;
     int failures; /* steps in a row whose sweeps gave up */
     int wait;     /* steps to take with Newton before sweeping again */
 } fast_t;
@@ -2103,20 +2127,19 @@ static fast_t *fast_of(work_t *w)
 /* Sweeps from the starting values until they have converged: true if they did. */
 static int sweep(stages_t *w, const options_t *options, int predicted, int *sweeps)
 {
-    progress_t progress = start_of_sweeps;
+    progress_t progress = start_of_sweeps(w->predictor.rate[0]);
     enum verdict verdict;
     const real far = (real)0.02;
     stages_start(w, predicted);
     do {
         stages_sweep(w);
-        real change = part(&w->change, 0);
-        for (int i = 1; i < W; ++i)
-            change += part(&w->change, i);
+        const real change = stages_change(w);
         verdict = judge(&progress, change, options->tolerance, options->max_iterations);
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
     } while (verdict == SWEEP_AGAIN);
     *sweeps += progress.sweeps;
+    w->predictor.rate[0] = progress.rate;
     return verdict == CONVERGED;
 }
 
@@ -2126,7 +2149,7 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
  */
 static int solve_by_newton(work_t *w, const options_t *options, real dt, int *iterations)
 {
-    stages_t *s = &fast_of(w)->stages;
+    stages_t *s = &fast_of(w)->run;
     real q[N], p[N];
     int taken, status = NOT_CONVERGED;
     for (int a = 0; a < N; ++a) {
@@ -2157,10 +2180,10 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
 {
     fast_t *f = fast_of(w);
     *iterations = 0;
-    const int past = f->stages.predictor.count > 0;
+    const int past = f->run.predictor.count > 0;
     const int swept = f->wait == 0
-        && ((past && sweep(&f->stages, options, 1, iterations))
-            || sweep(&f->stages, options, 0, iterations));
+        && ((past && sweep(&f->run, options, 1, iterations))
+            || sweep(&f->run, options, 0, iterations));
     if (!swept) {
         if (options->solver == FIXED_POINT)
             return NOT_CONVERGED;
@@ -2174,7 +2197,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
             f->wait = (1 << (f->failures < 6 ? f->failures++ : 6)) - 1;
     } else
         f->failures = 0;
-    stages_t *s = &f->stages;
+    stages_t *s = &f->run;
     record(&s->predictor, s->past, STAGES_X, stages_ends, stages_rows, s->through, s->now.x);
     stages_finish(s);
     real size = 0;
@@ -2188,17 +2211,17 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     fast_t *f = fast_of(w);
     f->failures = f->wait = 0;
     for (int i = 0; i < W; ++i)
-        stages_prepare(&f->stages, i, &w->constants, dt);
+        stages_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
-        f->stages.q[a] = splat(q[a]);
-        f->stages.p[a] = splat(p[a]);
+        f->run.q[a] = splat(q[a]);
+        f->run.p[a] = splat(p[a]);
     }
-    stages_set_up(&f->stages);
+    stages_set_up(&f->run);
 }
 
 static void fast_state(work_t *w, real q[N], real p[N])
 {
-    const stages_t *s = &fast_of(w)->stages;
+    const stages_t *s = &fast_of(w)->run;
     for (int a = 0; a < N; ++a) {
         q[a] = part(&s->q[a], 0);
         p[a] = part(&s->p[a], 0);
@@ -2208,7 +2231,7 @@ static void fast_state(work_t *w, real q[N], real p[N])
 /* Adds the state in the work memory to the record, as observe does. */
 static void fast_observe(work_t *w, report_t *report)
 {
-    stages_t *s = &fast_of(w)->stages;
+    stages_t *s = &fast_of(w)->run;
     const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
     const real error = fabs(part(&H, 0) - report->energy_start);
     report->energy_error_max = larger(error, report->energy_error_max);
@@ -2272,7 +2295,7 @@ int heavy_top_liiiab5_gamma_step(const parameters_t *parameters, const options_t
         const int status = fast_advance(work, options, dt, iterations, &report);
         if (status == OK) {
             fast_state(work, q1, p1);
-            stages_multipliers(&fast_of(work)->stages, 0, multipliers);
+            stages_multipliers(&fast_of(work)->run, 0, multipliers);
         }
         return status;
     }
@@ -2329,7 +2352,7 @@ int heavy_top_liiiab5_gamma_integrate(const parameters_t *parameters, const opti
         if (k % every != 0)
             continue;
         if (fast && multipliers != NULL)
-            stages_multipliers(&fast_of(work)->stages, 0, forces);
+            stages_multipliers(&fast_of(work)->run, 0, forces);
         const long row = k/every - 1;
         for (int a = 0; a < N && q_out != NULL; ++a)
             q_out[row*N + a] = q[a];
@@ -2438,7 +2461,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     progress_t progress[W];
     int busy[W], early[W], fresh[W], left = 0;
     for (int i = 0; i < W; ++i) {
-        progress[i] = start_of_sweeps;
+        progress[i] = start_of_sweeps(run->predictor.rate[i]);
         busy[i] = alive[i];
         early[i] = lost[i] = 0;
         left += alive[i];
@@ -2457,7 +2480,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             ++sweeps[i];
             if (predicted && round == 1 && !(change < far*far)) {
                 fresh[i] = again = 1; /* a far prediction may lead to another root */
-                progress[i] = start_of_sweeps;
+                progress[i] = start_of_sweeps(run->predictor.rate[i]);
             } else if (verdict != SWEEP_AGAIN) {
                 busy[i] = 0;
                 lost[i] = verdict == GIVE_UP;
@@ -2473,9 +2496,11 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
                 copy_lane(&b->kept, &run->now, i);
             }
     }
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < W; ++i) {
+        run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
             copy_lane(&run->now, &b->kept, i);
+    }
 }
 
 /* Lane i by full Newton, as solver NEWTON does it. */

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -65,8 +66,8 @@ def emit(
     environment = _environment()
     return Source(
         name,
-        environment.get_template("stepper.h.jinja").render(context),
-        environment.get_template("stepper.c.jinja").render(context),
+        _text(environment.get_template("stepper.h.jinja").render(context)),
+        _text(environment.get_template("stepper.c.jinja").render(context)),
         _manifest(name, method, scheme, system, constants, real, kernels, fast),
     )
 
@@ -83,6 +84,11 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters["operations"] = operations_text
     return environment
+
+
+def _text(rendered: str) -> str:
+    """Return C with at most one empty line between its parts, whichever of them are there."""
+    return re.sub(r"\n{3,}", "\n\n", rendered)
 
 
 def operations_text(operations: dict[str, int]) -> str:
@@ -139,19 +145,20 @@ def _fast_context(
     scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
 ) -> dict[str, Any]:
     """Return what the templates of the fast path need; ``fast`` is False where there is none."""
-    nothing: dict[str, Any] = {"fast": False, "lane_kernels": []}
-    if not isinstance(scheme, SparkScheme):
-        return nothing | {"no_fast_path": "this scheme has no fast path"}
-    tableau, system = FastTableau(scheme.tableau), FastSystem(scheme.system)
-    if tableau.refusal is not None:
-        return nothing | {"no_fast_path": tableau.refusal}
-    own_kernels = system.kernels()
+    system, tables, spark = FastSystem(scheme.system), {}, isinstance(scheme, SparkScheme)
+    if isinstance(scheme, SparkScheme):
+        tableau = FastTableau(scheme.tableau)
+        if tableau.refusal is not None:
+            return {"fast": False, "lane_kernels": [], "no_fast_path": tableau.refusal}
+        tables = tableau.tables(real)
+        own_kernels = system.spark_kernels()
+    else:
+        own_kernels = system.mean_kernels(scheme)
     folds = {symbol: f"c->{symbol.name.lstrip('_')}"
              for symbol in system.folds.definitions.values()}
     kernels = [emit_kernel(k, constants, real, Target.lanes(folds)) for k in own_kernels]
     values = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
-    tables = tableau.tables(real)
-    if not scheme.system.m:
+    if not scheme.system.m and spark:
         tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
     return {
         "fast": True,
@@ -162,7 +169,11 @@ def _fast_context(
         "lane_functions": sorted(set().union(*(k.functions for k in kernels))),
         "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
                         for name, rows in tables.items()},
-        "fast_template": "sweep_spark.c.jinja",
+        "compensated": any("lanes_add_product" in line for k in kernels for line in k.lines),
+        "eliminates": scheme.system.m and (spark or system.schur_inverse is None),
+        "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
+        "one": "stages" if spark else "mean",
+        "many": "trajectories" if spark else "mean",
         "constant_schur": scheme.system.m and system.schur_inverse is not None,
         "correction": scheme.system.m and system.correction is not None,
         "shared": len(system.shared),
@@ -172,8 +183,8 @@ def _fast_context(
         "beyond": 4096,
         "product_shapes": lambda mode: _product_shapes(mode, scheme.system.m),
         "widths": {"N": scheme.system.n, "M": scheme.system.m},
-        "memory": _memory(scheme, real, system, stages=True),
-        "batch_memory": _memory(scheme, real, system, stages=False),
+        "memory": _memory(scheme, real, system, one=True),
+        "batch_memory": _memory(scheme, real, system, one=False),
     }
 
 
@@ -200,15 +211,21 @@ def _product_shapes(mode: str, m: int) -> list[tuple[str, str, str, str]]:
     return shapes
 
 
-def _memory(scheme: SparkScheme, real: Real, system: FastSystem, *, stages: bool) -> int:
-    """Return bytes enough for the fast path's state at any number of lanes; C checks it."""
-    n, m, s, p = scheme.system.n, scheme.system.m, scheme.tableau.s, scheme.tableau.p
+def _memory(
+    scheme: SparkScheme | MeanScheme, real: Real, system: FastSystem, *, one: bool
+) -> int:
+    """Return bytes enough for the fast path's state at any number of lanes; C checks it.
+
+    One trajectory has its stages in lanes, several are in lanes themselves.
+    """
+    n, m = scheme.system.n, scheme.system.m
+    s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     size = {"float": 4, "double": 8, "long-double": 16}[real.name]
     lanes = 64 // size if real.name in ("float", "double") else 1
-    blocks, nodes = (-(-s // lanes), -(-p // lanes)) if stages else (s, p)
+    blocks, nodes = (-(-s // lanes), -(-p // lanes)) if one else (s, p)
     x = 2 * blocks * n + nodes * m
     iterate = x + (blocks + 2 * nodes) * n + nodes * m * m
-    tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if stages else 0
+    tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
     vectors = (2 * len(scheme.system.parameters) + len(system.folds.definitions) + 32 + 5 * n
                + 2 * blocks + tables + 2 * iterate + 17 * x + 3 * m + m * m
                + 3 * (16 + 17 * 17))

@@ -28,7 +28,7 @@ import sympy as sp
 
 from .kernels import Kernel
 from .real import Real, round_binary
-from .schemes import common_kernels, vector
+from .schemes import MeanScheme, common_kernels, vector
 from .system import System, gradient, jacobian, shortest
 from .tableau import Tableau
 
@@ -161,8 +161,8 @@ class FastSystem:
             factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in inside}
         return factors.pop() if len(factors) == 1 else sp.Integer(1)
 
-    def kernels(self) -> list[Kernel]:
-        """Return the kernels of the sweeps, to be emitted on lanes."""
+    def spark_kernels(self) -> list[Kernel]:
+        """Return the kernels of the sweeps of SPARK methods, to be emitted on lanes."""
         system = self.system
         state = {"q": list(system.q), "p": list(system.p)}
         H_p, H_q, shared = self.gradients
@@ -174,28 +174,53 @@ class FastSystem:
         if system.m and self.correction is None:
             force = {"H_p": H_p, "H_q": H_q}
         kernels = [
-            *self._common(),
+            *self._common(projected=True),
             Kernel("velocity", "H_p" + (", and w: what H_q shares with it" if w else ""), state,
                    velocity),
             Kernel("force", "H_q" + (" from the same w" if w else "") +
                    (", H_p" if "H_p" in force else ""), state | ({"w": w} if w else {}), force),
         ]
-        if not system.m:
-            return kernels
+        return [*kernels, *self._multiplier_kernels()]
+
+    def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
+        """Return the kernels of the sweeps of IMS or EMS, to be emitted on lanes."""
+        inputs = {"qm": scheme.means[0], "pm": scheme.means[1],
+                  "dq": scheme.differences[0], "dp": scheme.differences[1]}
+        D_q, D_p = ([self.folds(e) for e in side] for side in scheme.mean_gradient)
+        kernels = [
+            *self._common(projected=False),
+            Kernel("mean_velocity", "D_p", inputs, {"D_p": D_p}),
+            Kernel("mean_force", "D_q", inputs, {"D_q": D_q}),
+        ]
+        if self.system.m:
+            kernels.append(Kernel("mean_constraint", "G between q0 and q1",
+                                  {"qm": scheme.means[0], "dq": scheme.differences[0]},
+                                  {"G": scheme.mean_constraint}))
+        return [*kernels, *self._multiplier_kernels()]
+
+    def _multiplier_kernels(self) -> list[Kernel]:
+        """Return W, or what takes its place where that is constant."""
+        if not self.system.m:
+            return []
         if self.schur_inverse is None:
-            return [*kernels, Kernel("schur", "W = G H_pp G^T", state, {"W": self.schur})]
+            state = {"q": list(self.system.q), "p": list(self.system.p)}
+            return [Kernel("schur", "W = G H_pp G^T", state, {"W": self.schur})]
         return [
-            *kernels,
             Kernel("schur_inverse", "W^-1, with W = G H_pp G^T constant where g = 0", {},
                    {"W_inverse": self.schur_inverse}),
             *([Kernel("correction", "c, with H_pp G^T = c G^T where g = 0", {},
                       {"c_correction": self.correction})] if self.correction is not None else []),
         ]
 
-    def _common(self) -> list[Kernel]:
-        """Return H, g and f on lanes: f in twice the working precision, its matrix reduced."""
+    def _common(self, *, projected: bool) -> list[Kernel]:
+        """Return H, g and f on lanes: f in twice the working precision, its matrix reduced.
+
+        Only what is projected onto f = 0 needs the matrix.
+        """
         kernels = []
         for kernel in common_kernels(self.system):
+            if kernel.name == "hidden_matrix" and not projected:
+                continue
             if kernel.name == "hidden_constraint":
                 kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, kernel.outputs,
                                       compensated=True))

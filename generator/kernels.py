@@ -177,9 +177,10 @@ def _emit_compensated(
 ) -> EmittedKernel:
     """Return a kernel that adds the products of each polynomial with ``add_product``."""
     printer = CPrinter(real, names, target.prefix)
+    zero = "splat(0)" if target.prefix else "0"
     lines = [f"{target.value} sum[2];"]
     for entry, e in targets:
-        lines.append(f"sum[0] = sum[1] = {printer.number(sp.Integer(0))};")
+        lines.append(f"sum[0] = sum[1] = {zero};")
         for term in sp.Add.make_args(sp.expand(e)):
             number, rest = term.as_coeff_Mul()
             factors = [] if number == 1 and rest != 1 else [printer.number(number)]

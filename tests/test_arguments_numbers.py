@@ -104,7 +104,7 @@ def test_large_limits_are_taken(gl3):
 
 def test_solver_and_tolerance_are_checked(gl3):
     for bad in ("fast", "", None, 3, "Newton"):
-        with refused("solver.*auto, newton, python"):
+        with refused("solver.*auto, newton, fixed-point, python"):
             gl3.step(TOP.q0, TOP.p0, solver=bad, **RUN)
     for bad in (0, -1e-9, np.nan, np.inf, "1e-9", True):
         with refused("tolerance"):

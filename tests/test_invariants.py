@@ -147,11 +147,15 @@ def test_states_of_ims_and_ems_are_starts(spec, dt):
     step, fast = stepper_of(spec), gs.problems.fast_top()
     parameters = fast.parameters | {spec.rep: gs.gamma_m(fast.inertia)}
     for p0 in (fast.p0, 0 * fast.p0):
-        run = step.integrate(fast.q0, p0, dt=dt, steps=30, parameters=parameters)
+        run = step.integrate(fast.q0, p0, dt=dt, steps=30, parameters=parameters, solver="newton")
         for k in range(30):
-            q, p = step.step(run.q[k], run.p[k], dt=dt, parameters=parameters)
+            state = run.q[k], run.p[k]
+            q, p = step.step(*state, dt=dt, parameters=parameters, solver="newton")
             assert np.array_equal(q, run.q[k + 1])
             assert np.array_equal(p, run.p[k + 1])
+            q, p = step.step(*state, dt=dt, parameters=parameters)
+            assert np.abs(q - run.q[k + 1]).max() < 1e-14
+            assert np.abs(p - run.p[k + 1]).max() < 1e-14
 
 
 # ---------------------------------------------------------------- energy and momentum
