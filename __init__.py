@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .generator.system import System
     from .runtime import problems
     from .runtime.ensemble import Ensemble
-    from .runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+    from .runtime.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
     from .runtime.quaternion import momentum, state_from_rotation
     from .runtime.stepper import Stepper
     from .runtime.trajectory import Trajectory
@@ -46,6 +46,7 @@ _HOMES = {
     "tableau": "facade",
     "System": "generator.system",
     "Ensemble": "runtime.ensemble",
+    "gamma_fast": "runtime.inertia",
     "gamma_h": "runtime.inertia",
     "gamma_h_tilde": "runtime.inertia",
     "gamma_m": "runtime.inertia",
@@ -68,6 +69,7 @@ __all__ = [
     "TableauError",
     "Trajectory",
     "__version__",
+    "gamma_fast",
     "gamma_h",
     "gamma_h_tilde",
     "gamma_m",

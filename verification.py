@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .generator.conditions import Condition, check_tableau
+from .generator.fast_path import FastTableau
 from .generator.mean_conditions import check_mean_scheme
 from .generator.observed_order import observed_order
 from .generator.pipeline import Generated, generate
@@ -54,6 +55,7 @@ def verify_stepper(spec: Spec) -> Verdict:
             *check_tableau(made.tableau),
             _measured(made.tableau),
             _compiled(made, made.tableau, spec.real),
+            *_symmetrised(made.tableau, spec.real),
         ]
     return Verdict(made.source.name, f"{made.source.name}, order {made.scheme.order}",
                    made.scheme.order, conditions)
@@ -92,6 +94,23 @@ def _compiled(made: Generated, tableau: Tableau, real_name: str) -> Condition:
         residual="0" if different == 0 else f"{different} differ",
         required=True,
     )
+
+
+def _symmetrised(tableau: Tableau, real_name: str) -> list[Condition]:
+    """The coefficients of the fast path: scaled by the weights, rounded in pairs x, 1 − x."""
+    fast, real = FastTableau(tableau), REALS[real_name]
+    if fast.refusal is not None:
+        return []
+    errors = fast.rounding_errors(real)
+    most = max(abs(e) for e in errors) * 2**real.bits
+    return [Condition(
+        "scaled coefficients of the sweeps",
+        "mu^_ij + mu_ji = 1 and nu~_ij + nu_ji = 1 after rounding, in rational arithmetic",
+        f"{len(errors)} within {float(most):.2f} of 2^-{real.bits}",
+        holds=fast.is_symplectic(real),
+        residual="0" if fast.is_symplectic(real) else "not symplectic after rounding",
+        required=False,
+    )]
 
 
 def _flat(values: Any, stepper: Stepper) -> list[Fraction]:

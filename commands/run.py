@@ -32,8 +32,9 @@ _BAR_FROM = 20_000
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem")
 @stepper_options
-@click.option("--gamma", metavar="{m,h,mt,ht,NUMBER}",
-              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m).")
+@click.option("--gamma", metavar="{m,h,mt,ht,fast,NUMBER}",
+              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); fast: "
+                   "fewest sweeps, from 6 stages on.")
 @click.option("--alpha", metavar="{m,h,mt,ht,NUMBER}", help="The same for --rep alpha.")
 @click.option("--dt", metavar="DT", required=True, help="Time step in seconds.")
 @click.option("--steps", metavar="N", required=True, help="Number of steps.")
@@ -171,7 +172,21 @@ def _parameters(
         raise InputError(f"--{other} does not go with --rep {needed}; give --{needed} instead.")
     known = {name: value for name, value in problem.parameters.items()
              if name in step.parameter_domains}
+    if given["gamma"] == "fast":
+        return known | {needed: _fast_gamma(step, problem)}
     return known | {needed: inertia_parameter(needed, given[needed] or "m", problem.inertia)}
+
+
+def _fast_gamma(step: Stepper, problem: Problem) -> float:
+    """Return the γ with the fewest sweeps; refuse it where γ would change the solution."""
+    from ..runtime.inertia import gamma_fast
+    from ..runtime.quaternion import angular_velocity
+
+    stages = step.manifest["scheme"]["stages"] or 0
+    if stages < 6:
+        raise InputError(f"--gamma fast is for 6 stages or more, where the solution does not "
+                         f"depend on gamma, not for {step.name}; take m, h, mt, ht or a number.")
+    return gamma_fast(problem.inertia, angular_velocity(problem.q0, problem.p0, problem.inertia))
 
 
 def inertia_parameter(name: str, text: str, inertia: tuple[float, float, float]) -> float:

@@ -348,6 +348,23 @@ class FastTableau:
             "onward_nodes": _onward(part["c_tilde"], b_tilde, last, bits),  # type: ignore[arg-type]
         }
 
+    def rounding_errors(self, real: Real) -> list[Fraction]:
+        """Return how far the entries of μ, μ̂, ν and ν̃ are from the exact ones."""
+        rounded, part = self.tables(real), self.centres
+        s, p = self.tableau.s, self.tableau.p
+        last, ends = [*range(1, p), 0], [*range(1, p), p]
+        exact = {
+            "mu": [[part["A"][i][j] / part["b"][j] for j in range(s)] for i in range(s)],  # type: ignore[index,operator]
+            "mu_hat": [[part["A_hat"][i][j] / part["b_hat"][j] for j in range(s)]  # type: ignore[index,operator]
+                       for i in range(s)],
+            "nu": [[part["A_bar"][row][j] / part["b"][j] for j in range(s)] for row in ends],  # type: ignore[index,operator]
+            "nu_tilde": [[part["A_tilde"][i][j] / part["b_tilde"][j] for j in last]  # type: ignore[index,operator]
+                         for i in range(s)],
+        }
+        return [x - y for name, table in exact.items()
+                for given, row in zip(rounded.get(name, []), table, strict=True)
+                for x, y in zip(given, row, strict=True)]
+
     def is_symplectic(self, real: Real) -> bool:
         """Whether the rounded tables fulfil μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji exactly."""
         tables = self.tables(real)
