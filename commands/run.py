@@ -186,7 +186,8 @@ def _fast_gamma(step: Stepper, problem: Problem) -> float:
     if stages < 6:
         raise InputError(f"--gamma fast is for 6 stages or more, where the solution does not "
                          f"depend on gamma, not for {step.name}; take m, h, mt, ht or a number.")
-    return gamma_fast(problem.inertia, angular_velocity(problem.q0, problem.p0, problem.inertia))
+    omega = angular_velocity(problem.q0, problem.p0, problem.inertia)
+    return gamma_fast(problem.inertia, omega.tolist())
 
 
 def inertia_parameter(name: str, text: str, inertia: tuple[float, float, float]) -> float:

@@ -1174,13 +1174,23 @@ INLINE void recur(const predictor_t *s, int order, lanes *past, int length, cons
     const lanes *before[ORDER];
     for (int m = 0; m < order; ++m)
         before[m] = past_values(s, past, length, m);
-    for (int group = 0, i = 0; group < GROUPS; ++group)
-        for (; i < ends[group]; ++i) {
-            lanes sum = s->coefficient[group][0]*before[0][i];
-            for (int m = 1; m < order; ++m)
-                sum += s->coefficient[group][m]*before[m][i];
-            x[i] = sum;
+    for (int group = 0, i = 0; group < GROUPS; ++group) {
+        const lanes *c = s->coefficient[group];
+        for (; i + 2 <= ends[group]; i += 2) {
+            lanes first = c[0]*before[0][i], second = c[0]*before[0][i + 1];
+            for (int m = 1; m < order; ++m) {
+                first += c[m]*before[m][i];
+                second += c[m]*before[m][i + 1];
+            }
+            x[i] = first;
+            x[i + 1] = second;
         }
+        for (; i < ends[group]; ++i) {
+            x[i] = c[0]*before[0][i];
+            for (int m = 1; m < order; ++m)
+                x[i] += c[m]*before[m][i];
+        }
+    }
 }
 
 /* Starting values x; `through` are those of the polynomial through the last stages. */
@@ -1378,7 +1388,8 @@ static const int stages_rows[GROUPS] = { N, N, M };
 /* What a sweep improves, and what the end of the step needs of it. */
 typedef struct {
     lanes x[STAGES_X];
-    lanes C[STAGE_ITEMS*N], D[NODE_ITEMS*N], Y[NODE_ITEMS*N];
+    lanes Y[NODE_ITEMS*N];
+    lanes C[STAGE_ITEMS*N], D[NODE_ITEMS*N]; /* from here on: not needed once converged */
 } stages_iterate;
 
 typedef struct {
@@ -1757,7 +1768,8 @@ static const int trajectories_rows[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1
 /* What a sweep improves, and what the end of the step needs of it. */
 typedef struct {
     lanes x[TRAJECTORIES_X];
-    lanes C[S*N], D[P*N], Y[P*N];
+    lanes Y[P*N];
+    lanes C[S*N], D[P*N]; /* from here on: not needed once converged */
 } trajectories_iterate;
 
 typedef struct {
@@ -2397,6 +2409,17 @@ static batch_t *batch_of(batch_memory *memory)
     return (batch_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
 }
 
+/* What the end of a step needs of an iterate: its first lanes. */
+enum { RESULT = TRAJECTORIES_X + P*N };
+
+static void copy_result(trajectories_iterate *to, const trajectories_iterate *from, int lane)
+{
+    lanes *target = (lanes *)(void *)to;
+    const lanes *source = (const lanes *)(const void *)from;
+    for (int e = 0; e < RESULT; ++e)
+        set_part(&target[e], lane, part(&source[e], lane));
+}
+
 static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane)
 {
     lanes *target = (lanes *)(void *)to;
@@ -2468,13 +2491,13 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         for (int i = 0; i < W && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
-                copy_lane(&b->kept, &run->now, i);
+                copy_result(&b->kept, &run->now, i);
             }
     }
     for (int i = 0; i < W; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
-            copy_lane(&run->now, &b->kept, i);
+            copy_result(&run->now, &b->kept, i);
     }
 }
 

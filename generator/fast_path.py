@@ -357,8 +357,8 @@ class FastTableau:
             "mu": [[part["A"][i][j] / part["b"][j] for j in range(s)] for i in range(s)],  # type: ignore[index,operator]
             "mu_hat": [[part["A_hat"][i][j] / part["b_hat"][j] for j in range(s)]  # type: ignore[index,operator]
                        for i in range(s)],
-            "nu": [[part["A_bar"][row][j] / part["b"][j] for j in range(s)] for row in ends],  # type: ignore[index,operator]
-            "nu_tilde": [[part["A_tilde"][i][j] / part["b_tilde"][j] for j in last]  # type: ignore[index,operator]
+            "nu": [[part["A_bar"][row][j] / part["b"][j] for j in range(s)] for row in ends],
+            "nu_tilde": [[part["A_tilde"][i][j] / part["b_tilde"][j] for j in last]
                          for i in range(s)],
         }
         return [x - y for name, table in exact.items()

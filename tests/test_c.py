@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import platform
 import re
 import shutil
 import sys
@@ -439,3 +440,84 @@ def outcome(text):
         else:
             found[label][match[1]] = int(match[2])
     return found
+
+
+# ---------------------------------------------------------------- vectors of any width
+
+WIDTHS = """\
+#include <stdio.h>
+#include "NAME.h"
+
+enum { TOPS = 5, STEPS = 120 };
+
+int main(void)
+{
+    const double I1 = 0.002, I3 = 0.0008, spin = 125.66370614359172;
+    const NAME_options options = { .tolerance = 0, .max_iterations = 50 };
+    static NAME_work work;
+    static NAME_batch batch;
+    printf("%d\\n", NAME_lanes());
+    for (int from = 0; from < TOPS; from += NAME_lanes()) {
+        const int rest = TOPS - from, count = rest < NAME_lanes() ? rest : NAME_lanes();
+        NAME_parameters tops[TOPS];
+        NAME_report reports[TOPS] = { { 0 } };
+        double q[4*TOPS], p[4*TOPS], dt[TOPS];
+        int status[TOPS] = { 0 };
+        for (int i = 0; i < count; ++i) {
+            const double faster = 1 + 0.03*(from + i);
+            tops[i] = (NAME_parameters){ .I1 = I1, .I2 = I1, .I3 = I3, .mgl = 9.81*0.04,
+                                         .gamma = (2*I1 + I3)/3 };
+            q[4*i] = 0.9659258262890683;
+            q[4*i + 1] = 0.25881904510252074;
+            q[4*i + 2] = q[4*i + 3] = p[4*i] = p[4*i + 1] = 0;
+            p[4*i + 2] = -2*q[4*i + 1]*I3*spin*faster;
+            p[4*i + 3] = 2*q[4*i]*I3*spin*faster;
+            dt[i] = 2e-3;
+        }
+        NAME_integrate_lanes(count, tops, &options, dt, STEPS, STEPS, 0, q, p, NULL, NULL, NULL,
+                             NULL, reports, status, &batch, &work);
+        for (int i = 0; i < count; ++i)
+            printf("%d %.17g %.17g %.17g %.17g\\n", status[i], q[4*i], q[4*i + 1], q[4*i + 2],
+                   q[4*i + 3]);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+@pytest.mark.parametrize("spec", [Spec("G-L", 3), Spec("G-L", 8), Spec("LIIIA-B", 4), Spec("EMS")],
+                         ids=name_of)
+def test_lanes_of_any_width_give_the_same(name, spec, tmp_path):
+    """Plain numbers, the baseline of the machine, and all it has: the same tops to round-off.
+
+    With contraction off the width alone differs, and lanes do not share arithmetic: same bits.
+    """
+    command = compiler(name)
+    write({**files_of(spec), "main.c": WIDTHS.replace("NAME", spec.name)}, tmp_path)
+    native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
+    found = {}
+    for label, flags in (("plain", ["-DGYROSPARK_PLAIN"]), ("baseline", []), ("native", [native]),
+                         ("fused", [native, "-ffp-contract=fast"])):
+        run([*command, "-std=c11", "-O2", "-ffp-contract=off", *flags, "main.c", f"{spec.name}.c",
+             "-lm", "-o", label], tmp_path)
+        lanes, *rows = run([tmp_path / label], tmp_path).splitlines()
+        found[label] = (int(lanes), np.array([[float(x) for x in row.split()] for row in rows]))
+    assert found["plain"][0] == 1 <= found["baseline"][0] <= found["native"][0]
+    for label, (_, rows) in found.items():
+        assert rows.shape == (5, 5)
+        assert not rows[:, 0].any()
+        assert np.abs(rows - found["plain"][1]).max() <= (0 if label != "fused" else 1e-13)
+
+
+def test_the_widest_vectors_compile(tmp_path):
+    """AVX-512 is checked by the compiler where the machine does not have it."""
+    if platform.machine() not in ("x86_64", "AMD64"):
+        pytest.skip("AVX-512 is a thing of x86-64")
+    spec = Spec("G-L", 8)
+    write(files_of(spec), tmp_path)
+    for name in ("gcc", "clang"):
+        run([*compiler(name), *STRICT, "-O2", "-mavx512f", "-mfma", "-c", f"{spec.name}.c", "-o",
+             "kernel.o"], tmp_path)
+        assembly = run(["objdump", "-d", "kernel.o"], tmp_path)
+        assert assembly.count("zmm") > 200
