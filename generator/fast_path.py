@@ -22,6 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 import mpmath as mp
 import sympy as sp
@@ -278,7 +279,7 @@ class FastTableau:
     tableau: Tableau
 
     @cached_property
-    def centres(self) -> dict[str, list[Row] | Row]:
+    def centres(self) -> dict[str, Any]:
         """Every part as exact rationals within 2^−500 of the coefficients."""
         return self.tableau.map_enclosures(lambda e: e.centre)
 
@@ -291,7 +292,7 @@ class FastTableau:
             return "a weight b_i is zero, and the scaled stages divide by it"
         if 0 in part["b_tilde"][:p]:
             return "a weight b~_j is zero, and the scaled multipliers divide by it"
-        if any(part["A_bar"][0]):  # type: ignore[arg-type]
+        if any(part["A_bar"][0]):
             return "the first constraint node is not the start of the step"
         if p and self._inverse is None:
             return "the matrix A- A~ of the multipliers is singular"
@@ -305,7 +306,7 @@ class FastTableau:
             M = mp.matrix(p, p)
             for row in range(p):
                 for j in range(p):
-                    entry = sum((part["A_bar"][row + 1][i] * part["A_tilde"][i][j]  # type: ignore[index]
+                    entry = sum((part["A_bar"][row + 1][i] * part["A_tilde"][i][j]
                                  for i in range(s)), Fraction(0))
                     M[row, j] = mp.mpf(entry.numerator) / entry.denominator
             try:
@@ -323,18 +324,18 @@ class FastTableau:
         b, b_hat, b_tilde = (part[x] for x in ("b", "b_hat", "b_tilde"))
         bits = real.bits
         mu, mu_hat = _paired(
-            [[A[i][j] / b[j] for j in range(s)] for i in range(s)],  # type: ignore[index,operator]
-            [[A_hat[i][j] / b_hat[j] for j in range(s)] for i in range(s)], bits)  # type: ignore[index,operator]
-        onward = _onward(part["c"], b, list(range(s)), bits)  # type: ignore[arg-type]
+            [[A[i][j] / b[j] for j in range(s)] for i in range(s)],
+            [[A_hat[i][j] / b_hat[j] for j in range(s)] for i in range(s)], bits)
+        onward = _onward(part["c"], b, list(range(s)), bits)
         if not p:
             return {"mu": mu, "mu_hat": mu_hat, "onward": onward}
         nu, nu_tilde = _paired(
-            [[A_bar[row][j] / b[j] for j in range(s)] for row in range(p + 1)],  # type: ignore[index,operator]
-            [[A_tilde[i][j] / (b_tilde[j] or 1) for j in range(p + 1)] for i in range(s)],  # type: ignore[index,operator]
+            [[A_bar[row][j] / b[j] for j in range(s)] for row in range(p + 1)],
+            [[A_tilde[i][j] / (b_tilde[j] or 1) for j in range(p + 1)] for i in range(s)],
             bits)
         assert self._inverse is not None
         scaled = [
-            [round_binary(_fraction(self._inverse[j, row - 1]) * b_tilde[j], bits)  # type: ignore[operator]
+            [round_binary(_fraction(self._inverse[j, row - 1]) * b_tilde[j], bits)
              for row in ends]
             for j in last
         ]
@@ -345,7 +346,7 @@ class FastTableau:
             "nu_tilde": [[row[j] for j in last] for row in nu_tilde],
             "inverse": scaled,
             "onward": onward,
-            "onward_nodes": _onward(part["c_tilde"], b_tilde, last, bits),  # type: ignore[arg-type]
+            "onward_nodes": _onward(part["c_tilde"], b_tilde, last, bits),
         }
 
     def rounding_errors(self, real: Real) -> list[Fraction]:
@@ -354,8 +355,8 @@ class FastTableau:
         s, p = self.tableau.s, self.tableau.p
         last, ends = [*range(1, p), 0], [*range(1, p), p]
         exact = {
-            "mu": [[part["A"][i][j] / part["b"][j] for j in range(s)] for i in range(s)],  # type: ignore[index,operator]
-            "mu_hat": [[part["A_hat"][i][j] / part["b_hat"][j] for j in range(s)]  # type: ignore[index,operator]
+            "mu": [[part["A"][i][j] / part["b"][j] for j in range(s)] for i in range(s)],
+            "mu_hat": [[part["A_hat"][i][j] / part["b_hat"][j] for j in range(s)]
                        for i in range(s)],
             "nu": [[part["A_bar"][row][j] / part["b"][j] for j in range(s)] for row in ends],
             "nu_tilde": [[part["A_tilde"][i][j] / part["b_tilde"][j] for j in last]
