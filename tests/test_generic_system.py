@@ -349,8 +349,12 @@ def test_states_of_ims_and_ems_are_starts(name, scheme):
     """Every state of a run is accepted as a start, and goes on as the run did."""
     step, example = stepper_for(name, scheme, None), EXAMPLES[name]
     q, p = next(states(name, 1, step))
-    run = step.integrate(q, p, dt=0.02, steps=50, parameters=example.parameters)
+    how = {"dt": 0.02, "parameters": example.parameters}
+    run = step.integrate(q, p, steps=50, solver="newton", **how)
     for k in range(50):
-        q, p = step.step(run.q[k], run.p[k], dt=0.02, parameters=example.parameters)
+        q, p = step.step(run.q[k], run.p[k], solver="newton", **how)
         assert np.array_equal(q, run.q[k + 1])
         assert np.array_equal(p, run.p[k + 1])
+        q, p = step.step(run.q[k], run.p[k], **how)
+        for new, old in ((q, run.q[k + 1]), (p, run.p[k + 1])):
+            assert np.abs(new - old).max() < 1e-13 * (1 + np.abs(old).max())
