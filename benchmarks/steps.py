@@ -52,7 +52,7 @@ class Cell:
     difference
         Largest difference of q at the end to dense Newton's.
     samples
-        CPU seconds of every round, for ``steps`` steps.
+        CPU seconds of every round, for so many ``steps``.
     notes
         Why a solver has no numbers.
     """
@@ -60,7 +60,7 @@ class Cell:
     variant: str
     stages: int
     dt: float
-    steps: int
+    steps: dict[str, int]
     ns: dict[str, float] = field(default_factory=dict)
     ratio: dict[str, float] = field(default_factory=dict)
     iterations: dict[str, float] = field(default_factory=dict)
@@ -120,9 +120,9 @@ def _cell(variant: Variant, step: Stepper, stages: int, dt: float, rounds: int, 
         except GyrosparkError as error:
             notes[solver] = str(error)
             del runs[solver]
-    steps = _enough(runs, least)
-    samples = alternate({solver: _job(run, steps) for solver, run in runs.items()}, rounds)
-    ns = {solver: sample.median / steps * 1e9 for solver, sample in samples.items()}
+    steps = {solver: _enough(run, least) for solver, run in runs.items()}
+    samples = alternate({solver: _job(run, steps[solver]) for solver, run in runs.items()}, rounds)
+    ns = {solver: sample.median / steps[solver] * 1e9 for solver, sample in samples.items()}
     base = ends.get(BASE)
     return Cell(
         variant.name, stages, dt, steps, ns,
@@ -142,10 +142,10 @@ def _run(variant: Variant, step: Stepper, dt: float, solver: str) -> Callable[[i
                                         parameters=values, solver=solver)
 
 
-def _enough(runs: dict[str, Callable[[int], Any]], least: float) -> int:
-    """Return how many steps take the fastest solver at least ``least`` CPU seconds."""
-    steps = 100
-    while runs and min(stopwatch(_job(run, steps)) for run in runs.values()) < least:
+def _enough(run: Callable[[int], Any], least: float) -> int:
+    """Return how many steps take a solver at least ``least`` CPU seconds."""
+    steps = 200
+    while stopwatch(_job(run, steps)) < least:
         steps *= 2
     return steps
 
