@@ -25,8 +25,11 @@ from .tops import INERTIA, LANES, State, parameters, tops
 
 __all__ = ["EnsembleRow", "compare_ensembles", "ensemble_entries"]
 
-#: Stages and time step of our rows.
-_OURS = ((4, 1e-2), (8, 1e-2), (8, 2e-2))
+#: Stages, time step, γ (None: γ_m) and tolerance (None: round-off) of our rows.
+_OURS: tuple[tuple[int, float, float | None, float | None], ...] = (
+    (4, 1e-2, None, None), (8, 1e-2, None, None), (8, 2e-2, None, None),
+    (8, 2.5e-2, 1.1 * INERTIA[2], None), (8, 2.5e-2, 1.1 * INERTIA[2], 1e-14),
+)
 #: Lanes (None: the machine's SIMD width, as heyoka recommends it) and tolerance of its rows.
 _BATCHES: tuple[tuple[int | None, str], ...] = (
     (None, "default"), (8, "default"), (None, "1e-14"), (None, "1e-12"), (None, "1e-9"),
@@ -60,9 +63,10 @@ class EnsembleRow:
 def ensemble_entries(count: int, *, quick: bool = False) -> list[Entry]:
     """Return our ensembles with one and two workers, and heyoka's batches."""
     ours = [
-        Entry("gyrospark", __version__, f"G-L s={stages} Δt={dt:g}, {_workers(workers)}",
-              partial(_prepare, count, stages, dt, workers), dt, stages < 8)
-        for stages, dt in _OURS for workers in (1, 2)
+        Entry("gyrospark", __version__,
+              f"G-L s={stages} Δt={dt:g}{_note(gamma, tolerance)}, {_workers(workers)}",
+              partial(_prepare, count, stages, dt, gamma, tolerance, workers), dt, stages < 8)
+        for stages, dt, gamma, tolerance in _OURS for workers in (1, 2)
     ]
     theirs = [_batch(count, width, tol) for width, tol in _BATCHES]
     return [entry for entry in (*ours, *theirs) if entry.quick or not quick]
@@ -79,16 +83,24 @@ def _workers(count: int) -> str:
     return "1 worker" if count == 1 else f"{count} workers"
 
 
-def _prepare(count: int, stages: int, dt: float, workers: int) -> Run:
+def _note(gamma: float | None, tolerance: float | None) -> str:
+    return ("" if gamma is None else " γ=1.1I₃") + (
+        "" if tolerance is None else f" tol {tolerance:g}")
+
+
+def _prepare(
+    count: int, stages: int, dt: float, gamma: float | None, tolerance: float | None, workers: int
+) -> Run:
     step = stepper("G-L", stages, "gamma")
     starts = tops(count)
     q, p = np.array([top.q for top in starts]), np.array([top.p for top in starts])
-    values = parameters()
+    values = parameters(gamma)
 
     def run(t_end: float) -> State:
         steps = round(t_end / dt)
         ends = step.integrate_ensemble(q, p, dt=dt, steps=steps, every=max(steps, 1),
-                                       parameters=values, workers=workers)
+                                       parameters=values, workers=workers,
+                                       tolerance=tolerance)
         for failure in ends.failures.values():
             raise failure
         last = np.asarray(ends.q[:, -1], dtype=np.float64)

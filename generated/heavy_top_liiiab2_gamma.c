@@ -1417,8 +1417,8 @@ INLINE void stages_four(int rows, int columns, int width, int count, const lanes
             y[i*width + a] = sum[a][i];
 }
 
-/* Not inlined: where it is, compilers keep the table in registers they do not have. */
-NOINLINE void stages_stages_of_stages(const lanes *base, int stride, const lanes *table,
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
+INLINE void stages_stages_of_stages(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
     int start = 0;
@@ -1426,8 +1426,8 @@ NOINLINE void stages_stages_of_stages(const lanes *base, int stride, const lanes
         stages_four(STAGE_ITEMS, S, N, 4, base + start, stride, table, x + start, y + start);
 }
 
-/* Not inlined: where it is, compilers keep the table in registers they do not have. */
-NOINLINE void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
+INLINE void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
     int start = 0;
@@ -1435,8 +1435,8 @@ NOINLINE void stages_nodes_of_stages(const lanes *base, int stride, const lanes 
         stages_four(NODE_ITEMS, S, N, 4, base + start, stride, table, x + start, y + start);
 }
 
-/* Not inlined: where it is, compilers keep the table in registers they do not have. */
-NOINLINE void stages_stages_of_nodes(const lanes *base, int stride, const lanes *table,
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
+INLINE void stages_stages_of_nodes(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
     int start = 0;
@@ -1444,8 +1444,8 @@ NOINLINE void stages_stages_of_nodes(const lanes *base, int stride, const lanes 
         stages_four(STAGE_ITEMS, P, N, 4, base + start, stride, table, x + start, y + start);
 }
 
-/* Not inlined: where it is, compilers keep the table in registers they do not have. */
-NOINLINE void stages_nodes_of_nodes(const lanes *base, int stride, const lanes *table,
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
+INLINE void stages_nodes_of_nodes(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
     int start = 0;
@@ -1799,7 +1799,7 @@ INLINE void trajectories_four(int rows, int columns, int width, int count,
     }
 }
 
-/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
 NOINLINE void trajectories_stages_of_stages(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
@@ -1808,7 +1808,7 @@ NOINLINE void trajectories_stages_of_stages(const lanes *base, int stride, const
         trajectories_four(S, S, N, 4, base + start, stride, table, x + start, y + start);
 }
 
-/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
 NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
@@ -1817,7 +1817,7 @@ NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const 
         trajectories_four(P, S, N, 4, base + start, stride, table, x + start, y + start);
 }
 
-/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
 NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
@@ -1826,7 +1826,7 @@ NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const 
         trajectories_four(S, P, N, 4, base + start, stride, table, x + start, y + start);
 }
 
-/* Not inlined: where it is, compilers keep the table in registers they do not have. */
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
 NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {

@@ -82,7 +82,8 @@ def parts(scheme, stages):
     table = text.index("static const NAME_tableau tableau = {")
     end = text.index("};", table)
     fast = re.compile(r"^static const real fast_\w+\[.*?\n\};\n", re.MULTILINE | re.DOTALL)
-    return fast.sub("", text[:start] + text[end:]), text[table:end]
+    code = fast.sub("", text[:start] + text[end:])
+    return code.replace("NOINLINE void stages", "INLINE void stages"), text[table:end]
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [

@@ -24,7 +24,7 @@ SOLVERS = ("auto", "newton", "fixed-point")
 
 @dataclass(frozen=True)
 class Method:
-    """A scheme with its time step, and its γ or α (None: γ_m)."""
+    """A scheme with its time step, its γ or α (None: γ_m) and tolerance (None: round-off)."""
 
     scheme: str
     stages: int | None
@@ -32,6 +32,7 @@ class Method:
     rep: str = "gamma"
     inertia: float | None = None
     note: str = ""
+    tolerance: float | None = None
 
     @property
     def text(self) -> str:
@@ -49,6 +50,10 @@ _METHODS = (
     Method("G-L", 8, 1e-2),
     Method("G-L", 8, 2e-2),
     Method("G-L", 8, 2.5e-2, inertia=1.1 * INERTIA[2], note=" γ=1.1I₃"),
+    Method("G-L", 8, 2.5e-2, inertia=1.1 * INERTIA[2], note=" γ=1.1I₃ tol 1e-14",
+           tolerance=1e-14),
+    Method("G-L", 8, 2.5e-2, inertia=1.1 * INERTIA[2], note=" γ=1.1I₃ tol 1e-12",
+           tolerance=1e-12),
     Method("IMS", None, 1e-3, "alpha", sum(INERTIA) / 2, " α=½trJ"),  # pydykit's midpoint rule
 )
 _QUICK = _METHODS[:1]
@@ -88,7 +93,7 @@ def prepare(method: Method, solver: str) -> Run:
         if abs(steps * method.dt - t_end) > 1e-9 * t_end:
             raise InputError(f"t = {t_end:g} s is no whole number of steps of {method.dt:g} s.")
         end = step.integrate(top.q, top.p, dt=method.dt, steps=steps, every=max(steps, 1),
-                             parameters=values, solver=solver)
+                             parameters=values, solver=solver, tolerance=method.tolerance)
         q = np.asarray(end.q[-1], dtype=np.float64)
         return State(q, angular_velocity(q, end.p[-1], INERTIA))
 
