@@ -50,8 +50,9 @@ def stepper(
         ``"heavy_top"`` (default), ``"free_body"``, or a ``gyrospark.System``.
     tableau : path or Tableau
         A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
-    real : {"double", "float", "long-double"}
-        Floating-point type of the compiled code.
+    real : {"double", "float", "long-double", "float128"}
+        Floating-point type of the compiled code. Arrays of float128 hold mpmath numbers of 113
+        bits.
     allow_invalid : bool
         Use a tableau although it violates required conditions.
 

@@ -24,7 +24,8 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--system", metavar="NAME", help="heavy_top (default) or free_body."),
         click.option("--tableau", metavar="FILE", type=click.Path(path_type=Path),
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
-        click.option("--real", metavar="TYPE", help="double (default), float or long-double."),
+        click.option("--real", metavar="TYPE",
+                     help="double (default), float, long-double or float128."),
     ]
     for option in reversed(options):
         function = option(function)

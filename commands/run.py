@@ -77,7 +77,8 @@ def run(
                         system=spec.system, tableau=spec.tableau, real=spec.real)
     parameters = _parameters(step, chosen, gamma, alpha)
     q0, p0 = chosen.q0, chosen.p0
-    if spec.real == "long-double":  # the problem's start is on the constraints to double only
+    if spec.real in ("long-double", "float128"):
+        # The problem's start is on the constraints to double only.
         q0, p0 = step.project(q0, p0, parameters=parameters)
     count = whole_number("--steps", steps)
     failure: StepFailed | None = None

@@ -123,7 +123,7 @@ def _context(
         "constants_c": {str(s): printer(e) for e, s in needed.items()},
         "R": real.c_type,
         "sfx": real.suffix.lower(),
-        "limits": {"float": "FLT", "double": "DBL", "long-double": "LDBL"}[real.name],
+        "limits": real.limits,
         "N": system.n,
         "M": system.m,
         "U": scheme.size,
@@ -220,8 +220,7 @@ def _memory(
     """
     n, m = scheme.system.n, scheme.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
-    size = {"float": 4, "double": 8, "long-double": 16}[real.name]
-    lanes = 64 // size if real.name in ("float", "double") else 1
+    lanes = 64 // real.bytes if real.name in ("float", "double") else 1
     blocks, nodes = (-(-s // lanes), -(-p // lanes)) if one else (s, p)
     x = 2 * blocks * n + nodes * m
     iterate = x + (blocks + 2 * nodes) * n + nodes * m * m
@@ -229,7 +228,7 @@ def _memory(
     vectors = (2 * len(scheme.system.parameters) + len(system.folds.definitions) + 32 + 5 * n
                + 2 * blocks + tables + 2 * iterate + 17 * x + 3 * m + m * m
                + 3 * (16 + 17 * 17))
-    return vectors * lanes * size + 512
+    return vectors * lanes * real.bytes + 512
 
 
 def comment(e: sp.Expr) -> str:

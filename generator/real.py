@@ -28,6 +28,10 @@ class Real:
         Decimal digits that read back to the same number.
     suffix : str
         Of a literal (``f``, ``L``) and of the functions of ``<math.h>`` in lower case.
+    limits : str
+        What the names of the type's limits in ``<float.h>`` begin with.
+    bytes : int
+        The most it takes in memory.
     """
 
     name: str
@@ -35,6 +39,8 @@ class Real:
     bits: int
     digits: int
     suffix: str
+    limits: str
+    bytes: int
 
     def literal(self, value: Fraction) -> str:
         """Return a C literal that reads back to the value rounded to this type."""
@@ -59,9 +65,10 @@ class Real:
 REALS = {
     real.name: real
     for real in (
-        Real("float", "float", 24, 9, "f"),
-        Real("double", "double", 53, 17, ""),
-        Real("long-double", "long double", 64, 21, "L"),
+        Real("float", "float", 24, 9, "f", "FLT", 4),
+        Real("double", "double", 53, 17, "", "DBL", 8),
+        Real("long-double", "long double", 64, 21, "L", "LDBL", 16),
+        Real("float128", "_Float128", 113, 36, "F128", "FLT128", 16),
     )
 }
 

@@ -13,7 +13,7 @@ __all__ = ["MAX_STAGES", "PAPER_SPECS", "REALS", "REPS", "SCHEMES", "SYSTEMS", "
 SCHEMES = {"IMS": 0, "EMS": 0, "G-L": 1, "LIIIA-B": 2}
 REPS = ("alpha", "gamma")
 SYSTEMS = ("heavy_top", "free_body")
-REALS = ("double", "float", "long-double")
+REALS = ("double", "float", "long-double", "float128")
 MAX_STAGES = 16
 
 

@@ -6,10 +6,13 @@ the stepper's own type. cffi releases the GIL during every call.
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .checks import as_array, as_numbers
 
 __all__ = ["DTYPES", "REASONS", "SOLVERS", "Binding"]
 
@@ -19,6 +22,7 @@ DTYPES: dict[str, Any] = {
     "float": np.float32,
     "double": np.float64,
     "long-double": np.longdouble,
+    "float128": object,  # mpmath numbers; see ``quad_binding``
 }
 #: Solver → its number in the generated enum; "python" drives the compiled parts itself.
 SOLVERS = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
@@ -34,10 +38,9 @@ class Binding:
 
     def __init__(self, module: Any, name: str, manifest: dict[str, Any]) -> None:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
-        self.c_type = {"float": "float", "double": "double", "long-double": "long double"}[
-            manifest["real"]
-        ]
+        self.c_type = manifest["real"].replace("-", " ")
         self.dtype = DTYPES[manifest["real"]]
+        self.parameter_names = list(manifest["system"]["parameters"])
         self.n = len(manifest["system"]["coordinates"])
         self.m = len(manifest["system"]["constraints"])
         self.unknowns = int(manifest["scheme"]["unknowns"])
@@ -45,15 +48,20 @@ class Binding:
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
         self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
 
+    @property
+    def epsilon(self) -> float:
+        """Distance from 1 to the next number of the stepper's type."""
+        return float(np.finfo(self.dtype).eps)
+
     def function(self, name: str) -> Any:
         """Return a function of the module by its short name."""
         return getattr(self.lib, f"{self.name}_{name}")
 
-    def pointer(self, array: Array) -> Any:
-        """Return a pointer to a checked array, NULL for an empty one."""
+    def pointer(self, array: Array, start: int = 0) -> Any:
+        """Return a pointer to a checked array, from an entry on; NULL for an empty one."""
         if array.size == 0:
             return self.ffi.NULL
-        return self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True)
+        return self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True) + start
 
     def parameters(self, values: dict[str, float]) -> Any:
         """Return the parameter struct."""
@@ -75,6 +83,29 @@ class Binding:
     def new(self, *shape: int) -> Array:
         """Return a zeroed array of the stepper's type."""
         return np.zeros(shape, dtype=self.dtype)
+
+    def array(self, name: str, value: Any, shape: tuple[int, ...]) -> Array:
+        """Return a checked copy of a caller's array in the stepper's type."""
+        return as_array(name, value, shape, self.dtype)
+
+    def numbers(self, name: str, value: Any) -> Array:
+        """Return a caller's numbers, of whatever shape and real type, as an array."""
+        return as_numbers(name, value)
+
+    def solve(self, A: Array, b: Array) -> Array:
+        """Return A⁻¹b in double, or raise numpy.linalg.LinAlgError."""
+        x = np.linalg.solve(A.astype(float), b.astype(float))
+        return np.ascontiguousarray(x, dtype=self.dtype)
+
+    def energy_error(self, H: Any, report: Any) -> float:
+        """Return |H − H₀| for a running record."""
+        return abs(float(H) - float(report.energy_start))  # cffi's long double is an object
+
+    def coefficients(self) -> list[Fraction]:
+        """Return the compiled coefficients in the order of the struct, exactly."""
+        struct = self.function("coefficients")()
+        array = np.frombuffer(self.ffi.buffer(struct), dtype=self.dtype)
+        return [Fraction(*entry.as_integer_ratio()) for entry in array]
 
     # ------------------------------------------------------------ calls
 
@@ -112,10 +143,9 @@ class Binding:
         """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
         rows = out[0].shape[1]
         counts = self.ffi.from_buffer("int[]", out[3], require_writable=True)
-        starts = [self.pointer(part) for part in out[:3]]
         widths = [self.n, self.n, self.multipliers]
-        starts = [start if start == self.ffi.NULL else start + row * width
-                  for start, width in zip(starts, widths, strict=True)]
+        starts = [self.pointer(part, row * width)
+                  for part, width in zip(out[:3], widths, strict=True)]
         self.function("integrate_lanes")(
             len(dt), parameters, options, self.pointer(dt), steps, every, rows, self.pointer(q),
             self.pointer(p), *starts, counts + row, reports,

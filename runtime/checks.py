@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 
-__all__ = ["as_array", "as_numbers", "as_parameters", "as_positive_count", "as_real", "as_step"]
+__all__ = ["all_finite", "as_array", "as_numbers", "as_parameters", "as_positive_count",
+           "as_real", "as_step"]
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
 _MOST = 2**62
@@ -39,6 +40,13 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
         raise InputError(f"{name} = {array} is too large for {converted.dtype}; give smaller "
                          "numbers or a wider floating-point type.")
     return converted
+
+
+def all_finite(array: NDArray[Any]) -> bool:
+    """Whether all entries, mpmath's among them, are finite."""
+    if array.dtype == object:
+        return all(entry - entry == 0 for entry in array.flat)
+    return bool(np.all(np.isfinite(array)))
 
 
 def as_numbers(name: str, value: Any) -> NDArray[Any]:

@@ -17,16 +17,27 @@ from pathlib import Path
 import cffi
 
 from ..errors import CompilerError
+from .quad_wrapper import is_quad, wrap_declarations
 
 __all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
 
 #: For the generated kernel: it must be clean under all of these.
 STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+#: For float128: ISO C11 has neither the type nor its literals, which -Wpedantic says of each.
+QUAD_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
 SPEED_FLAGS = ["-O3", "-ffp-contract=fast", "-fno-math-errno"]
 
 #: ziglang's first call unpacks itself, on a slow disk too.
 _VERSION_SECONDS = 120
+
+#: What generated C needs of compiler and C library for float128.
+_QUAD_PROBE = """#define __STDC_WANT_IEC_60559_TYPES_EXT__ 1
+#include <float.h>
+#include <math.h>
+_Float128 root(_Float128 x);
+_Float128 root(_Float128 x) { return sqrtf128(x)*1.5F128 + FLT128_EPSILON; }
+"""
 
 _CURE = (
     "Install gcc or clang, set CC to a compiler, or `pip install gyrospark[compiler]`, which "
@@ -121,15 +132,15 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
     """
     for file, text in files.items():
         (folder / file).write_text(text, encoding="utf-8")
-    wrapper = folder / f"{module_name(name)}.c"
-    ffi = cffi.FFI()
-    ffi.cdef(read_declarations(files[f"{name}.h"]))
-    ffi.set_source(module_name(name), f'#include "{name}.h"', compiler_verbose=0)
-    ffi.emit_c_code(str(wrapper))
+    quad = is_quad(read_declarations(files[f"{name}.h"]))
+    if quad:
+        _refuse_without_quad(compiler, folder)
+    wrapper = _write_wrapper(name, files[f"{name}.h"], folder)
     include = sysconfig.get_paths()["include"]
     compile_ = [*compiler.command, *compiler.flags]
     commands = [
-        [*compile_, *STRICT_FLAGS, "-c", f"{name}.c", "-o", "kernel.o"],
+        [*compile_, *(QUAD_FLAGS if quad else STRICT_FLAGS), "-c", f"{name}.c", "-o",
+         "kernel.o"],
         [*compiler.command, "-O1", "-fPIC", f"-I{include}", "-I.", "-w", "-c", wrapper.name,
          "-o", "wrapper.o"],
     ]
@@ -142,6 +153,35 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
         raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
                             f"{shlex.join(link)}. {_CURE}", command=link)
     return target
+
+
+def _write_wrapper(name: str, header: str, folder: Path) -> Path:
+    """Write cffi's C for a header; return its path."""
+    declarations, functions = read_declarations(header), ""
+    if is_quad(declarations):
+        declarations, functions = wrap_declarations(declarations)
+    ffi = cffi.FFI()
+    ffi.cdef(declarations)
+    ffi.set_source(module_name(name), f'#include "{name}.h"\n{functions}', compiler_verbose=0)
+    wrapper = folder / f"{module_name(name)}.c"
+    ffi.emit_c_code(str(wrapper))
+    return wrapper
+
+
+def _refuse_without_quad(compiler: Compiler, folder: Path) -> None:
+    """Refuse a compiler, or a C library, without binary128."""
+    (folder / "binary128.c").write_text(_QUAD_PROBE, encoding="utf-8")
+    command = [*compiler.command, *QUAD_FLAGS, "-fPIC", *compiler.link_flags, "binary128.c", "-lm",
+               "-o", "binary128.out"]
+    try:
+        _run_together([command], folder)
+    except CompilerError as error:
+        raise CompilerError(
+            f"The compiler {shlex.join(compiler.command)!r} has no float128 (_Float128 and "
+            "functions such as sqrtf128): that takes gcc 7 or later and glibc 2.26 or later. Set "
+            "CC to such a gcc, or choose double, float or long-double.",
+            command=error.command, stderr=error.stderr,
+        ) from error
 
 
 def module_name(name: str) -> str:

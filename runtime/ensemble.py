@@ -66,7 +66,7 @@ def integrate_members(
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
-    starts, momenta = _rows("q", q), _rows("p", p)
+    starts, momenta = _rows(stepper, "q", q), _rows(stepper, "p", p)
     if workers is not None:
         as_positive_count("workers", workers, least=1)
     if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
@@ -106,12 +106,13 @@ def integrate_members(
             pool.shutdown(cancel_futures=True)
     members = [member for member, _ in results]
     failures = {i: failure for i, (_, failure) in enumerate(results) if failure is not None}
+    no_number = stepper.binding.new(1)[0] + np.nan
     rows = -(-options["steps"] // options["every"]) + 1
     return Ensemble(
         _stack([m.t for m in members], rows, np.nan),
-        _stack([m.q for m in members], rows, np.nan),
-        _stack([m.p for m in members], rows, np.nan),
-        _stack([m.multipliers for m in members], rows - 1, np.nan),
+        _stack([m.q for m in members], rows, no_number),
+        _stack([m.p for m in members], rows, no_number),
+        _stack([m.multipliers for m in members], rows - 1, no_number),
         _stack([m.iterations for m in members], rows - 1, 0),
         failures,
         members,
@@ -125,8 +126,8 @@ def _each(name: str, value: Any, size: int) -> Array:
     return array
 
 
-def _rows(name: str, value: Any) -> Array:
-    array = as_numbers(name, value)
+def _rows(stepper: Stepper, name: str, value: Any) -> Array:
+    array = stepper.binding.numbers(name, value)
     if array.ndim != 2:
         raise InputError(f"{name} has shape {array.shape}; give one row for each trajectory.")
     return array
@@ -144,7 +145,7 @@ def _each_parameters(parameters: Any, size: int) -> list[dict[str, float]]:
     return [dict(run) for run in parameters]
 
 
-def _stack(parts: list[Array], rows: int, fill: float) -> Array:
+def _stack(parts: list[Array], rows: int, fill: Any) -> Array:
     """Stack arrays of up to ``rows`` rows, the rest filled."""
     stacked = np.full((len(parts), rows, *parts[0].shape[1:]), fill, dtype=parts[0].dtype)
     for i, part in enumerate(parts):

@@ -160,9 +160,9 @@ def _observe(
     report.steps += 1
     report.iterations += taken
     report.iterations_max = max(report.iterations_max, taken)
-    H = float(binding.hamiltonian(parameters, q[None], p[None])[0])
+    H = binding.hamiltonian(parameters, q[None], p[None])[0]
     g, f = (float(d[0]) for d in defect_sizes(binding, parameters, q[None], p[None]))
-    sizes = {"energy_error": abs(H - float(report.energy_start)), "constraint": g, "hidden": f}
+    sizes = {"energy_error": binding.energy_error(H, report), "constraint": g, "hidden": f}
     for name, size in sizes.items():  # float(...): cffi hands long double over as an object
         largest, total = f"{name}_max", f"{name}_sum"
         setattr(report, largest, max(float(getattr(report, largest)), size))

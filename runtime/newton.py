@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .binding import Binding
+from .checks import all_finite
 
 __all__ = ["newton_step"]
 
@@ -37,20 +38,19 @@ def solve_stages(
     q: Array, p: Array, work: Any,
 ) -> tuple[int, Array, int]:
     """T1: return status, the unknowns x and the number of iterations."""
-    epsilon = float(np.finfo(binding.dtype).eps)
+    epsilon = binding.epsilon
     x = binding.guess(parameters, dt, q, p, work)
     previous = 0.0
     for taken in range(1, max_iterations + 1):
         r = binding.residual(parameters, dt, q, p, x, work)
         J = binding.jacobian(parameters, dt, q, p, x, work)
-        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
+        if not (all_finite(r) and all_finite(J)):
             return 3, x, taken
         scale = np.abs(J).max(axis=1)
         try:
-            dx = np.linalg.solve((J.T / scale).T.astype(float), (r / scale).astype(float))
+            dx = binding.solve((J.T / scale).T, r / scale)
         except np.linalg.LinAlgError:
             return 2, x, taken
-        dx = np.ascontiguousarray(dx, dtype=binding.dtype)
         size = binding.increment_size(dt, q, p, x, dx)
         x = x - dx
         if not np.isfinite(size):

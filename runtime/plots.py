@@ -114,8 +114,9 @@ def _sphere(axes: Any, trajectory: Trajectory) -> None:
 
 def _coordinates(axes: Any, trajectory: Trajectory) -> None:
     some = _thin(trajectory)
+    q = trajectory.q[some].astype(float)
     for i, name in enumerate(trajectory.manifest["system"]["coordinates"]):
-        axes.plot(trajectory.t[some], trajectory.q[some, i], linewidth=1, label=name)
+        axes.plot(trajectory.t[some], q[:, i], linewidth=1, label=name)
     axes.set_xlabel("t [s]")
     axes.set_title("coordinates", fontsize=10)
     if trajectory.q.shape[1] <= 8:
@@ -124,7 +125,7 @@ def _coordinates(axes: Any, trajectory: Trajectory) -> None:
 
 def _energy(axes: Any, trajectory: Trajectory) -> None:
     some = _thin(trajectory)
-    error = (trajectory.energies - trajectory.report.energy_start)[some]
+    error = (trajectory.energies - trajectory.energies[0])[some].astype(float)
     axes.plot(trajectory.t[some], error, color=_INK, linewidth=0.8)
     axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
     axes.set_title("energy error H − H₀", fontsize=10)
@@ -134,12 +135,12 @@ def _energy(axes: Any, trajectory: Trajectory) -> None:
 def _constraints(axes: Any, trajectory: Trajectory) -> None:
     """Draw the constraint errors; exact zeros are drawn at the bottom."""
     some = _thin(trajectory)
-    floor = 1e-18
+    floor = 1e-36 if trajectory.manifest["real"] == "float128" else 1e-18
     for values, name, colour in zip(trajectory.constraint_errors(),
                                     ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
                                     strict=True):
-        axes.semilogy(trajectory.t[some], np.maximum(values[some], floor), ".", markersize=2,
-                      color=colour, label=name)
+        sizes = np.maximum(values[some].astype(float), floor)
+        axes.semilogy(trajectory.t[some], sizes, ".", markersize=2, color=colour, label=name)
     axes.set_xlabel("t [s]")
     axes.set_title("constraint errors", fontsize=10)
     axes.legend(fontsize=8, ncols=2, loc="upper right")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import GyrosparkError, InputError, StepFailed
 from .binding import REASONS, SOLVERS, Binding
-from .checks import as_array, as_numbers, as_parameters, as_positive_count, as_real, as_step
+from .checks import as_parameters, as_positive_count, as_real, as_step
 from .ensemble import Ensemble, integrate_members
 from .integration import Run, defect_sizes, integrate
 from .lanes import Member, integrate_lanes
@@ -48,7 +48,8 @@ class Stepper:
         self.name = name
         self.files = dict(files)
         self.manifest: dict[str, Any] = json.loads(files[f"{name}.json"])
-        self.binding = Binding(load_module(name, files), name, self.manifest)
+        module = load_module(name, files)
+        self.binding = _binding_type(self.manifest["real"])(module, name, self.manifest)
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns
         self.order = int(self.manifest["scheme"]["order"])
@@ -187,13 +188,13 @@ class Stepper:
 
     def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]) -> Array:
         """Return H(q, p) in the stepper's own representation; leading axes are kept."""
-        q_rows, p_rows = as_numbers("q", q), as_numbers("p", p)
+        q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers("p", p)
         shape = q_rows.shape
         if shape[-1:] != (self.n,) or p_rows.shape != shape:
             raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "
                              f"give (..., {self.n}) for both.")
-        dtype = self.binding.dtype
-        flat = [np.array(a, dtype=dtype).reshape(-1, self.n) for a in (q_rows, p_rows)]
+        flat = [np.array(a, dtype=self.binding.dtype).reshape(-1, self.n)
+                for a in (q_rows, p_rows)]
         H = self.binding.hamiltonian(self._parameters(parameters), *flat)
         return H.reshape(shape[:-1])
 
@@ -238,8 +239,8 @@ class Stepper:
     # ------------------------------------------------------------ inside
 
     def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
-        dtype = self.binding.dtype
-        return as_array("q", q, (self.n,), dtype), as_array("p", p, (self.n,), dtype)
+        as_array = self.binding.array
+        return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))
 
     def _parameters(self, given: Mapping[str, float]) -> Any:
         return self.binding.parameters(as_parameters(given, self.parameter_domains))
@@ -249,7 +250,7 @@ class Stepper:
     ) -> tuple[Array, tuple[Array, Array], Any]:
         as_step(dt)
         state = self._state(q, p)
-        unknowns = as_array("x", x, (self.unknowns,), self.binding.dtype) - self._origin(*state)
+        unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
         return unknowns, state, self._parameters(parameters)
 
     def _origin(self, q: Array, p: Array) -> Array:
@@ -317,8 +318,8 @@ class Stepper:
         sizes = defect_sizes(self.binding, parameters, run.q[None], run.p[None])
         g, f = (float(size[0]) for size in sizes)
         q_size, p_size = float(np.linalg.norm(run.q)), float(np.linalg.norm(run.p))
-        nudge = 2.0**-10 * float(np.finfo(self.binding.dtype).eps) ** 0.25
-        epsilons = 64 * float(np.finfo(self.binding.dtype).eps) / nudge
+        nudge = 2.0**-10 * self.binding.epsilon ** 0.25
+        epsilons = 64 * self.binding.epsilon / nudge
         g_bound, f_bound = (epsilons * size for size in self._changes(
             parameters, run, nudge * q_size, nudge * p_size))
         if not self.manifest["scheme"]["keeps_momentum_constraint"]:
@@ -333,3 +334,12 @@ class Stepper:
                 f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
                 "`q, p = stepper.project(q, p, parameters=...)` moves it onto them."
             )
+
+
+def _binding_type(real: str) -> type[Binding]:
+    """Return the class for a floating-point type; only float128 costs the import of mpmath."""
+    if real != "float128":
+        return Binding
+    from .quad_binding import QuadBinding
+
+    return QuadBinding

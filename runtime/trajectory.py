@@ -19,6 +19,8 @@ __all__ = ["Report", "Trajectory"]
 
 Array = NDArray[Any]
 _FORMAT = 1
+#: Arrays of the stepper's own type; float128 is stored as bytes, a last axis of 16.
+_QUADS = ("q", "p", "multipliers", "energies", "g_errors", "f_errors")
 _ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors")
 
 
@@ -171,7 +173,7 @@ class Trajectory:
         try:
             with part.open("wb") as file:
                 np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(about)),
-                                    **{name: getattr(self, name) for name in _ARRAYS})
+                                    **{name: _storable(getattr(self, name)) for name in _ARRAYS})
             part.replace(target)
         except OSError as error:
             with contextlib.suppress(OSError):
@@ -198,6 +200,8 @@ class Trajectory:
             if about["format"] != _FORMAT:
                 raise InputError(f"{str(path)!r} has format {about['format']}; this version "
                                  f"reads {_FORMAT}.")
+            if about["manifest"]["real"] == "float128":
+                arrays |= {name: _from_bytes(arrays[name]) for name in _QUADS}
             report = about["report"]
             report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
             loaded = cls(**arrays, dt=about["dt"], every=about["every"],
@@ -230,3 +234,19 @@ class Trajectory:
         from .plots import draw  # matplotlib is optional
 
         return draw(self, path)
+
+
+def _storable(array: Array) -> Array:
+    """Return an array as a file can hold it: mpmath numbers as their bytes in binary128."""
+    if array.dtype != object:
+        return array
+    from .quad import to_bytes  # mpmath costs time, and only float128 needs it
+
+    return to_bytes(array)
+
+
+def _from_bytes(array: Array) -> Array:
+    """Return the mpmath numbers that were stored as bytes."""
+    from .quad import from_bytes
+
+    return from_bytes(array)

@@ -1,0 +1,70 @@
+"""What cffi is told of a float128 stepper: cffi knows neither ``_Float128`` nor its size.
+
+The type is opaque to cffi, so numbers travel by pointer only. Fields of that type are left out of
+the structs (the C compiler tells cffi how large they are), and every function is called through
+one that takes by pointer what the original takes by value.
+"""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["PREFIX", "TYPE", "is_quad", "wrap_declarations"]
+
+#: The type in generated C.
+TYPE = "_Float128"
+#: Of the functions that cffi calls.
+PREFIX = "quad_"
+
+_OPAQUE = "quad"
+_STRUCT = re.compile(r"typedef struct \{(.*?)\} (\w+);", re.DOTALL)
+_ENUM = re.compile(r"enum \w+ \{.*?\};", re.DOTALL)
+_FUNCTION = re.compile(r"(.*?)(\w+)\((.*)\)", re.DOTALL)
+
+
+def is_quad(declarations: str) -> bool:
+    """Whether these are the declarations of a float128 stepper."""
+    return TYPE in declarations
+
+
+def wrap_declarations(declarations: str) -> tuple[str, str]:
+    """Return the declarations for cffi, and the C of the functions they declare."""
+    text = re.sub(r"/\*.*?\*/", "", declarations, flags=re.DOTALL)
+    structs = [_struct(body, name) for body, name in _STRUCT.findall(text)]
+    functions = [_function(" ".join(part.split()))
+                 for part in _ENUM.sub("", _STRUCT.sub("", text)).split(";") if part.strip()]
+    declared = [f"typedef ... {_OPAQUE};", *_ENUM.findall(text), *structs,
+                *(f"{head};" for head, _ in functions)]
+    defined = [f"typedef {TYPE} {_OPAQUE};",
+               *(f"static {head}\n{{\n    {body}\n}}" for head, body in functions)]
+    return "\n".join(declared), "\n".join(defined)
+
+
+def _struct(body: str, name: str) -> str:
+    """Return a struct without its fields of the type; "...;" lets the C compiler tell the rest."""
+    fields = [field.strip() for field in body.split(";") if field.strip()]
+    kept = [f"{field};" for field in fields if TYPE not in field]
+    more = ["...;"] if len(kept) < len(fields) or name.endswith("_work") else []
+    return f"typedef struct {{ {' '.join([*kept, *more])} }} {name};"
+
+
+def _function(declaration: str) -> tuple[str, str]:
+    """Return head and body of the function by which cffi calls a declared one.
+
+    A result of the type becomes a double: the only one is a size that iterations are judged by.
+    """
+    match = _FUNCTION.fullmatch(declaration)
+    if match is None:
+        raise ValueError(f"No function of C: {declaration}")
+    result, name, arguments = match.groups()
+    taken, passed = [], []
+    for argument in arguments.split(","):
+        text = re.sub(r"(\w+)\[\d+\]", r"*\1", argument.strip())
+        own = text.split()[-1].lstrip("*")
+        by_value = TYPE in text and "*" not in text
+        taken.append(f"const {TYPE} *{own}" if by_value else text)
+        passed.append(f"*{own}" if by_value else own)
+    call = f"{name}({', '.join(passed) if taken != ['void'] else ''});"
+    head = f"{result.replace(TYPE, 'double')}{PREFIX}{name}({', '.join(taken)})"
+    body = call if result.strip() == "void" else f"return {'(double)' * (TYPE in result)}{call}"
+    return head.replace(TYPE, _OPAQUE), body
