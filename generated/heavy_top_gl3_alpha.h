@@ -120,7 +120,7 @@ int heavy_top_gl3_alpha_step(const heavy_top_gl3_alpha_parameters *parameters, c
  * in q_out, p_out (rows of 4), the multipliers of that step in a row of 4, and in
  * iterations the most that one of the `every` steps took. Any of the four may be NULL. A failed
  * step ends the call with its status; report->steps says how many succeeded. A call with the
- * report and the work of an earlier one goes on where that ended, to the bit.
+ * report, the work and the options of an earlier one goes on where that ended, to the bit.
  */
 int heavy_top_gl3_alpha_integrate(const heavy_top_gl3_alpha_parameters *parameters, const heavy_top_gl3_alpha_options *options,
     double dt, long steps, long every, double q[4], double p[4], double *q_out, double *p_out,

@@ -2392,19 +2392,14 @@ static batch_t *batch_of(batch_memory *memory)
 /* What the end of a step needs of an iterate: its first lanes. */
 enum { RESULT = TRAJECTORIES_X + P*N };
 
-static void copy_result(trajectories_iterate *to, const trajectories_iterate *from, int lane)
-{
-    lanes *target = (lanes *)(void *)to;
-    const lanes *source = (const lanes *)(const void *)from;
-    for (int e = 0; e < RESULT; ++e)
-        set_part(&target[e], lane, part(&source[e], lane));
-}
+enum { WHOLE = sizeof(trajectories_iterate)/sizeof(lanes) };
 
-static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane)
+/* The first `count` lanes of an iterate, for one trajectory. */
+static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane, int count)
 {
     lanes *target = (lanes *)(void *)to;
     const lanes *source = (const lanes *)(const void *)from;
-    for (size_t e = 0; e < sizeof(trajectories_iterate)/sizeof(lanes); ++e)
+    for (int e = 0; e < count; ++e)
         set_part(&target[e], lane, part(&source[e], lane));
 }
 
@@ -2423,7 +2418,7 @@ static void restart(batch_t *b, const int *fresh, const real *x)
     trajectories_begin(&b->run);
     for (int i = 0; i < W; ++i)
         if (!fresh[i])
-            copy_lane(&b->run.now, &b->kept, i);
+            copy_lane(&b->run.now, &b->kept, i, WHOLE);
 }
 
 /*
@@ -2471,13 +2466,13 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         for (int i = 0; i < W && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
-                copy_result(&b->kept, &run->now, i);
+                copy_lane(&b->kept, &run->now, i, RESULT);
             }
     }
     for (int i = 0; i < W; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
-            copy_result(&run->now, &b->kept, i);
+            copy_lane(&run->now, &b->kept, i, RESULT);
     }
 }
 
@@ -2627,7 +2622,7 @@ void heavy_top_liiiab2_gamma_integrate_lanes(int count, const parameters_t *para
             int failure = NOT_CONVERGED;
             if (options->solver != FIXED_POINT) {
                 failure = rescue(b, options, i, &taken[i], work);
-                ++reports[i].newton_steps;
+                reports[i].newton_steps += failure == OK;
             }
             if (failure != OK) {
                 status[i] = failure;

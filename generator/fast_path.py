@@ -315,55 +315,63 @@ class FastTableau:
                 return None
             return inverse if mp.mnorm(inverse, 1) * mp.mnorm(M, 1) < mp.mpf(10) ** 12 else None
 
+    @cached_property
+    def scaled(self) -> dict[str, list[Row]]:
+        """μ, μ̂, ν and ν̃ before rounding, all nodes 0..p in their own order."""
+        part, s, p = self.centres, self.tableau.s, self.tableau.p
+        b, b_hat, b_tilde = part["b"], part["b_hat"], part["b_tilde"]
+        return {
+            "mu": [[part["A"][i][j] / b[j] for j in range(s)] for i in range(s)],
+            "mu_hat": [[part["A_hat"][i][j] / b_hat[j] for j in range(s)] for i in range(s)],
+            "nu": [[part["A_bar"][row][j] / b[j] for j in range(s)] for row in range(p + 1)],
+            "nu_tilde": [[part["A_tilde"][i][j] / (b_tilde[j] or 1) for j in range(p + 1)]
+                         for i in range(s)],
+        }
+
+    @property
+    def _acting(self) -> list[int]:
+        """Nodes where multipliers act, in lane order."""
+        return [*range(1, self.tableau.p), 0]
+
+    @property
+    def _asked(self) -> list[int]:
+        """Nodes where g is asked for, in lane order."""
+        return [*range(1, self.tableau.p), self.tableau.p]
+
+    def _in_lanes(self, name: str, table: list[Row]) -> list[Row]:
+        """Return the rows or columns of a table that belong to nodes in lane order."""
+        if name == "nu":
+            return [table[row] for row in self._asked]
+        return [[row[j] for j in self._acting] for row in table] if name == "nu_tilde" else table
+
     def tables(self, real: Real) -> dict[str, list[Row]]:
         """Return μ, μ̂, ν, ν̃ and the scaled M⁻¹ as numbers of that type, row by row."""
-        part, s, p = self.centres, self.tableau.s, self.tableau.p
-        last = [*range(1, p), 0]  # nodes where multipliers act, in lane order
-        ends = [*range(1, p), p]  # nodes where g is asked for
-        A, A_hat, A_bar, A_tilde = (part[x] for x in ("A", "A_hat", "A_bar", "A_tilde"))
-        b, b_hat, b_tilde = (part[x] for x in ("b", "b_hat", "b_tilde"))
-        bits = real.bits
-        mu, mu_hat = _paired(
-            [[A[i][j] / b[j] for j in range(s)] for i in range(s)],
-            [[A_hat[i][j] / b_hat[j] for j in range(s)] for i in range(s)], bits)
-        onward = _onward(part["c"], b, list(range(s)), bits)
-        if not p:
+        part, exact, bits = self.centres, self.scaled, real.bits
+        mu, mu_hat = _paired(exact["mu"], exact["mu_hat"], bits)
+        onward = _onward(part["c"], part["b"], list(range(self.tableau.s)), bits)
+        if not self.tableau.p:
             return {"mu": mu, "mu_hat": mu_hat, "onward": onward}
-        nu, nu_tilde = _paired(
-            [[A_bar[row][j] / b[j] for j in range(s)] for row in range(p + 1)],
-            [[A_tilde[i][j] / (b_tilde[j] or 1) for j in range(p + 1)] for i in range(s)],
-            bits)
+        nu, nu_tilde = _paired(exact["nu"], exact["nu_tilde"], bits)
         assert self._inverse is not None
-        scaled = [
-            [round_binary(_fraction(self._inverse[j, row - 1]) * b_tilde[j], bits)
-             for row in ends]
-            for j in last
-        ]
         return {
             "mu": mu,
             "mu_hat": mu_hat,
-            "nu": [nu[row] for row in ends],
-            "nu_tilde": [[row[j] for j in last] for row in nu_tilde],
-            "inverse": scaled,
+            "nu": self._in_lanes("nu", nu),
+            "nu_tilde": self._in_lanes("nu_tilde", nu_tilde),
+            "inverse": [
+                [round_binary(_fraction(self._inverse[j, row - 1]) * part["b_tilde"][j], bits)
+                 for row in self._asked]
+                for j in self._acting
+            ],
             "onward": onward,
-            "onward_nodes": _onward(part["c_tilde"], b_tilde, last, bits),
+            "onward_nodes": _onward(part["c_tilde"], part["b_tilde"], self._acting, bits),
         }
 
     def rounding_errors(self, real: Real) -> list[Fraction]:
         """Return how far the entries of μ, μ̂, ν and ν̃ are from the exact ones."""
-        rounded, part = self.tables(real), self.centres
-        s, p = self.tableau.s, self.tableau.p
-        last, ends = [*range(1, p), 0], [*range(1, p), p]
-        exact = {
-            "mu": [[part["A"][i][j] / part["b"][j] for j in range(s)] for i in range(s)],
-            "mu_hat": [[part["A_hat"][i][j] / part["b_hat"][j] for j in range(s)]
-                       for i in range(s)],
-            "nu": [[part["A_bar"][row][j] / part["b"][j] for j in range(s)] for row in ends],
-            "nu_tilde": [[part["A_tilde"][i][j] / part["b_tilde"][j] for j in last]
-                         for i in range(s)],
-        }
-        return [x - y for name, table in exact.items()
-                for given, row in zip(rounded.get(name, []), table, strict=True)
+        rounded = self.tables(real)
+        return [x - y for name, table in self.scaled.items() if name in rounded
+                for given, row in zip(rounded[name], self._in_lanes(name, table), strict=True)
                 for x, y in zip(given, row, strict=True)]
 
     def is_symplectic(self, real: Real) -> bool:

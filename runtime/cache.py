@@ -25,6 +25,7 @@ import cffi
 import platformdirs
 
 from ..errors import GyrosparkError
+from . import quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, Compiler, extension_suffix
 
 __all__ = ["CacheError", "binary_key", "cache_folder", "publish", "workshop"]
@@ -57,6 +58,7 @@ def binary_key(files: dict[str, str], compiler: Compiler) -> str:
     return digest(
         {
             "files": files,
+            "wrapper": Path(quad_wrapper.__file__).read_text(encoding="utf-8"),
             "command": compiler.command,
             "version": compiler.version,
             "flags": [compiler.flags, compiler.link_flags, STRICT_FLAGS, SPEED_FLAGS],

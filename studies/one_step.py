@@ -137,4 +137,4 @@ class _Step:
 
 
 def _rational(rows: Any) -> list[Vector]:
-    return [[QQ.from_sympy(sp.sympify(entry)) for entry in row] for row in rows]
+    return [[QQ.from_sympy(entry) for entry in row] for row in rows]

@@ -189,6 +189,24 @@ def test_auto_does_every_step_that_newton_can_do(name):
         assert np.abs(fast.q - full.q).max() < 1e-10
 
 
+@pytest.mark.parametrize(("scheme", "stages", "rep"), [
+    ("G-L", 2, "gamma"), ("G-L", 4, "alpha"), ("LIIIA-B", 3, "gamma"), ("EMS", None, "gamma"),
+])
+def test_largest_step_of_auto_is_not_below_that_of_newton(scheme, stages, rep):
+    step = gs.stepper(scheme, stages, rep)
+    parameters = TOP.parameters | {rep: gs.gamma_m(TOP.inertia)}
+    largest = {}
+    for solver in ("newton", "auto", "fixed-point"):
+        for dt in (0.008 * 1.15 ** np.arange(18)).tolist():
+            try:
+                step.integrate(TOP.q0, TOP.p0, dt=dt, steps=10, parameters=parameters,
+                               solver=solver)
+            except gs.StepFailed:
+                break
+            largest[solver] = dt
+    assert largest["auto"] >= largest["newton"] > largest["fixed-point"]
+
+
 def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
     make, parameters, q, p = OTHERS["stiff_spring"]
     step = gs.stepper("G-L", 3, system=make())

@@ -1,0 +1,103 @@
+"""What the templates and the manifest are told of the fast path of a stepper."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .c_printer import CPrinter
+from .fast_path import FastSystem, FastTableau
+from .kernels import Constants, Target, emit_kernel
+from .real import Real
+from .schemes import MeanScheme, SparkScheme
+
+__all__ = ["fast_context", "fast_manifest"]
+
+
+def fast_context(
+    scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
+) -> dict[str, Any]:
+    """Return what the templates of the fast path need; ``fast`` is False where there is none."""
+    system, tables, spark = FastSystem(scheme.system), {}, isinstance(scheme, SparkScheme)
+    if isinstance(scheme, SparkScheme):
+        tableau = FastTableau(scheme.tableau)
+        if tableau.refusal is not None:
+            return {"fast": False, "lane_kernels": [], "no_fast_path": tableau.refusal}
+        tables = tableau.tables(real)
+        own_kernels = system.spark_kernels()
+    else:
+        own_kernels = system.mean_kernels(scheme)
+    folds = {symbol: f"c->{symbol.name.lstrip('_')}"
+             for symbol in system.folds.definitions.values()}
+    kernels = [emit_kernel(k, constants, real, Target.lanes(folds)) for k in own_kernels]
+    values = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
+    if not scheme.system.m and spark:
+        tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
+    return {
+        "fast": True,
+        "vectors": real.name in ("float", "double"),
+        "lane_kernels": kernels,
+        "folded": {symbol.name.lstrip("_"): values(e)
+                   for e, symbol in system.folds.definitions.items()},
+        "lane_functions": sorted(set().union(*(k.functions for k in kernels))),
+        "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
+                        for name, rows in tables.items()},
+        "compensated": any("lanes_add_product" in line for k in kernels for line in k.lines),
+        "eliminates": scheme.system.m and (spark or system.schur_inverse is None),
+        "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
+        "one": "stages" if spark else "mean",
+        "many": "trajectories" if spark else "mean",
+        "constant_schur": scheme.system.m and system.schur_inverse is not None,
+        "correction": scheme.system.m and system.correction is not None,
+        "shared": len(system.shared),
+        "separable": system.is_separable,
+        "affine": system.is_affine,
+        "predictor_order": 16,
+        "beyond": 4096,
+        "product_shapes": lambda mode: _product_shapes(mode, scheme.system.m),
+        "widths": {"N": scheme.system.n, "M": scheme.system.m},
+        "memory": _memory(scheme, real, system, one=True),
+        "batch_memory": _memory(scheme, real, system, one=False),
+    }
+
+
+def fast_manifest(fast: dict[str, Any]) -> dict[str, Any]:
+    """Say whether there is a fast path, what was proved for it, or why there is none."""
+    if not fast["fast"]:
+        return {"available": False, "reason": fast["no_fast_path"]}
+    return {
+        "available": True,
+        "constant_schur": bool(fast["constant_schur"]),
+        "scalar_correction": bool(fast["correction"]),
+        "gauss_seidel": bool(fast["separable"]),
+        "operations": {k.name: k.operations for k in fast["lane_kernels"]},
+    }
+
+
+def _product_shapes(mode: str, m: int) -> list[tuple[str, str, str, str]]:
+    """Return name, rows (as items), columns and width of each kind of table product."""
+    stages, nodes = ("STAGE_ITEMS", "NODE_ITEMS") if mode == "stages" else ("S", "P")
+    shapes = [("stages_of_stages", stages, "S", "N")]
+    if m:
+        shapes += [("nodes_of_stages", nodes, "S", "N"), ("stages_of_nodes", stages, "P", "N"),
+                   ("nodes_of_nodes", nodes, "P", "M")]
+    return shapes
+
+
+def _memory(
+    scheme: SparkScheme | MeanScheme, real: Real, system: FastSystem, *, one: bool
+) -> int:
+    """Return bytes enough for the fast path's state at any number of lanes; C checks it.
+
+    One trajectory has its stages in lanes, several are in lanes themselves.
+    """
+    n, m = scheme.system.n, scheme.system.m
+    s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
+    lanes = 64 // real.bytes if real.name in ("float", "double") else 1
+    blocks, nodes = (-(-s // lanes), -(-p // lanes)) if one else (s, p)
+    x = 2 * blocks * n + nodes * m
+    iterate = x + (blocks + 2 * nodes) * n + nodes * m * m
+    tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
+    vectors = (2 * len(scheme.system.parameters) + len(system.folds.definitions) + 32 + 5 * n
+               + 2 * blocks + tables + 2 * iterate + 17 * x + 3 * m + m * m
+               + 3 * (16 + 17 * 17))
+    return vectors * lanes * real.bytes + 512
