@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         TableauError,
     )
     from .facade import stepper, tableau
+    from .generator.model import Model
     from .generator.system import System
     from .runtime import problems
     from .runtime.ensemble import Ensemble
@@ -44,6 +45,7 @@ _HOMES = {
     "TableauError": "errors",
     "stepper": "facade",
     "tableau": "facade",
+    "Model": "generator.model",
     "System": "generator.system",
     "Ensemble": "runtime.ensemble",
     "gamma_fast": "runtime.inertia",
@@ -63,6 +65,7 @@ __all__ = [
     "GyrosparkError",
     "InputError",
     "MissingDependencyError",
+    "Model",
     "StepFailed",
     "Stepper",
     "System",

@@ -47,7 +47,7 @@ def test_problem() -> System:
         p[0] ** 2 * (1 + q[1] ** 2 / 3) / 2 + p[1] ** 2 / 2 + p[0] * p[1] * q[0] / 4
         + q[1] + q[0] ** 2 * q[1] / 3
     )
-    return System("test_problem", q, p, (), H, (q[0] ** 2 + q[1] ** 2 + q[0] ** 3 / 5 - 1,))
+    return System(q, p, (), H, (q[0] ** 2 + q[1] ** 2 + q[0] ** 3 / 5 - 1,), name="test_problem")
 
 
 @dataclass

@@ -93,12 +93,12 @@ def body_system(name: str, rep: Rep, potential: sp.Expr, parameters: Sequence[sp
     """Return a body with a fixed point in a potential V(q); g = qᵀq − 1 (2)."""
     inertia_parameter = {"alpha": (alpha,), "gamma": (gamma,), "original": ()}[rep]
     return System(
-        name,
         q,
         p,
         (*moments, *parameters, *inertia_parameter),
         kinetic_energy(rep) + potential,
         (sum(x**2 for x in q) - 1,),
+        name=name,
         rigid_body=True,
     )
 

@@ -12,7 +12,7 @@ Either way the C loops over stages; only the kernels below are expressions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -244,9 +244,11 @@ class MeanScheme:
 
 def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
-    constants = Constants(system.parameters, (*system.q, *system.p))
+    time = () if system.time is None else (system.time,)
+    constants = Constants(system.parameters, (*system.q, *system.p, *time))
     H = constants.hoist(system.H)
     g = tuple(constants.hoist(e) for e in system.constraints)
+    forces = tuple(constants.hoist(e) for e in system.forces)
     symbols = tuple(constants.definitions.values())
-    return System(system.name, system.q, system.p, symbols, H, g,
-                  rigid_body=system.rigid_body), constants
+    return replace(system, parameters=symbols, H=H, constraints=g, forces=forces,
+                   quantities={}), constants

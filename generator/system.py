@@ -8,9 +8,10 @@ Nothing here knows of quaternions: a system is its symbols, its H and its g.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 
 import sympy as sp
 from sympy.core.sympify import _sympify
@@ -28,8 +29,6 @@ class System:
 
     Parameters
     ----------
-    name : str
-        A C identifier; begins the names of the generated files.
     q, p : sequence of Symbol
         Coordinates and conjugate momenta, n of each.
     parameters : sequence of Symbol
@@ -39,23 +38,42 @@ class System:
         The Hamiltonian H(q, p; parameters).
     constraints : sequence of Expr
         g(q; parameters), m expressions that vanish on the constraint manifold.
+    name : str
+        A C identifier; begins the names of the generated files.
+    constraint_names : sequence of str
+        What each constraint is called in messages, e.g. the name of its joint; by default g0, g1, …
+    forces : sequence of Expr
+        Generalised forces F(q, p, t; parameters), n of them or none: ṗ = −H_q + F − g_qᵀλ.
+    time : Symbol, optional
+        The symbol of t in the forces and quantities.
+    quantities : mapping of str to Expr
+        Quantities of q, p, t and parameters that trajectories offer by name.
     rigid_body : bool
         True when q is a unit quaternion of a body with principal moments I1, I2, I3: the
         trajectory then offers angular velocity, axis and rotation.
     """
 
-    name: str
     q: tuple[sp.Symbol, ...]
     p: tuple[sp.Symbol, ...]
     parameters: tuple[sp.Symbol, ...]
     H: sp.Expr
     constraints: tuple[sp.Expr, ...] = ()
+    name: str = field(default="system", kw_only=True)
+    constraint_names: tuple[str, ...] = field(default=(), kw_only=True)
+    forces: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
+    time: sp.Symbol | None = field(default=None, kw_only=True)
+    quantities: Mapping[str, sp.Expr] = field(default_factory=dict, kw_only=True, hash=False)
     rigid_body: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("q", "p", "parameters", "constraints"):
-            object.__setattr__(self, name, tuple(map(as_expression, getattr(self, name))))
+        for name in ("q", "p", "parameters", "constraints", "forces"):
+            values = self._sequence(name)
+            object.__setattr__(self, name, tuple(map(as_expression, values)))
         object.__setattr__(self, "H", as_expression(self.H))
+        quantities = {name: as_expression(e) for name, e in dict(self.quantities).items()}
+        object.__setattr__(self, "quantities", MappingProxyType(quantities))
+        names = tuple(self.constraint_names) or tuple(f"g{i}" for i in range(self.m))
+        object.__setattr__(self, "constraint_names", names)
         if not self.name.isidentifier() or not self.name.isascii():
             raise InputError(
                 f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
@@ -70,10 +88,27 @@ class System:
                 f"System {self.name!r} has {len(self.constraints)} constraints on {len(self.q)} "
                 "coordinates; fewer constraints than coordinates must remain."
             )
+        if len(self.constraint_names) != self.m:
+            raise InputError(
+                f"System {self.name!r} has {self.m} constraints and {len(self.constraint_names)} "
+                "constraint_names; give one name for each constraint, or none."
+            )
+        if len(self.forces) not in (0, self.n):
+            raise InputError(
+                f"System {self.name!r} has {len(self.forces)} forces on {self.n} coordinates; give "
+                "one for each coordinate (0 where none acts), or none at all."
+            )
         self._refuse_unknown_symbols()
 
+    def _sequence(self, name: str) -> Sequence[object]:
+        value = getattr(self, name)
+        if isinstance(value, (str, sp.Basic)) or not isinstance(value, Iterable):
+            raise InputError(f"{name} = {value!r} is no sequence; write it as a list.")
+        return tuple(value)
+
     def _refuse_unknown_symbols(self) -> None:
-        names = [str(s) for s in (*self.q, *self.p, *self.parameters)]
+        time = () if self.time is None else (self.time,)
+        names = [str(s) for s in (*self.q, *self.p, *self.parameters, *time)]
         for name in names:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(
@@ -104,6 +139,21 @@ class System:
                     f"Constraint {index} of system {self.name!r} contains "
                     f"{min(map(str, unknown))!r}; a holonomic constraint depends on q and "
                     "parameters only."
+                )
+        allowed |= set(time)
+        for what, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
+                        *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):
+            unknown = e.free_symbols - allowed
+            if unknown:
+                raise InputError(
+                    f"{what} of system {self.name!r} contains the unknown symbol "
+                    f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
+                )
+        for name in self.quantities:
+            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
+                raise InputError(
+                    f"System {self.name!r} has a quantity named {name!r}; names are letters, "
+                    "digits and '_' and begin with a letter."
                 )
 
     def _is_guard(self, name: str) -> bool:

@@ -51,7 +51,7 @@ class InexactTop(System):
     @cached_property
     def H_pq(self) -> list[list[sp.Expr]]:
         """∂H_p/∂q without d(L(q)ᵀ)·u."""
-        exact = System(self.name, self.q, self.p, self.parameters, self.H, self.constraints).H_pq
+        exact = System(self.q, self.p, self.parameters, self.H, self.constraints).H_pq
         rows: list[list[sp.Expr]] = (sp.Matrix(exact) - dropped_term(self)).tolist()
         return rows
 
@@ -64,8 +64,8 @@ def inexact_stepper(scheme: str, stages: int, rep: str) -> Stepper:
     assert tableau is not None, "the option is for SPARK methods"
     model = heavy_top("gamma" if rep == "gamma" else "alpha")
     reduced, constants = hoisted(model)
-    top = InexactTop(_NAME, reduced.q, reduced.p, reduced.parameters, reduced.H,
-                     reduced.constraints, rigid_body=True)
+    top = InexactTop(reduced.q, reduced.p, reduced.parameters, reduced.H,
+                     reduced.constraints, name=_NAME, rigid_body=True)
     source = emit(f"{_NAME}_{spec.method}_{rep}", f"{stages}-{scheme}, inexact Jacobian,",
                   SparkScheme(top, tableau), model, constants, REALS["double"])
     return Stepper(source.name, source.files())

@@ -31,9 +31,9 @@ def test_numpy_integers_count_stages():
 
 def test_unusable_system_and_tableau_are_refused():
     tableau = gs.tableau("G-L", 2)
-    pendulum = gs.System("p", sp.symbols("x:2"), sp.symbols("y:2"), (),
+    pendulum = gs.System(sp.symbols("x:2"), sp.symbols("y:2"), (),
                          H=sum(y**2 for y in sp.symbols("y:2")) / 2,
-                         constraints=[sum(x**2 for x in sp.symbols("x:2")) - 1])
+                         constraints=[sum(x**2 for x in sp.symbols("x:2")) - 1], name="p")
     for options, words in [
         ({"scheme": "IMS", "system": "car"}, "'car'.*heavy_top or free_body"),
         ({"scheme": "IMS", "system": 42}, "42"),

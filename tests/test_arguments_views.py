@@ -27,8 +27,8 @@ def test_rotation_there_and_back(gl3):
 def test_what_is_no_body_has_no_axis():
     x, y = sp.symbols("x y", real=True)
     px, py = sp.symbols("px py", real=True)
-    pendulum = gs.System("disc", (x, y), (px, py), (), H=(px**2 + py**2) / 2 + y,
-                         constraints=[x**2 + y**2 - 1])
+    pendulum = gs.System((x, y), (px, py), (), H=(px**2 + py**2) / 2 + y,
+                         constraints=[x**2 + y**2 - 1], name="disc")
     made = gs.stepper("G-L", 2, system=pendulum).integrate([1, 0], [0, 1], dt=0.01, steps=3,
                                                            parameters={})
     for call in (made.axis, made.rotation, made.angular_velocity):

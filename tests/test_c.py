@@ -342,12 +342,13 @@ def other_systems():
     m, g, l = sp.symbols("m g l", positive=True)  # noqa: E741
     T = (px**2 + py**2) / (2 * m)
     return {
-        "oscillator": gs.System("oscillator", (x, y), (px, py), (m, g),
-                                H=T + g * (x**2 + y**2) / 2 + x**4),
-        "pendulum": gs.System("pendulum", (x, y), (px, py), (m, g, l), H=T + m * g * y,
-                              constraints=[x**2 + y**2 - l**2]),
-        "curve": gs.System("curve", (x, y, z), (px, py, pz), (m, g), H=T + pz**2 / (2 * m)
-                           + m * g * z, constraints=[x**2 + y**2 - 1, x + z - x * y**2]),
+        "oscillator": gs.System((x, y), (px, py), (m, g),
+                                H=T + g * (x**2 + y**2) / 2 + x**4, name="oscillator"),
+        "pendulum": gs.System((x, y), (px, py), (m, g, l), H=T + m * g * y,
+                              constraints=[x**2 + y**2 - l**2], name="pendulum"),
+        "curve": gs.System((x, y, z), (px, py, pz), (m, g), H=T + pz**2 / (2 * m)
+                           + m * g * z, constraints=[x**2 + y**2 - 1, x + z - x * y**2],
+                           name="curve"),
     }
 
 

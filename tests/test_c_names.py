@@ -74,7 +74,7 @@ def odd_system(names):
     symbols = tuple(sp.Symbol(name, real=True) for name in names)
     kinetic = p**2 * sp.sqrt(1 + sp.Add(*(s**2 for s in symbols))) / 2  # read by ``prepare``
     H = kinetic + sp.Add(*(s * q**2 for s in symbols)) / 2  # read by the kernels
-    return gs.System("odd", (q,), (p,), symbols, H)
+    return gs.System((q,), (p,), symbols, H, name="odd")
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +150,7 @@ def test_refused_name_is_named_with_the_cure(name):
     x, px, odd = sp.symbols(f"x px {name}", real=True)
     with pytest.raises(InputError, match=f"'pendulum' has a symbol named '{name}', which is a k.*"
                        "choose another name"):
-        gs.System("pendulum", (x,), (px,), (odd,), px**2 / 2)
+        gs.System((x,), (px,), (odd,), px**2 / 2, name="pendulum")
 
 
 def test_include_guard_of_a_header_is_refused_because_it_would_vanish():

@@ -24,23 +24,24 @@ def double_pendulum():
     x = sp.symbols("x1 y1 x2 y2", real=True)
     p = sp.symbols("px1 py1 px2 py2", real=True)
     m, g, l = sp.symbols("m g l", positive=True)  # noqa: E741
-    return gs.System("double_pendulum", x, p, (m, g, l),
+    return gs.System(x, p, (m, g, l),
                      sum(a**2 for a in p) / (2 * m) + m * g * (x[1] + x[3]),
-                     [x[0]**2 + x[1]**2 - l**2, (x[2] - x[0])**2 + (x[3] - x[1])**2 - l**2])
+                     [x[0]**2 + x[1]**2 - l**2, (x[2] - x[0])**2 + (x[3] - x[1])**2 - l**2],
+                     name="double_pendulum")
 
 
 def relativistic():
     x, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
     m, g, l = sp.symbols("m g l", positive=True)  # noqa: E741
-    return gs.System("relativistic", x, p, (m, g, l),
+    return gs.System(x, p, (m, g, l),
                      sp.sqrt(m**2 + p[0]**2 + p[1]**2) + m * g * x[1],
-                     [x[0]**2 + x[1]**2 - l**2])
+                     [x[0]**2 + x[1]**2 - l**2], name="relativistic")
 
 
 def stiff_spring():
     x, px = sp.symbols("x px", real=True)
     k = sp.Symbol("k", positive=True)
-    return gs.System("stiff_spring", (x,), (px,), (k,), px**2 / 2 + k * x**2 / 2 + x**4)
+    return gs.System((x,), (px,), (k,), px**2 / 2 + k * x**2 / 2 + x**4, name="stiff_spring")
 
 
 OTHERS = {

@@ -187,9 +187,9 @@ def test_text_of_a_system_cannot_leave_its_comment():
     H = (p[0] ** 2 + p[1] ** 2) / (2 * m) + q[0] ** 2 * q[1] / (m * q[1] + 3)
     for name in ("*/ int evil;/*", "a b", "1st", "", "a\nb", "ä"):
         with pytest.raises(gs.InputError):
-            gs.System(name, q, p, (m,), H=H, constraints=[q[0] ** 2 + q[1] ** 2 - 1])
+            gs.System(q, p, (m,), H=H, constraints=[q[0] ** 2 + q[1] ** 2 - 1], name=name)
     for bad in ("*/", "double", "a b", "x;", "p->q", ""):
         symbol = sp.Symbol(bad, positive=True)
         with pytest.raises(gs.InputError):
-            gs.System("fine", q, p, (symbol,), H=H.subs(m, symbol),
-                      constraints=[q[0] ** 2 + q[1] ** 2 - 1])
+            gs.System(q, p, (symbol,), H=H.subs(m, symbol),
+                      constraints=[q[0] ** 2 + q[1] ** 2 - 1], name="fine")

@@ -67,7 +67,7 @@ def pendulum() -> Example:
             G=G, mean_gradient=mean_gradient, mean_constraint=lambda q0, q1: G((q0 + q1) / 2),
         )
 
-    return Example(System("pendulum", q_p[:4], q_p[4:], (m1, m2, l1, l2, w), H, g), by_hand,
+    return Example(System(q_p[:4], q_p[4:], (m1, m2, l1, l2, w), H, g, name="pendulum"), by_hand,
                    parameters, (0.9, -0.6, 1.5, -1.1), (1.0, 0.4, -0.6, 0.9))
 
 
@@ -106,7 +106,7 @@ def runner() -> Example:
             mean_gradient=mean_gradient, mean_constraint=mean_constraint,
         )
 
-    return Example(System("runner", q_p[:3], q_p[3:], (M, k), H, (x**4 + y**4 + z**2 - 1,)),
+    return Example(System(q_p[:3], q_p[3:], (M, k), H, (x**4 + y**4 + z**2 - 1,), name="runner"),
                    by_hand, parameters, (0.7, -0.6, 0.5), (0.6, 0.9, -0.4))
 
 
@@ -132,7 +132,7 @@ def oscillator() -> Example:
             mean_gradient=mean_gradient, mean_constraint=lambda q0, q1: np.zeros((0, 2)),
         )
 
-    return Example(System("henon_heiles", q_p[:2], q_p[2:], (), H), by_hand, {}, (0.3, -0.2),
+    return Example(System(q_p[:2], q_p[2:], (), H, name="henon_heiles"), by_hand, {}, (0.3, -0.2),
                    (0.25, 0.35))
 
 
@@ -303,8 +303,8 @@ def test_redundant_constraints_fail_clearly(scheme, stages, factor, dt):
     """
     x, y, z, a, b, c = sp.symbols("x y z a b c", real=True)
     sphere = x**2 + y**2 + z**2 - 1
-    system = System("twice", (x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2 + z,
-                    (sphere, factor * sphere))
+    system = System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2 + z,
+                    (sphere, factor * sphere), name="twice")
     step = gs.stepper(scheme, stages, system=system)
     for q, p in (([0.6, 0.0, 0.8], [0.0, 1.0, 0.0]), ([0.48, 0.6, 0.64], [0.8, 0.0, -0.6])):
         failure = None

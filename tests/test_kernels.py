@@ -572,7 +572,7 @@ def test_system_whose_symbols_are_called_like_the_generators_own_has_right_kerne
     a, b, c0 = sp.symbols(f"{name}0:3", real=True)
     momenta = sp.symbols("v0:2", real=True)
     H = (momenta[0] ** 2 + momenta[1] ** 2) / (2 + c0**2) + (a + b) ** 4 * c0
-    system = System("named", (a, b), momenta, (c0,), H, (a**2 + c0 * b**2 - 1,))
+    system = System((a, b), momenta, (c0,), H, (a**2 + c0 * b**2 - 1,), name="named")
     reduced, constants = hoisted(system)
     kernels = [*common_kernels(reduced), *SparkScheme(reduced, gauss_lobatto(1)).kernels(),
                *MeanScheme(reduced, discrete=True).kernels()]

@@ -45,7 +45,7 @@ def generic():
         + c * (x - pz) ** 5
         + sp.log(3 + y**2 + py**2) ** 2
     )
-    return System("generic", q, p, (m, c), H)
+    return System(q, p, (m, c), H, name="generic")
 
 
 # ---------------------------------------------------------------- what is refused
