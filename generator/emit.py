@@ -14,10 +14,12 @@ import sympy as sp
 
 from .._version import __version__
 from .c_printer import CPrinter
-from .emit_fast import fast_context, fast_manifest
+from .emit_fast import fast_context, fast_manifest, structured_fast_context
+from .emit_structure import operations_of, structure_context
 from .kernels import Constants, EmittedKernel, emit_kernel
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
+from .structure import Structure
 from .system import System
 from .tableau import FIELDS, Tableau, is_quadratic
 
@@ -52,23 +54,35 @@ def emit(
     system: System,
     constants: Constants,
     real: Real,
+    structured: bool | None = None,
 ) -> Source:
     """Return the C and the manifest.
 
     ``system`` is the one the user knows, with its own parameters; the scheme works on the same
-    system with constants of the run in place of parameter-only subexpressions.
+    system with constants of the run in place of parameter-only subexpressions. ``structured``
+    decides whether the C loops over the instances of the system's forms; by default where that
+    at least halves the work.
     """
-    kernels = [emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
-                                                         *scheme.kernels()]]
-    fast = fast_context(scheme, constants, real)
+    structure = Structure(scheme.system)
+    if structured is None:
+        structured = structure.is_worthwhile
+    forms: dict[str, Any] = {"structured": False}
+    kernels: list[EmittedKernel] = []
+    if structured:
+        forms = structure_context(structure, scheme, constants, real)
+        fast = structured_fast_context(scheme, structure, forms, real)
+    else:
+        kernels = [emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
+                                                             *scheme.kernels()]]
+        fast = fast_context(scheme, constants, real)
     context = _context(name, method, scheme, system, constants, real,
-                       [*kernels, *fast["lane_kernels"]]) | fast | {"kernels": kernels}
+                       [*kernels, *fast["lane_kernels"]], forms) | fast | {"kernels": kernels}
     environment = _environment()
     return Source(
         name,
         _text(environment.get_template("stepper.h.jinja").render(context)),
         _text(environment.get_template("stepper.c.jinja").render(context)),
-        _manifest(name, method, scheme, system, constants, real, kernels, fast),
+        _manifest(name, method, scheme, system, constants, real, kernels, fast, forms),
     )
 
 
@@ -104,20 +118,23 @@ def _context(
     constants: Constants,
     real: Real,
     kernels: list[EmittedKernel],
+    forms: dict[str, Any],
 ) -> dict[str, Any]:
     tableau = scheme.tableau
     parameter_names = {p: f"par->{p}" for p in constants.parameters}
     printer = CPrinter(real, parameter_names)
-    hidden = [constants.spelled_out(f) for f in scheme.system.hidden]
-    used = frozenset[str]().union(*(kernel.constants for kernel in kernels))
+    hidden = _hidden(scheme, constants, forms)
+    used = frozenset[str]().union(*(kernel.constants for kernel in kernels),
+                                  forms.get("used_constants", ()))
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
-    return {
+    return forms | {
         "name": name,
         "version": __version__,
         "title": f"{method} for {system.name.replace('_', ' ')}",
-        "hamiltonian": comment(system.H),
-        "constraints": [comment(g) for g in system.constraints],
-        "hidden_text": ", ".join(f"f = {comment(f)}" for f in hidden) or "no constraint",
+        "hamiltonian": "" if forms["structured"] else comment(system.H),
+        "constraints": [] if forms["structured"] else [comment(g) for g in system.constraints],
+        "hidden_text": ", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden))
+                       or "no constraint",
         "parameters": [str(p) for p in system.parameters],
         "constants": {str(s): comment(e) for e, s in needed.items()},
         "constants_c": {str(s): printer(e) for e, s in needed.items()},
@@ -141,7 +158,16 @@ def _context(
     }
 
 
-def comment(e: sp.Expr) -> str:
+def _hidden(
+    scheme: SparkScheme | MeanScheme, constants: Constants, forms: dict[str, Any]
+) -> list[str]:
+    """Return the constraints on the momenta as text."""
+    if forms["structured"]:
+        return ["G H_p"] * scheme.system.m
+    return [str(constants.spelled_out(f)) for f in scheme.system.hidden]
+
+
+def comment(e: sp.Expr | str) -> str:
     """Return an expression as text that cannot end a C comment."""
     return str(e).replace("**", "^").replace("*/", "* /").replace("/*", "/ *")
 
@@ -208,6 +234,7 @@ def _manifest(
     real: Real,
     kernels: list[EmittedKernel],
     fast: dict[str, Any],
+    forms: dict[str, Any],
 ) -> str:
     tableau = scheme.tableau
     content = {
@@ -219,9 +246,9 @@ def _manifest(
             "coordinates": [str(x) for x in system.q],
             "momenta": [str(x) for x in system.p],
             "parameters": {str(x): _domain(x) for x in system.parameters},
-            "hamiltonian": str(system.H),
+            "hamiltonian": _hamiltonian(system, forms),
             "constraints": [str(g) for g in system.constraints],
-            "hidden": [str(constants.spelled_out(f)) for f in scheme.system.hidden],
+            "hidden": _hidden(scheme, constants, forms),
             "rigid_body": system.rigid_body,
         },
         "scheme": {
@@ -237,9 +264,17 @@ def _manifest(
         },
         "fast_path": fast_manifest(fast),
         "real": real.name,
-        "operations": {k.name: k.operations for k in kernels},
+        "operations": operations_of(forms) if forms["structured"]
+        else {k.name: k.operations for k in kernels},
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
+    """Return H as text: in full, or as so many terms of each form."""
+    if not forms["structured"]:
+        return str(system.H)
+    return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
 
 
 def _domain(parameter: sp.Symbol) -> str:

@@ -9,6 +9,7 @@ from .fast_path import FastSystem, FastTableau
 from .kernels import Constants, Target, emit_kernel
 from .real import Real
 from .schemes import MeanScheme, SparkScheme
+from .structure import Structure
 
 __all__ = ["fast_context", "fast_manifest"]
 
@@ -30,7 +31,9 @@ def fast_context(
              for symbol in system.folds.definitions.values()}
     kernels = [emit_kernel(k, constants, real, Target.lanes(folds)) for k in own_kernels]
     values = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
-    if not scheme.system.m and spark:
+    m = scheme.system.m
+    held = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
+    if not m and spark:
         tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
     return {
         "fast": True,
@@ -55,8 +58,51 @@ def fast_context(
         "beyond": 4096,
         "product_shapes": lambda mode: _product_shapes(mode, scheme.system.m),
         "widths": {"N": scheme.system.n, "M": scheme.system.m},
-        "memory": _memory(scheme, real, system, one=True),
-        "batch_memory": _memory(scheme, real, system, one=False),
+        "memory": _memory(scheme, real, held, m * m, one=True),
+        "batch_memory": _memory(scheme, real, held, m * m, one=False),
+    }
+
+
+def structured_fast_context(
+    scheme: SparkScheme | MeanScheme, structure: Structure, forms: dict[str, Any], real: Real
+) -> dict[str, Any]:
+    """Return the same for a system in forms: nothing is proved of it but what its forms show."""
+    spark, tables = isinstance(scheme, SparkScheme), {}
+    if isinstance(scheme, SparkScheme):
+        tableau = FastTableau(scheme.tableau)
+        if tableau.refusal is not None:
+            return {"fast": False, "lane_kernels": [], "no_fast_path": tableau.refusal}
+        tables = tableau.tables(real)
+        if not scheme.system.m:
+            tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
+    kernels = [k["lanes"] for part in (*forms["terms"], *forms["joints"])
+               for k in part["kernels"] if k["lanes"]]
+    m = scheme.system.m
+    held, factor = len(forms["used_constants"]), forms["elimination"]["entries"]
+    return {
+        "fast": True,
+        "vectors": real.name in ("float", "double"),
+        "lane_kernels": [],
+        "folded": {},
+        "lane_functions": forms["form_functions"],
+        "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
+                        for name, rows in tables.items()},
+        "compensated": any("lanes_add_product" in line for k in kernels for line in k.lines),
+        "eliminates": bool(m),
+        "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
+        "one": "stages" if spark else "mean",
+        "many": "trajectories" if spark else "mean",
+        "constant_schur": False,
+        "correction": False,
+        "shared": 0,
+        "separable": structure.is_separable,
+        "affine": structure.is_quadratic,
+        "predictor_order": 16,
+        "beyond": 4096,
+        "product_shapes": lambda mode: _product_shapes(mode, m),
+        "widths": {"N": scheme.system.n, "M": m},
+        "memory": _memory(scheme, real, held, factor, one=True),
+        "batch_memory": _memory(scheme, real, held, factor, one=False),
     }
 
 
@@ -84,9 +130,11 @@ def _product_shapes(mode: str, m: int) -> list[tuple[str, str, str, str]]:
 
 
 def _memory(
-    scheme: SparkScheme | MeanScheme, real: Real, system: FastSystem, *, one: bool
+    scheme: SparkScheme | MeanScheme, real: Real, constants: int, factor: int, *, one: bool
 ) -> int:
     """Return bytes enough for the fast path's state at any number of lanes; C checks it.
+
+    ``factor`` numbers hold the factors of W at a node.
 
     One trajectory has its stages in lanes, several are in lanes themselves.
     """
@@ -95,9 +143,9 @@ def _memory(
     lanes = 64 // real.bytes if real.name in ("float", "double") else 1
     blocks, nodes = (-(-s // lanes), -(-p // lanes)) if one else (s, p)
     x = 2 * blocks * n + nodes * m
-    iterate = x + (blocks + 2 * nodes) * n + nodes * m * m
+    iterate = x + (blocks + 2 * nodes) * n + nodes * factor
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
-    vectors = (2 * len(scheme.system.parameters) + len(system.folds.definitions) + 32 + 5 * n
+    vectors = (constants + 32 + 5 * n
                + 2 * blocks + tables + 2 * iterate + 17 * x + 3 * m + m * m
                + 3 * (16 + 17 * 17))
     return vectors * lanes * real.bytes + 512

@@ -38,6 +38,7 @@ def generate(
     system: System | None = None,
     tableau: Tableau | None = None,
     allow_invalid: bool = False,
+    structured: bool | None = None,
 ) -> Generated:
     """Run the pipeline.
 
@@ -51,6 +52,9 @@ def generate(
         Takes the place of the scheme's or the file's.
     allow_invalid : bool
         Generate although required conditions of the tableau are violated.
+    structured : bool, optional
+        Whether the C loops over the instances of the system's forms (``structure``); by default
+        where that at least halves the work of a step.
 
     Raises
     ------
@@ -72,7 +76,7 @@ def generate(
         method_name = spec.method if spec.stages else coefficients.name
     rep = "" if system else spec.rep
     name = join_name(model.name, method_name, rep, spec.real)
-    source = emit(name, method, scheme, model, constants, REALS[spec.real])
+    source = emit(name, method, scheme, model, constants, REALS[spec.real], structured)
     return Generated(source, scheme, model, coefficients)
 
 

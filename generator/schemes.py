@@ -12,6 +12,7 @@ Either way the C loops over stages; only the kernels below are expressions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -66,11 +67,14 @@ def common_kernels(system: System) -> list[Kernel]:
 
 def constraint_increment(system: System, d: list[sp.Symbol]) -> list[sp.Expr]:
     """Return g(q + d) − g(q) = Ḡ(q + d/2, d)·d, exact."""
-    means = [x + dx / 2 for x, dx in zip(system.q, d, strict=True)]
-    increments = []
-    for row in discrete_jacobian(system, means, d):
-        increments.append(sum((a * dx for a, dx in zip(row, d, strict=True)), sp.Integer(0)))
-    return increments
+    return [increment_of(g, system.q, d) for g in system.constraints]
+
+
+def increment_of(g: sp.Expr, q: Sequence[sp.Symbol], d: list[sp.Symbol]) -> sp.Expr:
+    """Return g(q + d) − g(q), exact and without loss of digits for small d."""
+    means = [x + dx / 2 for x, dx in zip(q, d, strict=True)]
+    slopes = discrete_gradient(g, q, means, d)
+    return sum((a * dx for a, dx in zip(slopes, d, strict=True)), sp.Integer(0))
 
 
 def discrete_jacobian(
@@ -157,16 +161,7 @@ class MeanScheme:
     @cached_property
     def mean_gradient(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
         """D_qH and D_pH in terms of means and differences."""
-        system = self.system
-        variables = [*system.q, *system.p]
-        means = [*self.means[0], *self.means[1]]
-        if self.discrete:
-            differences = [*self.differences[0], *self.differences[1]]
-            D = discrete_gradient(system.H, variables, means, differences)
-        else:
-            at_mean = dict(zip(variables, means, strict=True))
-            D = [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p)]
-        return D[: system.n], D[system.n :]
+        return mean_gradient_of(self.system, self.means, self.differences, self.discrete)
 
     @cached_property
     def mean_constraint(self) -> list[list[sp.Expr]]:
@@ -240,6 +235,22 @@ class MeanScheme:
 
         return (total(self.means[0], self.differences[0]),
                 total(self.means[1], self.differences[1]))
+
+
+def mean_gradient_of(
+    system: System,
+    means: tuple[list[sp.Symbol], list[sp.Symbol]],
+    differences: tuple[list[sp.Symbol], list[sp.Symbol]],
+    discrete: bool,
+) -> tuple[list[sp.Expr], list[sp.Expr]]:
+    """Return D_qH and D_pH in terms of means and differences."""
+    variables, all_means = [*system.q, *system.p], [*means[0], *means[1]]
+    if discrete:
+        D = discrete_gradient(system.H, variables, all_means, [*differences[0], *differences[1]])
+    else:
+        at_mean = dict(zip(variables, all_means, strict=True))
+        D = [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p)]
+    return D[: len(system.q)], D[len(system.q) :]
 
 
 def hoisted(system: System) -> tuple[System, Constants]:

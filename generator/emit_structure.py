@@ -1,0 +1,300 @@
+"""What the templates are told of a structured system: kernels of its forms, tables of instances.
+
+Every kernel works on local symbols: coordinates ``q``, momenta ``p`` and constants ``k`` of one
+instance. The functions of the whole system, which gather and scatter, are in
+``templates/forms.c.jinja``; they have the names that the other templates call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+
+from .kernels import Constants, Kernel, Target, emit_kernel
+from .real import Real
+from .schemes import MeanScheme, SparkScheme, increment_of, mean_gradient_of, vector
+from .structure import Form, Part, Structure
+from .system import gradient, jacobian, symmetric_jacobian
+
+__all__ = ["operations_of", "structure_context"]
+
+
+def structure_context(
+    structure: Structure, scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
+) -> dict[str, Any]:
+    """Return what the templates of a structured system need."""
+    used = sorted({c for form in (*structure.forms, *structure.constraint_forms)
+                   for i in form.instances for c in i.constants})
+    place = {c: at for at, c in enumerate(used)}
+    emit = _Emitter(constants, real)
+    attached = _Attached(structure)
+    terms = [
+        _form(f"term{f}", form, place) | {"kernels": emit.all(f"term{f}", term_kernels(form))}
+        | {"cells": attached.cells[f]}
+        for f, form in enumerate(structure.forms)
+    ]
+    joints = [
+        _form(f"joint{f}", form, place)
+        | {"kernels": emit.all(f"joint{f}", joint_kernels(form)),
+           "places": attached.places[f]}
+        for f, form in enumerate(structure.constraint_forms)
+    ]
+    if isinstance(scheme, MeanScheme):
+        for f, form in enumerate(structure.forms):
+            terms[f]["kernels"] += emit.all(f"term{f}", mean_term_kernels(form, scheme.discrete))
+        for f, form in enumerate(structure.constraint_forms):
+            joints[f]["kernels"] += emit.all(f"joint{f}",
+                                             mean_joint_kernels(form, scheme.discrete))
+    elimination = structure.elimination
+    positions, band = _band(structure, scheme)
+    cell_of, pp_entries, pq_entries = _cells(structure, terms)
+    symbols = list(scheme.system.parameters)
+    return {
+        "structured": True,
+        "terms": terms,
+        "joints": joints,
+        "used_constants": [str(symbols[c]) for c in used],
+        "attached": attached,
+        "elimination": {
+            "entries": elimination.entries,
+            "order": elimination.order,
+            "counts": [len(rows) for rows in elimination.rows],
+            "flat_rows": [row for rows in elimination.rows for row in rows],
+            "flat_slots": [slot for slots in elimination.slots for slot in slots],
+            "flat_targets": [slot for slots in elimination.targets for slot in slots],
+        },
+        "cell_of": cell_of,
+        "pp_entries": pp_entries,
+        "pq_entries": pq_entries,
+        "positions": positions,
+        "band": band,
+        "form_functions": sorted({f for part in (*terms, *joints)
+                                  for k in part["kernels"] for f in k["functions"]}),
+    }
+
+
+def _form(name: str, form: Form, place: dict[int, int]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "nq": len(form.q), "np": len(form.p), "nk": len(form.constants),
+        "rows": len(form.instances[0].rows),
+        "count": len(form.instances),
+        "q": [i.q for i in form.instances],
+        "p": [i.p for i in form.instances],
+        "k": [tuple(place[c] for c in i.constants) for i in form.instances],
+        "row": [i.rows for i in form.instances],
+        "text": [str(e).replace("**", "^") for e in form.expressions],
+    }
+
+
+class _Emitter:
+    """Emits each kernel of a form twice: for numbers and for lanes."""
+
+    def __init__(self, constants: Constants, real: Real) -> None:
+        self.constants, self.real = constants, real
+
+    def all(self, form: str, kernels: Sequence[tuple[Kernel, bool]]) -> list[dict[str, Any]]:
+        """Return what the template prints; the flag says whether lanes need the kernel too."""
+        emitted = []
+        for kernel, on_lanes in kernels:
+            named = Kernel(f"{form}_{kernel.name}", kernel.doc,
+                           {a: s for a, s in kernel.inputs.items() if s}, kernel.outputs,
+                           kernel.compensated)
+            scalar = emit_kernel(named, self.constants, self.real)
+            lanes = emit_kernel(named, self.constants, self.real, Target.lanes({})) \
+                if on_lanes else None
+            emitted.append({"name": kernel.name, "inputs": list(named.inputs), "scalar": scalar,
+                            "lanes": lanes, "functions": scalar.functions})
+        return emitted
+
+
+def _inputs(form: Form, **more: Sequence[sp.Symbol]) -> dict[str, Sequence[sp.Symbol]]:
+    return {"q": form.q, "p": form.p, **more, "k": form.constants}
+
+
+def term_kernels(form: Form) -> list[tuple[Kernel, bool]]:
+    """Return the kernels of a form of H."""
+    part = form.system
+    at = _inputs(form)
+    gradients: dict[str, Any] = {"H_q": part.H_q} if form.q else {}
+    if form.p:
+        gradients = {"H_p": part.H_p} | gradients
+    kernels = [
+        (Kernel("energy", f"H of {_short(part.H)}", at, {"H": part.H}), True),
+        (Kernel("gradient", "derivatives of H", at, gradients), True),
+    ]
+    second: dict[str, Any] = {"H_qq": part.H_qq} if form.q else {}
+    if form.p:
+        kernels.append((Kernel("velocity", "H_p", at, {"H_p": part.H_p}), True))
+        kernels.append((Kernel("mass", "H_pp, the inverse of a mass", at, {"H_pp": part.H_pp}),
+                        True))
+        second |= ({"H_pq": part.H_pq} if form.q else {}) | {"H_pp": part.H_pp}
+    kernels.append((Kernel("hessian", "second derivatives of H", at, second), False))
+    return [(kernel, lanes) for kernel, lanes in kernels if kernel.outputs]
+
+
+def joint_kernels(form: Form) -> list[tuple[Kernel, bool]]:
+    """Return the kernels of a form of constraints."""
+    rows = len(form.expressions)
+    d, lam = vector("d", len(form.q)), vector("lambda", rows)
+    G = jacobian(form.expressions, form.q)
+    pull = [sum((x * row[a] for x, row in zip(lam, G, strict=True)), sp.Integer(0))
+            for a in range(len(form.q))]
+    weighted = sum((x * g for x, g in zip(lam, form.expressions, strict=True)), sp.Integer(0))
+    K = symmetric_jacobian(gradient(weighted, form.q), form.q)
+    at = _inputs(form)
+    return [
+        (Kernel("value", "g", at, {"g": list(form.expressions)}, compensated=True), True),
+        (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", _inputs(form, d=d),
+                {"dg": [increment_of(g, form.q, d) for g in form.expressions]}), True),
+        (Kernel("jacobian", "G = dg/dq", at, {"G": G}), True),
+        (Kernel("pull", "G^T lambda", _inputs(form, **{"lambda": lam}), {"force": pull}), True),
+        (Kernel("curvature", "K = d(G^T lambda)/dq", _inputs(form, **{"lambda": lam}), {"K": K}),
+         False),
+    ]
+
+
+def mean_term_kernels(form: Form, discrete: bool) -> list[tuple[Kernel, bool]]:
+    """Return the mean gradient of a form of H between two states, and its derivatives."""
+    nq, np = len(form.q), len(form.p)
+    qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
+    D_q, D_p = mean_gradient_of(form.system, (qm, pm), (dq, dp), discrete)
+    at = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
+    by_q, by_p = _by_increment(qm, dq), _by_increment(pm, dp)
+    outputs = {"D_q": D_q, "D_p": D_p}
+    second = {"D_qq": by_q(D_q) if nq else [], "D_qp": by_p(D_q) if nq and np else [],
+              "D_pq": by_q(D_p) if nq and np else [], "D_pp": by_p(D_p) if np else []}
+    kernels = [
+        (Kernel("mean_gradient", "mean gradient of H between two states", at,
+                {a: e for a, e in outputs.items() if e}), True),
+        (Kernel("mean_jacobian", "its derivatives by dq and dp", at,
+                {a: e for a, e in second.items() if e}), False),
+    ]
+    if np:
+        kernels.append((Kernel("mean_velocity", "D_p", at, {"D_p": D_p}), True))
+    return [(kernel, lanes) for kernel, lanes in kernels if kernel.outputs]
+
+
+def mean_joint_kernels(form: Form, discrete: bool) -> list[tuple[Kernel, bool]]:
+    """Return G^T lambda between two states, and its derivative by dq."""
+    nq, rows = len(form.q), len(form.expressions)
+    qm, dq, lam = vector("qm", nq), vector("dq", nq), vector("lambda", rows)
+    G = []
+    for g in form.expressions:
+        part = Part(form.q, tuple(vector("unused", nq)), form.constants, g)
+        G.append(mean_gradient_of(part, (qm, vector("pm", nq)), (dq, vector("dp", nq)),
+                                  discrete)[0])
+    pull = [sum((x * row[a] for x, row in zip(lam, G, strict=True)), sp.Integer(0))
+            for a in range(nq)]
+    at = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
+    return [
+        (Kernel("mean_pull", "G^T lambda between two states", at, {"force": pull}), True),
+        (Kernel("mean_curvature", "its derivative by dq", at, {"K": _by_increment(qm, dq)(pull)}),
+         False),
+        (Kernel("mean_jacobian", "G between two states",
+                {"qm": qm, "dq": dq, "k": form.constants}, {"G": G}), False),
+    ]
+
+
+def _by_increment(means: list[sp.Symbol], differences: list[sp.Symbol]) -> Any:
+    """Return the derivative by a difference at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
+
+    def derive(expressions: list[sp.Expr]) -> list[list[sp.Expr]]:
+        by_mean, by_difference = jacobian(expressions, means), jacobian(expressions, differences)
+        return [[a / 2 + b for a, b in zip(row, other, strict=True)]
+                for row, other in zip(by_mean, by_difference, strict=True)]
+
+    return derive
+
+
+def _short(e: sp.Expr) -> str:
+    text = str(e).replace("**", "^")
+    return text if len(text) <= 100 else text[:97] + "..."
+
+
+class _Attached:
+    """Which constraints act on which cell of momenta, and where G and W keep their entries.
+
+    G is stored cell by cell, a row of a cell's momenta for each constraint that acts on it.
+    """
+
+    def __init__(self, structure: Structure) -> None:
+        slot_of = structure.elimination.slot_of
+        at: dict[tuple[int, int], int] = {}  # (row, coordinate) → place in G
+        self.cells: list[dict[str, list[Any]]] = []
+        self.slots: list[int] = []
+        self.entries = 0
+        for form in structure.forms:
+            cells: dict[str, list[Any]] = {"count": [], "place": [], "slot": []}
+            for instance in form.instances if form.p else ():
+                rows = structure.attached(instance)
+                cells["count"].append(len(rows))
+                cells["place"].append(self.entries)
+                cells["slot"].append(len(self.slots))
+                for i, row in enumerate(rows):
+                    at |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
+                    self.entries += len(instance.p)
+                    self.slots += [slot_of[row, other] for other in rows[: i + 1]]
+            self.cells.append(cells)
+        self.places = []
+        for form in structure.constraint_forms:
+            G = jacobian(form.expressions, form.q)
+            self.places.append([
+                [at.get((row, a), -1) if G[r][b] != 0 else -1
+                 for r, row in enumerate(instance.rows) for b, a in enumerate(instance.q)]
+                for instance in form.instances])
+
+
+def _cells(
+    structure: Structure, terms: list[dict[str, Any]]
+) -> tuple[dict[str, list[int]], int, int]:
+    """Return where each momentum finds its cell and its rows of H_pp and H_pq; sets the starts.
+
+    A momentum that H does not contain has an empty cell.
+    """
+    names = ("np", "nq", "p_first", "q_first", "pp", "pq")
+    cell_of = {name: [0] * structure.system.n for name in names} | {"indices": []}
+    pp = pq = 0
+    for form, term in zip(structure.forms, terms, strict=True):
+        term |= {"pp_start": pp, "pq_start": pq}
+        np, nq = len(form.p), len(form.q)
+        for instance in form.instances if np else ():
+            p_first = len(cell_of["indices"])
+            cell_of["indices"] += [*instance.p, *instance.q]
+            for a in instance.p:
+                values = (np, nq, p_first, p_first + np, pp, pq)
+                for name, value in zip(names, values, strict=True):
+                    cell_of[name][a] = value
+                pp, pq = pp + np, pq + nq
+    return cell_of, pp, pq
+
+
+def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[int], int]:
+    """Return the place of each unknown (and its equation) in a narrow band, and how far it reaches.
+
+    Unknowns are numbered as the scheme numbers them: rates or increments of q, of p, multipliers.
+    """
+    n, m = structure.system.n, structure.system.m
+    s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
+    unknowns = {("q", a): [half * s * n + i * n + a for half in (0, 1) for i in range(s)]
+                for a in range(n)}
+    unknowns |= {("g", row): [2 * s * n + node * m + row for node in range(p)]
+                 for row in range(m)}
+    position, first, last = {}, {}, {}
+    for node in structure.band_order:
+        first[node] = len(position)
+        for unknown in unknowns[node]:
+            position[unknown] = len(position)
+        last[node] = len(position) - 1
+    reach = 0
+    for nodes in structure.coupled:
+        reach = max(reach, max(last[x] for x in nodes) - min(first[x] for x in nodes))
+    return [position[u] for u in range(len(position))], reach
+
+
+def operations_of(context: dict[str, Any]) -> dict[str, dict[str, int]]:
+    """Return the operations of one call of each kernel, by its C name."""
+    return {k["scalar"].name: k["scalar"].operations
+            for part in (*context["terms"], *context["joints"]) for k in part["kernels"]}
