@@ -61,7 +61,7 @@ def emit(
     ``system`` is the one the user knows, with its own parameters; the scheme works on the same
     system with constants of the run in place of parameter-only subexpressions. ``structured``
     decides whether the C loops over the instances of the system's forms; by default where that
-    at least halves the work.
+    saves work.
     """
     structure = Structure(scheme.system)
     if structured is None:

@@ -20,6 +20,12 @@ from .system import gradient, jacobian, symmetric_jacobian
 
 __all__ = ["operations_of", "structure_context"]
 
+#: What a kernel is needed for: numbers (Newton, reports), lanes (sweeps), or both.
+NUMBERS, LANES, BOTH = "numbers", "lanes", "both"
+
+#: A kernel and what it is needed for.
+Placed = tuple[Kernel, str]
+
 
 def structure_context(
     structure: Structure, scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
@@ -28,16 +34,17 @@ def structure_context(
     used = sorted({c for form in (*structure.forms, *structure.constraint_forms)
                    for i in form.instances for c in i.constants})
     place = {c: at for at, c in enumerate(used)}
-    emit = _Emitter(constants, real)
+    emit, between = _Emitter(constants, real), isinstance(scheme, MeanScheme)
     attached = _Attached(structure)
     terms = [
-        _form(f"term{f}", form, place) | {"kernels": emit.all(f"term{f}", term_kernels(form))}
-        | {"cells": attached.cells[f]}
+        _form(f"term{f}", form, place)
+        | {"kernels": emit.all(f"term{f}", term_kernels(form, between=between)),
+           "cells": attached.cells[f]}
         for f, form in enumerate(structure.forms)
     ]
     joints = [
         _form(f"joint{f}", form, place)
-        | {"kernels": emit.all(f"joint{f}", joint_kernels(form)),
+        | {"kernels": emit.all(f"joint{f}", joint_kernels(form, between=between)),
            "places": attached.places[f]}
         for f, form in enumerate(structure.constraint_forms)
     ]
@@ -95,18 +102,19 @@ class _Emitter:
     def __init__(self, constants: Constants, real: Real) -> None:
         self.constants, self.real = constants, real
 
-    def all(self, form: str, kernels: Sequence[tuple[Kernel, bool]]) -> list[dict[str, Any]]:
-        """Return what the template prints; the flag says whether lanes need the kernel too."""
+    def all(self, form: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
+        """Return what the template prints."""
         emitted = []
-        for kernel, on_lanes in kernels:
+        for kernel, where in kernels:
             named = Kernel(f"{form}_{kernel.name}", kernel.doc,
                            {a: s for a, s in kernel.inputs.items() if s}, kernel.outputs,
                            kernel.compensated)
             scalar = emit_kernel(named, self.constants, self.real)
-            lanes = emit_kernel(named, self.constants, self.real, Target.lanes({})) \
-                if on_lanes else None
-            emitted.append({"name": kernel.name, "inputs": list(named.inputs), "scalar": scalar,
-                            "lanes": lanes, "functions": scalar.functions})
+            lanes = emit_kernel(named, self.constants, self.real, Target.lanes({}))
+            emitted.append({"name": kernel.name, "inputs": list(named.inputs),
+                            "scalar": scalar if where != LANES else None,
+                            "lanes": lanes if where != NUMBERS else None,
+                            "operations": scalar.operations, "functions": scalar.functions})
         return emitted
 
 
@@ -114,28 +122,30 @@ def _inputs(form: Form, **more: Sequence[sp.Symbol]) -> dict[str, Sequence[sp.Sy
     return {"q": form.q, "p": form.p, **more, "k": form.constants}
 
 
-def term_kernels(form: Form) -> list[tuple[Kernel, bool]]:
-    """Return the kernels of a form of H."""
+def term_kernels(form: Form, *, between: bool) -> list[Placed]:
+    """Return the kernels of a form of H; schemes between two states need no second derivatives."""
     part = form.system
     at = _inputs(form)
     gradients: dict[str, Any] = {"H_q": part.H_q} if form.q else {}
     if form.p:
         gradients = {"H_p": part.H_p} | gradients
     kernels = [
-        (Kernel("energy", f"H of {_short(part.H)}", at, {"H": part.H}), True),
-        (Kernel("gradient", "derivatives of H", at, gradients), True),
+        (Kernel("energy", f"H of {_short(part.H)}", at, {"H": part.H}), BOTH),
+        (Kernel("gradient", "derivatives of H", at, gradients), NUMBERS if between else BOTH),
     ]
     second: dict[str, Any] = {"H_qq": part.H_qq} if form.q else {}
     if form.p:
-        kernels.append((Kernel("velocity", "H_p", at, {"H_p": part.H_p}), True))
+        kernels.append((Kernel("velocity", "H_p", at, {"H_p": part.H_p}), BOTH))
         kernels.append((Kernel("mass", "H_pp, the inverse of a mass", at, {"H_pp": part.H_pp}),
-                        True))
+                        BOTH))
         second |= ({"H_pq": part.H_pq} if form.q else {}) | {"H_pp": part.H_pp}
-    kernels.append((Kernel("hessian", "second derivatives of H", at, second), False))
-    return [(kernel, lanes) for kernel, lanes in kernels if kernel.outputs]
+    kernels.append((Kernel("hessian", "second derivatives of H", at, second), NUMBERS))
+    kept = ("energy", "velocity", "mass") if between else [kernel.name for kernel, _ in kernels]
+    return [(kernel, where) for kernel, where in kernels
+            if kernel.outputs and kernel.name in kept]
 
 
-def joint_kernels(form: Form) -> list[tuple[Kernel, bool]]:
+def joint_kernels(form: Form, *, between: bool) -> list[Placed]:
     """Return the kernels of a form of constraints."""
     rows = len(form.expressions)
     d, lam = vector("d", len(form.q)), vector("lambda", rows)
@@ -145,18 +155,20 @@ def joint_kernels(form: Form) -> list[tuple[Kernel, bool]]:
     weighted = sum((x * g for x, g in zip(lam, form.expressions, strict=True)), sp.Integer(0))
     K = symmetric_jacobian(gradient(weighted, form.q), form.q)
     at = _inputs(form)
-    return [
-        (Kernel("value", "g", at, {"g": list(form.expressions)}, compensated=True), True),
+    kernels = [
+        (Kernel("value", "g", at, {"g": list(form.expressions)}, compensated=True), BOTH),
         (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", _inputs(form, d=d),
-                {"dg": [increment_of(g, form.q, d) for g in form.expressions]}), True),
-        (Kernel("jacobian", "G = dg/dq", at, {"G": G}), True),
-        (Kernel("pull", "G^T lambda", _inputs(form, **{"lambda": lam}), {"force": pull}), True),
+                {"dg": [increment_of(g, form.q, d) for g in form.expressions]}), BOTH),
+        (Kernel("jacobian", "G = dg/dq", at, {"G": G}), BOTH),
+        (Kernel("pull", "G^T lambda", _inputs(form, **{"lambda": lam}), {"force": pull}),
+         NUMBERS if between else BOTH),
         (Kernel("curvature", "K = d(G^T lambda)/dq", _inputs(form, **{"lambda": lam}), {"K": K}),
-         False),
+         NUMBERS),
     ]
+    return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
 
 
-def mean_term_kernels(form: Form, discrete: bool) -> list[tuple[Kernel, bool]]:
+def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
     """Return the mean gradient of a form of H between two states, and its derivatives."""
     nq, np = len(form.q), len(form.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
@@ -168,16 +180,16 @@ def mean_term_kernels(form: Form, discrete: bool) -> list[tuple[Kernel, bool]]:
               "D_pq": by_q(D_p) if nq and np else [], "D_pp": by_p(D_p) if np else []}
     kernels = [
         (Kernel("mean_gradient", "mean gradient of H between two states", at,
-                {a: e for a, e in outputs.items() if e}), True),
+                {a: e for a, e in outputs.items() if e}), BOTH),
         (Kernel("mean_jacobian", "its derivatives by dq and dp", at,
-                {a: e for a, e in second.items() if e}), False),
+                {a: e for a, e in second.items() if e}), NUMBERS),
     ]
     if np:
-        kernels.append((Kernel("mean_velocity", "D_p", at, {"D_p": D_p}), True))
-    return [(kernel, lanes) for kernel, lanes in kernels if kernel.outputs]
+        kernels.append((Kernel("mean_velocity", "D_p", at, {"D_p": D_p}), LANES))
+    return [(kernel, where) for kernel, where in kernels if kernel.outputs]
 
 
-def mean_joint_kernels(form: Form, discrete: bool) -> list[tuple[Kernel, bool]]:
+def mean_joint_kernels(form: Form, discrete: bool) -> list[Placed]:
     """Return G^T lambda between two states, and its derivative by dq."""
     nq, rows = len(form.q), len(form.expressions)
     qm, dq, lam = vector("qm", nq), vector("dq", nq), vector("lambda", rows)
@@ -190,11 +202,11 @@ def mean_joint_kernels(form: Form, discrete: bool) -> list[tuple[Kernel, bool]]:
             for a in range(nq)]
     at = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
     return [
-        (Kernel("mean_pull", "G^T lambda between two states", at, {"force": pull}), True),
+        (Kernel("mean_pull", "G^T lambda between two states", at, {"force": pull}), BOTH),
         (Kernel("mean_curvature", "its derivative by dq", at, {"K": _by_increment(qm, dq)(pull)}),
-         False),
+         NUMBERS),
         (Kernel("mean_jacobian", "G between two states",
-                {"qm": qm, "dq": dq, "k": form.constants}, {"G": G}), False),
+                {"qm": qm, "dq": dq, "k": form.constants}, {"G": G}), NUMBERS),
     ]
 
 
@@ -296,5 +308,5 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
 
 def operations_of(context: dict[str, Any]) -> dict[str, dict[str, int]]:
     """Return the operations of one call of each kernel, by its C name."""
-    return {k["scalar"].name: k["scalar"].operations
+    return {f"{part['name']}_{k['name']}": k["operations"]
             for part in (*context["terms"], *context["joints"]) for k in part["kernels"]}

@@ -54,7 +54,7 @@ def generate(
         Generate although required conditions of the tableau are violated.
     structured : bool, optional
         Whether the C loops over the instances of the system's forms (``structure``); by default
-        where that at least halves the work of a step.
+        where that saves work.
 
     Raises
     ------
