@@ -251,6 +251,11 @@ def _result(
         "seconds": seconds,
         "ns_per_step": seconds / report.steps * 1e9 if report.steps else 0.0,
     }
+    if step.binding.has_forces:
+        result["work"] = report.work
+    if trajectory.quantities:
+        result["quantities"] = {name: float(trajectory.quantity(name)[-1])
+                                for name in trajectory.quantities}
     if failure is not None:
         result["failed"] = {"step": failure.step, "t": failure.t, "reason": failure.reason}
     return result
@@ -271,17 +276,21 @@ def _axis_errors(problem: Problem, step: Stepper, trajectory: Trajectory) -> dic
 
 def _text(result: dict[str, Any]) -> str:
     """Return the result for people."""
+    balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
     lines = [
         f"{result['problem']} with {result['stepper']} (order {result['order']})",
         f"  {result['steps']:,} steps of {result['dt']:g} s to t = {result['t_end']:g} s, "
         f"{result['ns_per_step'] / 1e3:.2f} µs a step",
         f"  constraint |qᵀq − 1|    largest {result['constraint_max']:.2e}",
         f"  momentum   |qᵀp|        largest {result['momentum_constraint_max']:.2e}",
-        f"  energy     |H − H₀|     largest {result['energy_error_max']:.2e}, "
+        f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
         f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}",
         f"  iterations              mean {result['iterations_mean']:.2f}, "
         f"most {result['iterations_max']}",
     ]
+    if "work" in result:
+        lines.append(f"  work of the forces      {result['work']:.6g}")
+    lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
     if "axis_reference" in result:
         lines.append(
             f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "

@@ -16,7 +16,7 @@ from .._version import __version__
 from .c_printer import CPrinter
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
-from .kernels import Constants, EmittedKernel, emit_kernel
+from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
 from .structure import Structure
@@ -77,6 +77,7 @@ def emit(
         fast = fast_context(scheme, constants, real)
     context = _context(name, method, scheme, system, constants, real,
                        [*kernels, *fast["lane_kernels"]], forms) | fast | {"kernels": kernels}
+    context["quantity_kernel"] = _quantity_kernel(system, real)
     environment = _environment()
     return Source(
         name,
@@ -132,6 +133,10 @@ def _context(
         "version": __version__,
         "title": f"{method} for {system.name.replace('_', ' ')}",
         "hamiltonian": "" if forms["structured"] else comment(system.H),
+        "forces": [comment(f) for f in system.forces],
+        "time": str(system.time) if system.is_driven else "",
+        "quantities": {name: comment(e) for name, e in system.quantities.items()},
+        "quantity_time": bool(system.quantities) and system.time is not None,
         "constraints": [] if forms["structured"] else [comment(g) for g in system.constraints],
         "hidden_text": ", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden))
                        or "no constraint",
@@ -156,6 +161,18 @@ def _context(
         "tableau_shapes": _tableau_shapes(tableau) if tableau else {},
         "tableau_doc": _tableau_doc(tableau) if tableau else [],
     }
+
+
+def _quantity_kernel(system: System, real: Real) -> EmittedKernel | None:
+    """Return the kernel of the user's quantities, in terms of the parameters themselves."""
+    if not system.quantities:
+        return None
+    time = {} if system.time is None else {"t": [system.time]}
+    kernel = Kernel("quantities", "What the user asked for of a state",
+                    {**time, "q": list(system.q), "p": list(system.p)},
+                    {"out": list(system.quantities.values())})
+    return emit_kernel(kernel, Constants(system.parameters), real,
+                       Target(real.c_type, "parameters_t", ""))
 
 
 def _hidden(
@@ -250,6 +267,7 @@ def _manifest(
             "constraints": [str(g) for g in system.constraints],
             "hidden": _hidden(scheme, constants, forms),
             "rigid_body": system.rigid_body,
+            **_forces_and_quantities(system),
         },
         "scheme": {
             "method": method,
@@ -275,6 +293,19 @@ def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
     if not forms["structured"]:
         return str(system.H)
     return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
+
+
+def _forces_and_quantities(system: System) -> dict[str, Any]:
+    """Return what is said of forces, time and quantities; nothing of what is not there."""
+    said: dict[str, Any] = {}
+    if system.forces:
+        said["forces"] = [str(f) for f in system.forces]
+    if system.is_driven:
+        said["time"] = str(system.time)
+    if system.quantities:
+        said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
+        said["quantities_take_time"] = system.time is not None
+    return said
 
 
 def _domain(parameter: sp.Symbol) -> str:

@@ -14,7 +14,7 @@ import sympy as sp
 
 from .kernels import Constants, Kernel, Target, emit_kernel
 from .real import Real
-from .schemes import MeanScheme, SparkScheme, increment_of, mean_gradient_of, vector
+from .schemes import MeanScheme, SparkScheme, increment_of, mean_gradient_of, time_input, vector
 from .structure import Form, Part, Structure
 from .system import gradient, jacobian, symmetric_jacobian
 
@@ -31,8 +31,8 @@ def structure_context(
     structure: Structure, scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
 ) -> dict[str, Any]:
     """Return what the templates of a structured system need."""
-    used = sorted({c for form in (*structure.forms, *structure.constraint_forms)
-                   for i in form.instances for c in i.constants})
+    forms = (*structure.forms, *structure.constraint_forms, *structure.force_forms)
+    used = sorted({c for form in forms for i in form.instances for c in i.constants})
     place = {c: at for at, c in enumerate(used)}
     emit, between = _Emitter(constants, real), isinstance(scheme, MeanScheme)
     attached = _Attached(structure)
@@ -48,6 +48,11 @@ def structure_context(
            "places": attached.places[f]}
         for f, form in enumerate(structure.constraint_forms)
     ]
+    pushes = [
+        _form(f"push{f}", form, place)
+        | {"kernels": emit.all(f"push{f}", push_kernels(form, time_input(structure.system)))}
+        for f, form in enumerate(structure.force_forms)
+    ]
     if isinstance(scheme, MeanScheme):
         for f, form in enumerate(structure.forms):
             terms[f]["kernels"] += emit.all(f"term{f}", mean_term_kernels(form, scheme.discrete))
@@ -56,12 +61,13 @@ def structure_context(
                                              mean_joint_kernels(form, scheme.discrete))
     elimination = structure.elimination
     positions, band = _band(structure, scheme)
-    cell_of, pp_entries, pq_entries = _cells(structure, terms)
+    second = _second_derivatives(structure, terms, pushes)
     symbols = list(scheme.system.parameters)
     return {
         "structured": True,
         "terms": terms,
         "joints": joints,
+        "pushes": pushes,
         "used_constants": [str(symbols[c]) for c in used],
         "attached": attached,
         "elimination": {
@@ -72,12 +78,10 @@ def structure_context(
             "flat_slots": [slot for slots in elimination.slots for slot in slots],
             "flat_targets": [slot for slots in elimination.targets for slot in slots],
         },
-        "cell_of": cell_of,
-        "pp_entries": pp_entries,
-        "pq_entries": pq_entries,
+        "second": second,
         "positions": positions,
         "band": band,
-        "form_functions": sorted({f for part in (*terms, *joints)
+        "form_functions": sorted({f for part in (*terms, *joints, *pushes)
                                   for k in part["kernels"] for f in k["functions"]}),
     }
 
@@ -168,6 +172,18 @@ def joint_kernels(form: Form, *, between: bool) -> list[Placed]:
     return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
 
 
+def push_kernels(form: Form, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
+    """Return the kernels of a form of forces."""
+    at = {"q": form.q, "p": form.p, **time, "k": form.constants}
+    F = list(form.expressions)
+    derivatives = {"F_q": jacobian(F, form.q), "F_p": jacobian(F, form.p)}
+    return [
+        (Kernel("value", "F, which no potential has", at, {"F": F}), BOTH),
+        (Kernel("jacobian", "dF/dq and dF/dp", at,
+                {name: rows for name, rows in derivatives.items() if rows[0]}), NUMBERS),
+    ]
+
+
 def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
     """Return the mean gradient of a form of H between two states, and its derivatives."""
     nq, np = len(form.q), len(form.p)
@@ -180,7 +196,7 @@ def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
               "D_pq": by_q(D_p) if nq and np else [], "D_pp": by_p(D_p) if np else []}
     kernels = [
         (Kernel("mean_gradient", "mean gradient of H between two states", at,
-                {a: e for a, e in outputs.items() if e}), BOTH),
+                {a: e for a, e in outputs.items() if e}), BOTH if nq else NUMBERS),
         (Kernel("mean_jacobian", "its derivatives by dq and dp", at,
                 {a: e for a, e in second.items() if e}), NUMBERS),
     ]
@@ -259,28 +275,43 @@ class _Attached:
                 for instance in form.instances])
 
 
-def _cells(
-    structure: Structure, terms: list[dict[str, Any]]
-) -> tuple[dict[str, list[int]], int, int]:
-    """Return where each momentum finds its cell and its rows of H_pp and H_pq; sets the starts.
+def _second_derivatives(
+    structure: Structure, terms: list[dict[str, Any]], pushes: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Return where the rows of H_pp and of H_qp − F_p keep their entries, and set their places.
 
-    A momentum that H does not contain has an empty cell.
+    Row e holds what momentum e does: H_pp to the velocities of its cell, H_qp − F_p to forces.
     """
-    names = ("np", "nq", "p_first", "q_first", "pp", "pq")
-    cell_of = {name: [0] * structure.system.n for name in names} | {"indices": []}
-    pp = pq = 0
+    n = structure.system.n
+    cell_first, cell_count, cell_row = [0] * n, [0] * n, []
+    mixed: list[dict[int, int]] = [{} for _ in range(n)]
+    pp = 0
     for form, term in zip(structure.forms, terms, strict=True):
-        term |= {"pp_start": pp, "pq_start": pq}
-        np, nq = len(form.p), len(form.q)
-        for instance in form.instances if np else ():
-            p_first = len(cell_of["indices"])
-            cell_of["indices"] += [*instance.p, *instance.q]
+        term |= {"pp_start": pp, "mixed": []}
+        for instance in form.instances if form.p else ():
             for a in instance.p:
-                values = (np, nq, p_first, p_first + np, pp, pq)
-                for name, value in zip(names, values, strict=True):
-                    cell_of[name][a] = value
-                pp, pq = pp + np, pq + nq
-    return cell_of, pp, pq
+                cell_first[a], cell_count[a] = len(cell_row), len(instance.p)
+                cell_row += instance.p
+                pp += len(instance.p)
+                for b in instance.q:
+                    mixed[a].setdefault(b, len(mixed[a]))
+    for form in structure.force_forms:
+        for instance in form.instances:
+            for a in instance.p:
+                for row in instance.rows:
+                    mixed[a].setdefault(row, len(mixed[a]))
+    first = [0]
+    for row in mixed:
+        first.append(first[-1] + len(row))
+    for form, term in zip(structure.forms, terms, strict=True):
+        term["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
+                         for i in form.instances]
+    for form, push in zip(structure.force_forms, pushes, strict=True):
+        push["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
+                         for i in form.instances]
+    return {"cell_first": cell_first, "cell_count": cell_count, "cell_row": cell_row,
+            "mixed_first": first, "mixed_row": [b for row in mixed for b in row],
+            "pp_entries": pp, "mixed_entries": first[-1]}
 
 
 def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[int], int]:
@@ -309,4 +340,5 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
 def operations_of(context: dict[str, Any]) -> dict[str, dict[str, int]]:
     """Return the operations of one call of each kernel, by its C name."""
     return {f"{part['name']}_{k['name']}": k["operations"]
-            for part in (*context["terms"], *context["joints"]) for k in part["kernels"]}
+            for parts in ("terms", "joints", "pushes") for part in context[parts]
+            for k in part["kernels"]}

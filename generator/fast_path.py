@@ -14,6 +14,8 @@ hold where g = 0; each is proved here by reduction modulo g:
 - parts of H_q that a constraint force cannot change ((∂u/∂p) Gᵀ = 0, as L(q)q = 0) are evaluated
   once a sweep and shared by H_p and H_q.
 
+Forces F(q, p, t) enter through H_q − F, which then stands for H_q in all of this.
+
 Where an identity is not proved the general form is emitted: slower, never wrong.
 """
 
@@ -29,7 +31,7 @@ import sympy as sp
 
 from .kernels import Kernel
 from .real import Real, round_binary
-from .schemes import MeanScheme, common_kernels, vector
+from .schemes import MeanScheme, common_kernels, time_input, vector
 from .system import System, gradient, jacobian, shortest
 from .tableau import Tableau
 
@@ -110,10 +112,13 @@ class FastSystem:
 
     @cached_property
     def shared(self) -> list[sp.Expr]:
-        """Sums in H_q that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
+        """Sums in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
         if self.system.m and self.correction is None:
             return []  # H_p is evaluated again with H_q anyway
-        sums = {u for e in self.system.H_q for u in e.atoms(sp.Add)}
+        if self.is_separable:
+            return []  # H_q − F is evaluated at other places than H_p
+        sums = {u for e in self.system.minus_p_rate for u in e.atoms(sp.Add)
+                if self.system.time not in u.free_symbols}
         return sorted((u for u in sums if u.has(*self.system.p) and self._is_unmoved(u)),
                       key=sp.default_sort_key)
 
@@ -142,8 +147,9 @@ class FastSystem:
 
     @cached_property
     def gradients(self) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr]]:
-        """H_p, H_q and w: H_q in terms of the shared w, each times its constant if it has one."""
-        H_p, H_q = ([self.folds(e) for e in side] for side in (self.system.H_p, self.system.H_q))
+        """H_p, H_q − F in terms of the shared w, and w, each times its constant if it has one."""
+        H_p, H_q = ([self.folds(e) for e in side]
+                    for side in (self.system.H_p, self.system.minus_p_rate))
         w = []
         for index, u in enumerate(map(self.folds, self.shared)):
             factor = self._only_factor(u, H_p + H_q)
@@ -178,8 +184,9 @@ class FastSystem:
             *self._common(projected=True),
             Kernel("velocity", "H_p" + (", and w: what H_q shares with it" if w else ""), state,
                    velocity),
-            Kernel("force", "H_q" + (" from the same w" if w else "") +
-                   (", H_p" if "H_p" in force else ""), state | ({"w": w} if w else {}), force),
+            Kernel("force", "H_q" + (" = dH/dq - F" if system.forces else "") +
+                   (" from the same w" if w else "") + (", H_p" if "H_p" in force else ""),
+                   state | time_input(system) | ({"w": w} if w else {}), force),
         ]
         return [*kernels, *self._multiplier_kernels()]
 
@@ -187,11 +194,12 @@ class FastSystem:
         """Return the kernels of the sweeps of IMS or EMS, to be emitted on lanes."""
         inputs = {"qm": scheme.means[0], "pm": scheme.means[1],
                   "dq": scheme.differences[0], "dp": scheme.differences[1]}
-        D_q, D_p = ([self.folds(e) for e in side] for side in scheme.mean_gradient)
+        D_q, D_p = ([self.folds(e) for e in side] for side in scheme.mean_rates)
+        less = " - F(qm, pm, t)" if self.system.forces else ""
         kernels = [
             *self._common(projected=False),
             Kernel("mean_velocity", "D_p", inputs, {"D_p": D_p}),
-            Kernel("mean_force", "D_q", inputs, {"D_q": D_q}),
+            Kernel("mean_force", f"D_q{less}", inputs | time_input(self.system), {"D_q": D_q}),
         ]
         if self.system.m:
             kernels.append(Kernel("mean_constraint", "G between q0 and q1",

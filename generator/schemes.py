@@ -7,6 +7,9 @@ IMS (53) and EMS (61): unknowns Δq, Δp, λ;
     r = [Δq/Δt − D_pH;  Δp/Δt + D_qH + Ḡᵀλ;  g(q + Δq)]
 with D the gradient at the midpoint (IMS) or the discrete gradient (EMS), Ḡ likewise of g.
 
+With forces F(q, p, t), H_q − F stands where H_q does: SPARK has F(Q_i, P_i, t + c_i Δt), IMS and
+EMS take F at the midpoint, F(q̄, p̄, t + Δt/2), so that ΔH = F·Δq holds exactly for EMS.
+
 Either way the C loops over stages; only the kernels below are expressions.
 """
 
@@ -32,12 +35,20 @@ def vector(name: str, count: int) -> list[sp.Symbol]:
     return [sp.Symbol(f"_{name}{i}", real=True) for i in range(count)]
 
 
+def time_input(system: System) -> dict[str, list[sp.Symbol]]:
+    """Return the input of what depends on time, if anything does."""
+    return {"t": [system.time]} if system.time is not None and system.is_driven else {}
+
+
 def common_kernels(system: System) -> list[Kernel]:
-    """Return the kernels that every scheme needs: H, g, and what projects onto them."""
+    """Return the kernels that every scheme needs: H, F, g, and what projects onto them."""
     q, p = list(system.q), list(system.p)
     d = vector("d", system.n)
     at_state = {"q": q, "p": p}
     kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": system.H})]
+    if system.forces:
+        kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
+                              at_state | time_input(system), {"F": list(system.forces)}))
     if system.m == 0:
         return kernels
     return [
@@ -119,6 +130,15 @@ class SparkScheme:
             Kernel("hessian", "H_qq, H_pq = dH_p/dq and H_pp", state,
                    {"H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}),
         ]
+        if system.forces:
+            state |= time_input(system)
+            kernels = [
+                Kernel("gradient", "H_q = dH/dq - F, H_p = dH/dp", state,
+                       {"H_q": system.minus_p_rate, "H_p": system.H_p}),
+                Kernel("hessian", "H_qq and H_qp, derivatives of H_q = dH/dq - F, and those of H_p",
+                       state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
+                               "H_pq": system.H_pq, "H_pp": system.H_pp}),
+            ]
         if system.m:
             lam = vector("lambda", system.m)
             kernels.append(
@@ -164,6 +184,17 @@ class MeanScheme:
         return mean_gradient_of(self.system, self.means, self.differences, self.discrete)
 
     @cached_property
+    def mean_rates(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """D_qH − F(q̄, p̄, t), −Δp/Δt but for the constraint forces, and D_pH."""
+        D_q, D_p = self.mean_gradient
+        if not self.system.forces:
+            return D_q, D_p
+        variables = [*self.system.q, *self.system.p]
+        at_mean = dict(zip(variables, [*self.means[0], *self.means[1]], strict=True))
+        forces = [f.xreplace(at_mean) for f in self.system.forces]
+        return [d - f for d, f in zip(D_q, forces, strict=True)], D_p
+
+    @cached_property
     def mean_constraint(self) -> list[list[sp.Expr]]:
         """Ḡ, m × n: discrete for EMS, g_q at the midpoint for IMS."""
         if self.discrete:
@@ -195,12 +226,14 @@ class MeanScheme:
         system = self.system
         inputs = {"qm": self.means[0], "pm": self.means[1],
                   "dq": self.differences[0], "dp": self.differences[1]}
-        D_q, D_p = self.mean_gradient
+        inputs |= time_input(system)
+        D_q, D_p = self.mean_rates
         by_q, by_p = self._by_increments()
         kind = "discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly" \
             if self.discrete else "gradient at the midpoint"
+        less = "; from D_q, F(qm, pm, t) is subtracted" if system.forces else ""
         kernels = [
-            Kernel("mean_gradient", f"D_q, D_p: {kind}", inputs, {"D_q": D_q, "D_p": D_p}),
+            Kernel("mean_gradient", f"D_q, D_p: {kind}{less}", inputs, {"D_q": D_q, "D_p": D_p}),
             Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
                    {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
         ]

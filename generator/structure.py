@@ -7,6 +7,7 @@ this the C has one kernel a form and loops over instances: its size, and the tim
 compile it, hardly depend on the number of bodies, and no zero of a matrix is ever touched.
 
     H = Σ_f Σ_i  h_f(q[Q_fi], p[P_fi]; k[K_fi]),     g[R_fi] = g_f(q[Q_fi]; k[K_fi])
+    F[R_fi] += F_f(q[Q_fi], p[P_fi], t; k[K_fi])
 
 Terms with momenta are gathered by *cells*, the sets of coordinates that H_pp couples: W = G H_pp Gᵀ
 is a sum over cells. Its pattern, and the fill of its factors in an order of least degree, are
@@ -43,7 +44,7 @@ class Instance:
 class Form:
     """Expressions in local symbols, and the instances that share them.
 
-    A form of H has one expression, a form of constraints one for each of its rows.
+    A form of H has one expression; a form of constraints or forces has one for each of its rows.
     """
 
     q: tuple[sp.Symbol, ...]
@@ -159,6 +160,20 @@ class Structure:
         for coordinates in connected([s for s in support.values() if s]):
             yield [r for r in rows if support[r] and min(support[r]) in coordinates]
         yield from ([r] for r in rows if not support[r])
+
+    # ------------------------------------------------------------ F
+
+    @cached_property
+    def force_forms(self) -> list[Form]:
+        """The forms of the forces: terms that depend on the same things, with their rows."""
+        groups: dict[tuple[frozenset[int], frozenset[int]], dict[int, list[sp.Expr]]] = {}
+        for row, force in enumerate(self.system.forces):
+            for term in sp.Add.make_args(force):
+                if term != 0:
+                    support = (self._indices(term, self._q), self._indices(term, self._p))
+                    groups.setdefault(support, {}).setdefault(row, []).append(term)
+        return self._forms_of([(tuple(sp.Add(*terms) for terms in rows.values()), tuple(rows))
+                               for rows in groups.values()])
 
     # ------------------------------------------------------------ forms
 
@@ -283,6 +298,11 @@ class Structure:
         cell_of = {a: set(i.q) | set(i.p) for form in self.forms for i in form.instances
                    for a in i.p}
         sets = [{("q", a) for a in (*i.q, *i.p)} for form in self.forms for i in form.instances]
+        for form in self.force_forms:
+            for i in form.instances:
+                sets.append({("q", a) for a in (*i.q, *i.p, *i.rows)})
+                for a in i.p:
+                    cell_of[a] = cell_of.get(a, set()) | set(i.rows)
         for form in self.constraint_forms:
             for i in form.instances:
                 reached = set(i.q).union(*(cell_of.get(a, ()) for a in i.q))

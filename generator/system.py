@@ -2,6 +2,8 @@
 
     q̇ = H_p(q, p),   ṗ = −H_q(q, p) − g_q(q)ᵀ λ,   0 = g(q)          (paper, eq. 12)
 
+Generalised forces F(q, p, t) that no potential has are added to ṗ.
+
 Nothing here knows of quaternions: a system is its symbols, its H and its g.
 """
 
@@ -196,6 +198,29 @@ class System:
         return symmetric_jacobian(self.H_p, self.p)
 
     @cached_property
+    def minus_p_rate(self) -> list[sp.Expr]:
+        """H_q − F, n entries: −ṗ but for the constraint forces."""
+        if not self.forces:
+            return self.H_q
+        return [h - f for h, f in zip(self.H_q, self.forces, strict=True)]
+
+    @cached_property
+    def minus_p_rate_by_q(self) -> list[list[sp.Expr]]:
+        """H_qq − F_q, n × n."""
+        return difference(self.H_qq, jacobian(self.forces, self.q))
+
+    @cached_property
+    def minus_p_rate_by_p(self) -> list[list[sp.Expr]]:
+        """H_qp − F_p, n × n: the transpose of H_pq only without forces."""
+        transposed = [list(column) for column in zip(*self.H_pq, strict=True)]
+        return difference(transposed, jacobian(self.forces, self.p))
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a force depends on time."""
+        return any(self.time in f.free_symbols for f in self.forces)
+
+    @cached_property
     def G(self) -> list[list[sp.Expr]]:
         """g_q = ∂g/∂q, m × n."""
         return jacobian(self.constraints, self.q)
@@ -260,6 +285,16 @@ def jacobian(
 ) -> list[list[sp.Expr]]:
     """Derivative of each expression (row) by each symbol (column)."""
     return [gradient(expression, symbols) for expression in expressions]
+
+
+def difference(
+    left: list[list[sp.Expr]], right: list[list[sp.Expr]]
+) -> list[list[sp.Expr]]:
+    """Difference of two matrices, entry by entry; the left one where there is no right one."""
+    if not right:
+        return left
+    return [[a - b for a, b in zip(*rows, strict=True)]
+            for rows in zip(left, right, strict=True)]
 
 
 def symmetric_jacobian(

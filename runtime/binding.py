@@ -40,9 +40,15 @@ class Binding:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
         self.c_type = manifest["real"].replace("-", " ")
         self.dtype = DTYPES[manifest["real"]]
-        self.parameter_names = list(manifest["system"]["parameters"])
-        self.n = len(manifest["system"]["coordinates"])
-        self.m = len(manifest["system"]["constraints"])
+        system = manifest["system"]
+        self.parameter_names = list(system["parameters"])
+        self.n = len(system["coordinates"])
+        self.m = len(system["constraints"])
+        self.has_forces = "forces" in system
+        #: The field of the parameters with the time at the start; None where no force has t.
+        self.time: str | None = system.get("time")
+        self.quantity_names = list(system.get("quantities", ()))
+        self._quantities_take_time = bool(system.get("quantities_take_time"))
         self.unknowns = int(manifest["scheme"]["unknowns"])
         self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
@@ -63,9 +69,18 @@ class Binding:
             return self.ffi.NULL
         return self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True) + start
 
-    def parameters(self, values: dict[str, float]) -> Any:
-        """Return the parameter struct."""
-        return self.ffi.new(f"{self.name}_parameters *", values)
+    def parameters(self, values: dict[str, float], t: float = 0.0) -> Any:
+        """Return the parameter struct for a run, or a step, that starts at time t."""
+        return self.ffi.new(f"{self.name}_parameters *", values | self._at(t))
+
+    def _at(self, t: float) -> dict[str, float]:
+        return {} if self.time is None else {self.time: t}
+
+    def set_time(self, parameters: Any, t0: float, steps: int, dt: float) -> None:
+        """Set the time in the parameter struct to t0 + steps dt."""
+        if self.time is not None:
+            fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
+            fields[-1] = self.dtype(t0) + steps * self.dtype(dt)
 
     def work(self) -> Any:
         """Return work memory for one thread."""
@@ -98,8 +113,17 @@ class Binding:
         return np.ascontiguousarray(x, dtype=self.dtype)
 
     def energy_error(self, H: Any, report: Any) -> float:
-        """Return |H − H₀| for a running record."""
-        return abs(float(H) - float(report.energy_start))  # cffi's long double is an object
+        """Return |H − H₀|, less the work of the forces, for a running record."""
+        error = float(H) - float(report.energy_start)  # cffi's long double is an object
+        return abs(error - float(report.work) if self.has_forces else error)
+
+    def add_work(self, report: Any, done: Any) -> None:
+        """Add the work of a step to a running record, in a compensated sum."""
+        before = float(report.work)
+        share = float(done) + float(report.work_low)
+        total = before + share
+        part = total - before
+        report.work, report.work_low = total, (before - (total - part)) + (share - part)
 
     def coefficients(self) -> list[Fraction]:
         """Return the compiled coefficients in the order of the struct, exactly."""
@@ -111,16 +135,17 @@ class Binding:
 
     def integrate(
         self, parameters: Any, options: Any, dt: float, steps: int, every: int,
-        q: Array, p: Array, out: tuple[Array, Array, Array, Array], report: Any, work: Any,
+        q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
     ) -> int:
         """Advance (q, p) in place by up to ``steps`` steps; return the status."""
-        q_out, p_out, multipliers, iterations = out
+        q_out, p_out, multipliers, iterations, work_out = out
+        done = [self.pointer(work_out)] if self.has_forces else []
         counts = (self.ffi.NULL if iterations.size == 0
                   else self.ffi.from_buffer("int[]", iterations, require_writable=True))
         return int(self.function("integrate")(
             parameters, options, dt, steps, every, self.pointer(q), self.pointer(p),
-            self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers), counts, report,
-            work,
+            self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers), counts, *done,
+            report, work,
         ))
 
     def batch_memory(self) -> tuple[Any, Any]:
@@ -131,24 +156,26 @@ class Binding:
         """Return empty running records."""
         return self.ffi.new(f"{self.name}_report[]", count)
 
-    def parameter_sets(self, values: list[dict[str, float]]) -> Any:
-        """Return an array of parameter structs."""
-        return self.ffi.new(f"{self.name}_parameters[]", values)
+    def parameter_sets(self, values: list[dict[str, float]], times: list[float]) -> Any:
+        """Return an array of parameter structs, for runs that start at those times."""
+        return self.ffi.new(f"{self.name}_parameters[]",
+                            [one | self._at(t) for one, t in zip(values, times, strict=True)])
 
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
-        q: Array, p: Array, out: tuple[Array, Array, Array, Array], reports: Any, status: Array,
+        q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
         memory: tuple[Any, Any],
     ) -> None:
         """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
         rows = out[0].shape[1]
+        done = [self.pointer(out[4], row)] if self.has_forces else []
         counts = self.ffi.from_buffer("int[]", out[3], require_writable=True)
         widths = [self.n, self.n, self.multipliers]
         starts = [self.pointer(part, row * width)
                   for part, width in zip(out[:3], widths, strict=True)]
         self.function("integrate_lanes")(
             len(dt), parameters, options, self.pointer(dt), steps, every, rows, self.pointer(q),
-            self.pointer(p), *starts, counts + row, reports,
+            self.pointer(p), *starts, counts + row, *done, reports,
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory,
         )
 
@@ -192,6 +219,25 @@ class Binding:
             parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(q1),
             self.pointer(p1), self.pointer(multipliers), work)
         return int(status), q1, p1, multipliers[: self.multipliers]
+
+    def step_work(
+        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+    ) -> Any:
+        """Return the work that the forces do in the step with the unknowns x; 0 without forces."""
+        done = self.new(1)
+        if self.has_forces:
+            self.function("step_work")(parameters, dt, self.pointer(q), self.pointer(p),
+                                       self.pointer(x), self.pointer(done), work)
+        return done[0]
+
+    def quantities(self, parameters: Any, t: Array, q: Array, p: Array) -> Array:
+        """Return the user's quantities of each row of q and p, a column each."""
+        values = self.new(len(q), len(self.quantity_names))
+        if self.quantity_names:
+            times = [self.pointer(t)] if self._quantities_take_time else []
+            self.function("quantities")(parameters, len(q), *times, self.pointer(q),
+                                        self.pointer(p), self.pointer(values))
+        return values
 
     def hamiltonian(self, parameters: Any, q: Array, p: Array) -> Array:
         """Return H of each row of q and p."""

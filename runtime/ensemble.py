@@ -41,7 +41,8 @@ class Ensemble:
     failures : dict
         Number of a failed trajectory → its ``StepFailed``.
     members : list of Trajectory
-        Each trajectory by itself, up to its failed step if it has one.
+        Each trajectory by itself, up to its failed step if it has one; with it ``work`` and
+        ``quantity(name)``.
     """
 
     t: Array
@@ -61,6 +62,7 @@ def integrate_members(
     q: ArrayLike,
     p: ArrayLike,
     dt: float | ArrayLike,
+    t0: float | ArrayLike,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, float]],
     workers: int | None,
     **options: Any,
@@ -74,6 +76,7 @@ def integrate_members(
                          f"(trajectories, {stepper.n}) for both.")
     size = len(starts)
     steps = np.broadcast_to(_each("dt", dt, size), size)
+    times = np.broadcast_to(_each("t0", t0, size), size)
     runs = _each_parameters(parameters, size)
 
     stopped = threading.Event()
@@ -85,7 +88,7 @@ def integrate_members(
     def check(i: int) -> Run:
         try:
             return stepper.checked_run(starts[i], momenta[i], dt=steps[i].item(),
-                                       parameters=runs[i], **options)
+                                       t0=times[i].item(), parameters=runs[i], **options)
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 

@@ -35,6 +35,7 @@ class Run:
     solver: str
     tolerance: float | None
     max_iterations: int
+    t0: float = 0.0
 
     @property
     def rows(self) -> int:
@@ -44,12 +45,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Rows:
-    """Where stored states go: row 0 of q and p is the start."""
+    """Where stored states go: row 0 of q, p and work is the start."""
 
     q: Array
     p: Array
     multipliers: Array
     iterations: Array
+    work: Array
 
     @classmethod
     def room(cls, binding: Binding, rows: int) -> Rows:
@@ -60,6 +62,7 @@ class Rows:
                 binding.new(rows + 1, binding.n),
                 binding.new(rows, binding.multipliers),
                 np.zeros(rows, dtype=np.intc),
+                binding.new(rows + 1),
             )
         except (MemoryError, ValueError) as error:  # ValueError: more than can be addressed
             raise InputError(
@@ -67,9 +70,10 @@ class Rows:
                 "their states with a larger every."
             ) from error
 
-    def after(self, row: int) -> tuple[Array, Array, Array, Array]:
+    def after(self, row: int) -> tuple[Array, ...]:
         """Return what compiled code fills from this row on."""
-        return self.q[row + 1 :], self.p[row + 1 :], self.multipliers[row:], self.iterations[row:]
+        return (self.q[row + 1 :], self.p[row + 1 :], self.multipliers[row:],
+                self.iterations[row:], self.work[row + 1 :])
 
 
 def integrate(
@@ -89,7 +93,7 @@ def integrate(
     rows.q[0], rows.p[0] = run.q, run.p
     q, p, report = run.q.copy(), run.p.copy(), binding.report()
     advance = _python_chunk if run.solver == "python" else _compiled_chunk
-    parameters, work = binding.parameters(run.parameters), binding.work()
+    parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     while report.steps < run.steps and status == 0:
         row = int(report.steps) // run.every
@@ -103,7 +107,7 @@ def integrate(
     trajectory = trajectory_of(binding, manifest, run, rows, report, q, p, parameters)
     if status:
         done = int(report.steps)
-        raise StepFailed(step=done + 1, t=done * run.dt, reason=REASONS[status],
+        raise StepFailed(step=done + 1, t=run.t0 + done * run.dt, reason=REASONS[status],
                          trajectory=trajectory)
     return trajectory
 
@@ -124,7 +128,7 @@ def next_chunk(run: Run, done: int) -> tuple[int, int]:
 
 def _compiled_chunk(
     binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, Array, Array, Array], report: Any, work: Any,
+    out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
     return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work)
@@ -132,22 +136,26 @@ def _compiled_chunk(
 
 def _python_chunk(
     binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, Array, Array, Array], report: Any, work: Any,
+    out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     """Do what the compiled chunk does, with ``newton_step`` for each step."""
     if report.steps == 0:  # the compiled code starts the record; no step is taken
         _compiled_chunk(binding, run, parameters, 0, 1, q, p, out, report, work)
     most = 0
     for k in range(1, steps + 1):
-        status, q[:], p[:], multipliers, taken = newton_step(
+        binding.set_time(parameters, run.t0, int(report.steps), run.dt)
+        status, q[:], p[:], multipliers, taken, done = newton_step(
             binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
         )
         if status:
             return status
         most = max(most, taken)
+        if binding.has_forces:
+            binding.add_work(report, done)
         _observe(binding, parameters, q, p, taken, report)
         if k % every == 0:
-            for part, value in zip(out, (q, p, multipliers, most), strict=True):
+            total = report.work if binding.has_forces else 0
+            for part, value in zip(out, (q, p, multipliers, most, total), strict=True):
                 part[k // every - 1] = value
             most = 0
     return 0
@@ -181,8 +189,9 @@ def trajectory_of(
     if binding.m > 1:
         multipliers = multipliers.reshape(stored, binding.multipliers // binding.m, binding.m)
     g_errors, f_errors = defect_sizes(binding, parameters, q_kept, p_kept)
+    t = run.t0 + np.minimum(np.arange(stored + 1) * run.every, done) * run.dt
     return Trajectory(
-        t=np.minimum(np.arange(stored + 1) * run.every, done) * run.dt,
+        t=t,
         q=q_kept,
         p=p_kept,
         multipliers=multipliers,
@@ -190,11 +199,13 @@ def trajectory_of(
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,
-        report=Report.read(report, q, p),
+        report=Report.read(report, q, p, forced=binding.has_forces),
         manifest=manifest,
         energies=binding.hamiltonian(parameters, q_kept, p_kept),
         g_errors=g_errors,
         f_errors=f_errors,
+        work=rows.work[: stored + 1],
+        quantity_values=binding.quantities(parameters, t.astype(binding.dtype), q_kept, p_kept),
     )
 
 

@@ -28,6 +28,7 @@ class _Batch:
     p: Array
     multipliers: Array
     iterations: Array
+    work: Array
 
     @classmethod
     def room(cls, binding: Binding, runs: list[Run]) -> _Batch:
@@ -37,11 +38,12 @@ class _Batch:
             binding.new(count, rows, binding.n),
             binding.new(count, rows, binding.multipliers),
             np.zeros((count, rows), dtype=np.intc),
+            binding.new(count, rows),
         )
 
     @property
-    def out(self) -> tuple[Array, Array, Array, Array]:
-        return self.q, self.p, self.multipliers, self.iterations
+    def out(self) -> tuple[Array, ...]:
+        return self.q, self.p, self.multipliers, self.iterations, self.work
 
     def rows_of(self, member: int, run: Run) -> Rows:
         """Return the stored states of one trajectory, its start in front."""
@@ -50,6 +52,7 @@ class _Batch:
             np.concatenate([run.p[None], self.p[member]]),
             self.multipliers[member],
             self.iterations[member],
+            np.concatenate([0 * run.q[:1], self.work[member]]),
         )
 
 
@@ -65,7 +68,8 @@ def integrate_lanes(
     q, p = (np.array([getattr(run, x) for run in runs]) for x in "qp")
     dt = np.array([run.dt for run in runs], dtype=binding.dtype)
     status, reports = np.zeros(len(runs), dtype=np.intc), binding.reports(len(runs))
-    parameters = binding.parameter_sets([run.parameters for run in runs])
+    parameters = binding.parameter_sets([run.parameters for run in runs],
+                                        [run.t0 for run in runs])
     options = binding.options(first.tolerance, first.max_iterations, first.solver)
     memory, done = binding.batch_memory(), 0
     while done < first.steps and not status.all():
@@ -89,9 +93,9 @@ def _member(
     p: Array, status: int,
 ) -> Member:
     trajectory = trajectory_of(binding, manifest, run, rows, report, q, p,
-                               binding.parameters(run.parameters))
+                               binding.parameters(run.parameters, run.t0))
     if not status:
         return trajectory, None
     done = int(report.steps)
-    return trajectory, StepFailed(step=done + 1, t=done * run.dt, reason=REASONS[status],
-                                  trajectory=trajectory)
+    return trajectory, StepFailed(step=done + 1, t=run.t0 + done * run.dt,
+                                  reason=REASONS[status], trajectory=trajectory)

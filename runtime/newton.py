@@ -22,15 +22,16 @@ Array = NDArray[Any]
 def newton_step(
     binding: Binding, parameters: Any, tolerance: float | None, max_iterations: int, dt: float,
     q: Array, p: Array, work: Any,
-) -> tuple[int, Array, Array, Array, int]:
-    """Return status, q1, p1, multipliers and the number of iterations of one step."""
+) -> tuple[int, Array, Array, Array, int, Any]:
+    """Return status, q1, p1, multipliers, the number of iterations and the work of one step."""
     status, x, taken = solve_stages(
         binding, parameters, tolerance, max_iterations, dt, q, p, work
     )
     if status != 0:
-        return status, q, p, binding.new(binding.multipliers), taken
+        return status, q, p, binding.new(binding.multipliers), taken, 0
     status, q1, p1, multipliers = binding.finish(parameters, dt, q, p, x, work)
-    return status, q1, p1, multipliers, taken
+    done = binding.step_work(parameters, dt, q, p, x, work)
+    return status, q1, p1, multipliers, taken, done
 
 
 def solve_stages(

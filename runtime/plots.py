@@ -125,10 +125,11 @@ def _coordinates(axes: Any, trajectory: Trajectory) -> None:
 
 def _energy(axes: Any, trajectory: Trajectory) -> None:
     some = _thin(trajectory)
-    error = (trajectory.energies - trajectory.energies[0])[some].astype(float)
+    error = trajectory.energy_error()[some].astype(float)
     axes.plot(trajectory.t[some], error, color=_INK, linewidth=0.8)
     axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
-    axes.set_title("energy error H − H₀", fontsize=10)
+    less = " − W" if "forces" in trajectory.manifest["system"] else ""
+    axes.set_title(f"energy error H − H₀{less}", fontsize=10)
     axes.grid(alpha=0.3)
 
 

@@ -21,8 +21,8 @@ __all__ = ["QuadBinding"]
 Array = NDArray[Any]
 
 #: The numbers at the end of a report, in the header's order.
-_RECORDED = ("energy_start", "energy_error_max", "energy_error_sum", "constraint_max",
-             "constraint_sum", "hidden_max", "hidden_sum")
+_RECORDED = ("work", "work_low", "energy_start", "energy_error_max", "energy_error_sum",
+             "constraint_max", "constraint_sum", "hidden_max", "hidden_sum")
 
 
 class QuadBinding(Binding):
@@ -71,16 +71,25 @@ class QuadBinding(Binding):
 
     # ------------------------------------------------------------ structs
 
-    def parameters(self, values: dict[str, float]) -> Any:
-        """Return the parameter struct."""
-        return self.parameter_sets([values])
+    def parameters(self, values: dict[str, float], t: float = 0.0) -> Any:
+        """Return the parameter struct for a run, or a step, that starts at time t."""
+        return self.parameter_sets([values], [t])
 
-    def parameter_sets(self, values: list[dict[str, float]]) -> Any:
-        """Return an array of parameter structs."""
+    def parameter_sets(self, values: list[dict[str, float]], times: list[float]) -> Any:
+        """Return an array of parameter structs, for runs that start at those times."""
         block = _Block(self.ffi, f"{self.name}_parameters", len(values))
-        entries = [one[name] for one in values for name in self.parameter_names]
+        entries = []
+        for one, t in zip(values, times, strict=True):
+            entries += [one[name] for name in self.parameter_names]
+            entries += [] if self.time is None else [t]
         block.write(0, quad.pack(entries))
         return block
+
+    def set_time(self, parameters: Any, t0: float, steps: int, dt: float) -> None:
+        """Set the time in the parameter struct to t0 + steps dt."""
+        if self.time is not None:
+            time = quad.quad(t0) + steps * quad.quad(dt)
+            parameters.write(len(self.parameter_names) * quad.BYTES, quad.pack([time]))
 
     def options(self, tolerance: float | None, max_iterations: int, solver: str) -> Any:
         """Return the options struct; tolerance None means down to round-off."""
@@ -108,8 +117,16 @@ class QuadBinding(Binding):
         return _Records([_Record(block, i) for i in range(count)])
 
     def energy_error(self, H: Any, report: Any) -> float:
-        """Return |H − H₀| for a running record."""
-        return float(abs(H - report.energy_start))
+        """Return |H − H₀|, less the work of the forces, for a running record."""
+        error = H - report.energy_start
+        return float(abs(error - report.work if self.has_forces else error))
+
+    def add_work(self, report: Any, done: Any) -> None:
+        """Add the work of a step to a running record, in a compensated sum."""
+        before, share = report.work, done + report.work_low
+        total = before + share
+        part = total - before
+        report.work, report.work_low = total, (before - (total - part)) + (share - part)
 
     def coefficients(self) -> list[Fraction]:
         """Return the compiled coefficients in the order of the struct, exactly."""
@@ -121,26 +138,24 @@ class QuadBinding(Binding):
 
     def integrate(
         self, parameters: Any, options: Any, dt: float, steps: int, every: int,
-        q: Array, p: Array, out: tuple[Array, Array, Array, Array], report: Any, work: Any,
+        q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
     ) -> int:
         """Advance (q, p) in place by up to ``steps`` steps; return the status."""
         rows = steps // every  # converted: those of this call, not all that are left
-        q_out, p_out, multipliers, iterations = (part[:rows] for part in out)
         return super().integrate(parameters, options, dt, steps, every, q, p,
-                                 (q_out, p_out, multipliers, iterations), report, work)
+                                 tuple(part[:rows] for part in out), report, work)
 
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
-        q: Array, p: Array, out: tuple[Array, Array, Array, Array], reports: Any, status: Array,
+        q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
         memory: tuple[Any, Any],
     ) -> None:
         """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
         now = slice(row, row + steps // every)
-        q_out, p_out, multipliers, iterations = (part[:, now].copy() for part in out)
-        super().integrate_lanes(parameters, options, dt, steps, every, 0, q, p,
-                                (q_out, p_out, multipliers, iterations), reports.first, status,
-                                memory)
-        for part, made in zip(out, (q_out, p_out, multipliers, iterations), strict=True):
+        copies = tuple(part[:, now].copy() for part in out)
+        super().integrate_lanes(parameters, options, dt, steps, every, 0, q, p, copies,
+                                reports.first, status, memory)
+        for part, made in zip(out, copies, strict=True):
             part[:, now] = made
 
 
@@ -219,8 +234,8 @@ class _Record:
 
     steps, iterations, iterations_max, newton_steps = map(
         _counted, ("steps", "iterations", "iterations_max", "newton_steps"))
-    (energy_start, energy_error_max, energy_error_sum, constraint_max, constraint_sum, hidden_max,
-     hidden_sum) = map(_recorded, range(len(_RECORDED)))
+    (work, work_low, energy_start, energy_error_max, energy_error_sum, constraint_max,
+     constraint_sum, hidden_max, hidden_sum) = map(_recorded, range(len(_RECORDED)))
 
     def __init__(self, block: _Block, index: int) -> None:
         self.block, self.index = block, index

@@ -67,12 +67,13 @@ class Stepper:
         *,
         dt: float,
         parameters: Mapping[str, float],
+        t0: float = 0.0,
         solver: str = "auto",
         tolerance: float | None = None,
         max_iterations: int = 50,
     ) -> tuple[Array, Array]:
         """Return (q, p) one step of ``dt`` seconds later; see ``integrate``."""
-        end = self.integrate(q, p, dt=dt, steps=1, parameters=parameters, solver=solver,
+        end = self.integrate(q, p, dt=dt, steps=1, parameters=parameters, t0=t0, solver=solver,
                              tolerance=tolerance, max_iterations=max_iterations)
         return end.q[-1], end.p[-1]
 
@@ -84,6 +85,7 @@ class Stepper:
         dt: float,
         steps: int,
         parameters: Mapping[str, float],
+        t0: float = 0.0,
         every: int = 1,
         solver: str = "auto",
         tolerance: float | None = None,
@@ -102,6 +104,9 @@ class Stepper:
             Number of steps, 0 or more.
         parameters : mapping
             Exactly the parameters in ``parameter_domains``.
+        t0 : float
+            Time at the start, in seconds: for forces and quantities that depend on time. Step k
+            starts at t0 + k dt, counted, not summed up.
         every : int
             Store every so many steps, and the last.
         solver : {"auto", "newton", "fixed-point", "python"}
@@ -123,7 +128,7 @@ class Stepper:
         StepFailed
             When a step finds no solution; carries everything before it.
         """
-        run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters,
+        run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
         return integrate(self.binding, self.manifest, run, progress)
 
@@ -135,6 +140,7 @@ class Stepper:
         dt: float | ArrayLike,
         steps: int,
         parameters: Mapping[str, Any] | Sequence[Mapping[str, float]],
+        t0: float | ArrayLike = 0.0,
         every: int = 1,
         solver: str = "auto",
         tolerance: float | None = None,
@@ -143,9 +149,9 @@ class Stepper:
     ) -> Ensemble:
         """Integrate many trajectories; the leading axis of q, p is the trajectory.
 
-        ``dt`` and each parameter are one number for all, or one for each trajectory; a list of
-        dicts does as well. A trajectory that fails is NaN from its failed step on and has its
-        reason in ``Ensemble.failures``; the others are not touched.
+        ``dt``, ``t0`` and each parameter are one number for all, or one for each trajectory; a
+        list of dicts does as well. A trajectory that fails is NaN from its failed step on and has
+        its reason in ``Ensemble.failures``; the others are not touched.
 
         With solvers ``auto`` and ``fixed-point`` trajectories run side by side in the lanes of a
         vector register, batches of them on ``workers`` threads (default: all cores). What a
@@ -153,7 +159,7 @@ class Stepper:
         ``integrate``, which puts the stages of one step into lanes.
         """
         return integrate_members(
-            self, q, p, dt, parameters, workers,
+            self, q, p, dt, t0, parameters, workers,
             steps=steps, every=every, solver=solver, tolerance=tolerance,
             max_iterations=max_iterations,
         )
@@ -162,25 +168,29 @@ class Stepper:
 
     def residual(
         self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: float,
-        parameters: Mapping[str, float],
+        parameters: Mapping[str, float], t: float = 0.0,
     ) -> Array:
-        """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS."""
-        unknowns, state, run = self._at(x, q, p, dt, parameters)
+        """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
+
+        ``t`` is the time at the start of the step.
+        """
+        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
         return self.binding.residual(run, as_step(dt), *state, unknowns, self.binding.work())
 
     def jacobian(
         self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: float,
-        parameters: Mapping[str, float],
+        parameters: Mapping[str, float], t: float = 0.0,
     ) -> Array:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
-        unknowns, state, run = self._at(x, q, p, dt, parameters)
+        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
         return self.binding.jacobian(run, as_step(dt), *state, unknowns, self.binding.work())
 
     def guess(
-        self, q: ArrayLike, p: ArrayLike, *, dt: float, parameters: Mapping[str, float]
+        self, q: ArrayLike, p: ArrayLike, *, dt: float, parameters: Mapping[str, float],
+        t: float = 0.0,
     ) -> Array:
         """Return the x from which a step's iteration starts."""
-        state, run = self._state(q, p), self._parameters(parameters)
+        state, run = self._state(q, p), self._parameters(parameters, t)
         x = self.binding.guess(run, as_step(dt), *state, self.binding.work())
         return x + self._origin(*state)
 
@@ -188,15 +198,26 @@ class Stepper:
 
     def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]) -> Array:
         """Return H(q, p) in the stepper's own representation; leading axes are kept."""
-        q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers("p", p)
-        shape = q_rows.shape
-        if shape[-1:] != (self.n,) or p_rows.shape != shape:
-            raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "
-                             f"give (..., {self.n}) for both.")
-        flat = [np.array(a, dtype=self.binding.dtype).reshape(-1, self.n)
-                for a in (q_rows, p_rows)]
-        H = self.binding.hamiltonian(self._parameters(parameters), *flat)
-        return H.reshape(shape[:-1])
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        H = self.binding.hamiltonian(self._parameters(parameters), q_rows, p_rows)
+        return H.reshape(shape)
+
+    def quantities(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float],
+        t: float | ArrayLike = 0.0,
+    ) -> dict[str, Array]:
+        """Return each quantity of the system at states (q, p); leading axes are kept.
+
+        ``t`` is one time for all states, or one for each.
+        """
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        times = self.binding.numbers("t", t)
+        if times.shape not in ((), shape):
+            raise InputError(f"t has shape {times.shape}; give one time, or shape {shape}.")
+        t_rows = np.array(np.broadcast_to(times, shape), dtype=self.binding.dtype).reshape(-1)
+        values = self.binding.quantities(self._parameters(parameters), t_rows, q_rows, p_rows)
+        return {name: values[:, i].reshape(shape)
+                for i, name in enumerate(self.binding.quantity_names)}
 
     def defects(
         self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
@@ -242,16 +263,31 @@ class Stepper:
         as_array = self.binding.array
         return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))
 
-    def _parameters(self, given: Mapping[str, float]) -> Any:
-        return self.binding.parameters(as_parameters(given, self.parameter_domains))
+    def _state_rows(
+        self, q: ArrayLike, p: ArrayLike
+    ) -> tuple[tuple[int, ...], Array, Array]:
+        """Return the leading axes of q and p, and both as rows of the stepper's own type."""
+        q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers("p", p)
+        shape = q_rows.shape
+        if shape[-1:] != (self.n,) or p_rows.shape != shape:
+            raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "
+                             f"give (..., {self.n}) for both.")
+        q_rows, p_rows = (np.array(a, dtype=self.binding.dtype).reshape(-1, self.n)
+                          for a in (q_rows, p_rows))
+        return shape[:-1], q_rows, p_rows
+
+    def _parameters(self, given: Mapping[str, float], t: float = 0.0) -> Any:
+        return self.binding.parameters(as_parameters(given, self.parameter_domains),
+                                       as_real("t", t))
 
     def _at(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: float, parameters: Mapping[str, float]
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: float,
+        parameters: Mapping[str, float], t: float,
     ) -> tuple[Array, tuple[Array, Array], Any]:
         as_step(dt)
         state = self._state(q, p)
         unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
-        return unknowns, state, self._parameters(parameters)
+        return unknowns, state, self._parameters(parameters, t)
 
     def _origin(self, q: Array, p: Array) -> Array:
         """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
@@ -263,10 +299,10 @@ class Stepper:
     def checked_run(
         self, q: ArrayLike, p: ArrayLike, *, dt: float, steps: int, every: int,
         parameters: Mapping[str, float], solver: str, tolerance: float | None,
-        max_iterations: int,
+        max_iterations: int, t0: float = 0.0,
     ) -> Run:
         """Return the arguments of ``integrate`` as a run, or raise InputError."""
-        run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations)
+        run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
             self._refuse_inconsistent(run)
         return run
@@ -274,7 +310,7 @@ class Stepper:
     def _run(
         self, q: ArrayLike, p: ArrayLike, dt: float, steps: int, every: int,
         parameters: Mapping[str, float], solver: str, tolerance: float | None,
-        max_iterations: int,
+        max_iterations: int, t0: float,
     ) -> Run:
         if solver not in SOLVERS:
             raise InputError(f"Unknown solver {solver!r}; choose {', '.join(SOLVERS)}.")
@@ -292,6 +328,7 @@ class Stepper:
             solver,
             tolerance,
             as_positive_count("max_iterations", max_iterations, least=1),
+            as_real("t0", t0),
         )
 
     def _changes(self, parameters: Any, run: Run, dq: float, dp: float) -> tuple[float, float]:
@@ -314,7 +351,7 @@ class Stepper:
         """
         if not self.m:
             return
-        parameters = self.binding.parameters(run.parameters)
+        parameters = self.binding.parameters(run.parameters, run.t0)
         sizes = defect_sizes(self.binding, parameters, run.q[None], run.p[None])
         g, f = (float(size[0]) for size in sizes)
         q_size, p_size = float(np.linalg.norm(run.q)), float(np.linalg.norm(run.p))

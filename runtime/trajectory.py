@@ -18,17 +18,19 @@ from . import quaternion
 __all__ = ["Report", "Trajectory"]
 
 Array = NDArray[Any]
-_FORMAT = 1
+_FORMAT = 2
 #: Arrays of the stepper's own type; float128 is stored as bytes, a last axis of 16.
-_QUADS = ("q", "p", "multipliers", "energies", "g_errors", "f_errors")
-_ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors")
+_QUADS = ("q", "p", "multipliers", "energies", "g_errors", "f_errors", "work", "quantity_values")
+_ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
+           "quantity_values")
 
 
 @dataclass(frozen=True)
 class Report:
     """Diagnostics over *every* step of an integration, stored or not.
 
-    Energy errors are |H_k − H_0| with the scheme's own H (α or γ term included), constraint
+    Energy errors are |H_k − H_0| with the scheme's own H (α or γ term included), |H_k − H_0 − W_k|
+    where forces do the work W_k (``work`` at the end of the run); constraint
     errors |g(q_k)| and momentum-constraint errors |qᵀp| (for other systems the derived
     constraint on the momenta); means run over k = 0..N as in (87)-(91). ``iterations`` counts
     sweeps and Newton iterations together; ``newton_steps`` the steps of solver ``auto`` whose
@@ -48,9 +50,10 @@ class Report:
     momentum_constraint_mean: float
     q: tuple[float, ...]
     p: tuple[float, ...]
+    work: float = 0.0
 
     @classmethod
-    def read(cls, record: Any, q: Array, p: Array) -> Report:
+    def read(cls, record: Any, q: Array, p: Array, *, forced: bool) -> Report:
         """Return the report of a compiled running record and the final state."""
         states = int(record.steps) + 1
         return cls(
@@ -67,6 +70,7 @@ class Report:
             float(record.hidden_sum) / states,
             tuple(float(x) for x in q),
             tuple(float(x) for x in p),
+            float(record.work) if forced else 0.0,
         )
 
     @property
@@ -94,6 +98,10 @@ class Trajectory:
         H of each state.
     g_errors, f_errors : array, shape (N+1,)
         Largest |g(q)| and largest momentum-constraint error (|qᵀp| for a body) of each state.
+    work : array, shape (N+1,)
+        Work W done by the system's forces since the start; 0 without forces.
+    quantity_values : array, shape (N+1, number of quantities)
+        The system's quantities of each state; see ``quantity``.
     report : Report
         Diagnostics over every step.
     """
@@ -111,6 +119,8 @@ class Trajectory:
     energies: Array
     g_errors: Array
     f_errors: Array
+    work: Array
+    quantity_values: Array
 
     def __len__(self) -> int:
         return len(self.t)
@@ -118,6 +128,32 @@ class Trajectory:
     def energy(self) -> Array:
         """Return H of each stored state, shape (N+1,), in joules for SI input."""
         return self.energies
+
+    def energy_error(self) -> Array:
+        """Return H_k − H_0 − W_k of each stored state, W the work of the forces, shape (N+1,)."""
+        error: Array = self.energies - self.energies[0] - self.work
+        return error
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The names that ``quantity`` takes."""
+        return tuple(self.manifest["system"].get("quantities", ()))
+
+    def quantity(self, name: str) -> Array:
+        """Return a quantity of the system at each stored state, shape (N+1,).
+
+        Raises
+        ------
+        InputError
+            If the system has no quantity of that name.
+        """
+        if name not in self.quantities:
+            raise InputError(
+                f"System {self.manifest['system']['name']!r} has no quantity {name!r}; it has "
+                f"{', '.join(self.quantities) or 'none: give System(..., quantities={...})'}."
+            )
+        values: Array = self.quantity_values[:, self.quantities.index(name)]
+        return values
 
     def constraint_errors(self) -> tuple[Array, Array]:
         """Return |g(q)| and |qᵀp| (or the system's own momentum constraint) of each state."""
@@ -222,6 +258,7 @@ class Trajectory:
         shapes = {
             "t": (rows,), "q": (rows, n), "p": (rows, n), "energies": (rows,),
             "g_errors": (rows,), "f_errors": (rows,), "iterations": (rows - 1,),
+            "work": (rows,), "quantity_values": (rows, len(self.quantities)),
         }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:

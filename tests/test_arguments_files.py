@@ -142,7 +142,7 @@ def rewritten(path, target, **changes):
 def test_inconsistent_files_are_refused(saved, tmp_path):
     made, path = saved
     bad = tmp_path / "bad.npz"
-    for changes in ({"about": {"format": 2}}, {"about": {"report": {}}},
+    for changes in ({"about": {"format": 1}}, {"about": {"report": {}}},
                     {"about": {"manifest": {}}}, {"q": made.q[:-1]}, {"q": made.q[:, :3]},
                     {"t": made.t[None]},
                     {"multipliers": made.multipliers[1:]}, {"iterations": made.iterations[1:]},
