@@ -1,0 +1,185 @@
+"""What is measured of a stepper on a model: reversal, separation of neighbours, order, trend."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import GyrosparkError, StepFailed
+from .stepper import Stepper
+from .trajectory import Trajectory
+
+__all__ = ["OrderSeen", "Reversal", "constraint_scales", "order_seen", "reversal", "trend"]
+
+Array = NDArray[Any]
+
+#: Errors below this, relative to the state, are too near round-off to show an order.
+_MEASURABLE = 1e-11
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """The error of N steps forward and N back.
+
+    ``q_error`` and ``p_error`` are largest differences, ``q_size`` and ``p_size`` the largest
+    coordinate and momentum of the run, ``growth`` how many times further apart the flow moved
+    neighbours on the way there or back.
+    """
+
+    q_error: float
+    p_error: float
+    q_size: float
+    p_size: float
+    growth: float
+    steps: int
+
+
+def reversal(
+    stepper: Stepper, run: Trajectory, parameters: Mapping[str, float]
+) -> Reversal | None:
+    """Go back from the end of a run, step by step; None if that fails."""
+    steps = run.report.steps
+    try:
+        back = stepper.integrate(run.q[-1], run.p[-1], dt=-run.dt, steps=steps,
+                                 parameters=parameters)
+    except GyrosparkError:
+        return None
+    growth = max(_growth(stepper, run.q[0], run.p[0], run.dt, run, parameters),
+                 _growth(stepper, run.q[-1], run.p[-1], -run.dt, back, parameters))
+    return Reversal(
+        q_error=_largest(back.q[-1] - run.q[0]), p_error=_largest(back.p[-1] - run.p[0]),
+        q_size=_largest(run.q), p_size=_largest(run.p), growth=growth, steps=steps,
+    )
+
+
+def _growth(
+    stepper: Stepper, q: Array, p: Array, dt: float, run: Trajectory,
+    parameters: Mapping[str, float],
+) -> float:
+    """Return how many times further from a run its neighbours are, at most, than at its start.
+
+    Six neighbours, 1e-6 of the sizes away, in seeded directions; distances in units of the sizes.
+    """
+    rng, count = np.random.default_rng(11), 6
+    sizes = [_largest(x) or 1.0 for x in (run.q, run.p)]
+    near = [x + 1e-6 * size * rng.standard_normal((count, len(x)))
+            for x, size in zip((q, p), sizes, strict=True)]
+    try:
+        starts = [stepper.project(*state, parameters=parameters)
+                  for state in zip(*near, strict=True)]
+        qs, ps = (np.array(part) for part in zip(*starts, strict=True))
+        many = stepper.integrate_ensemble(qs, ps, dt=dt, steps=run.report.steps,
+                                          parameters=parameters)
+    except GyrosparkError:
+        return 1.0
+    distance = np.maximum(
+        np.abs(many.q - run.q).max(axis=2) / sizes[0], np.abs(many.p - run.p).max(axis=2) / sizes[1]
+    ).astype(float)
+    ratio = distance / distance[:, :1]
+    return max(1.0, float(np.nanmax(ratio)))
+
+
+def _largest(x: Array) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
+
+# ---------------------------------------------------------------- constraints
+
+
+def constraint_scales(
+    stepper: Stepper, q: Array, p: Array, parameters: Mapping[str, float]
+) -> tuple[float, float]:
+    """Return what a relative change of every coordinate and momentum changes in g and in f.
+
+    Σ_i |∂g/∂q_i| |q| and Σ_i |∂f/∂q_i| |q| + |∂f/∂p_i| |p| by differences, |q| and |p| the norms;
+    the largest entry of each: times ε this is what rounding a state is worth in them.
+    """
+    if not stepper.m:
+        return 0.0, 0.0
+    nudge = 2.0**-15
+    at = [np.asarray(x, float) for x in stepper.defects(q, p, parameters=parameters)]
+    totals = [np.zeros(stepper.m), np.zeros(stepper.m)]
+    for which, x in enumerate((q, p)):
+        width = nudge * float(np.linalg.norm(x))
+        for i in range(len(x)):
+            moved = [np.array(q, float), np.array(p, float)]
+            moved[which][i] += width
+            there = stepper.defects(*moved, parameters=parameters)
+            for total, a, b in zip(totals, there, at, strict=True):
+                total += np.abs(np.asarray(a, float) - b) / nudge
+    return float(totals[0].max()), float(totals[1].max())
+
+
+# ---------------------------------------------------------------- order
+
+
+@dataclass(frozen=True)
+class OrderSeen:
+    """log2 of successive errors' ratio for halved steps, and how much two such slopes differ."""
+
+    order: float
+    spread: float
+    dt: float
+
+
+def order_seen(
+    stepper: Stepper, q: Array, p: Array, dt: float, parameters: Mapping[str, float]
+) -> OrderSeen | None:
+    """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight steps of the longest.
+
+    The longest step is dt, doubled until the errors stand out of round-off or halved while they
+    do; of these measurements the one whose two slopes differ least. None if there is none.
+    """
+    sizes = [_largest(x) or 1.0 for x in (q, p)]
+    found: list[OrderSeen] = []
+    h, direction = dt, 0
+    for _ in range(14):
+        errors = _halving_errors(stepper, q, p, h, sizes, parameters)
+        if errors is None or (errors[-1] < _MEASURABLE and direction < 0):
+            break
+        if errors[-1] < _MEASURABLE:
+            h, direction = 2 * h, 1
+            continue
+        slopes = [math.log2(a / b) for a, b in pairwise(errors)]
+        found.append(OrderSeen(slopes[-1], abs(slopes[-1] - slopes[-2]), h / 8))
+        if direction > 0:
+            break
+        h, direction = h / 2, -1
+    return min(found, key=lambda seen: seen.spread, default=None)
+
+
+def _halving_errors(
+    stepper: Stepper, q: Array, p: Array, h: float, sizes: list[float],
+    parameters: Mapping[str, float],
+) -> list[float] | None:
+    """Return e(h), e(h/2), e(h/4), each relative to the sizes; None if a step fails."""
+    ends = []
+    for k in range(4):
+        try:
+            run = stepper.integrate(q, p, dt=h / 2**k, steps=8 * 2**k, parameters=parameters,
+                                    every=8 * 2**k)
+        except StepFailed:
+            return None
+        ends.append((run.q[-1], run.p[-1]))
+    return [
+        max(_largest(a - b) / size for a, b, size in zip(one, other, sizes, strict=True))
+        for one, other in pairwise(ends)
+    ]
+
+
+# ---------------------------------------------------------------- trend
+
+
+def trend(t: Array, values: Array) -> tuple[float, float]:
+    """Return the change over the run by a straight line through the values, and what is left."""
+    if len(t) < 3:
+        return 0.0, float(np.ptp(values)) if len(values) else 0.0
+    x = (t - t.mean()) / (t[-1] - t[0])
+    slope = float((x * (values - values.mean())).sum() / (x * x).sum())
+    return slope, float(np.ptp(values - slope * x))
