@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
+    from .certificate import Certificate, certify
     from .errors import (
         CompilerError,
         GyrosparkError,
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 #: Public name → where it lives; resolved on first use.
 _HOMES = {
+    "Certificate": "certificate",
+    "certify": "certificate",
     "CompilerError": "errors",
     "GyrosparkError": "errors",
     "InputError": "errors",
@@ -60,6 +63,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Certificate",
     "CompilerError",
     "Ensemble",
     "GyrosparkError",
@@ -72,6 +76,7 @@ __all__ = [
     "TableauError",
     "Trajectory",
     "__version__",
+    "certify",
     "gamma_fast",
     "gamma_h",
     "gamma_h_tilde",

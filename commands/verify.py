@@ -11,9 +11,12 @@ import click
 
 from ..errors import InputError
 from ..generator.spec import PAPER_SPECS, REALS, REPS, SCHEMES, SYSTEMS, Spec
-from .options import spec_from, stepper_options
+from .options import real_number, spec_from, stepper_options, whole_number
 
 if TYPE_CHECKING:
+    from ..certificate import Certificate
+    from ..generator.model import Model
+    from ..runtime.problems import Problem
     from ..verification import Verdict
 
 __all__ = ["verify"]
@@ -21,19 +24,37 @@ __all__ = ["verify"]
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("target", required=False, metavar="[NAME or FILE]")
+@click.option("--model", metavar="PROBLEM or FILE",
+              help="Check what a run of this model keeps: a problem such as fast-top, or a TOML "
+                   "file.")
 @stepper_options
+@click.option("--dt", metavar="DT", help="With --model: time step in seconds (default: its own).")
+@click.option("--steps", metavar="N",
+              help="With --model: number of steps (default: its own, or 1000).")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
-def verify(target: str | None, as_json: bool, **choice: Any) -> int:
+def verify(
+    target: str | None, model: str | None, dt: str | None, steps: str | None, as_json: bool,
+    **choice: Any,
+) -> int:
     """Check every condition of a tableau exactly, its order, and the compiled coefficients.
 
     NAME is a stepper such as heavy_top_gl3_gamma, FILE a tableau as JSON; without either and
-    without --scheme, every stepper of the paper is checked. Exit code 1 if anything fails.
+    without --scheme, every stepper of the paper is checked. With --model, a run of a problem or
+    of a model file is checked instead (3-G-L without --scheme): the loop invariant, reversal,
+    constraints, energy, the momentum maps that SymPy finds, and the order. Exit code 1 if
+    anything fails.
 
     \b
     gyrospark verify --scheme G-L --stages 3
     gyrospark verify heavy_top_ems_gamma
     gyrospark verify examples/tableaux/gauss_lobatto_2.json --json
+    gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000
     """
+    if model is not None:
+        return _certify(model, target, dt, steps, choice, as_json=as_json)
+    for option, value in (("--dt", dt), ("--steps", steps)):
+        if value is not None:
+            raise InputError(f"{option} belongs to --model; name the model, or leave it out.")
     specs = _specs(target, choice)
     from ..verification import verify_stepper
 
@@ -75,6 +96,73 @@ def spec_of_name(name: str) -> Spec:
     system, method, stages, rep, real = match.groups()
     return Spec.checked(methods[method], int(stages) if stages else None, rep, system,
                         reals[real] if real else None)
+
+
+# ---------------------------------------------------------------- a model
+
+
+def _certify(
+    name: str, target: str | None, dt: str | None, steps: str | None, choice: dict[str, Any], *,
+    as_json: bool,
+) -> int:
+    """Print the certificate of a model; 0 if no promise is broken."""
+    if target is not None:
+        raise InputError(f"{target!r} is given besides --model; name a scheme with --scheme and "
+                         "--stages or --tableau.")
+    for option in ("system", "real"):
+        if choice[option] is not None:
+            raise InputError(f"--{option} does not go with --model: the model brings its system, "
+                             "and is checked in double.")
+    count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
+    if choice["scheme"] is not None or choice["tableau"] is not None:
+        Spec.checked(choice["scheme"], count, choice["rep"], tableau=choice["tableau"])
+    elif count is not None:
+        raise InputError("--stages is given without --scheme; choose G-L or LIIIA-B.")
+    from ..certificate import certify
+
+    found = certify(
+        _model(name), choice["scheme"], count, rep=choice["rep"], tableau=choice["tableau"],
+        allow_invalid=True,  # as without a model: what fails is said, not refused
+        dt=None if dt is None else real_number("--dt", dt),
+        steps=None if steps is None else whole_number("--steps", steps),
+    )
+    if as_json:
+        click.echo(json.dumps(found.as_dict(), indent=2, allow_nan=False))
+    else:
+        _print_certificate(found)
+    return 0 if found.holds else 1
+
+
+def _model(name: str) -> Model | Problem:
+    """Return the named problem, or the model of a file."""
+    from ..runtime.problems import PROBLEMS
+
+    if name in PROBLEMS:
+        return PROBLEMS[name]()
+    from ..generator.model_file import load_model
+
+    return load_model(Path(name))
+
+
+def _print_certificate(found: Certificate) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{found.model} with {found.stepper}: {found.steps:,} steps of "
+                        f"{found.dt:g} s", title_justify="left")
+    for heading in ("quantity", "found", "should be", ""):
+        table.add_column(heading, overflow="fold")
+    for line in found.lines:
+        table.add_row(line.quantity, line.found, line.expected, line.verdict)
+    console = Console()
+    console.print(table)
+    for line in found.lines:
+        if not line.holds:
+            console.print(f"{line.quantity}: {line.why}", highlight=False, markup=False)
+    failed = [line.quantity for line in found.lines if line.holds is False]
+    judged = sum(line.holds is not None for line in found.lines)
+    result = "holds" if not failed else f"FAILS: {', '.join(failed)}"
+    click.echo(f"{found.model}: {judged} promises of {found.stepper}: {result}")
 
 
 def _print(verdicts: list[Verdict], *, details: bool) -> None:

@@ -181,12 +181,12 @@ class _Search:
         self, x: Array, symbols: Sequence[sp.Symbol], conditions: Sequence[sp.Expr],
         other: Array, parameters: Mapping[Any, Any],
     ) -> Array:
-        """Move points onto conditions = 0 by Gauss-Newton; NaN where that does not converge."""
+        """Move points onto conditions = 0 by Gauss-Newton; NaN where 12 steps are not enough."""
         slopes = [sp.diff(e, s) for e in conditions for s in symbols]
         coordinates = symbols == self.system.q
         m, n = len(conditions), len(symbols)
-        step = x
-        for _ in range(30):
+        done = np.zeros(x.shape[1], dtype=bool)
+        for _ in range(12):
             at = self._at(*((x, other) if coordinates else (other, x)), parameters)
             defect = _at_points(conditions, at).T[:, :, None]
             G = _at_points(slopes, at).T.reshape(-1, m, n)
@@ -194,12 +194,14 @@ class _Search:
             step = np.full(x.shape, np.nan)
             step[:, usable] = (np.linalg.pinv(G[usable]) @ defect[usable])[:, :, 0].T
             x = x - step
-        done = np.abs(step).max(axis=0) <= 1e-12 * np.abs(x).max(axis=0)
+            done = np.abs(step).max(axis=0) <= 1e-12 * np.abs(x).max(axis=0)
+            if done[usable].all():
+                break
         return np.where(done, x, np.nan)
 
     def rows(self, basis: Array, *, manifold: bool, vary: bool) -> Array:
         """Return the conditions on the combinations of a basis of fields, one in each row."""
-        count = 2 * basis.shape[1] + 30
+        count = basis.shape[1] + basis.shape[1] // 4 + 30
         system, n = self.system, self.system.n
         at = self.points(count, manifold=manifold, vary=vary)
         force = system.forces or (sp.Integer(0),) * n
@@ -235,7 +237,7 @@ def _null_space(rows: Array, basis: Array) -> Array:
     k = basis.shape[1]
     if k == 0 or len(rows) < k:  # too few points where everything is finite: nothing is claimed
         return basis[:, :0]
-    _, sizes, V = np.linalg.svd(rows, full_matrices=False)
+    _, sizes, V = np.linalg.svd(np.linalg.qr(rows, mode="r"))  # many more rows than columns
     rank = int((sizes > _ZERO * max(1.0, sizes[0])).sum())
     return _orthonormal(basis @ V[rank:].T) if rank < k else basis[:, :0]
 

@@ -627,6 +627,48 @@ def test_tableau_runs(gyrospark):
     assert answer.document["q"] == pytest.approx(named["q"], abs=1e-14)
 
 
+@pytest.mark.parametrize("options", [[], ["--scheme", "EMS", "--rep", "alpha"]])
+def test_verify_model(gyrospark, options):
+    answer = gyrospark("verify", "--model", "fast-top", *options, "--steps", "200", "--json")
+    assert answer.code == 0
+    document = answer.document
+    assert document["holds"] is True
+    assert document["steps"] == 200
+    assert {"quantity", "found", "expected", "holds", "why", "value", "bound"} <= set(
+        document["lines"][0])
+    text = gyrospark("verify", "--model", "fast-top", *options, "--steps", "200")
+    assert text.code == 0
+    assert "∮p·dq" in text.stdout
+    assert text.stdout.rstrip().endswith("holds")
+    assert max(map(len, text.stdout.splitlines()[:-1])) <= 80
+
+
+def test_verify_model_fails_for_a_broken_tableau(gyrospark, tmp_path):
+    content = json.loads(EXAMPLE.read_text(encoding="utf-8")) | {"name": "bent"}
+    content["A_hat"] = [["1/4 + 1/10000", "1/4 - sqrt(3)/6"], ["1/4 + sqrt(3)/6", "1/4"]]
+    path = tmp_path / "bent.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    answer = gyrospark("verify", "--model", "fast-top", "--tableau", path, "--steps", "100")
+    assert answer.code == 1
+    assert "FAILS: loop invariant" in answer.stdout
+    document = gyrospark("verify", "--model", "fast-top", "--tableau", path, "--steps", "100",
+                         "--json").document
+    assert document["holds"] is False
+
+
+@pytest.mark.parametrize(("arguments", "fragments"), [
+    (["--model", "fast-top", "--system", "heavy_top"], ["--system"]),
+    (["--model", "fast-top", "--real", "float"], ["--real"]),
+    (["--model", "fast-top", "--stages", "3"], ["--scheme"]),
+    (["--model", "fast-top", "heavy_top_gl3_gamma"], ["besides --model"]),
+    (["--model", "fast-top", "--scheme", "G-L"], ["number of stages"]),
+    (["--dt", "1e-3"], ["--dt", "--model"]),
+    (["--model", "fast-top", "--dt", "x"], ["--dt", "not a number"]),
+])
+def test_verify_model_refuses(gyrospark, arguments, fragments):
+    refused(gyrospark("verify", *arguments), *fragments)
+
+
 # ---------------------------------------------------------------- cache
 
 

@@ -1,0 +1,236 @@
+"""Certificates: what holds is said to hold, and what is broken on purpose is found."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.runtime.measurements import constraint_scales, order_seen, reversal, trend
+from strategies import EPS
+from test_cli import EXAMPLE
+from test_generic_system import EXAMPLES
+
+LOOP, REVERSAL, G, F = "loop invariant", "reversal", "largest |g(q)|", "largest |g_q H_p|"
+VERTICAL, FIGURE = "angular momentum about e3", "angular momentum about the body's axis 3"
+TOP = gs.problems.fast_top()
+
+
+@cache
+def model_of(name):
+    """Return one of the systems of test_generic_system.py as a model."""
+    example = EXAMPLES[name]
+    step = gs.stepper("G-L", 2, system=example.symbolic)
+    q0, p0 = step.project(example.q, example.p, parameters=example.parameters)
+    return gs.Model(example.symbolic, example.parameters, q0, p0, dt=0.01, steps=500)
+
+
+def bent_tableau(folder, **changes):
+    """Write Gauss-Lobatto 2 with some parts changed."""
+    content = json.loads(EXAMPLE.read_text(encoding="utf-8")) | {"name": "bent"} | changes
+    path = folder / "bent.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+#: 1e-4 in one entry of Â: no longer symplectic, hardly less accurate.
+BENT = {"A_hat": [["1/4 + 1/10000", "1/4 - sqrt(3)/6"], ["1/4 + sqrt(3)/6", "1/4"]]}
+
+
+def verdicts(certificate):
+    return {line.quantity: line.holds for line in certificate.lines}
+
+
+# ---------------------------------------------------------------- what holds
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 1), ("G-L", 3), ("LIIIA-B", 4)])
+@pytest.mark.parametrize("rep", ["gamma", "alpha"])
+def test_spark_on_the_fast_top(scheme, stages, rep):
+    found = gs.certify(TOP, scheme, stages, rep=rep)
+    assert found.holds
+    assert found.model == "fast-top"
+    assert (found.dt, found.steps) == (1e-3, 1000)
+    for quantity in (LOOP, REVERSAL, G, F, VERTICAL, FIGURE, "order"):
+        line = found.line(quantity)
+        assert line.holds is True, line
+        assert line.value <= line.bound
+    assert found.line("energy").holds is None
+    assert found.line(LOOP).value <= 1e-12
+    assert abs(found.line("order").value) < 0.1
+
+
+def test_ems_on_the_fast_top():
+    """Energy is its promise; the loop invariant strays, and that is no failure."""
+    found = gs.certify(TOP, "EMS")
+    assert found.holds
+    assert found.line("energy").holds is True
+    assert found.line(LOOP).holds is None
+    assert found.line(LOOP).value > 1e-9
+    assert "not symplectic" in found.line(LOOP).why
+    assert found.line(F).holds is None
+    assert found.line(FIGURE).holds is None
+    assert found.line(FIGURE).value > 1e-9
+
+
+def test_ims_on_the_fast_top():
+    found = gs.certify(TOP, "IMS")
+    assert found.holds
+    assert found.line(LOOP).holds is None
+    assert found.line(FIGURE).holds is True  # bilinear, and g_q X = 0 everywhere
+    assert found.line("energy").holds is None
+
+
+def test_ims_without_constraints_is_symplectic():
+    found = gs.certify(model_of("oscillator"), "IMS")
+    assert found.line(LOOP).holds is True
+    assert G not in "".join(verdicts(found))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("LIIIA-B", 3), ("EMS", None)])
+def test_any_system(name, scheme, stages):
+    found = gs.certify(model_of(name), scheme, stages)
+    assert found.holds, [line for line in found.lines if line.holds is False]
+    assert found.line("order").holds is True
+    assert found.line("momentum maps").found == "none"
+    assert (found.line(LOOP).holds is True) == (scheme != "EMS")
+    assert (found.line("energy").holds is True) == (scheme == "EMS")
+
+
+def test_spherical_double_pendulum():
+    """Two rods in space: ∮p·dq, the vertical angular momentum, and the user's own quantity."""
+    names = [f"{c}{i}" for i in (1, 2) for c in "xyz"]
+    q = tuple(sp.Symbol(name, real=True) for name in names)
+    p = tuple(sp.Symbol(f"p{name}", real=True) for name in names)
+    m, g = sp.symbols("m g", positive=True)
+    H = sum(x**2 for x in p) / (2 * m) + m * g * (q[2] + q[5])
+    rods = (sum(x**2 for x in q[:3]) - 1,
+            sum((a - b) ** 2 for a, b in zip(q[:3], q[3:], strict=True)) - 1)
+    system = gs.System(q, p, (m, g), H, rods, name="rods", quantities={"height": q[2] + q[5]})
+    start = [0.6, 0, -0.8, 0.6, 0.8, -1.4]
+    step = gs.stepper("G-L", 3, system=system)
+    values = {"m": 1.0, "g": 9.81}
+    q0, p0 = step.project(start, [0.1, 1, 0, 0.3, 0.2, 0.5], parameters=values)
+    found = gs.certify(gs.Model(system, values, q0, p0, dt=0.005, steps=400))
+    assert found.stepper == "rods_gl3"
+    assert found.holds
+    assert found.line(LOOP).holds is True
+    assert found.line(VERTICAL).holds is True
+    height = found.line("height")
+    assert height.holds is None
+    assert height.value > 0.1
+
+
+# ---------------------------------------------------------------- what does not
+
+
+def test_a_tableau_that_is_not_symplectic_fails(tmp_path):
+    """The certificate can fail: a tableau off by 1e-4 in one condition."""
+    path = bent_tableau(tmp_path, **BENT)
+    with pytest.raises(gs.TableauError):
+        gs.certify(TOP, tableau=path)
+    found = gs.certify(TOP, tableau=path, allow_invalid=True)
+    assert not found.holds
+    loop = found.line(LOOP)
+    assert loop.holds is False
+    assert loop.value > 1e3 * loop.bound
+    assert "b_i â_ij" in loop.why
+    assert found.line(VERTICAL).holds is False
+    assert found.line(G).holds is True  # constraints are solved by any tableau
+    assert found.line(REVERSAL).holds is None
+    sound = gs.certify(TOP, tableau=EXAMPLE)
+    assert sound.holds
+
+
+def test_a_tableau_with_two_kinds_of_weights_fails(tmp_path):
+    path = bent_tableau(tmp_path, b_hat=["501/1000", "499/1000"])
+    found = gs.certify(model_of("oscillator"), tableau=path, allow_invalid=True)
+    assert found.line(LOOP).holds is False
+
+
+def test_a_projection_that_is_not_symplectic_fails(tmp_path):
+    """Ã off: of the constraint forces alone, so that a system without constraints is not hurt."""
+    changes = {"A_tilde": [["1/6 + 1/1000", "1/3 - sqrt(3)/6 - 1/1000", 0],
+                           ["1/6", "1/3 + sqrt(3)/6", 0]]}
+    path = bent_tableau(tmp_path, **changes)
+    assert gs.certify(TOP, tableau=path, allow_invalid=True).line(LOOP).holds is False
+    free = gs.certify(model_of("oscillator"), tableau=path, allow_invalid=True)
+    assert free.line(LOOP).holds is True
+
+
+def test_steps_too_long_are_no_certificate():
+    with pytest.raises(gs.StepFailed):
+        gs.certify(TOP, "G-L", 2, dt=1.0, steps=10)
+
+
+# ---------------------------------------------------------------- the measurements
+
+
+def test_reversal_of_a_method_that_is_not_symmetric(tmp_path):
+    """The error of the way there and back is far above its bound for a bent tableau."""
+    parameters = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+    sizes = []
+    for step in (gs.stepper("G-L", 2),
+                 gs.stepper(tableau=bent_tableau(tmp_path, **BENT), allow_invalid=True)):
+        run = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=200, parameters=parameters)
+        back = reversal(step, run, parameters)
+        assert 1 <= back.growth < 1e3
+        sizes.append(back.q_error)
+    assert sizes[0] < 1e-12 < 1e-5 < sizes[1]
+
+
+def test_order_of_each_scheme():
+    parameters = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+    for scheme, stages in (("G-L", 1), ("G-L", 2), ("G-L", 4), ("LIIIA-B", 3), ("EMS", None)):
+        step = gs.stepper(scheme, stages)
+        seen = order_seen(step, TOP.q0, TOP.p0, 1e-3, parameters)
+        assert abs(seen.order - step.order) < 0.1, (scheme, stages, seen)
+
+
+def test_scale_of_the_constraint():
+    """Σ_i |∂g/∂q_i| |q| = 2 Σ|q_i| |q| for |q|² − 1."""
+    step = gs.stepper("G-L", 2)
+    parameters = TOP.parameters | {"gamma": 0.0016}
+    g, f = constraint_scales(step, TOP.q0, TOP.p0, parameters)
+    q, p = np.abs(TOP.q0).sum(), np.abs(TOP.p0).sum()
+    size = np.linalg.norm(TOP.p0)
+    assert g == pytest.approx(2 * q, rel=1e-3)
+    assert f == pytest.approx(p + q * size, rel=1e-3)
+
+
+def test_trend_of_a_line_and_a_wave():
+    t = np.linspace(0, 3, 301)
+    assert trend(t, 2 + 5 * t) == pytest.approx((15.0, 0.0), abs=64 * EPS * 15)
+    slope, swing = trend(t, np.cos(2 * np.pi * t))
+    assert abs(slope) < 0.1
+    assert swing == pytest.approx(2.0, abs=0.1)
+
+
+# ---------------------------------------------------------------- arguments
+
+
+def test_arguments_are_refused_in_words():
+    with pytest.raises(gs.InputError, match=r"no gyrospark\.Model"):
+        gs.certify("fast-top", "EMS")
+    with pytest.raises(gs.InputError, match="rep belongs to the named problems"):
+        gs.certify(model_of("oscillator"), "EMS", rep="gamma")
+    example = EXAMPLES["oscillator"]
+    without = gs.Model(example.symbolic, {}, example.q, example.p)
+    with pytest.raises(gs.InputError, match="give dt"):
+        gs.certify(without, "EMS")
+    with pytest.raises(gs.InputError, match="'mgl2'"):
+        gs.certify(TOP, "EMS", parameters={"mgl2": 1.0})
+    with pytest.raises(gs.InputError, match="steps"):
+        gs.certify(TOP, "EMS", steps=0)
+
+
+def test_own_parameters_and_steps():
+    found = gs.certify(TOP, "EMS", parameters={"gamma": 0.002}, dt=5e-4, steps=50)
+    assert found.parameters["gamma"] == 0.002
+    assert (found.dt, found.steps) == (5e-4, 50)
+    assert gs.certify(TOP, "EMS", steps=50).parameters["gamma"] == gs.gamma_m(TOP.inertia)
