@@ -247,22 +247,26 @@ class Promises:
         """The condition that keeps a tableau from being symplectic, or nothing."""
         if self.tableau is None:
             return ""
-        asked = ["symplectic, forces", *(["symplectic, constraints"] if self.model.system.m else [])]
+        irrelevant = "" if self.model.system.m else "symplectic, constraints"
         for line in check_tableau(self.tableau):
-            if line.name in asked and not line.holds:
+            asked = line.name.startswith("symplectic") and line.name != irrelevant
+            if asked and line.found != "yes":
                 return f"{line.equation} is off by {line.residual}"
         basis = self.tableau.basis
         same = is_zero(basis["b"] - basis["b_hat"], self.tableau)
         return "" if same else "b and b̂ differ"
 
     @property
-    def symplectic(self) -> bool | None:
-        """Whether the map should be: every SPARK method; None where nothing is promised."""
-        if self.forced:
-            return None
-        if self.tableau is not None or (self.scheme == "IMS" and not self.model.system.m):
-            return True
-        return None
+    def disclaimed(self) -> bool:
+        """Whether the tableau's file says itself that it is not symplectic."""
+        return self.tableau is not None and self.tableau.claims.get("symplectic") == 0
+
+    @property
+    def symplectic(self) -> bool:
+        """Whether the map should be: every SPARK method that does not deny it."""
+        if self.forced or self.disclaimed:
+            return False
+        return self.tableau is not None or (self.scheme == "IMS" and not self.model.system.m)
 
     @property
     def why_symplectic(self) -> str:
@@ -289,6 +293,8 @@ class Promises:
         if not J.everywhere:
             return False, f"{{J, H}} = 0 on the constraints only{domain}: the motion keeps it, " \
                           "stages do not; write V for any q"
+        if self.disclaimed:
+            return False, self.violation
         if self.tableau is not None:
             return True, self.violation or f"{{J, H}} = 0{domain} ({J.proof})"
         if self.scheme == "IMS" and J.turns_constraints:
@@ -369,7 +375,7 @@ class _Examination:
         bound = min(1e-12, self.walk)
         drift = loop.drift / loop.size
         found = f"{loop.start:.6g}, drift {drift:.1e} of {loop.size:.3g}, {loop.points} points"
-        if promised is None:
+        if not promised:
             return told(quantity, found, "not kept", self.promises.why_symplectic, drift)
         return judged(quantity, found, f"drift ≤ {bound:.0e} of ∮|p dq|",
                       self.promises.why_symplectic, drift, bound)
