@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     )
     from .facade import stepper, tableau
     from .generator.model import Model
+    from .generator.multibody import Multibody
     from .generator.system import System
     from .runtime import problems
     from .runtime.ensemble import Ensemble
@@ -49,6 +50,7 @@ _HOMES = {
     "stepper": "facade",
     "tableau": "facade",
     "Model": "generator.model",
+    "Multibody": "generator.multibody",
     "System": "generator.system",
     "Ensemble": "runtime.ensemble",
     "gamma_fast": "runtime.inertia",
@@ -70,6 +72,7 @@ __all__ = [
     "InputError",
     "MissingDependencyError",
     "Model",
+    "Multibody",
     "StepFailed",
     "Stepper",
     "System",

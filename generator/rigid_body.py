@@ -61,8 +61,9 @@ def kinetic_energy(
     x: Sequence[sp.Expr] = q,
     y: Sequence[sp.Expr] = p,
     inertia: Sequence[sp.Expr] = moments,
+    weight: sp.Expr | None = None,
 ) -> sp.Expr:
-    """Return T(q, p): original (20), α-type (22) or γ-type (26).
+    """Return T(q, p): original (20), α-type (22) or γ-type (26); ``weight`` is α or γ.
 
     The components of L(q)p stay unexpanded: derivatives and discrete gradients then come out in
     terms of them, and common subexpressions are found where a reader would put them.
@@ -72,14 +73,15 @@ def kinetic_energy(
         return sum((wi**2 / Ii for wi, Ii in zip(w, inertia, strict=True)), sp.Integer(0)) / 8
     if rep == "alpha":
         radial = sum(a * b for a, b in zip(x, y, strict=True))
-        return kinetic_energy("original", x, y, inertia) + radial**2 / alpha / 8
+        return kinetic_energy("original", x, y, inertia) + radial**2 / (weight or alpha) / 8
     if rep == "gamma":
         square = sum(b**2 for b in y)
+        weight = weight or gamma
         relative = sum(
-            ((1 / Ii - 1 / gamma) * wi**2 for wi, Ii in zip(w, inertia, strict=True)),
+            ((1 / Ii - 1 / weight) * wi**2 for wi, Ii in zip(w, inertia, strict=True)),
             sp.Integer(0),
         )
-        return square / gamma / 8 + relative / 8
+        return square / weight / 8 + relative / 8
     raise InputError(f"Unknown representation {rep!r}; choose alpha or gamma.")
 
 

@@ -1,0 +1,217 @@
+"""Joints and springs between bodies: what they hold on to, and their equations.
+
+    ball       x_a + R(q_a) r_a − x_b − R(q_b) r_b = 0                       three
+    revolute   the same, and  R(q_a) n_k · R(q_b) e = 0,  k = 1, 2           five
+    rod        |x_a + R(q_a) r_a − x_b − R(q_b) r_b|² − l² = 0               one
+
+n₁ and n₂ are two directions of a that are perpendicular to the axis, e is the axis in b. All are
+polynomials of the coordinates. A component that is 0 stays 0: it takes no arithmetic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from .bodies import Body, Frame, Vector, dot
+from .poses import Pose
+
+__all__ = ["Equation", "Joint", "Link", "Revolute", "Rod", "Spring", "named_vector"]
+
+Array = NDArray[Any]
+
+#: Components smaller than this beside the vector, or its distance to walk, are rounding: zero.
+_ROUNDING = 2.0**-49
+
+
+@dataclass(frozen=True)
+class Equation:
+    """One constraint with its name."""
+
+    name: str
+    expression: sp.Expr
+
+
+def named_vector(
+    prefix: str, values: Sequence[float], store: dict[str, float], plain: Sequence[float] = (0.0,)
+) -> Vector:
+    """Return symbols prefix_x, … for a vector and store their values; plain ones stay numbers."""
+    entries = []
+    for axis, value in zip("xyz", values, strict=True):
+        if value in plain:
+            entries.append(sp.Integer(int(value)))
+        else:
+            entries.append(sp.Symbol(f"{prefix}_{axis}", real=True))
+            store[f"{prefix}_{axis}"] = float(value)
+    x, y, z = entries
+    return x, y, z
+
+
+@dataclass(eq=False)
+class Link:
+    """Two points of two frames: what a joint and a spring have in common.
+
+    ``on_a`` and ``on_b`` are in body axes, from the origin of the body.
+    """
+
+    name: str
+    a: Frame
+    b: Frame
+    on_a: Array | None = None
+    on_b: Array | None = None
+
+    def points(self, store: dict[str, float]) -> tuple[Vector, Vector]:
+        """Return both points in space as expressions; their components become parameters."""
+        where = []
+        for frame, r in ((self.a, self.on_a), (self.b, self.on_b)):
+            assert r is not None
+            prefix = f"{self.name}_{frame.name}" if isinstance(frame, Body) else self.name
+            where.append(frame.point(named_vector(prefix, r.tolist(), store)))
+        return where[0], where[1]
+
+    def square(self, store: dict[str, float]) -> sp.Expr:
+        """Return the squared distance of the points."""
+        point_a, point_b = self.points(store)
+        return sum(((x - y) ** 2 for x, y in zip(point_a, point_b, strict=True)), sp.Integer(0))
+
+    def distance(self, poses: Mapping[Frame, Pose]) -> float:
+        """Return how far apart the points are at the start."""
+        assert self.on_a is not None
+        assert self.on_b is not None
+        apart = poses[self.a].space(self.on_a) - poses[self.b].space(self.on_b)
+        return float(np.linalg.norm(apart))
+
+
+@dataclass(eq=False)
+class Joint(Link):
+    """A ball joint: two points are one. ``at`` is where in space they are at the start.
+
+    Two of at, on_a and on_b are enough, one where both positions are known.
+    """
+
+    at: Array | None = None
+
+    def turn(self, poses: Mapping[Frame, Pose]) -> bool:
+        """Hand on the angular velocity, where the joint tells it; return whether it did."""
+        return False
+
+    def place(self, poses: Mapping[Frame, Pose]) -> bool:
+        """Hand on points and positions; return whether something was found."""
+        found = False
+        sides = ((self.a, "on_a"), (self.b, "on_b"))
+        for frame, side in sides:
+            pose, r = poses[frame], getattr(self, side)
+            if self.at is None and r is not None and pose.x is not None:
+                self.at, found = pose.space(r), True
+        for frame, side in sides if self.at is not None else ():
+            pose, r = poses[frame], getattr(self, side)
+            if r is None and pose.x is not None:
+                setattr(self, side, clean(pose.R.T @ (self.at - pose.x), self.at, pose.x))
+                found = True
+            elif r is not None and pose.x is None:
+                pose.x, found = self.at - pose.R @ r, True
+        return found
+
+    def move(self, poses: Mapping[Frame, Pose]) -> bool:
+        """Hand on the velocity of the common point; return whether it did."""
+        a, b = poses[self.a], poses[self.b]
+        arm_a, arm_b = a.R @ self.on_a, b.R @ self.on_b
+        turning = np.cross(a.spin, arm_a) - np.cross(b.spin, arm_b)
+        if a.v is not None and b.v is None:
+            b.v = a.v + turning
+        elif b.v is not None and a.v is None:
+            a.v = b.v - turning
+        else:
+            return False
+        return True
+
+    def equations(
+        self, poses: Mapping[Frame, Pose], store: dict[str, float]
+    ) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        for axis, x, y in zip("xyz", *self.points(store), strict=True):
+            yield Equation(f"{self.name}: {axis}", x - y)
+
+
+@dataclass(eq=False)
+class Revolute(Joint):
+    """A hinge about ``axis``, a unit vector in space at the start, turning at ``rate``."""
+
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    rate: float = 0.0
+
+    def turn(self, poses: Mapping[Frame, Pose]) -> bool:
+        """Hand on the angular velocity: that of b is that of a and the rate about the axis."""
+        a, b = poses[self.a], poses[self.b]
+        if a.spin is not None and b.spin is None:
+            b.spin = a.spin + self.rate * self.axis
+        elif b.spin is not None and a.spin is None:
+            a.spin = b.spin - self.rate * self.axis
+        else:
+            return False
+        return True
+
+    def equations(
+        self, poses: Mapping[Frame, Pose], store: dict[str, float]
+    ) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from super().equations(poses, store)
+        in_a, in_b = (clean(poses[frame].R.T @ self.axis) for frame in (self.a, self.b))
+        unit = (0.0, 1.0, -1.0)
+        axis = self.b.direction(named_vector(f"{self.name}_axis", in_b.tolist(), store, unit))
+        for k, normal in enumerate(normals(in_a), start=1):
+            prefix = f"{self.name}_normal{k}"
+            n = self.a.direction(named_vector(prefix, normal.tolist(), store, unit))
+            yield Equation(f"{self.name}: axis {k}", dot(n, axis))
+
+
+@dataclass(eq=False)
+class Rod(Link):
+    """Two points keep their distance; None takes it from the start."""
+
+    length: float | None = None
+
+    def equations(
+        self, poses: Mapping[Frame, Pose], store: dict[str, float]
+    ) -> Iterator[Equation]:
+        """Yield the constraint; values of its parameters go into ``store``."""
+        length = sp.Symbol(f"{self.name}_length", positive=True)
+        store[str(length)] = self.distance(poses) if self.length is None else self.length
+        yield Equation(f"{self.name}: length", self.square(store) - length**2)
+
+
+@dataclass(eq=False)
+class Spring(Link):
+    """V = ½ k (|d| − l)² between two points; V = ½ k d·d for l = 0."""
+
+    stiffness: float = 0.0
+    length: float = 0.0
+
+    def energy(self, store: dict[str, float]) -> sp.Expr:
+        """Return V; values of its parameters go into ``store``."""
+        k = sp.Symbol(f"{self.name}_stiffness", real=True)
+        store[str(k)] = self.stiffness
+        if not self.length:
+            return k * self.square(store) / 2
+        length = sp.Symbol(f"{self.name}_length", positive=True)
+        store[str(length)] = self.length
+        return k * (sp.sqrt(self.square(store)) - length) ** 2 / 2
+
+
+def normals(axis: Array) -> tuple[Array, Array]:
+    """Return two unit vectors that are perpendicular to a unit vector and to each other."""
+    k = int(np.argmax(np.abs(axis)))
+    first = np.cross(np.roll(np.eye(3)[k], -1), axis)  # coordinate axes where the axis is one
+    first = clean(first / np.linalg.norm(first))
+    return first, clean(np.cross(axis, first))
+
+
+def clean(v: Array, *sizes: Array) -> Array:
+    """Return a vector whose components that are rounding, beside it or ``sizes``, are 0."""
+    size = max(float(np.abs(x).max()) for x in (v, *sizes))
+    return np.where(np.abs(v) <= _ROUNDING * size, 0.0, v)

@@ -1,0 +1,483 @@
+"""Rigid bodies together: bodies, joints and forces, put into a ``Model`` with its start.
+
+    H = Σ T_i(q_i, p_i) + |p_x,i|²/(2 m_i) + V,    g = (|q_i|² − 1, joints),  body by body
+
+The coordinates are ordered body by body, the constraints with the later body of each joint: in a
+chain every constraint then meets its two neighbours only, and g_q H_pp g_qᵀ is block-tridiagonal.
+Lengths, masses and moments are parameters, not numbers, so that equal joints have equal form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..projection import Projection, project
+from .bodies import GROUND, Body, Frame, Vector, cross, dot
+from .joints import Equation, Joint, Link, Revolute, Rod, Spring, named_vector
+from .model import Model
+from .numeric_system import NumericSystem
+from .poses import Pose, attitude, finite, rotation, settle, three
+from .redundancy import refuse_redundant
+from .rigid_body import Rep
+from .system import System, as_expression
+
+__all__ = ["Multibody"]
+
+Array = NDArray[Any]
+
+
+@dataclass
+class Start:
+    """What a caller says of a body's start."""
+
+    q: Array
+    x: Array | None
+    v: Array | None
+    omega: Array | None  # in body axes
+
+    def pose(self) -> Pose:
+        """Return the pose, unknown where nothing was said."""
+        R = rotation(self.q)
+        return Pose(self.q, R, self.x, self.v, None if self.omega is None else R @ self.omega)
+
+
+class Multibody:
+    """A builder of models: add bodies, joints and forces, then ask for ``model()``.
+
+    Attributes
+    ----------
+    name : str
+        A C identifier, the system's name.
+    ground : Frame
+        Space, wherever a joint or spring takes a body.
+    time : Symbol
+        t, for forces, torques and quantities.
+    start : Projection or None
+        After ``model()``: what its start was moved by to be consistent.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> arm = gs.Multibody("arm")
+    >>> upper = arm.body("upper", mass=1.0, inertia=(0.1, 0.1, 0.01))
+    >>> lower = arm.body("lower", mass=1.0, inertia=(0.1, 0.1, 0.01))
+    >>> _ = arm.fixed_point("shoulder", upper, on_body=(0, 0, 0.5), at=(0, 0, 0))
+    >>> _ = arm.ball("elbow", upper, lower, on_a=(0, 0, -0.5), on_b=(0, 0, 0.5))
+    >>> model = arm.model()
+    >>> model.q0[-1], model.system.n, model.system.m
+    (-1.5, 14, 8)
+    """
+
+    def __init__(
+        self, name: str, *, gravity: Sequence[float] = (0.0, 0.0, -9.81),
+        dt: float | None = None, steps: int | None = None, description: str = "",
+    ) -> None:
+        self.name = name
+        self.ground: Frame = GROUND
+        self.time = sp.Symbol("t", real=True)
+        self.start: Projection | None = None
+        self._values: dict[str, float] = {}
+        self._gravity = named_vector("gravity", three("gravity", gravity).tolist(), self._values)
+        self._about = {"dt": dt, "steps": steps, "description": description}
+        self._bodies: dict[Body, Start] = {}
+        self._inertia: dict[Body, tuple[float, float, float]] = {}
+        self._links: list[Link] = []
+        self._potential: list[sp.Expr] = []
+        self._forces: dict[sp.Symbol, sp.Expr] = {}
+        self._quantities: dict[str, sp.Expr] = {}
+        self._symbols: dict[str, sp.Symbol] = {}
+
+    # ------------------------------------------------------------ bodies
+
+    def body(
+        self, name: str, *, mass: float, inertia: Sequence[float], rep: Rep = "gamma",
+        weight: float | None = None, position: Sequence[float] | None = None,
+        quaternion: Sequence[float] | None = None, rotation: Any = None,
+        velocity: Sequence[float] | None = None, angular_velocity: Sequence[float] | None = None,
+    ) -> Body:
+        """Add a body with 7 coordinates, quaternion and position of its centre of mass.
+
+        Parameters
+        ----------
+        name : str
+            Begins the names of its symbols: a_q0, …, a_x, a_p0, …, a_px, a_m, a_I1, a_gamma.
+        mass : float
+            In kg.
+        inertia : three floats
+            Principal moments about the centre of mass in kg m²; body axes are principal axes.
+        rep : {"gamma", "alpha"}
+            Inertia representation.
+        weight : float, optional
+            γ or α in kg m²; by default the mean of the moments.
+        position, velocity : three floats, optional
+            Of the centre of mass in space; by default what joints tell, else 0.
+        quaternion, rotation : optional
+            Attitude from body to space axes: four numbers, scalar first, or a 3 × 3 matrix or
+            SciPy Rotation; by default body and space axes agree.
+        angular_velocity : three floats, optional
+            In body axes, rad/s; by default what revolute joints tell, else 0.
+
+        Returns
+        -------
+        Body
+            For joints, and for expressions: ``.point(r)``, ``.velocity``, ``.angular_velocity``.
+
+        Raises
+        ------
+        InputError
+            For names used twice and for numbers that no body can have.
+        """
+        self._claim(name)
+        _check_rep(name, rep)
+        start = self._start(name, quaternion, rotation, position, velocity, angular_velocity)
+        return self._add(Body.free(name, rep), start, mass, inertia, weight)
+
+    def top(
+        self, name: str, *, mass: float, inertia: Sequence[float], centre: Sequence[float],
+        at: Sequence[float] = (0.0, 0.0, 0.0), rep: Rep = "gamma", weight: float | None = None,
+        quaternion: Sequence[float] | None = None, rotation: Any = None,
+        angular_velocity: Sequence[float] | None = None,
+    ) -> Body:
+        """Add a body that turns about a fixed point: 4 coordinates, no joint needed.
+
+        ``inertia`` holds the principal moments about that point, ``centre`` the centre of mass
+        from it in body axes, ``at`` where in space it is. All else as for ``body``.
+        """
+        self._claim(name)
+        _check_rep(name, rep)
+        origin = three(f"fixed point of {name!r}", at)
+        middle = three(f"centre of {name!r}", centre)
+        body = Body.held(
+            name, rep, named_vector(f"{name}_at", origin.tolist(), self._values),
+            named_vector(f"{name}_centre", middle.tolist(), self._values),
+        )
+        start = self._start(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
+        return self._add(body, start, mass, inertia, weight)
+
+    # ------------------------------------------------------------ joints
+
+    def ball(
+        self, name: str, a: Frame, b: Frame, *, at: Sequence[float] | None = None,
+        on_a: Sequence[float] | None = None, on_b: Sequence[float] | None = None,
+    ) -> Joint:
+        """Join a point of a to a point of b: three constraints, ``name: x``, ``y`` and ``z``.
+
+        Parameters
+        ----------
+        a, b : Body or ``ground``
+            In the order of the chain.
+        at : three floats, optional
+            Where in space the joint is at the start.
+        on_a, on_b : three floats, optional
+            Where on the bodies it is, in body axes from their origins. Two of the three are
+            enough; a position that is not given follows from them. ``at`` alone is enough for
+            bodies in known places.
+        """
+        return self._join(Joint(name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+                                at=_three_or_none(f"at of {name!r}", at)))
+
+    def fixed_point(
+        self, name: str, body: Frame, *, at: Sequence[float] | None = None,
+        on_body: Sequence[float] | None = None,
+    ) -> Joint:
+        """Hold a point of a body at a point of space: three constraints.
+
+        Prefer ``top`` where it is the only joint to the ground: it needs no constraint.
+        """
+        return self.ball(name, GROUND, body, at=at, on_b=on_body)
+
+    def revolute(
+        self, name: str, a: Frame, b: Frame, *, axis: Sequence[float],
+        at: Sequence[float] | None = None, on_a: Sequence[float] | None = None,
+        on_b: Sequence[float] | None = None, rate: float = 0.0,
+    ) -> Revolute:
+        """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
+
+        ``axis`` is its direction in space at the start, of any length; ``rate`` the angular
+        velocity of b against a about it in rad/s, from which an angular velocity that is not
+        given follows. All else as for ``ball``.
+        """
+        direction = three(f"axis of {name!r}", axis)
+        if not direction.any():
+            raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
+        direction = direction / np.linalg.norm(direction)
+        return self._join(Revolute(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+            at=_three_or_none(f"at of {name!r}", at), axis=direction,
+            rate=float(finite(f"rate of {name!r}", rate, ())),
+        ))
+
+    def rod(
+        self, name: str, a: Frame, b: Frame, *, on_a: Sequence[float] = (0.0, 0.0, 0.0),
+        on_b: Sequence[float] = (0.0, 0.0, 0.0), length: float | None = None,
+    ) -> Rod:
+        """Keep two points at a distance: one constraint; by default at that of the start."""
+        if length is not None:
+            length = _positive(f"length of {name!r}", length)
+        return self._join(Rod(name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+                              length=length))
+
+    # ------------------------------------------------------------ forces
+
+    def spring(
+        self, name: str, a: Frame, b: Frame, *, stiffness: float, length: float = 0.0,
+        on_a: Sequence[float] = (0.0, 0.0, 0.0), on_b: Sequence[float] = (0.0, 0.0, 0.0),
+    ) -> Spring:
+        """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m)."""
+        rest = float(finite(f"length of {name!r}", length, ()))
+        if rest < 0:
+            raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
+        return self._join(Spring(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
+        ))
+
+    def potential(self, expression: Any) -> None:
+        """Add a potential energy: an expression in the bodies' symbols and ``parameter``s."""
+        self._potential.append(as_expression(expression))
+
+    def parameter(self, name: str, value: float, *, positive: bool = False) -> sp.Symbol:
+        """Return a symbol for potentials, forces and quantities, with its value."""
+        self._claim(name)
+        domain = {"positive": True} if positive else {"real": True}
+        self._values[name] = float(finite(f"parameter {name!r}", value, ()))
+        self._symbols[name] = sp.Symbol(name, **domain)
+        return self._symbols[name]
+
+    def force(
+        self, body: Body, force: Sequence[Any], *, on_body: Sequence[float] | None = None
+    ) -> None:
+        """Let a force (in space axes, N) act at a point of a body: by default its origin.
+
+        Its components are expressions of the bodies' symbols, momenta, ``time`` and parameters.
+        """
+        F = _expressions(f"force on {body.name!r}", force)
+        self._push(body.p_x, F)
+        if on_body is not None:
+            r = three(f"point of the force on {body.name!r}", on_body)
+            in_body = [dot(row, F) for row in body.rotation.T.tolist()]
+            self.torque(body, cross(r.tolist(), in_body))
+
+    def torque(self, body: Body, torque: Sequence[Any]) -> None:
+        """Let a torque (in body axes, N m) act on a body, as expressions like a force's.
+
+        For a top it is taken about the fixed point.
+        """
+        self._push(body.p, body.torque_force(_expressions(f"torque on {body.name!r}", torque)))
+
+    def quantity(self, name: str, expression: Any) -> None:
+        """Have an expression computed along trajectories under a name."""
+        self._quantities[name] = as_expression(expression)
+
+    # ------------------------------------------------------------ the model
+
+    def model(self, *, without: Iterable[str] = ()) -> Model:
+        """Return the model: system, parameters, and a consistent state at t = 0.
+
+        Parameters
+        ----------
+        without : iterable of str
+            Names of constraints to leave out because others imply them, such as ``"hinge: z"``.
+
+        Raises
+        ------
+        InputError
+            For constraints that depend on each other, with their names and a smallest set to
+            leave out; for a start that cannot meet them.
+        """
+        if not self._bodies:
+            raise InputError(f"Multibody {self.name!r} has no body; add one with body(...).")
+        links = [replace(link) for link in self._links]  # placing completes them
+        poses = self._poses(links)
+        store = dict(self._values)
+        store |= self._body_values()
+        equations = self._equations(links, poses, store, set(without))
+        H = self._hamiltonian(links, store)
+        system = self._system(H, equations, store)
+        q0, p0 = self._state(poses)
+        numeric = NumericSystem(system, store)
+        refuse_redundant(numeric, q0)
+        self.start = project(numeric, q0, p0)
+        bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
+        return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
+
+    def _poses(self, links: Sequence[Link]) -> dict[Frame, Pose]:
+        poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
+        poses |= {body: start.pose() for body, start in self._bodies.items()}
+        joints = [link for link in links if isinstance(link, Joint)]
+        settle(poses, "spin", [joint.turn for joint in joints])
+        settle(poses, "x", [joint.place for joint in joints])
+        for joint in joints:
+            if joint.on_a is None or joint.on_b is None:
+                raise InputError(f"Joint {joint.name!r} does not say where it is; give at= in "
+                                 "space, or on_a= and on_b= in body axes.")
+        settle(poses, "v", [joint.move for joint in joints])
+        return poses
+
+    def _equations(
+        self, links: Sequence[Link], poses: Mapping[Frame, Pose], store: dict[str, float],
+        without: set[str],
+    ) -> list[Equation]:
+        """Return the constraints, each with the later of its bodies."""
+        order = {body: index for index, body in enumerate(self._bodies)}
+        rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)]
+                for body in self._bodies}
+        for link in links:
+            if isinstance(link, (Joint, Rod)):
+                own = [frame for frame in (link.a, link.b) if isinstance(frame, Body)]
+                rows[max(own, key=order.__getitem__)] += link.equations(poses, store)
+        found = [equation for body in self._bodies for equation in rows[body]]
+        unknown = without - {equation.name for equation in found}
+        if unknown:
+            raise InputError(
+                f"There is no constraint {min(unknown)!r} to leave out; the constraints are "
+                f"{', '.join(repr(equation.name) for equation in found)}."
+            )
+        return [equation for equation in found if equation.name not in without]
+
+    def _hamiltonian(self, links: Sequence[Link], store: dict[str, float]) -> sp.Expr:
+        terms = []
+        for body in self._bodies:
+            terms.append(body.kinetic_energy)
+            terms.append(-body.mass * dot(self._gravity, body.centre_of_mass))
+        terms += [link.energy(store) for link in links if isinstance(link, Spring)]
+        return sp.Add(*terms, *self._potential)
+
+    def _system(
+        self, H: sp.Expr, equations: Sequence[Equation], store: dict[str, float]
+    ) -> System:
+        """Return the system; parameters that nothing uses are dropped from it and the store."""
+        q = [x for body in self._bodies for x in body.coordinates]
+        p = [x for body in self._bodies for x in body.momenta]
+        forces = [self._forces.get(x, sp.Integer(0)) for x in p] if self._forces else []
+        constraints = [equation.expression for equation in equations]
+        used: set[sp.Symbol] = set().union(*(
+            e.free_symbols for e in (H, *constraints, *forces, *self._quantities.values())))
+        parameters = sorted(used - {*q, *p, self.time}, key=_by_first_use(store))
+        unknown = [s for s in parameters if str(s) not in store]
+        if unknown:
+            raise InputError(f"{str(unknown[0])!r} in Multibody {self.name!r} has no value; make "
+                             "it with parameter(name, value).")
+        for name in store.keys() - set(map(str, parameters)):
+            del store[name]
+        return System(
+            q, p, parameters, H, constraints, name=self.name, forces=forces,
+            constraint_names=[equation.name for equation in equations],
+            time=self.time if self.time in used else None, quantities=self._quantities,
+        )
+
+    def _state(self, poses: Mapping[Frame, Pose]) -> tuple[Array, Array]:
+        q: list[Array] = []
+        p: list[Array] = []
+        for body in self._bodies:
+            pose = poses[body]
+            q.append(pose.q)
+            p.append(pose.momenta(self._inertia[body]))
+            if body.x:
+                assert pose.x is not None
+                assert pose.v is not None
+                q.append(pose.x)
+                p.append(self._values[str(body.mass)] * pose.v)
+        return np.concatenate(q), np.concatenate(p)
+
+    def _body_values(self) -> dict[str, float]:
+        values: dict[str, float] = {}
+        for body, moments in self._inertia.items():
+            values |= {str(s): x for s, x in zip(body.inertia, moments, strict=True)}
+        return values
+
+    # ------------------------------------------------------------ inside
+
+    def _add(
+        self, body: Body, start: Start, mass: float, inertia: Sequence[float],
+        weight: float | None,
+    ) -> Body:
+        moments = finite(f"inertia of {body.name!r}", inertia, (3,))
+        if moments.min() <= 0:
+            raise InputError(f"The inertia of {body.name!r} is {tuple(moments.tolist())}; all "
+                             "three moments must be above 0.")
+        self._values[str(body.mass)] = _positive(f"mass of {body.name!r}", mass)
+        chosen = moments.mean() if weight is None else _positive(
+            f"{body.rep} of {body.name!r}", weight)
+        self._values[str(body.weight)] = float(chosen)
+        self._inertia[body] = (float(moments[0]), float(moments[1]), float(moments[2]))
+        self._bodies[body] = start
+        return body
+
+    def _start(
+        self, name: str, quaternion: Any, rotation: Any, position: Any, velocity: Any, omega: Any
+    ) -> Start:
+        return Start(
+            attitude(f"body {name!r}", quaternion, rotation),
+            _three_or_none(f"position of {name!r}", position),
+            _three_or_none(f"velocity of {name!r}", velocity),
+            _three_or_none(f"angular velocity of {name!r}", omega),
+        )
+
+    def _join(self, link: Any) -> Any:
+        self._claim(link.name)
+        self._links.append(link)
+        return link
+
+    def _claim(self, name: str) -> None:
+        taken = {*(b.name for b in self._bodies), *(link.name for link in self._links),
+                 *self._symbols}
+        if name in taken or name in ("ground", "gravity"):
+            raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; bodies, joints, "
+                             "springs and parameters need names of their own.")
+        if not isinstance(name, str) or not (name.isascii() and name.isidentifier()) \
+                or name.startswith("_"):
+            raise InputError(f"{name!r} is no name for a part of Multibody {self.name!r}; use "
+                             "letters, digits and '_', a letter first.")
+
+    def _two(self, name: str, a: Frame, b: Frame) -> tuple[Frame, Frame]:
+        for frame in (a, b):
+            if frame is not GROUND and frame not in self._bodies:
+                raise InputError(f"{name!r} holds on to {frame!r}, which is no body of Multibody "
+                                 f"{self.name!r}; pass what body(...) returned, or ground.")
+        if a is b:
+            raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
+        return a, b
+
+    def _points(self, name: str, on_a: Any, on_b: Any) -> tuple[Array | None, Array | None]:
+        return (_three_or_none(f"on_a of {name!r}", on_a),
+                _three_or_none(f"on_b of {name!r}", on_b))
+
+    def _push(self, momenta: Sequence[sp.Symbol], force: Sequence[sp.Expr]) -> None:
+        for symbol, e in zip(momenta, force, strict=bool(momenta)):
+            self._forces[symbol] = self._forces.get(symbol, sp.Integer(0)) + e
+
+
+def _by_first_use(store: Mapping[str, float]) -> Any:
+    order = {name: index for index, name in enumerate(store)}
+    return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
+
+
+def _check_rep(name: str, rep: str) -> None:
+    if rep not in ("gamma", "alpha"):
+        raise InputError(f"Unknown representation {rep!r} of body {name!r}; choose alpha or gamma.")
+
+
+def _positive(what: str, value: Any) -> float:
+    number = float(finite(what, value, ()))
+    if number <= 0:
+        raise InputError(f"The {what} is {number}; it must be above 0.")
+    return number
+
+
+def _three_or_none(what: str, value: Any) -> Array | None:
+    return None if value is None else three(what, value)
+
+
+def _expressions(what: str, values: Sequence[Any]) -> Vector:
+    entries = [as_expression(value) for value in values]
+    if len(entries) != 3:
+        raise InputError(f"The {what} has {len(entries)} components; give three.")
+    return entries[0], entries[1], entries[2]

@@ -1,0 +1,250 @@
+"""Onto the constraints: a state near them is moved to g(q) = 0 and g_q H_p(q, p) = 0.
+
+    q ← q − Gᵀ(GGᵀ)⁻¹ g          the shortest way, with G = g_q; halved while |g| would grow
+    p ← p − Gᵀ W⁻¹ G H_p         W = G H_pp Gᵀ: the smallest change of kinetic energy
+
+Both rooms use this: the generator for models that are not compiled yet, ``gs.consistent`` for
+any system. Nothing here knows SymPy or compiled code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+
+__all__ = ["Constrained", "Projection", "dependent_rows", "project"]
+
+Array = NDArray[Any]
+EPS = float(np.finfo(float).eps)
+
+#: Singular values of G (rows of length one) below this, relative to the largest, count as zero.
+RANK_TOLERANCE = 1e-9
+
+
+class Constrained(Protocol):
+    """What a projection asks of a system with its numbers."""
+
+    constraint_names: Sequence[str]
+    coordinates: Sequence[str]
+    momenta: Sequence[str]
+
+    def g(self, q: Array) -> Array:
+        """Return g(q), shape (m,)."""
+        ...
+
+    def G(self, q: Array) -> Array:
+        """Return g_q, shape (m, n)."""
+        ...
+
+    def H_p(self, q: Array, p: Array) -> Array:
+        """Return the velocity, shape (n,)."""
+        ...
+
+    def H_pp_times(self, q: Array, p: Array, directions: Array) -> Array:
+        """Return H_pp dᵀ for rows d, shape (n, number of rows)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Projection:
+    """A consistent state, and what had to be moved for it.
+
+    Attributes
+    ----------
+    q, p : ndarray, shape (n,)
+        The state with g(q) = 0 and g_q H_p = 0.
+    q_moved, p_moved : float
+        Largest |Δq| and |Δp| of all coordinates and momenta.
+    q_name, p_name : str
+        The coordinate and the momentum that moved furthest; empty when none did.
+    before, after : dict of str to float
+        |g| of each constraint by name.
+    hidden_before, hidden_after : dict of str to float
+        |g_q H_p| of each constraint by name: of the given momenta at the projected q.
+    """
+
+    q: Array
+    p: Array
+    q_moved: float
+    p_moved: float
+    q_name: str
+    p_name: str
+    before: dict[str, float]
+    after: dict[str, float]
+    hidden_before: dict[str, float]
+    hidden_after: dict[str, float]
+
+    def __str__(self) -> str:
+        lines = [_moved("q", self.q_moved, self.q_name), _moved("p", self.p_moved, self.p_name)]
+        width = max(map(len, self.before), default=0)
+        lines += [
+            f"  {name:{width}s}  |g| {self.before[name]:.1e} -> {self.after[name]:.1e}   "
+            f"|g_q H_p| {self.hidden_before[name]:.1e} -> {self.hidden_after[name]:.1e}"
+            for name in self.before
+        ]
+        return "\n".join(lines)
+
+
+def project(system: Constrained, q: Array, p: Array) -> Projection:
+    """Return the consistent state next to (q, p).
+
+    Raises
+    ------
+    InputError
+        Naming the constraints that depend on each other, or that cannot be met from here.
+    """
+    q_new = project_coordinates(system, q)
+    p_new = project_momenta(system, q_new, p)
+    G = system.G(q_new)
+    return report(
+        system, (q, p), (q_new, p_new), (system.g(q), system.g(q_new)),
+        (G @ system.H_p(q_new, p), G @ system.H_p(q_new, p_new)),
+    )
+
+
+def report(
+    system: Any, old: tuple[Array, Array], new: tuple[Array, Array], g: tuple[Array, Array],
+    f: tuple[Array, Array],
+) -> Projection:
+    """Return the report of a projection that was made; g and f before and after."""
+    names = list(system.constraint_names)
+    q_moved, q_name = _furthest(new[0] - old[0], system.coordinates)
+    p_moved, p_name = _furthest(new[1] - old[1], system.momenta)
+    return Projection(
+        new[0], new[1], q_moved, p_moved, q_name, p_name,
+        *({name: abs(float(x)) for name, x in zip(names, part, strict=True)}
+          for part in (*g, *f)),
+    )
+
+
+def project_coordinates(system: Constrained, q: Array) -> Array:
+    """Return the q with g(q) = 0 that damped Newton steps along Gᵀ reach."""
+    g = system.g(q)
+    best = q
+    for _ in range(100):
+        G = system.G(q)
+        step = _along(system, G, G @ G.T, g)
+        q_new, g_new, fraction = q - step, system.g(q - step), 1.0
+        while not _norm(g_new) < max(_norm(g), _floor(G, q)) and fraction > 1e-6:
+            fraction /= 2
+            q_new = q - fraction * step
+            g_new = system.g(q_new)
+        settled = np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(q), EPS)
+        if _norm(g_new) <= _norm(g):
+            best = q_new
+        if settled:
+            return best
+        if fraction <= 1e-6:
+            break
+        q, g = q_new, g_new
+    if _norm(g) <= _floor(system.G(q), q):
+        return best
+    worst = int(np.argmax(np.abs(g)))
+    raise InputError(
+        f"No state near the given one meets all constraints: {system.constraint_names[worst]!r} "
+        f"stays at |g| = {abs(g[worst]):.3e}; check its points and lengths, or give a nearer start."
+    )
+
+
+def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
+    """Return the p with g_q H_p = 0 next to the given one, by Newton steps along Gᵀ."""
+    G = system.G(q)
+    for _ in range(50):
+        f = G @ system.H_p(q, p)
+        step = _along(system, G, G @ system.H_pp_times(q, p, G), f)
+        p = p - step
+        if np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(p), EPS):
+            return p
+        if not np.isfinite(p).all():
+            break
+    worst = int(np.argmax(np.abs(f)))
+    raise InputError(
+        f"No momenta near the given ones satisfy {system.constraint_names[worst]!r}: "
+        f"|g_q H_p| stays at {abs(f[worst]):.3e}; give a nearer start."
+    )
+
+
+def dependent_rows(G: Array, tolerance: float = RANK_TOLERANCE) -> tuple[list[int], list[int]]:
+    """Return (all rows of G that depend on others, a smallest set of rows to leave out).
+
+    Rows are taken at length one. Of dependent rows the later ones are left out, as a builder
+    would who adds one joint after the other.
+    """
+    sizes = np.linalg.norm(G, axis=1)
+    rows = G / np.where(sizes > 0, sizes, 1.0)[:, None]
+    if len(G) <= G.shape[1] and _is_well_conditioned(rows):
+        return [], []
+    U, values, _ = np.linalg.svd(rows)
+    rank = int(np.sum(values > tolerance * max(values.max(initial=0.0), tolerance)))
+    null = U[:, rank:]
+    involved = [i for i in range(len(G)) if np.linalg.norm(null[i]) > np.sqrt(tolerance)]
+    left_out: list[int] = []
+    for i in reversed(involved):
+        if len(left_out) == null.shape[1]:
+            break
+        trial = [*left_out, i]  # the null vectors, seen at these rows only, stay independent
+        if np.linalg.svd(null[trial], compute_uv=False).min() > np.sqrt(tolerance):
+            left_out = trial
+    return involved, sorted(left_out)
+
+
+def _is_well_conditioned(rows: Array) -> bool:
+    """Whether a look at RRᵀ, which is quick, already shows that no row depends on others."""
+    if not len(rows):
+        return True
+    values = np.linalg.eigvalsh(rows @ rows.T)
+    return bool(values[0] > 1e-10 * values[-1])  # then σ_min > 1e-5 σ_max
+
+
+def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:
+    """Return Gᵀ W⁻¹ defect, or name the constraints that make W singular."""
+    if not len(defect):
+        return np.zeros(G.shape[1])
+    scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(W)), np.finfo(float).tiny))
+    scaled = W * scale[:, None] * scale
+    try:
+        inverse = np.linalg.inv(scaled)
+        condition = np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1)
+    except np.linalg.LinAlgError:
+        condition = np.inf
+    if not condition < 1 / EPS:
+        involved, left_out = dependent_rows(G)
+        names = system.constraint_names
+        raise InputError(
+            "The constraints depend on each other here: "
+            f"{_listed(names[i] for i in involved) or 'their gradients vanish'}; leave out "
+            f"{_listed(names[i] for i in left_out) or 'those'}, or start elsewhere."
+        )
+    change: Array = G.T @ (scale * (inverse @ (scale * defect)))
+    return change
+
+
+def _listed(names: Any) -> str:
+    return ", ".join(repr(name) for name in names)
+
+
+def _floor(G: Array, q: Array) -> float:
+    """Return |g| below which rounding decides: 16 ε of what q is worth in g."""
+    return 16 * EPS * float(np.linalg.norm(np.abs(G) @ np.abs(q))) if G.size else 0.0
+
+
+def _norm(x: Array) -> float:
+    return float(np.linalg.norm(x))
+
+
+def _furthest(change: Array, names: Sequence[str]) -> tuple[float, str]:
+    sizes = np.abs(np.asarray(change, dtype=float))
+    if not sizes.any():
+        return 0.0, ""
+    index = int(np.argmax(sizes))
+    return float(sizes[index]), names[index]
+
+
+def _moved(letter: str, size: float, name: str) -> str:
+    return f"{letter} moved by up to {size:.3e} ({name})" if name else f"{letter} not moved"
