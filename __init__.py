@@ -26,10 +26,11 @@ if TYPE_CHECKING:
         StepFailed,
         TableauError,
     )
-    from .facade import stepper, tableau
+    from .facade import consistent, stepper, tableau
     from .generator.model import Model
     from .generator.multibody import Multibody
     from .generator.system import System
+    from .projection import Projection
     from .runtime import problems
     from .runtime.ensemble import Ensemble
     from .runtime.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
@@ -47,11 +48,13 @@ _HOMES = {
     "MissingDependencyError": "errors",
     "StepFailed": "errors",
     "TableauError": "errors",
+    "consistent": "facade",
     "stepper": "facade",
     "tableau": "facade",
     "Model": "generator.model",
     "Multibody": "generator.multibody",
     "System": "generator.system",
+    "Projection": "projection",
     "Ensemble": "runtime.ensemble",
     "gamma_fast": "runtime.inertia",
     "gamma_h": "runtime.inertia",
@@ -73,6 +76,7 @@ __all__ = [
     "MissingDependencyError",
     "Model",
     "Multibody",
+    "Projection",
     "StepFailed",
     "Stepper",
     "System",
@@ -80,6 +84,7 @@ __all__ = [
     "Trajectory",
     "__version__",
     "certify",
+    "consistent",
     "gamma_fast",
     "gamma_h",
     "gamma_h_tilde",

@@ -5,15 +5,21 @@ from __future__ import annotations
 import contextlib
 import json
 import numbers
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from ._version import __version__
 from .errors import InputError
 from .generator.spec import Spec
+from .projection import Projection, project
 from .runtime.cache import cache_folder, digest, publish, workshop
+from .runtime.checks import as_array
 from .runtime.stepper import Stepper
 
 if TYPE_CHECKING:
@@ -21,7 +27,7 @@ if TYPE_CHECKING:
     from .generator.system import System
     from .generator.tableau import Tableau
 
-__all__ = ["checked_in_files", "files_of", "stepper", "tableau"]
+__all__ = ["checked_in_files", "consistent", "files_of", "stepper", "tableau"]
 
 ROOT = Path(__file__).resolve().parent
 
@@ -54,12 +60,13 @@ def stepper(
         Floating-point type of the compiled code. Arrays of float128 hold mpmath numbers of 113
         bits.
     allow_invalid : bool
-        Use a tableau although it violates required conditions.
+        Use a tableau although it violates required conditions, and a system although some of its
+        constraints follow from others.
 
     Raises
     ------
     InputError
-        For unusable choices, with the allowed ones.
+        For unusable choices, with the allowed ones; for redundant constraints, with their names.
     TableauError
         For a tableau that violates required conditions.
     CompilerError
@@ -86,6 +93,46 @@ def stepper(
         return _named_stepper(spec)
     made = _generate(spec, None if named is not None else system, own_tableau, allow_invalid)
     return Stepper(made.source.name, made.source.files())
+
+
+def consistent(
+    system: System | Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, float]
+) -> Projection:
+    """Return the state next to (q, p) with g(q) = 0 and g_q H_p = 0, and what was moved.
+
+        q ← q − g_qᵀ (g_q g_qᵀ)⁻¹ g,   p ← p − g_qᵀ (g_q H_pp g_qᵀ)⁻¹ g_q H_p
+
+    until nothing moves, with steps halved while |g| would grow.
+
+    Parameters
+    ----------
+    system : System or Stepper
+        A system needs no compiler for this.
+    q, p : array_like, shape (n,)
+        A state near the constraints.
+    parameters : mapping
+        The value of every parameter by name.
+
+    Returns
+    -------
+    Projection
+        ``.q``, ``.p``, and the report: largest moves, |g| and |g_q H_p| before and after by the
+        constraints' names. Printed it is a short table.
+
+    Raises
+    ------
+    InputError
+        Naming the constraints that depend on each other or cannot be met from here.
+    """
+    if isinstance(system, Stepper):
+        return system.consistent(q, p, parameters=parameters)
+    from .generator.numeric_system import NumericSystem
+    from .generator.system import System as AnySystem
+
+    if not isinstance(system, AnySystem):
+        raise InputError(f"system = {system!r} is neither a gyrospark.System nor a stepper.")
+    state = (as_array("q", q, (system.n,), np.float64), as_array("p", p, (system.n,), np.float64))
+    return project(NumericSystem(system, parameters), *state)
 
 
 def tableau(scheme: str | Path, stages: int | None = None) -> Tableau:

@@ -9,6 +9,7 @@ any system. Nothing here knows SymPy or compiled code.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -30,9 +31,20 @@ RANK_TOLERANCE = 1e-9
 class Constrained(Protocol):
     """What a projection asks of a system with its numbers."""
 
-    constraint_names: Sequence[str]
-    coordinates: Sequence[str]
-    momenta: Sequence[str]
+    @property
+    def constraint_names(self) -> Sequence[str]:
+        """What messages call the constraints."""
+        ...
+
+    @property
+    def coordinates(self) -> Sequence[str]:
+        """Names of q."""
+        ...
+
+    @property
+    def momenta(self) -> Sequence[str]:
+        """Names of p."""
+        ...
 
     def g(self, q: Array) -> Array:
         """Return g(q), shape (m,)."""
@@ -42,12 +54,12 @@ class Constrained(Protocol):
         """Return g_q, shape (m, n)."""
         ...
 
-    def H_p(self, q: Array, p: Array) -> Array:
-        """Return the velocity, shape (n,)."""
+    def f(self, q: Array, p: Array) -> Array:
+        """Return g_q H_p, or what vanishes with it, shape (m,)."""
         ...
 
-    def H_pp_times(self, q: Array, p: Array, directions: Array) -> Array:
-        """Return H_pp dᵀ for rows d, shape (n, number of rows)."""
+    def W(self, q: Array, p: Array, G: Array) -> Array:
+        """Return (∂f/∂p) Gᵀ, shape (m, m)."""
         ...
 
 
@@ -101,10 +113,9 @@ def project(system: Constrained, q: Array, p: Array) -> Projection:
     """
     q_new = project_coordinates(system, q)
     p_new = project_momenta(system, q_new, p)
-    G = system.G(q_new)
     return report(
         system, (q, p), (q_new, p_new), (system.g(q), system.g(q_new)),
-        (G @ system.H_p(q_new, p), G @ system.H_p(q_new, p_new)),
+        (system.f(q_new, p), system.f(q_new, p_new)),
     )
 
 
@@ -156,8 +167,8 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
     """Return the p with g_q H_p = 0 next to the given one, by Newton steps along Gᵀ."""
     G = system.G(q)
     for _ in range(50):
-        f = G @ system.H_p(q, p)
-        step = _along(system, G, G @ system.H_pp_times(q, p, G), f)
+        f = system.f(q, p)
+        step = _along(system, G, system.W(q, p, G), f)
         p = p - step
         if np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(p), EPS):
             return p
@@ -210,19 +221,26 @@ def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:
     scaled = W * scale[:, None] * scale
     try:
         inverse = np.linalg.inv(scaled)
-        condition = np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1)
+        condition = float(np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1))
     except np.linalg.LinAlgError:
-        condition = np.inf
+        condition = math.inf
     if not condition < 1 / EPS:
-        involved, left_out = dependent_rows(G)
-        names = system.constraint_names
-        raise InputError(
-            "The constraints depend on each other here: "
-            f"{_listed(names[i] for i in involved) or 'their gradients vanish'}; leave out "
-            f"{_listed(names[i] for i in left_out) or 'those'}, or start elsewhere."
-        )
+        raise InputError(_singular(system, G))
     change: Array = G.T @ (scale * (inverse @ (scale * defect)))
     return change
+
+
+def _singular(system: Constrained, G: Array) -> str:
+    """Return which constraints leave the multipliers undetermined, as a sentence."""
+    names = system.constraint_names
+    flat = [names[i] for i in np.flatnonzero(~G.any(axis=1))]
+    if flat:
+        return f"The gradient of {_listed(flat)} vanishes here; start elsewhere."
+    involved, left_out = dependent_rows(G)
+    if not involved:
+        return "G H_pp Gᵀ is singular: momenta cannot meet the constraints; H needs all of p."
+    return (f"The constraints depend on each other here: {_listed(names[i] for i in involved)}; "
+            f"leave out {_listed(names[i] for i in left_out)}, or start elsewhere.")
 
 
 def _listed(names: Any) -> str:

@@ -266,6 +266,7 @@ def _manifest(
             "hamiltonian": _hamiltonian(system, forms),
             "constraints": [str(g) for g in system.constraints],
             "hidden": _hidden(scheme, constants, forms),
+            **_given_names(system),
             "rigid_body": system.rigid_body,
             **_forces_and_quantities(system),
         },
@@ -306,6 +307,13 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
         said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
         said["quantities_take_time"] = system.time is not None
     return said
+
+
+def _given_names(system: System) -> dict[str, list[str]]:
+    """Return the constraints' names where somebody gave them; g0, g1, … go without saying."""
+    names = list(system.constraint_names)
+    default = [f"g{i}" for i in range(system.m)]
+    return {} if names == default else {"constraint_names": names}
 
 
 def _domain(parameter: sp.Symbol) -> str:

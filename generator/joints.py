@@ -111,7 +111,8 @@ class Joint(Link):
         for frame, side in sides if self.at is not None else ():
             pose, r = poses[frame], getattr(self, side)
             if r is None and pose.x is not None:
-                setattr(self, side, clean(pose.R.T @ (self.at - pose.x), self.at, pose.x))
+                at = np.asarray(self.at)
+                setattr(self, side, clean(pose.R.T @ (at - pose.x), at, pose.x))
                 found = True
             elif r is not None and pose.x is None:
                 pose.x, found = self.at - pose.R @ r, True
@@ -120,6 +121,8 @@ class Joint(Link):
     def move(self, poses: Mapping[Frame, Pose]) -> bool:
         """Hand on the velocity of the common point; return whether it did."""
         a, b = poses[self.a], poses[self.b]
+        assert a.spin is not None
+        assert b.spin is not None
         arm_a, arm_b = a.R @ self.on_a, b.R @ self.on_b
         turning = np.cross(a.spin, arm_a) - np.cross(b.spin, arm_b)
         if a.v is not None and b.v is None:

@@ -22,7 +22,7 @@ from ..projection import Projection, project
 from .bodies import GROUND, Body, Frame, Vector, cross, dot
 from .joints import Equation, Joint, Link, Revolute, Rod, Spring, named_vector
 from .model import Model
-from .numeric_system import NumericSystem
+from .numeric_system import NumericConstraints, NumericSystem
 from .poses import Pose, attitude, finite, rotation, settle, three
 from .redundancy import refuse_redundant
 from .rigid_body import Rep
@@ -85,7 +85,7 @@ class Multibody:
         self.start: Projection | None = None
         self._values: dict[str, float] = {}
         self._gravity = named_vector("gravity", three("gravity", gravity).tolist(), self._values)
-        self._about = {"dt": dt, "steps": steps, "description": description}
+        self._about: dict[str, Any] = {"dt": dt, "steps": steps, "description": description}
         self._bodies: dict[Body, Start] = {}
         self._inertia: dict[Body, tuple[float, float, float]] = {}
         self._links: list[Link] = []
@@ -180,8 +180,10 @@ class Multibody:
             enough; a position that is not given follows from them. ``at`` alone is enough for
             bodies in known places.
         """
-        return self._join(Joint(name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-                                at=_three_or_none(f"at of {name!r}", at)))
+        joint = Joint(name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+                      at=_three_or_none(f"at of {name!r}", at))
+        self._join(joint)
+        return joint
 
     def fixed_point(
         self, name: str, body: Frame, *, at: Sequence[float] | None = None,
@@ -208,11 +210,13 @@ class Multibody:
         if not direction.any():
             raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
         direction = direction / np.linalg.norm(direction)
-        return self._join(Revolute(
+        joint = Revolute(
             name, *self._two(name, a, b), *self._points(name, on_a, on_b),
             at=_three_or_none(f"at of {name!r}", at), axis=direction,
             rate=float(finite(f"rate of {name!r}", rate, ())),
-        ))
+        )
+        self._join(joint)
+        return joint
 
     def rod(
         self, name: str, a: Frame, b: Frame, *, on_a: Sequence[float] = (0.0, 0.0, 0.0),
@@ -221,8 +225,9 @@ class Multibody:
         """Keep two points at a distance: one constraint; by default at that of the start."""
         if length is not None:
             length = _positive(f"length of {name!r}", length)
-        return self._join(Rod(name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-                              length=length))
+        rod = Rod(name, *self._two(name, a, b), *self._points(name, on_a, on_b), length=length)
+        self._join(rod)
+        return rod
 
     # ------------------------------------------------------------ forces
 
@@ -234,10 +239,12 @@ class Multibody:
         rest = float(finite(f"length of {name!r}", length, ()))
         if rest < 0:
             raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
-        return self._join(Spring(
+        spring = Spring(
             name, *self._two(name, a, b), *self._points(name, on_a, on_b),
             stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
-        ))
+        )
+        self._join(spring)
+        return spring
 
     def potential(self, expression: Any) -> None:
         """Add a potential energy: an expression in the bodies' symbols and ``parameter``s."""
@@ -299,12 +306,12 @@ class Multibody:
         store = dict(self._values)
         store |= self._body_values()
         equations = self._equations(links, poses, store, set(without))
-        H = self._hamiltonian(links, store)
-        system = self._system(H, equations, store)
         q0, p0 = self._state(poses)
-        numeric = NumericSystem(system, store)
-        refuse_redundant(numeric, q0)
-        self.start = project(numeric, q0, p0)
+        coordinates = [x for body in self._bodies for x in body.coordinates]
+        refuse_redundant(self.name, NumericConstraints(
+            coordinates, [e.expression for e in equations], [e.name for e in equations], store), q0)
+        system = self._system(self._hamiltonian(links, store), equations, store)
+        self.start = project(NumericSystem(system, store), q0, p0)
         bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
 
@@ -354,13 +361,13 @@ class Multibody:
         self, H: sp.Expr, equations: Sequence[Equation], store: dict[str, float]
     ) -> System:
         """Return the system; parameters that nothing uses are dropped from it and the store."""
-        q = [x for body in self._bodies for x in body.coordinates]
-        p = [x for body in self._bodies for x in body.momenta]
-        forces = [self._forces.get(x, sp.Integer(0)) for x in p] if self._forces else []
-        constraints = [equation.expression for equation in equations]
+        q = tuple(x for body in self._bodies for x in body.coordinates)
+        p = tuple(x for body in self._bodies for x in body.momenta)
+        forces = tuple(self._forces.get(x, sp.Integer(0)) for x in p) if self._forces else ()
+        constraints = tuple(equation.expression for equation in equations)
         used: set[sp.Symbol] = set().union(*(
             e.free_symbols for e in (H, *constraints, *forces, *self._quantities.values())))
-        parameters = sorted(used - {*q, *p, self.time}, key=_by_first_use(store))
+        parameters = tuple(sorted(used - {*q, *p, self.time}, key=_by_first_use(store)))
         unknown = [s for s in parameters if str(s) not in store]
         if unknown:
             raise InputError(f"{str(unknown[0])!r} in Multibody {self.name!r} has no value; make "
@@ -369,7 +376,7 @@ class Multibody:
             del store[name]
         return System(
             q, p, parameters, H, constraints, name=self.name, forces=forces,
-            constraint_names=[equation.name for equation in equations],
+            constraint_names=tuple(equation.name for equation in equations),
             time=self.time if self.time in used else None, quantities=self._quantities,
         )
 
@@ -421,10 +428,9 @@ class Multibody:
             _three_or_none(f"angular velocity of {name!r}", omega),
         )
 
-    def _join(self, link: Any) -> Any:
+    def _join(self, link: Link) -> None:
         self._claim(link.name)
         self._links.append(link)
-        return link
 
     def _claim(self, name: str) -> None:
         taken = {*(b.name for b in self._bodies), *(link.name for link in self._links),

@@ -5,7 +5,7 @@ g_q is Im g(q + iε e_k)/ε, exact to round-off: a way that shares nothing with 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -18,47 +18,69 @@ from .derivatives import derivative
 from .evaluation import evaluate
 from .system import System
 
-__all__ = ["NumericSystem"]
+__all__ = ["NumericConstraints", "NumericSystem"]
 
 Array = NDArray[Any]
 TINY = 1e-100  # ε of the complex step: its square vanishes beside 1
 
 
-class NumericSystem:
-    """g, g_q and H_p of a system at given parameters; states are float arrays, shape (n,)."""
+class NumericConstraints:
+    """g and g_q at given parameters; states are float arrays, shape (n,)."""
 
-    def __init__(self, system: System, parameters: Mapping[str, float]) -> None:
-        self.system = system
-        self.constraint_names = system.constraint_names
-        self.coordinates = [str(x) for x in system.q]
-        self.momenta = [str(x) for x in system.p]
-        self._parameters = {s: _value(system, s, parameters) for s in system.parameters}
+    def __init__(
+        self, q: Sequence[sp.Symbol], constraints: Sequence[sp.Expr], names: Sequence[str],
+        parameters: Mapping[str, float],
+    ) -> None:
+        self.constraint_names = names
+        self.coordinates = [str(x) for x in q]
+        self.expressions = constraints
+        self._q = q
+        used: set[sp.Symbol] = set().union(*(g.free_symbols for g in constraints)) - set(q)
+        self._parameters = values_of(used, parameters)
 
     def g(self, q: Array) -> Array:
         """Return g(q), shape (m,)."""
-        return evaluate(self.system.constraints, self._at(q))
+        return evaluate(self.expressions, self._at(q))
 
     def G(self, q: Array) -> Array:
         """Return g_q, shape (m, n)."""
         directions = q[:, None] + 1j * TINY * np.eye(len(q))
-        slopes: Array = evaluate(self.system.constraints, self._at(directions)).imag / TINY
+        slopes: Array = evaluate(self.expressions, self._at(directions)).imag / TINY
         return slopes
+
+    def _at(self, q: Array) -> dict[sp.Symbol, Any]:
+        return dict(zip(self._q, q, strict=True)) | self._parameters
+
+
+class NumericSystem(NumericConstraints):
+    """g, g_q, H and H_p of a system at given parameters."""
+
+    def __init__(self, system: System, parameters: Mapping[str, float]) -> None:
+        super().__init__(system.q, system.constraints, system.constraint_names, parameters)
+        self.system = system
+        self.momenta = [str(x) for x in system.p]
+        self._parameters = values_of(system.parameters, parameters)
 
     def H(self, q: Array, p: Array) -> float:
         """Return H(q, p)."""
-        return float(evaluate([self.system.H], self._at(q, p))[0])
+        return float(evaluate([self.system.H], self._state(q, p))[0])
 
     def H_p(self, q: Array, p: Array) -> Array:
         """Return the velocity, shape (n,)."""
-        return evaluate(self._velocity, self._at(q, p))
+        return evaluate(self._velocity, self._state(q, p))
 
-    def H_pp_times(self, q: Array, p: Array, directions: Array) -> Array:
-        """Return H_pp dᵀ for rows d, shape (n, number of rows)."""
-        if not len(directions):
-            return np.zeros((len(p), 0))
-        at = self._at(q[:, None], p[:, None] + 1j * TINY * directions.T)
-        slopes: Array = evaluate(self._velocity, at).imag / TINY
-        return slopes
+    def f(self, q: Array, p: Array) -> Array:
+        """Return g_q H_p, shape (m,)."""
+        rates: Array = self.G(q) @ self.H_p(q, p)
+        return rates
+
+    def W(self, q: Array, p: Array, G: Array) -> Array:
+        """Return G H_pp Gᵀ, shape (m, m)."""
+        if not len(G):
+            return np.zeros((0, 0))
+        along = self._state(q[:, None], p[:, None] + 1j * TINY * G.T)
+        matrix: Array = G @ evaluate(self._velocity, along).imag / TINY
+        return matrix
 
     @cached_property
     def _velocity(self) -> list[sp.Expr]:
@@ -69,13 +91,15 @@ class NumericSystem:
                 by_momentum[x].append(derivative(term, x))
         return [sp.Add(*terms) for terms in by_momentum.values()]
 
-    def _at(self, q: Array, p: Array | None = None) -> dict[sp.Symbol, Any]:
-        values = dict(zip(self.system.q, q, strict=True)) | self._parameters
-        return values if p is None else values | dict(zip(self.system.p, p, strict=True))
+    def _state(self, q: Array, p: Array) -> dict[sp.Symbol, Any]:
+        return self._at(q) | dict(zip(self.system.p, p, strict=True))
 
 
-def _value(system: System, symbol: sp.Symbol, parameters: Mapping[str, float]) -> float:
-    if str(symbol) not in parameters:
-        raise InputError(f"Parameter {str(symbol)!r} of system {system.name!r} has no value; "
-                         "give one.")
-    return float(parameters[str(symbol)])
+def values_of(
+    symbols: Any, parameters: Mapping[str, float]
+) -> dict[sp.Symbol, float]:
+    """Return symbol → value, or name the parameter without one."""
+    missing = sorted(str(s) for s in symbols if str(s) not in parameters)
+    if missing:
+        raise InputError(f"Parameter {missing[0]!r} has no value; give one.")
+    return {s: float(parameters[str(s)]) for s in symbols}

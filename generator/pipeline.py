@@ -10,6 +10,7 @@ from .conditions import Condition, check_tableau
 from .emit import Source, emit
 from .families import gauss_lobatto, lobatto_iiiab
 from .real import REALS
+from .redundancy import refuse_redundant_anywhere
 from .rigid_body import free_body, heavy_top
 from .schemes import MeanScheme, SparkScheme, hoisted
 from .spec import Spec, join_name
@@ -51,16 +52,21 @@ def generate(
     tableau : Tableau, optional
         Takes the place of the scheme's or the file's.
     allow_invalid : bool
-        Generate although required conditions of the tableau are violated.
+        Generate although required conditions of the tableau are violated, or constraints of the
+        system depend on each other.
     structured : bool, optional
         Whether the C loops over the instances of the system's forms (``structure``); by default
         where that saves work.
 
     Raises
     ------
+    InputError
+        If constraints of a given system are redundant, with their names.
     TableauError
         If the tableau violates required conditions.
     """
+    if system is not None and not allow_invalid:
+        refuse_redundant_anywhere(system)
     model = system or _SYSTEMS[spec.system](spec.rep)  # type: ignore[arg-type]
     reduced, constants = hoisted(model)
     coefficients = tableau or tableau_of(spec)

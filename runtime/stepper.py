@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import GyrosparkError, InputError, StepFailed
+from ..projection import Projection, project, report
 from .binding import REASONS, SOLVERS, Binding
 from .checks import as_parameters, as_positive_count, as_real, as_step
+from .compiled_constraints import CompiledConstraints
 from .ensemble import Ensemble, integrate_members
 from .integration import Run, defect_sizes, integrate
 from .lanes import Member, integrate_lanes
@@ -230,14 +232,47 @@ class Stepper:
     def project(
         self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
     ) -> tuple[Array, Array]:
-        """Return the state moved onto the constraints: q/|q| and p without its part along q."""
-        q_near, p_near = self._state(q, p)
-        status = self.binding.project(self._parameters(parameters), q_near, p_near)
-        if status:
+        """Return the state moved onto the constraints: q/|q| and p without its part along q.
+
+        In general q moves along g_qᵀ onto g = 0, then p along g_qᵀ onto g_q H_p = 0.
+        """
+        state, run = self._state(q, p), self._parameters(parameters)
+        return self._projected(*state, run)
+
+    def consistent(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
+    ) -> Projection:
+        """Return what ``project`` does, with a report of what was moved.
+
+        The report's numbers are floats: |g| and the momentum constraint before and after by the
+        constraints' names, and the coordinate and the momentum that moved furthest. To print it
+        is to read it.
+
+        Raises
+        ------
+        InputError
+            Where it cannot be done, with the names of the constraints that are in the way.
+        """
+        old, run = self._state(q, p), self._parameters(parameters)
+        new = self._projected(*old, run)
+        numeric = CompiledConstraints(self.binding, self.manifest, run)
+        states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
+        g, f = self.binding.defects(run, *map(np.ascontiguousarray, states))
+        return report(numeric, old, new, (g[0], g[1]), (f[1], f[2]))
+
+    def _projected(self, q: Array, p: Array, parameters: Any) -> tuple[Array, Array]:
+        """Return the projected state: by compiled code, else by damped steps from Python."""
+        q_near, p_near = q.copy(), p.copy()
+        status = self.binding.project(parameters, q_near, p_near)
+        if not status:
+            return q_near, p_near
+        if self.binding.dtype is not np.float64:
             raise GyrosparkError(
-                f"The state {q_near}, {p_near} cannot be projected: {REASONS[status]}."
+                f"The state {q}, {p} cannot be projected: {REASONS[status]}; give a nearer one."
             )
-        return q_near, p_near
+        with np.errstate(all="ignore"):
+            made = project(CompiledConstraints(self.binding, self.manifest, parameters), q, p)
+        return made.q, made.p
 
     # ------------------------------------------------------------ for ensembles
 
