@@ -233,7 +233,7 @@ def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:
 def _singular(system: Constrained, G: Array) -> str:
     """Return which constraints leave the multipliers undetermined, as a sentence."""
     names = system.constraint_names
-    flat = [names[i] for i in np.flatnonzero(~G.any(axis=1))]
+    flat = [name for name, row in zip(names, G, strict=True) if not row.any()]
     if flat:
         return f"The gradient of {_listed(flat)} vanishes here; start elsewhere."
     involved, left_out = dependent_rows(G)
