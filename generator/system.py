@@ -309,10 +309,13 @@ def symmetric_jacobian(
 
 
 def shortest(expression: sp.Expr) -> sp.Expr:
-    """Return the expression as it is, expanded or factored: whichever has fewest operations."""
+    """Return the expression as it is, expanded or factored: whichever has fewest operations.
+
+    Polynomials of many symbols are not factored: it takes seconds each and finds nothing.
+    """
     expanded = sp.expand(expression)
     candidates = [expression, expanded]
-    if expanded.is_Add and len(expanded.args) <= 64:
+    if expanded.is_Add and len(expanded.args) <= 64 and len(expanded.free_symbols) <= 12:
         candidates.append(sp.factor_terms(expanded))
         if expanded.is_polynomial(*expanded.free_symbols) or expanded.is_rational_function():
             candidates.append(sp.factor(expanded))
