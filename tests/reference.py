@@ -51,7 +51,7 @@ class Equations:
     """A system in some kind of numbers, as functions of arrays.
 
     ``mean_gradient(q0, p0, q1, p1)`` returns D_qH and D_pH of EMS, ``mean_constraint(q0, q1)`` its
-    Ḡ; neither is needed by other schemes.
+    Ḡ; neither is needed by other schemes. ``F(q, p, t)`` are forces beside −H_q.
     """
 
     H: Callable[..., Any]
@@ -61,6 +61,11 @@ class Equations:
     G: Callable[..., Array]
     mean_gradient: Callable[..., tuple[Array, Array]] | None = None
     mean_constraint: Callable[..., Array] | None = None
+    F: Callable[..., Array] | None = None
+
+    def minus_p_rate(self, q: Array, p: Array, t: Any) -> Array:
+        """Return H_q − F."""
+        return self.H_q(q, p) if self.F is None else self.H_q(q, p) - self.F(q, p, t)
 
 
 #: A system: what kind of numbers → its equations in them.
@@ -155,17 +160,19 @@ def spark_stages(
 
 
 def spark_residual(
-    e: Equations, t: Coefficients, dt: Any, q: Array, p: Array, x: Array
+    e: Equations, t: Coefficients, dt: Any, q: Array, p: Array, x: Array, time: Any = 0
 ) -> Array:
-    """Return (B.1) of erratum 11."""
+    """Return (B.1) of erratum 11; stage i is at time + c_i dt, with c_i the row sums of A."""
     k, k_hat, _, Q, P, Q_tilde = spark_stages(e, t, dt, q, p, x)
+    times = [time + dt * sum(row) for row in t.A]
     rates = [k_i - e.H_p(Q_i, P_i) for k_i, Q_i, P_i in zip(k, Q, P, strict=True)]
-    forces = [k_i + e.H_q(Q_i, P_i) for k_i, Q_i, P_i in zip(k_hat, Q, P, strict=True)]
+    forces = [k_i + e.minus_p_rate(Q_i, P_i, t_i)
+              for k_i, Q_i, P_i, t_i in zip(k_hat, Q, P, times, strict=True)]
     return np.concatenate([*rates, *forces, *(e.g(Q_l) for Q_l in Q_tilde[1:])])
 
 
 def mean_residual(
-    e: Equations, scheme: str, dt: Any, q: Array, p: Array, x: Array
+    e: Equations, scheme: str, dt: Any, q: Array, p: Array, x: Array, time: Any = 0
 ) -> Array:
     """Return (53) or (61); x = (q_k, p_k, λ)."""
     n = len(q)
@@ -176,6 +183,8 @@ def mean_residual(
         q_mean, p_mean = (q + q1) / 2, (p + p1) / 2
         D_q, D_p, G = e.H_q(q_mean, p_mean), e.H_p(q_mean, p_mean), e.G(q_mean)
     force = G.T @ multiplier if len(multiplier) else 0 * q
+    if e.F is not None:
+        force = force - e.F((q + q1) / 2, (p + p1) / 2, time + dt / 2)
     return np.concatenate([(q1 - q) / dt - D_p, (p1 - p) / dt + D_q + force, e.g(q1)])
 
 
@@ -189,6 +198,7 @@ class Method:
     q: Array
     p: Array
     dt: float
+    t: float = 0.0
 
     @property
     def n(self) -> int:
@@ -211,9 +221,9 @@ class Method:
         """Return r(x) for x in these numbers (complex x goes with ``float``)."""
         e, dt, q, p = self.at(number)
         if self.stages is None:
-            return lambda x: mean_residual(e, self.scheme, dt, q, p, x)
+            return lambda x: mean_residual(e, self.scheme, dt, q, p, x, number(self.t))
         t = coefficients(self.scheme, self.stages, number)
-        return lambda x: spark_residual(e, t, dt, q, p, x)
+        return lambda x: spark_residual(e, t, dt, q, p, x, number(self.t))
 
     def guess(self) -> Array:
         """Return the start of the iteration: the rates, or the state, at the start of the step."""
