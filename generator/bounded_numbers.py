@@ -15,8 +15,9 @@ from typing import Any
 import sympy as sp
 from mpmath.ctx_iv import MPIntervalContext
 
-__all__ = ["FUNCTIONS", "RefusedError", "Value", "add", "multiply", "named", "power", "rational",
-           "reciprocal", "shorten"]
+from .grammar import RefusedError, shorten
+
+__all__ = ["FUNCTIONS", "Value", "add", "multiply", "named", "power", "rational", "reciprocal"]
 
 MAX_EXPONENT = 64
 #: Bits of numerator and denominator: of a rational, of a number under a root, and (a bound on
@@ -36,10 +37,6 @@ INTERVAL.prec = 320
 NEARLY_ONE = 1 + INTERVAL.mpf([-1, 1]) / 10**90
 
 HALF = sp.Rational(1, 2)
-
-
-class RefusedError(Exception):
-    """An operation is not carried out; the parser adds where in the text."""
 
 
 @dataclass(frozen=True)
@@ -229,8 +226,3 @@ def named(expression: sp.Expr) -> Value:
 #: What text may call; each takes and returns a bounded value and refuses what it is not
 #: defined for.
 FUNCTIONS: dict[str, Callable[[Value], Value]] = {"sqrt": _square_root}
-
-
-def shorten(text: str, length: int = 60) -> str:
-    """Return a text cut to a length that fits a message."""
-    return text if len(text) <= length else text[: length - 1] + "…"
