@@ -27,8 +27,11 @@ if TYPE_CHECKING:
         TableauError,
     )
     from .facade import consistent, stepper, tableau
+    from .generator import symbols
     from .generator.model import Model
+    from .generator.model_file import load_model
     from .generator.multibody import Multibody
+    from .generator.rigid_body import body_system, rotation_matrix
     from .generator.system import System
     from .projection import Projection
     from .runtime import problems
@@ -53,6 +56,9 @@ _HOMES = {
     "tableau": "facade",
     "Model": "generator.model",
     "Multibody": "generator.multibody",
+    "body_system": "generator.rigid_body",
+    "load_model": "generator.model_file",
+    "rotation_matrix": "generator.rigid_body",
     "System": "generator.system",
     "Projection": "projection",
     "Ensemble": "runtime.ensemble",
@@ -66,6 +72,9 @@ _HOMES = {
     "Stepper": "runtime.stepper",
     "Trajectory": "runtime.trajectory",
 }
+
+#: The same for modules.
+_MODULES = {"problems": "runtime.problems", "symbols": "generator.symbols"}
 
 __all__ = [
     "Certificate",
@@ -83,6 +92,7 @@ __all__ = [
     "TableauError",
     "Trajectory",
     "__version__",
+    "body_system",
     "certify",
     "consistent",
     "gamma_fast",
@@ -90,17 +100,20 @@ __all__ = [
     "gamma_h_tilde",
     "gamma_m",
     "gamma_m_tilde",
+    "load_model",
     "momentum",
     "problems",
+    "rotation_matrix",
     "state_from_rotation",
     "stepper",
+    "symbols",
     "tableau",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name == "problems":
-        return import_module(".runtime.problems", __name__)
+    if name in _MODULES:
+        return import_module(f".{_MODULES[name]}", __name__)
     if name in _HOMES:
         return getattr(import_module(f".{_HOMES[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

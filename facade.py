@@ -6,7 +6,7 @@ import contextlib
 import json
 import numbers
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,17 +17,20 @@ from numpy.typing import ArrayLike
 from ._version import __version__
 from .errors import InputError
 from .generator.spec import Spec
+from .generator.text_file import UnusableFileError, model_text, read_text
 from .projection import Projection, project
 from .runtime.cache import cache_folder, digest, publish, workshop
 from .runtime.checks import as_array
+from .runtime.start import Start
 from .runtime.stepper import Stepper
 
 if TYPE_CHECKING:
+    from .generator.model import Model
     from .generator.pipeline import Generated
     from .generator.system import System
     from .generator.tableau import Tableau
 
-__all__ = ["checked_in_files", "consistent", "files_of", "stepper", "tableau"]
+__all__ = ["checked_in_files", "consistent", "files_of", "model_stepper", "stepper", "tableau"]
 
 ROOT = Path(__file__).resolve().parent
 
@@ -37,7 +40,7 @@ def stepper(
     stages: int | None = None,
     rep: str | None = None,
     *,
-    system: str | System | None = None,
+    system: str | Path | System | Model | None = None,
     tableau: str | Path | Tableau | None = None,
     real: str = "double",
     allow_invalid: bool = False,
@@ -51,9 +54,10 @@ def stepper(
     stages : int
         Stages of G-L (from 1) or LIIIA-B (from 2).
     rep : {"gamma", "alpha"}
-        Inertia representation of the named systems.
-    system : str or System
-        ``"heavy_top"`` (default), ``"free_body"``, or a ``gyrospark.System``.
+        Inertia representation of the named systems and of model files.
+    system : str, path, System or Model
+        ``"heavy_top"`` (default), ``"free_body"``, a model file (TOML), a ``gyrospark.System`` or
+        the system of a ``gyrospark.Model``.
     tableau : path or Tableau
         A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
     real : {"double", "float", "long-double", "float128"}
@@ -77,6 +81,9 @@ def stepper(
     >>> step = gyrospark.stepper("G-L", stages=3, rep="gamma")  # doctest: +SKIP
     """
     stages = _plain(stages)
+    system = getattr(system, "system", system)  # of a Model
+    if isinstance(system, Path):
+        system = str(system)
     named = system if isinstance(system, str) or system is None else None
     file = Path(tableau) if isinstance(tableau, (str, Path)) else None
     own_tableau = None if file is not None else tableau
@@ -89,6 +96,8 @@ def stepper(
         spec = Spec.checked(scheme, stages, rep, named, real, file)
     if named is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
+    if own_tableau is None and spec.model is not None:
+        return model_stepper(spec, allow_invalid)[0]
     if own_tableau is None and file is None and (system is None or named is not None):
         return _named_stepper(spec)
     made = _generate(spec, None if named is not None else system, own_tableau, allow_invalid)
@@ -166,6 +175,59 @@ def _named_stepper(spec: Spec) -> Stepper:
     return Stepper(spec.name, files_of(spec))
 
 
+def model_stepper(spec: Spec, allow_invalid: bool = False) -> tuple[Stepper, Start]:
+    """Return the stepper of a spec with a model file, and the numbers of the file.
+
+    Both are kept: the second time the same file asks for the same stepper, no SymPy is imported.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    text = model_text(spec.model or "")
+    own = "" if spec.tableau is None else _text_of(spec.tableau)
+    kept = f"model-{_source_key(spec, text, own, allow_invalid)}.source.json"
+    found = _kept_model(cache_folder() / kept)
+    if found is None:
+        found = _generate_model(spec, text, allow_invalid)
+        with workshop() as folder:
+            made = folder / "source.json"
+            made.write_text(json.dumps([*found[:2], asdict(found[2])]), encoding="utf-8")
+            publish(made, kept)
+    name, files, start = found
+    return Stepper(name, files), start
+
+
+def _kept_model(path: Path) -> tuple[str, dict[str, str], Start] | None:
+    """Return name, files and numbers that were kept, None if they are not there or damaged."""
+    try:
+        name, files, start = json.loads(path.read_text(encoding="utf-8"))
+        known = all(f"{name}.{end}" in files for end in ("h", "c", "json"))
+        return (name, files, Start(**start)) if known else None
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def _generate_model(
+    spec: Spec, text: str, allow_invalid: bool
+) -> tuple[str, dict[str, str], Start]:
+    from .generator.model_file import parse_model
+    from .generator.pipeline import generate
+
+    model = parse_model(text, spec.model or "", spec.rep or None)
+    source = generate(spec, model=model, allow_invalid=allow_invalid).source
+    return source.name, source.files(), Start.of(model)
+
+
+def _text_of(path: Path) -> str:
+    """Return the text of a tableau file; empty if it is unusable: reading it says why."""
+    try:
+        return read_text(path, 2**20)
+    except UnusableFileError:
+        return ""
+
+
 def files_of(spec: Spec) -> dict[str, str]:
     """Return header, source and manifest of a named stepper without SymPy if they are known."""
     found = checked_in_files(spec.name)
@@ -198,8 +260,8 @@ def checked_in_files(name: str) -> dict[str, str] | None:
     return {path.name: path.read_text(encoding="utf-8") for path in paths}
 
 
-def _source_key(spec: Spec) -> str:
-    return digest([str(spec), _generator_fingerprint()])
+def _source_key(spec: Spec, *texts: object) -> str:
+    return digest([str(spec), *texts, _generator_fingerprint()])
 
 
 @cache

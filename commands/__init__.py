@@ -33,6 +33,7 @@ def gyrospark() -> None:
 
     \b
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
+    gyrospark run examples/satellite.toml --scheme G-L --stages 3
     gyrospark verify --scheme G-L --stages 3
     gyrospark generate --scheme G-L --stages 3 --rep gamma
     """

@@ -41,6 +41,7 @@ def generate(
     \b
     generate --scheme G-L --stages 3 --rep gamma
     generate --scheme EMS --rep alpha --no-compile --out exported
+    generate --scheme G-L --stages 2 --system examples/pendulum.toml
     generate --tableau examples/tableaux/gauss_lobatto_2.json
     generate --check --all
     """
@@ -68,7 +69,7 @@ def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: boo
         from ..runtime.module import load_module
 
         load_module(made.source.name, made.source.files())
-        if spec.tableau is None:
+        if spec.tableau is None and spec.model is None:
             keep_files(spec, made.source.files())
     done = time.perf_counter()
     click.echo(summary(made, out, derived - start, done - derived if compile_it else None))

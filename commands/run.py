@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import GyrosparkError, InputError, StepFailed
+from ..generator.spec import is_model_file
 from .options import real_number, spec_from, stepper_options, whole_number
 
 if TYPE_CHECKING:
     from ..runtime.problems import Problem
+    from ..runtime.start import Start
     from ..runtime.stepper import Stepper
     from ..runtime.trajectory import Trajectory
 
@@ -30,14 +32,14 @@ _BAR_FROM = 20_000
 
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("problem")
+@click.argument("problem", metavar="PROBLEM")
 @stepper_options
 @click.option("--gamma", metavar="{m,h,mt,ht,fast,NUMBER}",
               help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); fast: "
                    "fewest sweeps, from 6 stages on.")
 @click.option("--alpha", metavar="{m,h,mt,ht,NUMBER}", help="The same for --rep alpha.")
-@click.option("--dt", metavar="DT", required=True, help="Time step in seconds.")
-@click.option("--steps", metavar="N", required=True, help="Number of steps.")
+@click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
+@click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
 @click.option("--solver", default="auto", show_default=True,
@@ -54,40 +56,44 @@ _BAR_FROM = 20_000
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def run(
-    problem: str, gamma: str | None, alpha: str | None, dt: str, steps: str, every: str,
-    solver: str, tolerance: str | None, max_iterations: str, settings: tuple[str, ...],
+    problem: str, gamma: str | None, alpha: str | None, dt: str | None, steps: str | None,
+    every: str, solver: str, tolerance: str | None, max_iterations: str, settings: tuple[str, ...],
     reference: bool, out: Path | None, plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
-    """Integrate PROBLEM: fast-top, regular-precession or free-body.
+    """Integrate PROBLEM: fast-top, regular-precession, free-body, or a model file (TOML).
 
     \b
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
     gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
         --set radius_ratio=0.5 --json
+    gyrospark run examples/satellite.toml --scheme G-L --stages 3
+    gyrospark run examples/pendulum.toml --scheme EMS --dt 1e-3 --steps 1000 --json
     gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
         --set inertia=0.002,0.0013,0.0008 --set angular_velocity=30,-40,100
     """
-    from ..facade import stepper as make_stepper
-
-    chosen = _problem(problem, settings)
+    is_model = is_model_file(problem)
+    chosen = None if is_model else _problem(problem, settings)
     _check_targets(out, plot)
-    spec = spec_from(**{**choice, "system": choice["system"] or chosen.system})
-    step = make_stepper(spec.scheme if spec.tableau is None else None, spec.stages, spec.rep,
-                        system=spec.system, tableau=spec.tableau, real=spec.real)
-    parameters = _parameters(step, chosen, gamma, alpha)
-    q0, p0 = chosen.q0, chosen.p0
-    if spec.real in ("long-double", "float128"):
-        # The problem's start is on the constraints to double only.
-        q0, p0 = step.project(q0, p0, parameters=parameters)
-    count = whole_number("--steps", steps)
+    if chosen is None:
+        step, start = _model(problem, settings, reference, choice)
+    else:
+        step, start = _stepper(chosen, choice), _start(chosen)
+    parameters = _parameters(step, start, gamma, alpha)
+    step_size = _step_size(dt, start)
+    count = _step_count(steps, start)
+    q0, p0 = start.q0, start.p0
+    moved = 0.0
+    if is_model or choice["real"] in ("long-double", "float128"):
+        # The problem's start is on the constraints to double only, a file's to its own digits.
+        q0, p0, moved = _projected(step, start, parameters)
     failure: StepFailed | None = None
     started = time.perf_counter()
     with _progress(count, quiet=as_json) as progress:
         try:
             trajectory = step.integrate(
                 q0, p0,
-                dt=real_number("--dt", dt),
+                dt=step_size,
                 steps=count,
                 every=whole_number("--every", every),
                 parameters=parameters,
@@ -99,8 +105,10 @@ def run(
         except StepFailed as error:
             failure, trajectory = error, error.trajectory
     seconds = time.perf_counter() - started
-    result = _result(chosen, step, trajectory, seconds, failure)
-    if reference or chosen.exact is not None:
+    result = _result(start, step, trajectory, seconds, failure)
+    if moved:
+        result["start_moved"] = moved
+    if chosen is not None and (reference or chosen.exact is not None):
         result |= _axis_errors(chosen, step, trajectory)
     trouble: GyrosparkError | None = failure
     try:
@@ -111,7 +119,7 @@ def run(
             result["plot"] = str(plot)
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = error
-    click.echo(_json(result) if as_json else _text(result))
+    click.echo(_json(result) if as_json else _text(result, step.manifest["system"]))
     if trouble is not None:
         raise trouble
     return 0
@@ -146,7 +154,8 @@ def _problem(name: str, settings: tuple[str, ...]) -> Problem:
     from ..runtime.problems import PROBLEMS
 
     if name not in PROBLEMS:
-        raise InputError(f"Unknown problem {name!r}; choose {', '.join(PROBLEMS)}.")
+        raise InputError(f"Unknown problem {name!r}; choose {', '.join(PROBLEMS)} or a model file "
+                         "ending in .toml.")
     make: Callable[..., Problem] = PROBLEMS[name]
     allowed = list(inspect.signature(make).parameters)
     arguments: dict[str, Any] = {}
@@ -162,23 +171,103 @@ def _problem(name: str, settings: tuple[str, ...]) -> Problem:
     return make(**arguments)
 
 
+def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
+    """Return the stepper of a built-in problem."""
+    from ..facade import stepper as make_stepper
+
+    spec = spec_from(**{**choice, "system": choice["system"] or problem.system})
+    if spec.model is not None:
+        raise InputError(f"--system {str(spec.model)!r} has a start of its own; run it in place of "
+                         f"{problem.name}.")
+    return make_stepper(spec.scheme if spec.tableau is None else None, spec.stages, spec.rep,
+                        system=spec.system, tableau=spec.tableau, real=spec.real)
+
+
+def _start(problem: Problem) -> Start:
+    """Return a built-in problem's numbers in the form that model files have."""
+    from ..runtime.start import Start
+
+    inertia = list(problem.inertia)
+    return Start(problem.name, problem.description, problem.parameters, problem.q0.tolist(),
+                 problem.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
+
+
+def _model(
+    path: str, settings: tuple[str, ...], reference: bool, choice: dict[str, Any]
+) -> tuple[Stepper, Start]:
+    """Return the stepper of a model file and the file's numbers."""
+    from ..facade import model_stepper
+
+    if choice["system"] is not None:
+        raise InputError(f"--system {choice['system']!r} is given besides {path!r}; give one.")
+    if settings:
+        raise InputError(f"--set {settings[0]!r} does not go with a model file; change "
+                         f"[parameters] in {path!r}.")
+    if reference:
+        raise InputError(f"--reference is for the built-in problems, not for {path!r}; run it with "
+                         "more stages and compare.")
+    return model_stepper(spec_from(**{**choice, "system": path}))
+
+
+def _step_size(option: str | None, start: Start) -> float:
+    """Return the time step of the option, or the model's own."""
+    if option is None and start.dt is None:
+        raise InputError(f"--dt is not given and {start.name} names none; write for example "
+                         "--dt 1e-3.")
+    return real_number("--dt", option) if option is not None else float(start.dt or 0)
+
+
+def _step_count(option: str | None, start: Start) -> int:
+    """Return the number of steps of the option, or the model's own."""
+    if option is None and start.steps is None:
+        raise InputError(f"--steps is not given and {start.name} names none; write for example "
+                         "--steps 1000.")
+    return whole_number("--steps", option) if option is not None else int(start.steps or 0)
+
+
+def _projected(
+    step: Stepper, start: Start, parameters: dict[str, float]
+) -> tuple[Any, Any, float]:
+    """Return the start on the constraints, and how far it was from there if a reader shall know.
+
+    A number typed with all its digits is not worth a word.
+    """
+    q, p = step.project(start.q0, start.p0, parameters=parameters)
+    moved = max((abs(float(new) - old) for new, old in zip([*q, *p], [*start.q0, *start.p0],
+                                                            strict=True)), default=0.0)
+    size = max(map(abs, (*start.q0, *start.p0)))
+    return q, p, moved if moved > 1e-12 * size else 0.0
+
+
 def _parameters(
-    step: Stepper, problem: Problem, gamma: str | None, alpha: str | None
+    step: Stepper, start: Start, gamma: str | None, alpha: str | None
 ) -> dict[str, float]:
-    """Return the problem's parameters with γ or α as the options say."""
+    """Return the parameters, with γ and α of every body as the options say.
+
+    Without an option the model's own value counts, and m where it has none.
+    """
     given = {"gamma": gamma, "alpha": alpha}
-    needed = next(name for name in given if name in step.parameter_domains)
-    other = "alpha" if needed == "gamma" else "gamma"
-    if given[other] is not None:
-        raise InputError(f"--{other} does not go with --rep {needed}; give --{needed} instead.")
-    known = {name: value for name, value in problem.parameters.items()
+    bodies = {name: inertia for name, inertia in start.bodies.items()
+              if name in step.parameter_domains}
+    kinds = {name: "alpha" if "alpha" in name else "gamma" for name in bodies}
+    for kind, other in (("gamma", "alpha"), ("alpha", "gamma")):
+        if given[kind] is not None and kind not in kinds.values():
+            raise InputError(
+                f"--{kind} does not go with --rep {other}; give --{other} instead." if kinds else
+                f"--{kind} is given, and {start.name} has no body with a {kind}; leave it out."
+            )
+    known = {name: value for name, value in start.parameters.items()
              if name in step.parameter_domains}
-    if given["gamma"] == "fast":
-        return known | {needed: _fast_gamma(step, problem)}
-    return known | {needed: inertia_parameter(needed, given[needed] or "m", problem.inertia)}
+    for name, inertia in bodies.items():
+        option = given[kinds[name]]
+        if option == "fast":
+            known[name] = _fast_gamma(step, start)
+        elif option is not None or name not in known:
+            known[name] = inertia_parameter(kinds[name], option or "m", inertia)
+    return known
 
 
-def _fast_gamma(step: Stepper, problem: Problem) -> float:
+def _fast_gamma(step: Stepper, start: Start) -> float:
     """Return the γ with the fewest sweeps; refuse it where γ would change the solution."""
     from ..runtime.inertia import gamma_fast
     from ..runtime.quaternion import angular_velocity
@@ -187,11 +276,15 @@ def _fast_gamma(step: Stepper, problem: Problem) -> float:
     if stages < 6:
         raise InputError(f"--gamma fast is for 6 stages or more, where the solution does not "
                          f"depend on gamma, not for {step.name}; take m, h, mt, ht or a number.")
-    omega = angular_velocity(problem.q0, problem.p0, problem.inertia)
-    return gamma_fast(problem.inertia, omega.tolist())
+    if len(start.bodies) == 0 or len(start.q0) != 4:
+        raise InputError(f"--gamma fast is for one body, not for {start.name}; take m, h, mt, ht "
+                         "or a number.")
+    inertia = next(iter(start.bodies.values()))
+    omega = angular_velocity(start.q0, start.p0, inertia)
+    return gamma_fast(inertia, omega.tolist())
 
 
-def inertia_parameter(name: str, text: str, inertia: tuple[float, float, float]) -> float:
+def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
     """Return γ or α from m, h, mt, ht or a number."""
     from ..runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
 
@@ -224,12 +317,12 @@ def _progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None] | No
 
 
 def _result(
-    problem: Problem, step: Stepper, trajectory: Trajectory, seconds: float,
+    start: Start, step: Stepper, trajectory: Trajectory, seconds: float,
     failure: StepFailed | None,
 ) -> dict[str, Any]:
     report = trajectory.report
     result: dict[str, Any] = {
-        "problem": problem.name,
+        "problem": start.name,
         "stepper": step.name,
         "order": step.order,
         "parameters": trajectory.parameters,
@@ -274,15 +367,23 @@ def _axis_errors(problem: Problem, step: Stepper, trajectory: Trajectory) -> dic
     return result
 
 
-def _text(result: dict[str, Any]) -> str:
-    """Return the result for people."""
+def _constraint_lines(result: dict[str, Any], system: dict[str, Any]) -> list[str]:
+    """Return the lines on g and on the constraint that it puts on the momenta."""
+    if not system["constraints"]:
+        return []
+    g, f = ("|qᵀq − 1|", "|qᵀp|") if system["rigid_body"] else ("|g(q)|", "|g_q H_p|")
+    return [f"  constraint {g:12s} largest {result['constraint_max']:.2e}",
+            f"  momentum   {f:12s} largest {result['momentum_constraint_max']:.2e}"]
+
+
+def _text(result: dict[str, Any], system: dict[str, Any]) -> str:
+    """Return the result for people; ``system`` is what the manifest says of it."""
     balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
     lines = [
         f"{result['problem']} with {result['stepper']} (order {result['order']})",
         f"  {result['steps']:,} steps of {result['dt']:g} s to t = {result['t_end']:g} s, "
         f"{result['ns_per_step'] / 1e3:.2f} µs a step",
-        f"  constraint |qᵀq − 1|    largest {result['constraint_max']:.2e}",
-        f"  momentum   |qᵀp|        largest {result['momentum_constraint_max']:.2e}",
+        *_constraint_lines(result, system),
         f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
         f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}",
         f"  iterations              mean {result['iterations_mean']:.2f}, "
@@ -291,6 +392,9 @@ def _text(result: dict[str, Any]) -> str:
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
     lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
+    if "start_moved" in result:
+        lines.append("  start                   moved onto the constraints by "
+                     f"{result['start_moved']:.2e}")
     if "axis_reference" in result:
         lines.append(
             f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "

@@ -46,6 +46,7 @@ def verify(
 
     \b
     gyrospark verify --scheme G-L --stages 3
+    gyrospark verify --scheme EMS --system examples/pendulum.toml
     gyrospark verify heavy_top_ems_gamma
     gyrospark verify examples/tableaux/gauss_lobatto_2.json --json
     gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000

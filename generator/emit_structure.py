@@ -36,9 +36,11 @@ def structure_context(
     place = {c: at for at, c in enumerate(used)}
     emit, between = _Emitter(constants, real), isinstance(scheme, MeanScheme)
     attached = _Attached(structure)
+    constrained = bool(structure.system.m)
     terms = [
         _form(f"term{f}", form, place)
-        | {"kernels": emit.all(f"term{f}", term_kernels(form, between=between)),
+        | {"kernels": emit.all(f"term{f}", term_kernels(form, between=between,
+                                                        constrained=constrained)),
            "cells": attached.cells[f]}
         for f, form in enumerate(structure.forms)
     ]
@@ -126,8 +128,12 @@ def _inputs(form: Form, **more: Sequence[sp.Symbol]) -> dict[str, Sequence[sp.Sy
     return {"q": form.q, "p": form.p, **more, "k": form.constants}
 
 
-def term_kernels(form: Form, *, between: bool) -> list[Placed]:
-    """Return the kernels of a form of H; schemes between two states need no second derivatives."""
+def term_kernels(form: Form, *, between: bool, constrained: bool) -> list[Placed]:
+    """Return the kernels of a form of H.
+
+    Schemes between two states need no second derivatives; H_p for numbers and H_pp belong to the
+    constraint on the momenta.
+    """
     part = form.system
     at = _inputs(form)
     gradients: dict[str, Any] = {"H_q": part.H_q} if form.q else {}
@@ -139,14 +145,17 @@ def term_kernels(form: Form, *, between: bool) -> list[Placed]:
     ]
     second: dict[str, Any] = {"H_qq": part.H_qq} if form.q else {}
     if form.p:
-        kernels.append((Kernel("velocity", "H_p", at, {"H_p": part.H_p}), BOTH))
+        kernels.append((Kernel("velocity", "H_p", at, {"H_p": part.H_p}),
+                        BOTH if constrained else LANES))
         kernels.append((Kernel("mass", "H_pp, the inverse of a mass", at, {"H_pp": part.H_pp}),
                         BOTH))
         second |= ({"H_pq": part.H_pq} if form.q else {}) | {"H_pp": part.H_pp}
     kernels.append((Kernel("hessian", "second derivatives of H", at, second), NUMBERS))
-    kept = ("energy", "velocity", "mass") if between else [kernel.name for kernel, _ in kernels]
+    dropped = {"gradient", "hessian"} if between else set()
+    if not constrained:
+        dropped |= {"mass"} | ({"velocity"} if between else set())
     return [(kernel, where) for kernel, where in kernels
-            if kernel.outputs and kernel.name in kept]
+            if kernel.outputs and kernel.name not in dropped]
 
 
 def joint_kernels(form: Form, *, between: bool) -> list[Placed]:

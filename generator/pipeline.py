@@ -9,11 +9,13 @@ from ..errors import TableauError
 from .conditions import Condition, check_tableau
 from .emit import Source, emit
 from .families import gauss_lobatto, lobatto_iiiab
+from .model import Model
+from .model_file import load_model
 from .real import REALS
 from .redundancy import refuse_redundant_anywhere
 from .rigid_body import free_body, heavy_top
 from .schemes import MeanScheme, SparkScheme, hoisted
-from .spec import Spec, join_name
+from .spec import REPS, Spec, join_name
 from .system import System
 from .tableau import Tableau
 from .tableau_file import read_tableau
@@ -37,6 +39,7 @@ def generate(
     spec: Spec,
     *,
     system: System | None = None,
+    model: Model | None = None,
     tableau: Tableau | None = None,
     allow_invalid: bool = False,
     structured: bool | None = None,
@@ -49,6 +52,8 @@ def generate(
         What to generate.
     system : System, optional
         Takes the place of the named system and representation.
+    model : Model, optional
+        What the spec's model file says, if it has been read already.
     tableau : Tableau, optional
         Takes the place of the scheme's or the file's.
     allow_invalid : bool
@@ -65,10 +70,11 @@ def generate(
     TableauError
         If the tableau violates required conditions.
     """
-    if system is not None and not allow_invalid:
+    given = system is not None or spec.model is not None
+    system, rep = _system(spec, system, model)
+    if given and not allow_invalid:
         refuse_redundant_anywhere(system)
-    model = system or _SYSTEMS[spec.system](spec.rep)  # type: ignore[arg-type]
-    reduced, constants = hoisted(model)
+    reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)
     scheme: SparkScheme | MeanScheme
     if coefficients is None:
@@ -80,10 +86,19 @@ def generate(
         scheme = SparkScheme(reduced, coefficients)
         method = f"{spec.stages}-{spec.scheme}" if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name
-    rep = "" if system else spec.rep
-    name = join_name(model.name, method_name, rep, spec.real)
-    source = emit(name, method, scheme, model, constants, REALS[spec.real], structured)
-    return Generated(source, scheme, model, coefficients)
+    name = join_name(system.name, method_name, rep, spec.real)
+    source = emit(name, method, scheme, system, constants, REALS[spec.real], structured)
+    return Generated(source, scheme, system, coefficients)
+
+
+def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:
+    """Return the system to generate for, and the representation that belongs into its name."""
+    if system is not None:
+        return system, ""
+    if spec.model is not None:
+        model = model or load_model(spec.model, spec.rep or None)
+        return model.system, next((rep for rep in REPS if rep in model.bodies), "")
+    return _SYSTEMS[spec.system](spec.rep), spec.rep  # type: ignore[arg-type]
 
 
 def tableau_of(spec: Spec) -> Tableau | None:

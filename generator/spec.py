@@ -7,7 +7,8 @@ from pathlib import Path
 
 from ..errors import InputError
 
-__all__ = ["MAX_STAGES", "PAPER_SPECS", "REALS", "REPS", "SCHEMES", "SYSTEMS", "Spec"]
+__all__ = ["MAX_STAGES", "PAPER_SPECS", "REALS", "REPS", "SCHEMES", "SYSTEMS", "Spec",
+           "is_model_file"]
 
 #: Scheme → the fewest stages it has; 0 for the schemes without stages.
 SCHEMES = {"IMS": 0, "EMS": 0, "G-L": 1, "LIIIA-B": 2}
@@ -21,8 +22,9 @@ MAX_STAGES = 16
 class Spec:
     """A stepper to generate: scheme, stages, representation, system, floating-point type.
 
-    ``tableau`` names a JSON file; scheme and stages are then the file's. Construct with
-    ``Spec.checked``, which says what is wrong in one sentence.
+    ``tableau`` names a JSON file; scheme and stages are then the file's. ``model`` names a TOML
+    file; the system is then the file's, and so is the representation unless ``rep`` says
+    otherwise. Construct with ``Spec.checked``, which says what is wrong in one sentence.
     """
 
     scheme: str
@@ -31,6 +33,7 @@ class Spec:
     system: str = "heavy_top"
     real: str = "double"
     tableau: Path | None = None
+    model: Path | None = None
 
     @classmethod
     def checked(
@@ -49,22 +52,26 @@ class Spec:
         InputError
             Naming the value, the allowed ones and the cure.
         """
-        rep, real = rep or "gamma", real or "double"
-        system = (system or "heavy_top").replace("-", "_")
-        _choose("representation", rep, REPS)
-        _choose("system", system, SYSTEMS)
+        model = Path(system) if system is not None and is_model_file(system) else None
+        real = real or "double"
+        if rep is not None or model is None:
+            rep = rep or "gamma"
+            _choose("representation", rep, REPS)
+        if model is None:
+            system = (system or "heavy_top").replace("-", "_")
+            _choose("system", system, SYSTEMS, " or a model file ending in .toml")
         _choose("floating-point type", real, REALS)
         if tableau is not None:
             if scheme is not None or stages is not None:
                 raise InputError(
                     "A tableau file fixes the scheme and its stages; leave out scheme and stages."
                 )
-            return cls("SPARK", None, rep, system, real, Path(tableau))
+            return cls("SPARK", None, rep or "", system or "", real, Path(tableau), model)
         if scheme is None:
             raise InputError(f"No scheme is given; choose {_listed(SCHEMES)}.")
         _choose("scheme", scheme, SCHEMES)
         _check_stages(scheme, stages)
-        return cls(scheme, stages, rep, system, real)
+        return cls(scheme, stages, rep or "", system or "", real, None, model)
 
     @property
     def method(self) -> str:
@@ -74,7 +81,7 @@ class Spec:
 
     @property
     def name(self) -> str:
-        """Name of the generated files, e.g. ``heavy_top_gl3_gamma``."""
+        """Name of the generated files, e.g. ``heavy_top_gl3_gamma``; not of a model file's."""
         return join_name(self.system, self.method, self.rep, self.real)
 
 
@@ -101,9 +108,16 @@ def _check_stages(scheme: str, stages: int | None) -> None:
         raise InputError(f"Stages {stages} is out of range; {allowed}.")
 
 
-def _choose(what: str, value: str, allowed: tuple[str, ...] | dict[str, int]) -> None:
+def is_model_file(system: str) -> bool:
+    """Whether the name of a system is a path of a model file."""
+    return system.endswith(".toml")
+
+
+def _choose(
+    what: str, value: str, allowed: tuple[str, ...] | dict[str, int], more: str = ""
+) -> None:
     if value not in allowed:
-        raise InputError(f"Unknown {what} {value!r}; choose {_listed(allowed)}.")
+        raise InputError(f"Unknown {what} {value!r}; choose {_listed(allowed)}{more}.")
 
 
 def _listed(allowed: tuple[str, ...] | dict[str, int]) -> str:

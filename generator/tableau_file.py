@@ -39,6 +39,7 @@ from .c_names import KEYWORDS
 from .expressions import decimal_digits, parse_expression
 from .node_algebra import ValueNodes, column
 from .tableau import FIELDS, Tableau
+from .text_file import UnusableFileError, read_text
 
 __all__ = ["read_tableau"]
 
@@ -140,20 +141,9 @@ class _Reader:
 
     def text(self) -> str:
         try:
-            if not self.path.is_file():
-                raise self.error("there is no such file; correct the path.")
-            with self.path.open("rb") as stream:
-                content = stream.read(MAX_BYTES + 1)
-        except (OSError, ValueError) as error:
-            if isinstance(error, TableauError):
-                raise
-            raise self.error(f"it cannot be read ({error}); check its permissions.") from None
-        if len(content) > MAX_BYTES:
-            raise self.error(f"it has more than {MAX_BYTES} bytes; write shorter entries.")
-        try:
-            return content.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise self.error(f"it is not UTF-8 ({error}); save it in that encoding.") from None
+            return read_text(self.path, MAX_BYTES)
+        except UnusableFileError as error:
+            raise self.error(str(error)) from None
 
     def unique(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found: dict[str, Any] = {}

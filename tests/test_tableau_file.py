@@ -297,12 +297,12 @@ def test_missing_file(tmp_path: Path) -> None:
 
 
 def test_folder(tmp_path: Path) -> None:
-    with pytest.raises(TableauError, match="there is no such file"):
+    with pytest.raises(TableauError, match="it is no regular file"):
         read_tableau(tmp_path)
 
 
 def test_endless_device() -> None:
-    with pytest.raises(TableauError, match="there is no such file"):
+    with pytest.raises(TableauError, match="it is no regular file"):
         read_tableau(Path("/dev/zero"))
 
 

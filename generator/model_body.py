@@ -1,0 +1,127 @@
+"""The model file of one body with a fixed point: [body], potential, [start] attitude and rotation.
+
+Formulas know q0..q3, R11..R33 (R(q), body to space axes), I1..I3, mass if it is given, and the
+file's parameters; torques and quantities know p0..p3, omega1..omega3 (body axes) and t as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+import sympy as sp
+
+from . import attitude, rigid_body
+from .model import Model
+from .model_parts import Formulas, run_length
+from .model_table import Table
+from .rigid_body import Rep, body_system, moments, p, q
+
+__all__ = ["read_body"]
+
+REPS = ("gamma", "alpha")
+ATTITUDES = ("quaternion", "euler", "rotation")
+
+
+def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+    """Return the model of a file with [body]; ``rep`` takes the place of the file's.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure.
+    """
+    content.allow("name", "description", "potential", "body", "parameters", "start", "run",
+                  "quantities", "forces")
+    body, forces = content.table("body"), content.table("forces")
+    body.allow("inertia", "mass", "rep", *REPS)
+    body.require("inertia")
+    chosen = body.choice("rep", REPS, "gamma") if rep is None else rep
+    inertia = _inertia(body)
+    _add_mass(body, formulas)
+    place = _place()
+    potential = formulas.read(content, "potential", content.formula("potential"), place, moments) \
+        if "potential" in content else sp.Integer(0)
+    motion = place | _motion()
+    forces.allow("torque")
+    torque = formulas.read_all(forces, "torque", motion, moments, 3) if "torque" in forces else []
+    quantities = formulas.quantities(motion, moments)
+    parameters, renamed, values = formulas.in_use([potential, *torque, *quantities.values()])
+    values |= dict(zip(map(str, moments), inertia, strict=True))
+    own = body.number(chosen) if chosen in body else None
+    if own is not None:
+        if own == 0:
+            raise body.error(chosen, "is 0, and the kinetic energy divides by it; write another.")
+        values[chosen] = own
+    system = body_system(
+        name,
+        cast("Rep", chosen),
+        potential.xreplace(renamed),
+        parameters,
+        torque=[e.xreplace(renamed) for e in torque],
+        quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
+    )
+    q0, p0 = _start(content.table("start"), inertia)
+    return Model(system, values, np.array(q0), np.array(p0), bodies={chosen: inertia},
+                 **run_length(content))
+
+
+def _inertia(body: Table) -> tuple[float, float, float]:
+    I1, I2, I3 = body.vector("inertia", 3)
+    if min(I1, I2, I3) <= 0:
+        raise body.error("inertia", f"is {[I1, I2, I3]}; write three moments above 0, in kg m².")
+    return I1, I2, I3
+
+
+def _add_mass(body: Table, formulas: Formulas) -> None:
+    """Make the mass, if it is given, a parameter of the formulas."""
+    if "mass" not in body:
+        return
+    if body.number("mass") <= 0:
+        raise body.error("mass", f"is {body.number('mass')}; write a mass above 0, in kg.")
+    if "mass" in formulas.parameters:
+        raise body.error("mass", "is among [parameters] too; give it once.")
+    formulas.numbers.values["mass"] = body.number("mass")
+    formulas.parameters["mass"] = sp.Symbol("mass", real=True)
+
+
+def _place() -> dict[str, sp.Expr]:
+    """What formulas of the attitude know."""
+    R = rigid_body.rotation_matrix(q)
+    entries = {f"R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
+    return {str(symbol): symbol for symbol in (*q, *moments)} | entries
+
+
+def _motion() -> dict[str, sp.Expr]:
+    """What formulas of the motion know beside it."""
+    omega = rigid_body.angular_velocity()
+    return {str(symbol): symbol for symbol in (*p, rigid_body.time)} | {
+        f"omega{i}": e for i, e in enumerate(omega, 1)}
+
+
+def _start(start: Table, inertia: Sequence[float]) -> tuple[list[float], list[float]]:
+    """Return q and p at t = 0."""
+    start.allow(*ATTITUDES, "angular_velocity")
+    start.require("angular_velocity")
+    given = [key for key in ATTITUDES if key in start]
+    if len(given) != 1:
+        raise start.error("attitude", f"is given {len(given)} times; give one of "
+                                      f"{', '.join(ATTITUDES)}.")
+    attitude_0 = _attitude(start, given[0])
+    return attitude_0, attitude.momentum(attitude_0, start.vector("angular_velocity", 3), inertia)
+
+
+def _attitude(start: Table, key: str) -> list[float]:
+    if key == "euler":
+        return attitude.from_euler(*start.vector(key, 3))
+    if key == "quaternion":
+        found = attitude.normalised(start.vector(key, 4))
+        if found is None:
+            raise start.error(key, "is zero; write [1, 0, 0, 0] for no turn.")
+        return found
+    found = attitude.from_matrix(start.matrix(key, 3))
+    if found is None:
+        raise start.error(key, "is no rotation matrix; write three orthogonal rows of length 1 "
+                               "with determinant 1, to 5 digits at least.")
+    return found

@@ -1,0 +1,262 @@
+"""Formulas of model files: arithmetic text in named symbols, read into SymPy expressions.
+
+The grammar is that of ``grammar`` with the functions below and the constant pi. Decimals are read
+exactly: 0.1 is 1/10. Constants are computed by ``bounded_numbers``; a formula is bounded by the
+length of its text, by its exponents, by the digits of its coefficients and by the number of terms
+it would have if it were multiplied out, all checked before SymPy is asked for anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import sympy as sp
+from mpmath import mp
+
+from ..errors import InputError
+from . import bounded_numbers as numbers
+from .bounded_numbers import Value, rational
+from .grammar import RefusedError, parse, shorten
+
+__all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
+
+MAX_EXPONENT = 64
+MAX_TERMS = 5000
+MAX_BITS = 12_000
+#: Of the argument of a function of a constant.
+MAX_ARGUMENT = 1000
+
+#: Name → SymPy's function and its number of arguments.
+FUNCTIONS: Mapping[str, tuple[Callable[..., sp.Expr], int]] = MappingProxyType({
+    "sqrt": (sp.sqrt, 1), "exp": (sp.exp, 1), "log": (sp.log, 1),
+    "sin": (sp.sin, 1), "cos": (sp.cos, 1), "tan": (sp.tan, 1),
+    "asin": (sp.asin, 1), "acos": (sp.acos, 1), "atan": (sp.atan, 1), "atan2": (sp.atan2, 2),
+    "sinh": (sp.sinh, 1), "cosh": (sp.cosh, 1), "tanh": (sp.tanh, 1),
+})
+CONSTANTS: Mapping[str, sp.Expr] = MappingProxyType({"pi": sp.pi})
+
+#: What a formula may consist of once SymPy has evaluated it; |x| and sign x have no derivative.
+_SMOOTH = frozenset([sp.exp, sp.log, sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan, sp.atan2,
+                     sp.sinh, sp.cosh, sp.tanh, sp.cot, sp.coth])
+
+
+@dataclass(frozen=True)
+class _Term:
+    """A formula, or a constant, with what bounds the next operation on it."""
+
+    expression: sp.Expr
+    constant: Value | None  # None for a formula
+    bits: int
+    terms: int
+
+
+def parse_formula(
+    text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol] = frozenset()
+) -> sp.Expr:
+    """Return the formula that a text says, e.g. "m*g*l*cos(theta)".
+
+    Parameters
+    ----------
+    text : str
+        In the grammar of ``grammar``.
+    names : mapping
+        What each name stands for, beside the functions and pi.
+    exponents : set of Symbol
+        The symbols that may occur in an exponent, beside numbers from −64 to 64: parameters.
+
+    Raises
+    ------
+    InputError
+        With the position and the cure, for whatever is no formula, or one too large to derive a
+        stepper from.
+    """
+    arithmetic = _Formulas({**CONSTANTS, **names}, exponents)
+    formula = parse(text, arithmetic, "a formula such as m*g*z").expression
+    for number in formula.atoms(sp.Rational):
+        if number != 0 and abs(int(number.p).bit_length() - int(number.q).bit_length()) > 1000:
+            raise InputError(f"The formula {shorten(text)!r} contains a number of size "
+                             f"{sp.N(number, 3)}, which no double can hold; choose other units.")
+    return formula
+
+
+def parse_number(text: str, values: Mapping[str, float] = MappingProxyType({})) -> float:
+    """Return the number that a text says, e.g. "pi/6" or "2*r", with the values of other names.
+
+    Raises
+    ------
+    InputError
+        With the position and the cure, for whatever is no finite number.
+    """
+    names = {name: sp.Rational(value) for name, value in values.items()}
+    return float(parse_formula(text, names))
+
+
+class _Formulas:
+    """SymPy expressions; each operation is checked before it is carried out."""
+
+    functions: Mapping[str, int] = MappingProxyType({n: count for n, (_, count)
+                                                     in FUNCTIONS.items()})
+
+    def __init__(self, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol]) -> None:
+        self.names = names
+        self.exponents = exponents
+
+    def literal(self, digits: int, exponent: int) -> _Term:
+        return _constant(rational(sp.Integer(digits) * sp.Integer(10) ** exponent))
+
+    def named(self, name: str) -> _Term:
+        expression = self.names[name]
+        if expression.is_number:
+            return _constant(numbers.named(expression))
+        return _Term(expression, None, 1, len(sp.Add.make_args(expression)))
+
+    def add(self, terms: Sequence[_Term]) -> _Term:
+        known = [t.constant for t in terms if t.constant is not None]
+        if len(known) == len(terms):
+            return _constant(numbers.add(known))
+        return _formula(sum(t.bits + 1 for t in terms), sum(t.terms for t in terms), sp.Add,
+                        *(t.expression for t in terms))
+
+    def multiply(self, factors: Sequence[_Term]) -> _Term:
+        known = [f.constant for f in factors if f.constant is not None]
+        if len(known) == len(factors):
+            return _constant(numbers.multiply(known))
+        return _formula(sum(f.bits + 1 for f in factors), math.prod(f.terms for f in factors),
+                        sp.Mul, *(f.expression for f in factors))
+
+    def negative(self, value: _Term) -> _Term:
+        return self.multiply([_constant(rational(sp.Integer(-1))), value])
+
+    def reciprocal(self, value: _Term) -> _Term:
+        if value.constant is not None:
+            return _constant(numbers.reciprocal(value.constant))
+        return _formula(value.bits, value.terms, sp.Pow, value.expression, sp.Integer(-1))
+
+    def power(self, base: _Term, exponent: _Term) -> _Term:
+        self.check_exponent(exponent)
+        e = exponent.expression
+        if base.constant is not None:
+            if e.is_Rational and e.q <= 2:
+                return _constant(numbers.power(base.constant, rational(e)))
+            if not _number(base.constant) > 0:
+                raise RefusedError(
+                    f"{shorten(str(base.expression))} has no power {shorten(str(e))}; write a "
+                    "base above 0, or an integer exponent"
+                )
+            if exponent.constant is not None:
+                return self.evaluated(sp.Pow, mp.power, [base.constant, exponent.constant])
+        size = math.floor(abs(_number(exponent.constant))) if exponent.constant is not None else 1
+        terms = math.comb(base.terms + size - 1, size)
+        return _formula((base.bits + 1) * max(size, 1) + exponent.bits, terms, sp.Pow,
+                        base.expression, e)
+
+    def check_exponent(self, exponent: _Term) -> None:
+        e = exponent.expression
+        if exponent.constant is None:
+            strange = sorted(map(str, e.free_symbols - self.exponents))
+            if strange:
+                raise RefusedError(
+                    f"The exponent depends on {strange[0]}; write numbers and parameters alone "
+                    "there, or use exp and log"
+                )
+        elif abs(_number(exponent.constant)) > MAX_EXPONENT:
+            raise RefusedError(
+                f"The exponent {shorten(str(e), 20)} is not within ±{MAX_EXPONENT}; lower it"
+            )
+
+    def call(self, function: str, arguments: Sequence[_Term]) -> _Term:
+        known = [a.constant for a in arguments if a.constant is not None]
+        make, _ = FUNCTIONS[function]
+        if len(known) < len(arguments):
+            return _formula(sum(a.bits + 1 for a in arguments), sum(a.terms for a in arguments),
+                            make, *(a.expression for a in arguments))
+        if function == "sqrt":
+            return _constant(numbers.FUNCTIONS["sqrt"](known[0]))
+        return self.evaluated(make, getattr(mp, function), known)
+
+    def evaluated(
+        self, make: Callable[..., sp.Expr], number: Callable[..., Any], arguments: list[Value]
+    ) -> _Term:
+        """Return a function of constants, which must be a real number."""
+        places = [_number(a) for a in arguments]
+        if any(abs(x) > MAX_ARGUMENT for x in places):
+            raise RefusedError(
+                f"A function of {mp.nstr(max(places, key=abs), 5)} is asked for, which is not "
+                f"within ±{MAX_ARGUMENT}; work the number out"
+            )
+        with mp.workdps(100):
+            try:
+                value = number(*places)
+            except (ValueError, ZeroDivisionError):
+                value = mp.nan
+            if isinstance(value, mp.mpc) or not mp.isfinite(value) or abs(value) > mp.mpf(10)**50:
+                raise RefusedError(
+                    f"This function of {', '.join(mp.nstr(x, 5) for x in places)} is no real "
+                    "number of moderate size; write another argument"
+                )
+        bits = sum(a.bits for a in arguments) + 1
+        level = max(a.level for a in arguments) + 1
+        if level > numbers.MAX_LEVEL or bits > MAX_BITS:
+            raise RefusedError("This constant is too long; work it out and write a decimal")
+        exact = make(*(a.exact for a in arguments))
+        if exact.is_Rational:
+            return _constant(rational(exact))
+        _refuse_rough(exact)
+        return _constant(Value(exact, numbers.INTERVAL.mpf(mp.nstr(value, 95)) * numbers.NEARLY_ONE,
+                               bits, level))
+
+
+def _constant(value: Value) -> _Term:
+    return _Term(value.exact, value, value.bits, 1)
+
+
+def _number(value: Value) -> Any:
+    """Return a constant to 90 digits."""
+    with mp.workdps(100):
+        if value.is_rational:
+            return mp.mpf(int(value.exact.p)) / int(value.exact.q)
+        return mp.mpf(value.interval.mid)
+
+
+def _formula(
+    bits: int, terms: int, operation: Callable[..., sp.Expr], *arguments: sp.Expr
+) -> _Term:
+    """Carry out an operation once its bounds are found good; the outcome may be a constant."""
+    if bits > MAX_BITS:
+        raise RefusedError(
+            f"The coefficients of this formula may need {bits} bits and at most {MAX_BITS} are "
+            "allowed; lower its powers or round its numbers"
+        )
+    if terms > MAX_TERMS:
+        raise RefusedError(
+            f"Multiplied out, this has {terms if terms < 10**9 else 'over 10^9'} terms and at most "
+            f"{MAX_TERMS} are allowed; lower its powers"
+        )
+    result = operation(*arguments)
+    _refuse_rough(result)
+    for factor in sp.Mul.make_args(result):
+        e = factor.exp if factor.is_Pow else sp.Integer(1)
+        if e.is_number and abs(e) > MAX_EXPONENT:
+            raise RefusedError(
+                f"This is the power {shorten(str(e), 20)} of {shorten(str(factor.base), 30)}, "
+                f"which is not within ±{MAX_EXPONENT}; lower it"
+            )
+    if result.is_number:
+        return _constant(numbers.named(result))
+    return _Term(result, None, bits, terms)
+
+
+def _refuse_rough(result: sp.Expr) -> None:
+    """Refuse what is not real, not finite or without derivative, as SymPy found out."""
+    if result.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
+        raise RefusedError("This is not a real number for any value of its symbols; write another "
+                           "argument")
+    rough = sorted({type(f).__name__ for f in result.atoms(sp.Function) if f.func not in _SMOOTH}
+                   | {type(f).__name__ for f in result.atoms(sp.Piecewise)})
+    if rough:
+        raise RefusedError(f"This is {shorten(str(result), 40)}, and {rough[0]} has no derivative "
+                           "everywhere; write it another way, such as sqrt(x**2 + 1e-12)")

@@ -1,0 +1,110 @@
+"""A user's own model, read from a TOML file.
+
+A body with a fixed point, ``model_body``:
+
+    name = "satellite"
+    potential = "3*mu/(2*r**3)*(I1*R31**2 + I2*R32**2 + I3*R33**2)"
+    [body]
+    inertia = [1.0, 2.0, 3.0]
+    [parameters]
+    mu = 3.986e14
+    r = 7e6
+    [start]
+    euler = [0, "pi/6", 0]
+    angular_velocity = [0, 0, 0.001]
+    [run]
+    dt = 10
+    steps = 1000
+
+or any holonomic Hamiltonian system, ``model_system``:
+
+    name = "pendulum"
+    [system]
+    coordinates = ["x", "y"]
+    momenta = ["px", "py"]
+    hamiltonian = "(px**2 + py**2)/(2*m) + m*g*y"
+    constraints = ["x**2 + y**2 - l**2"]
+    [parameters]
+    m = 1
+    g = 9.81
+    l = 0.5
+    [start]
+    q = [0.5, 0]
+    p = [0, 0]
+
+Formulas are read by ``model_expressions``; wherever a number stands, a text such as "pi/6" may
+stand too. ``description``, ``[run]``, ``[quantities]`` and forces may be left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from ..errors import InputError
+from .c_names import KEYWORDS
+from .model import Model
+from .model_body import read_body
+from .model_parts import Formulas, Numbers
+from .model_system import read_system
+from .model_table import Table, load_toml
+from .spec import SYSTEMS
+from .text_file import model_text
+
+__all__ = ["load_model", "parse_model"]
+
+NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+
+#: The table that tells a kind of model → what reads it.
+KINDS: Mapping[str, Callable[[Table, str, Formulas, str | None], Model]] = {
+    "body": read_body,
+    "system": read_system,
+}
+
+
+def load_model(path: str | Path, rep: str | None = None) -> Model:
+    """Return the model of a TOML file.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 256 KiB of UTF-8.
+    rep : {"gamma", "alpha"}, optional
+        Takes the place of the file's ``[body] rep``.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    return parse_model(model_text(path), path, rep)
+
+
+def parse_model(text: str, path: str | Path, rep: str | None = None) -> Model:
+    """Return the model of a text that was read from a file; see ``load_model``."""
+    content = load_toml(text, Path(path))
+    kinds = [kind for kind in KINDS if kind in content]
+    if len(kinds) != 1:
+        found = " and ".join(f"[{kind}]" for kind in kinds) or "neither of them"
+        raise content.file_error(
+            f"it must have one table among {', '.join(f'[{kind}]' for kind in KINDS)} and has "
+            f"{found}; write one.")
+    content.require("name", "start")
+    formulas = Formulas(content, Numbers(content))
+    try:
+        return KINDS[kinds[0]](content, _name(content), formulas, rep)
+    except InputError as error:
+        if str(error).startswith("The model file"):
+            raise
+        raise content.file_error(str(error)) from None
+
+
+def _name(content: Table) -> str:
+    name = content.text("name")
+    if not NAME.fullmatch(name) or name in KEYWORDS:
+        raise content.error("name", f"is {name!r}; write at most 40 lower case letters, digits and "
+                                    "'_', with a letter first, and no keyword of C.")
+    if name in SYSTEMS:
+        raise content.error("name", f"is {name!r}, which is a built-in system; choose another.")
+    return name

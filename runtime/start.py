@@ -1,0 +1,47 @@
+"""What a run needs to know of a model beside its stepper: numbers, no formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Start"]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Parameters and the state at t = 0, as JSON can hold them.
+
+    Attributes
+    ----------
+    name, description : str
+        Of the model.
+    parameters : mapping of str to float
+        All but those of ``bodies`` that are left to be chosen.
+    q0, p0 : list of float
+        State at t = 0.
+    bodies : mapping of str to list of three floats
+        Name of each inertia parameter (γ or α of a body) → the body's principal moments.
+    dt, steps : float and int, or None
+        Where the model names them.
+    """
+
+    name: str
+    description: str
+    parameters: Mapping[str, float]
+    q0: list[float]
+    p0: list[float]
+    bodies: Mapping[str, list[float]]
+    dt: float | None
+    steps: int | None
+
+    @classmethod
+    def of(cls, model: Any) -> Start:
+        """Return the numbers of a model, a ``gyrospark.Model`` or what has its attributes."""
+        return cls(
+            model.name, model.description, dict(model.parameters),
+            [float(x) for x in model.q0], [float(x) for x in model.p0],
+            {name: [float(x) for x in inertia] for name, inertia in model.bodies.items()},
+            model.dt, model.steps,
+        )
