@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .projection import Projection
     from .runtime import problems
     from .runtime.ensemble import Ensemble
+    from .runtime.gamma_choice import GammaChoice, choose_gamma
     from .runtime.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
     from .runtime.quaternion import momentum, state_from_rotation
     from .runtime.stepper import Stepper
@@ -62,6 +63,8 @@ _HOMES = {
     "System": "generator.system",
     "Projection": "projection",
     "Ensemble": "runtime.ensemble",
+    "GammaChoice": "runtime.gamma_choice",
+    "choose_gamma": "runtime.gamma_choice",
     "gamma_fast": "runtime.inertia",
     "gamma_h": "runtime.inertia",
     "gamma_h_tilde": "runtime.inertia",
@@ -80,6 +83,7 @@ __all__ = [
     "Certificate",
     "CompilerError",
     "Ensemble",
+    "GammaChoice",
     "GyrosparkError",
     "InputError",
     "MissingDependencyError",
@@ -94,6 +98,7 @@ __all__ = [
     "__version__",
     "body_system",
     "certify",
+    "choose_gamma",
     "consistent",
     "gamma_fast",
     "gamma_h",

@@ -20,6 +20,7 @@ from ..generator.spec import is_model_file
 from .options import real_number, spec_from, stepper_options, whole_number
 
 if TYPE_CHECKING:
+    from ..runtime.gamma_choice import GammaChoice
     from ..runtime.problems import Problem
     from ..runtime.start import Start
     from ..runtime.stepper import Stepper
@@ -34,10 +35,11 @@ _BAR_FROM = 20_000
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM")
 @stepper_options
-@click.option("--gamma", metavar="{m,h,mt,ht,fast,NUMBER}",
-              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); fast: "
-                   "fewest sweeps, from 6 stages on.")
-@click.option("--alpha", metavar="{m,h,mt,ht,NUMBER}", help="The same for --rep alpha.")
+@click.option("--gamma", metavar="{m,h,mt,ht,auto,fast,NUMBER}",
+              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); auto: "
+                   "smallest energy error in short pilot runs; fast: fewest sweeps, from 6 stages "
+                   "on.")
+@click.option("--alpha", metavar="{m,h,mt,ht,auto,NUMBER}", help="The same for --rep alpha.")
 @click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--every", metavar="K", default="1", show_default=True,
@@ -64,6 +66,7 @@ def run(
 
     \b
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
+    gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --steps 10000
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
     gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
         --set radius_ratio=0.5 --json
@@ -87,6 +90,10 @@ def run(
     if is_model or choice["real"] in ("long-double", "float128"):
         # The problem's start is on the constraints to double only, a file's to its own digits.
         q0, p0, moved = _projected(step, start, parameters)
+    made_choice = _choice(step, start, q0, p0, step_size, count, parameters,
+                          auto="auto" in (gamma, alpha))
+    if made_choice is not None:
+        parameters |= made_choice.values
     failure: StepFailed | None = None
     started = time.perf_counter()
     with _progress(count, quiet=as_json) as progress:
@@ -108,6 +115,8 @@ def run(
     result = _result(start, step, trajectory, seconds, failure)
     if moved:
         result["start_moved"] = moved
+    if made_choice is not None:
+        result |= _about_choice(made_choice)
     if chosen is not None and (reference or chosen.exact is not None):
         result |= _axis_errors(chosen, step, trajectory)
     trouble: GyrosparkError | None = failure
@@ -242,7 +251,7 @@ def _projected(
 def _parameters(
     step: Stepper, start: Start, gamma: str | None, alpha: str | None
 ) -> dict[str, float]:
-    """Return the parameters, with γ and α of every body as the options say.
+    """Return the parameters, with γ and α of every body as the options say; auto starts from m.
 
     Without an option the model's own value counts, and m where it has none.
     """
@@ -263,8 +272,35 @@ def _parameters(
         if option == "fast":
             known[name] = _fast_gamma(step, start)
         elif option is not None or name not in known:
-            known[name] = inertia_parameter(kinds[name], option or "m", inertia)
+            rule = "m" if option in (None, "auto") else option
+            known[name] = inertia_parameter(kinds[name], rule, inertia)
     return known
+
+
+def _choice(
+    step: Stepper, start: Start, q0: Any, p0: Any, dt: float, steps: int,
+    parameters: dict[str, float], *, auto: bool,
+) -> GammaChoice | None:
+    """Return the choice of γ or α for "auto", made on pilot runs no longer than the run."""
+    from ..runtime.gamma_choice import PILOT_STEPS, choose_gamma
+
+    if not auto:
+        return None
+    bodies = {name: inertia for name, inertia in start.bodies.items() if name in parameters}
+    return choose_gamma(step, q0, p0, dt=dt, parameters=parameters, bodies=bodies,
+                        steps=min(max(steps, 2), PILOT_STEPS))
+
+
+def _about_choice(choice: GammaChoice) -> dict[str, Any]:
+    """Return what is reported of a choice."""
+    name = "alpha" if "alpha" in next(iter(choice.values)) else "gamma"
+    return {
+        **choice.values,
+        f"{name}_expected_gain": choice.expected_gain,
+        f"{name}_measured_gain": choice.measured_gain,
+        f"{name}_quantity": choice.quantity,
+        f"{name}_reason": choice.reason,
+    }
 
 
 def _fast_gamma(step: Stepper, start: Start) -> float:
@@ -294,7 +330,7 @@ def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"--{name} {text!r} is neither m, h, mt, ht nor a number.") from None
+        raise InputError(f"--{name} {text!r} is neither m, h, mt, ht, auto nor a number.") from None
     if not math.isfinite(value) or value == 0:
         raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")
     return value
@@ -395,6 +431,8 @@ def _text(result: dict[str, Any], system: dict[str, Any]) -> str:
     if "start_moved" in result:
         lines.append("  start                   moved onto the constraints by "
                      f"{result['start_moved']:.2e}")
+    lines += [_choice_line(result, name) for name in ("gamma", "alpha")
+              if f"{name}_reason" in result]
     if "axis_reference" in result:
         lines.append(
             f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "
@@ -406,3 +444,11 @@ def _text(result: dict[str, Any], system: dict[str, Any]) -> str:
                      f"{failed['reason']}")
     lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]
     return "\n".join(lines)
+
+
+def _choice_line(result: dict[str, Any], name: str) -> str:
+    sign = {"gamma": "γ", "alpha": "α"}[name]
+    reason, expected, gain = (result[f"{name}_{end}"]
+                              for end in ("reason", "expected_gain", "measured_gain"))
+    return (f"  {sign} chosen                {result[name]:.6g} kg m², {reason}; error {gain:.3g} "
+            f"times smaller than with γ_m (expected {expected:.3g})")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 __all__ = ["all_finite", "as_array", "as_numbers", "as_parameters", "as_positive_count",
-           "as_real", "as_step"]
+           "as_real", "as_step", "refuse_auto"]
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
 _MOST = 2**62
@@ -123,7 +123,15 @@ def as_parameters(given: Any, domains: Mapping[str, str]) -> dict[str, float]:
     return {name: _as_parameter(name, given[name], domain) for name, domain in domains.items()}
 
 
+def refuse_auto(name: str, value: Any) -> None:
+    """Refuse the value "auto" where nothing chooses."""
+    if isinstance(value, str) and value == "auto":
+        raise InputError(f"Parameter {name} = 'auto' is chosen by integrate alone; call "
+                         "choose_gamma once and give its number.")
+
+
 def _as_parameter(name: str, value: Any, domain: str) -> float:
+    refuse_auto(name, value)
     number = as_real(f"Parameter {name}", value)
     if domain == "positive" and number <= 0:
         raise InputError(f"Parameter {name} = {number} is not positive; give a number above 0.")

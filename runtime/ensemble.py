@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, StepFailed
-from .checks import as_numbers, as_positive_count
+from .checks import as_numbers, as_positive_count, refuse_auto
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -138,6 +138,8 @@ def _rows(stepper: Stepper, name: str, value: Any) -> Array:
 
 def _each_parameters(parameters: Any, size: int) -> list[dict[str, float]]:
     if isinstance(parameters, Mapping):
+        for name, value in parameters.items():
+            refuse_auto(name, value)
         columns = {name: np.broadcast_to(_each(f"Parameter {name}", value, size), size)
                    for name, value in parameters.items()}
         return [{name: column[i].item() for name, column in columns.items()} for i in range(size)]

@@ -15,6 +15,7 @@ from .binding import REASONS, SOLVERS, Binding
 from .checks import as_parameters, as_positive_count, as_real, as_step
 from .compiled_constraints import CompiledConstraints
 from .ensemble import Ensemble, integrate_members
+from .gamma_choice import with_choice
 from .integration import Run, defect_sizes, integrate
 from .lanes import Member, integrate_lanes
 from .module import load_module
@@ -75,8 +76,9 @@ class Stepper:
         max_iterations: int = 50,
     ) -> tuple[Array, Array]:
         """Return (q, p) one step of ``dt`` seconds later; see ``integrate``."""
-        end = self.integrate(q, p, dt=dt, steps=1, parameters=parameters, t0=t0, solver=solver,
-                             tolerance=tolerance, max_iterations=max_iterations)
+        run = self.checked_run(q, p, dt=dt, steps=1, every=1, parameters=parameters, t0=t0,
+                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
+        end = integrate(self.binding, self.manifest, run)
         return end.q[-1], end.p[-1]
 
     def integrate(
@@ -86,7 +88,7 @@ class Stepper:
         *,
         dt: float,
         steps: int,
-        parameters: Mapping[str, float],
+        parameters: Mapping[str, Any],
         t0: float = 0.0,
         every: int = 1,
         solver: str = "auto",
@@ -105,7 +107,9 @@ class Stepper:
         steps : int
             Number of steps, 0 or more.
         parameters : mapping
-            Exactly the parameters in ``parameter_domains``.
+            Exactly the parameters in ``parameter_domains``. The value ``"auto"`` for ``gamma`` or
+            ``alpha`` is replaced by what ``gyrospark.choose_gamma`` finds for this start and dt;
+            ``Trajectory.parameters`` has the number.
         t0 : float
             Time at the start, in seconds: for forces and quantities that depend on time. Step k
             starts at t0 + k dt, counted, not summed up.
@@ -130,6 +134,7 @@ class Stepper:
         StepFailed
             When a step finds no solution; carries everything before it.
         """
+        parameters = with_choice(self, q, p, dt=dt, steps=steps, parameters=parameters)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
         return integrate(self.binding, self.manifest, run, progress)

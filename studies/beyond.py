@@ -5,13 +5,14 @@
                   ``energy_law``, the expansion of one step in ``one_step``
 ``zeros``         the γ that zeroes the error (25)
 ``one_stage``     1-G-L-α (22)
+``gamma_auto``    γ chosen by pilot runs
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import equivalence, odd_stages, one_stage, zeros
+from . import equivalence, gamma_auto, odd_stages, one_stage, zeros
 from .engine import Engine
 from .model import Finding
 
@@ -22,4 +23,5 @@ FINDINGS: dict[str, Callable[[Engine], Finding]] = {
     "odd-stages": odd_stages.study,
     "zero-of-the-error": zeros.study,
     "one-stage-alpha": one_stage.study,
+    "gamma-auto": gamma_auto.study,
 }

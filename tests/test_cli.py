@@ -669,6 +669,33 @@ def test_verify_model_refuses(gyrospark, arguments, fragments):
     refused(gyrospark("verify", *arguments), *fragments)
 
 
+def test_gamma_auto_reports_its_gain(gyrospark):
+    """The contract's fields; the choice is that of Python, and the run has its error."""
+    run = ("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "320")
+    auto = gyrospark(*run, "--gamma", "auto", "--json").document
+    mean = gyrospark(*run, "--json").document
+    assert auto["gamma"] == auto["parameters"]["gamma"]
+    assert auto["gamma_measured_gain"] == pytest.approx(
+        mean["energy_error_mean"] / auto["energy_error_mean"], rel=1e-9)
+    assert auto["gamma_expected_gain"] == pytest.approx(auto["gamma_measured_gain"], rel=0.05)
+    assert "γ chosen" in gyrospark(*run, "--gamma", "auto").stdout
+    assert "γ chosen" not in gyrospark(*run).stdout
+
+
+def test_gamma_auto_in_long_double(gyrospark):
+    """The start is made consistent first."""
+    answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--real", "long-double", "--dt",
+                       "1e-3", "--steps", "50", "--gamma", "auto", "--json")
+    assert answer.document["gamma_measured_gain"] > 1e6
+
+
+def test_alpha_auto_is_refused_where_alpha_is_idle(gyrospark):
+    run = ("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--rep", "alpha", "--dt", "1e-3",
+           "--steps", "50")
+    refused(gyrospark(*run, "--alpha", "auto"), "alpha", "heavy_top_gl2_alpha", "take m")
+    refused(gyrospark(*run, "--gamma", "auto"), "--alpha")
+
+
 # ---------------------------------------------------------------- cache
 
 
