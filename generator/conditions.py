@@ -12,19 +12,20 @@ Residuals are exact: zero is proved, not measured (``node_algebra``).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
 import mpmath as mp
 import sympy as sp
 
+from .multipliers import multiplier_condition, multiplier_inverse
 from .node_algebra import Nodes, ValueNodes, column, power
 from .nodes import enclose_roots
 from .separation import enclosure, vanishes
 from .tableau import Tableau
 
-__all__ = ["Condition", "check_tableau", "order"]
+__all__ = ["Condition", "check_tableau", "order", "remarks"]
 
 Matrix = Any
 
@@ -37,15 +38,17 @@ MATRICES = {
 }
 LABELS = {"C": "C", "C_hat": "Ĉ", "C_tilde": "C̃", "C_bar": "C̄",
           "B": "B", "B_hat": "B̂", "B_tilde": "B̃"}
+D_LABELS = {"C": "D", "C_hat": "D̂", "C_tilde": "D̃", "C_bar": "D̄"}
 
 
 @dataclass(frozen=True)
 class Condition:
     """One line of the report on a tableau.
 
-    ``required`` conditions make the step well defined and keep its invariants, ``claimed`` ones
-    are what the family (or the file) says of itself, the others are for information. ``residual``
-    is the exact residual where it was proved zero, else its largest entry as a number.
+    ``required`` conditions make the step well defined and keep its constraints, or are what the
+    family (or the file) says of itself; the others are properties that a method may lack.
+    ``found`` says what is so, ``holds`` whether that is as it should be or was said to be.
+    ``residual`` is 0 where it was proved zero, else its largest entry as a number.
     """
 
     name: str
@@ -174,12 +177,18 @@ def order(tableau: Tableau) -> int:
     systems by Jay (SIAM J. Numer. Anal. 45, 2007). ``observed_order`` measures the same number
     on a test problem, which is the second way to it.
     """
+    return min(bound for bound, _ in _bounds(tableau))
+
+
+def _bounds(tableau: Tableau) -> list[tuple[int, str]]:
+    """Return every bound on the order with the conditions it comes from."""
     k = counts(tableau)
-    bounds = [k["B"], k["B_hat"], k["B_tilde"]]
+    bounds = [(k[label], LABELS[label]) for label in ("B", "B_hat", "B_tilde")]
     for label, _, _ in MATRICES.values():
         c, d = k[label], k[label.replace("C", "D")]
-        bounds += [c + d + 1, 2 * c + 2]
-    return min(bounds)
+        bounds += [(c + d + 1, f"{LABELS[label]}({c}) and {D_LABELS[label]}({d})"),
+                   (2 * c + 2, f"{LABELS[label]}({c})")]
+    return bounds
 
 
 # ---------------------------------------------------------------- the report
@@ -190,11 +199,33 @@ def check_tableau(tableau: Tableau) -> list[Condition]:
     found = counts(tableau)
     return [
         *_structure(tableau),
+        _determined(tableau),
         *(_symplectic(tableau)),
         *(_range(tableau, label, found) for label in LABELS),
         _symmetric(tableau),
         _order(tableau),
     ]
+
+
+def remarks(tableau: Tableau) -> list[str]:
+    """Return what a user of a given tableau should know before a step: a short sentence each.
+
+    Properties it lacks, and what its order is limited by. Required conditions are not among them:
+    where one of these fails there is no step.
+    """
+    lines = check_tableau(tableau)
+    said = [
+        f"not {line.name} ({line.equation}: residual {line.residual})"
+        for line in lines if line.name.startswith("symplectic") and line.found != "yes"
+    ]
+    said += [f"not symmetric ({line.equation})" for line in lines
+             if line.name == "symmetric" and line.found != "yes"]
+    quadrature = counts(tableau)["B"]
+    if tableau.order < quadrature:
+        limits = ", ".join(text for bound, text in _bounds(tableau) if bound == tableau.order)
+        said.append(f"order {tableau.order}, although b is exact to {quadrature}: limited by "
+                    f"{limits}")
+    return said
 
 
 def _structure(tableau: Tableau) -> list[Condition]:
@@ -218,7 +249,22 @@ def _structure(tableau: Tableau) -> list[Condition]:
     ]
 
 
+def _determined(tableau: Tableau) -> Condition:
+    """The multipliers of T1 are determined: M = Ā Ã is regular."""
+    size = multiplier_condition(tableau)
+    regular = multiplier_inverse(tableau) is not None
+    return Condition(
+        "multipliers",
+        "det M ≠ 0, M_lj = Σ_i ā_li ã_ij, l = 1..p, j = 0..p−1",
+        found=f"condition number {mp.nstr(size, 3)}" if regular else "M is singular",
+        holds=regular,
+        residual="0" if regular else "singular",
+        required=True,
+    )
+
+
 def _symplectic(tableau: Tableau) -> list[Condition]:
+    """The map is symplectic; what a file says not to be is told, not held against it."""
     t, part = tableau, tableau.basis
     lines = [
         ("symplectic, forces", "b_i â_ij + b̂_j a_ji = b_i b̂_j",
@@ -228,9 +274,11 @@ def _symplectic(tableau: Tableau) -> list[Condition]:
          symplectic_residual(t.stages, t.constraints, part["A_tilde"], part["A_bar"], part["b"],
                              part["b_tilde"]), t.constraints),
     ]
+    claimed = t.claims.get("symplectic")
     return [
-        _condition(t, name, equation, residual, t.stages, columns, required=True)
-        for name, equation, residual, columns in lines
+        replace(line, holds=line.holds or claimed == 0, required=bool(claimed))
+        for line in (_condition(t, name, equation, residual, t.stages, columns, required=False)
+                     for name, equation, residual, columns in lines)
     ]
 
 
@@ -265,13 +313,12 @@ def _range(tableau: Tableau, label: str, found: dict[str, int]) -> Condition:
 def _symmetric(tableau: Tableau) -> Condition:
     t, part = tableau, tableau.basis
     sizes = []
-    holds = True
+    holds, mirrored = True, True
     for name, (_, _, b_columns) in MATRICES.items():
         rows, columns = t.nodes_of(name)
         residual = symmetry_residual(rows, columns, part[name], part[b_columns])
         if residual is None:
-            holds = False
-            sizes.append(mp.inf)
+            holds = mirrored = False
         elif not is_zero(residual, t):
             holds = False
             sizes.append(magnitude(residual, rows, columns))
@@ -279,9 +326,9 @@ def _symmetric(tableau: Tableau) -> Condition:
     return Condition(
         "symmetric",
         "a_(s+1−i,s+1−j) + a_ij = b_j for A, Â, Ã, Ā",
-        found="yes" if holds else "no",
+        found="yes" if holds else "no" if mirrored else "no: the nodes are not",
         holds=holds or not claimed,
-        residual="0" if holds else mp.nstr(max(sizes), 5),
+        residual="0" if holds else mp.nstr(max(sizes), 5) if mirrored else "nodes",
         required=bool(claimed),
     )
 

@@ -30,6 +30,7 @@ import mpmath as mp
 import sympy as sp
 
 from .kernels import Kernel
+from .multipliers import multiplier_inverse
 from .real import Real, round_binary
 from .schemes import MeanScheme, common_kernels, time_input, vector
 from .system import System, gradient, jacobian, shortest
@@ -306,22 +307,9 @@ class FastTableau:
             return "the matrix A- A~ of the multipliers is singular"
         return None
 
-    @cached_property
+    @property
     def _inverse(self) -> mp.matrix | None:
-        """M⁻¹ with M = Ā[1..p] Ã[:, 0..p−1], at 100 digits."""
-        part, s, p = self.centres, self.tableau.s, self.tableau.p
-        with mp.workdps(100):
-            M = mp.matrix(p, p)
-            for row in range(p):
-                for j in range(p):
-                    entry = sum((part["A_bar"][row + 1][i] * part["A_tilde"][i][j]
-                                 for i in range(s)), Fraction(0))
-                    M[row, j] = mp.mpf(entry.numerator) / entry.denominator
-            try:
-                inverse = M**-1
-            except ZeroDivisionError:
-                return None
-            return inverse if mp.mnorm(inverse, 1) * mp.mnorm(M, 1) < mp.mpf(10) ** 12 else None
+        return multiplier_inverse(self.tableau)
 
     @cached_property
     def scaled(self) -> dict[str, list[Row]]:

@@ -25,7 +25,13 @@ __all__ = ["observed_order"]
 
 
 def observed_order(tableau: Tableau) -> float:
-    """Return the measured order; within 0.1 of a whole number for a method of that order."""
+    """Return the measured order; within 0.1 of a whole number for a method of that order.
+
+    Raises
+    ------
+    ArithmeticError
+        If a step's equations are singular or their iteration does not converge.
+    """
     digits = 40 + 6 * max(tableau.s, tableau.p)
     h = mp.mpf(1) / (64 * max(4, tableau.s))  # the next term then shows by at most 0.05
     with mp.workdps(digits):
@@ -143,7 +149,7 @@ class _Spark:
             if size < floor:
                 return x
             if inverse is None or (iteration < 12 and size > previous / 100):
-                inverse = np.linalg.inv(self._jacobian(x, y, h, r))
+                inverse = _inverse(self._jacobian(x, y, h, r))
             x = [a - mp.fdot(row, r) for a, row in zip(x, inverse.tolist(), strict=True)]
         raise ArithmeticError("The measurement of the order did not converge.")
 
@@ -156,3 +162,10 @@ class _Spark:
             shifted = self._residual(moved, y, h)
             columns.append([float((a - b) / tiny) for a, b in zip(shifted, r, strict=True)])
         return np.array(columns).T
+
+
+def _inverse(matrix: Any) -> Any:
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError as error:
+        raise ArithmeticError("A step's equations are singular.") from error

@@ -123,9 +123,10 @@ def refuse_violations(tableau: Tableau) -> None:
         return
     broken = violations(tableau)
     if broken:
-        first = broken[0]
-        more = f" and {len(broken) - 1} more" if len(broken) > 1 else ""
+        listed = "; ".join(f"{line.name} ({line.equation}; residual {line.residual})"
+                           for line in broken[:4])
+        more = f"; and {len(broken) - 4} more" if len(broken) > 4 else ""
         raise TableauError(
-            f"Tableau {tableau.name!r} violates {first.name} ({first.equation}; residual "
-            f"{first.residual}){more}; see `gyrospark verify`, or pass --allow-invalid."
+            f"Tableau {tableau.name!r} violates {listed}{more}; see `gyrospark verify`, or pass "
+            "--allow-invalid."
         )

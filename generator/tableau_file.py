@@ -18,7 +18,8 @@ count exactly as they are written. A decimal of more than 8 digits after the poi
 rounded, and the conditions on the tableau are then checked to the digits it has.
 
 ``A_hat`` (default: A), ``b_hat`` (b), ``c`` (row sums of A) and ``c_tilde`` (row sums of A_bar)
-may be left out, and so may the claims ``order`` and ``symmetric``, which are checked if present.
+may be left out, and so may the claims ``order``, ``symmetric`` and ``symplectic`` (true or false),
+which are checked if present.
 With s = len(b) and p + 1 = len(b_tilde), A and A_hat are s × s, A_tilde is s × (p + 1) and A_bar
 is (p + 1) × s; ``name`` becomes part of the names in the generated C code.
 """
@@ -56,7 +57,7 @@ REQUIRED = ("name", "A", "A_tilde", "A_bar", "b", "b_tilde")
 #: What a part that is left out is: another part, or the row sums of another part.
 DEFAULTS = {"A_hat": "A", "b_hat": "b"}
 ROW_SUMS = {"c": "A", "c_tilde": "A_bar"}
-CLAIMS = ("order", "symmetric")
+CLAIMS = ("order", "symmetric", "symplectic")
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 PLAIN_NUMBER = re.compile(r"\s*[+-]?[0-9.]+([eE][+-]?[0-9]+)?\s*")
@@ -177,11 +178,11 @@ class _Reader:
                     f"order is {_describe(order)}; write an integer from 1 to {MAX_ORDER}."
                 )
             claims["order"] = int(order)
-        if "symmetric" in content:
-            symmetric = content["symmetric"]
-            if not isinstance(symmetric, bool):
-                raise self.error(f"symmetric is {_describe(symmetric)}; write true or false.")
-            claims["symmetric"] = int(symmetric)
+        for key in CLAIMS[1:]:
+            if key in content:
+                if not isinstance(content[key], bool):
+                    raise self.error(f"{key} is {_describe(content[key])}; write true or false.")
+                claims[key] = int(content[key])
         return claims
 
     def name(self, name: Any) -> str:

@@ -1,0 +1,51 @@
+"""M = Ā Ã: what the multipliers of a step do to the constraints at its nodes.
+
+To leading order g(Q̃_l) changes by −h² Σ_j M_lj W Λ_j for l = 1..p and j = 0..p−1, with
+W = g_q H_pp g_qᵀ. The multipliers are determined if and only if M is regular: not with more
+constraint intervals than stages (the rank of M is at most s), and not with b̃_j = 0 for a j < p,
+which makes column j of a symplectic Ã vanish.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+
+import mpmath as mp
+
+from .tableau import Tableau
+
+__all__ = ["multiplier_condition", "multiplier_inverse"]
+
+#: A tableau in decimals has its M to about so many digits; exact ones are far from this.
+_LARGEST_CONDITION = mp.mpf(10) ** 12
+_DIGITS = 100
+
+
+@cache
+def multiplier_inverse(tableau: Tableau) -> mp.matrix | None:
+    """Return M⁻¹ at 100 digits; None where M is singular."""
+    if multiplier_condition(tableau) >= _LARGEST_CONDITION:
+        return None
+    with mp.workdps(_DIGITS):
+        return _matrix(tableau) ** -1
+
+
+@cache
+def multiplier_condition(tableau: Tableau) -> mp.mpf:
+    """Return the condition number of M, largest over smallest singular value; inf if singular."""
+    with mp.workdps(_DIGITS):
+        sizes = mp.svd_r(_matrix(tableau), compute_uv=False)
+        largest, smallest = max(sizes), min(sizes)
+        return largest / smallest if smallest > largest * mp.eps * 2**16 else mp.inf
+
+
+def _matrix(tableau: Tableau) -> mp.matrix:
+    part, p = tableau.map_enclosures(lambda e: e.centre), tableau.p
+    M = mp.matrix(p, p)
+    for row in range(p):
+        for j in range(p):
+            terms = zip(part["A_bar"][row + 1], part["A_tilde"], strict=True)
+            entry = sum((a * tilde[j] for a, tilde in terms), Fraction(0))
+            M[row, j] = mp.mpf(entry.numerator) / entry.denominator
+    return M
