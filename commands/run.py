@@ -296,6 +296,7 @@ def _about_choice(choice: GammaChoice) -> dict[str, Any]:
     name = "alpha" if "alpha" in next(iter(choice.values)) else "gamma"
     return {
         **choice.values,
+        f"{name}_chosen": choice.values,
         f"{name}_expected_gain": choice.expected_gain,
         f"{name}_measured_gain": choice.measured_gain,
         f"{name}_quantity": choice.quantity,
@@ -450,5 +451,6 @@ def _choice_line(result: dict[str, Any], name: str) -> str:
     sign = {"gamma": "γ", "alpha": "α"}[name]
     reason, expected, gain = (result[f"{name}_{end}"]
                               for end in ("reason", "expected_gain", "measured_gain"))
-    return (f"  {sign} chosen                {result[name]:.6g} kg m², {reason}; error {gain:.3g} "
+    values = ", ".join(f"{value:.6g}" for value in result[f"{name}_chosen"].values())
+    return (f"  {sign} chosen                {values} kg m², {reason}; error {gain:.3g} "
             f"times smaller than with γ_m (expected {expected:.3g})")
