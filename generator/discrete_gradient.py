@@ -9,39 +9,51 @@ both written in x̄ and Δx. The rules below are identities of u₁ − u₀, no
 even in Δx: the gradient is symmetric under exchange of the end points, hence of even order.
 
     sum        Δ(u + v) = Δu + Δv
-    product    Δ(uv)    = ū Δv + v̄ Δu,              mean(uv) = ū v̄ + ¼ Δu Δv
-    power      Δ(uⁿ)    = (Σ_k u₁ᵏ u₀ⁿ⁻¹⁻ᵏ) Δu
-    reciprocal Δ(1/u)   = −Δu/(u₀u₁),               mean(1/u) = ū/(u₀u₁)
+    product    Δ(uv)    = ū Δv + v̄ Δu,                      mean(uv) = ū v̄ + ¼ Δu Δv
+    power      Δ(uⁿ)    = (Σ_k u₁ᵏ u₀ⁿ⁻¹⁻ᵏ) Δu              (by halves of n where n is large)
+    reciprocal Δ(1/u)   = −Δu/(u₀u₁),                       mean(1/u) = ū/(u₀u₁)
     root       Δ(√u)    = Δu/(√u₁ + √u₀)
+
+With h = Δu/2, the cardinal functions sinc(z) = sin(z)/z, sinhc, asinhc, atanc, atanhc likewise
+(``cardinal``; 1 at z = 0), and for what needs positive values g = √u₁√u₀, ℓ = (h/g) asinhc(h/g),
+which is ½ Δ log u:
+
+    exp        Δ(eᵘ)    = exp(ū) sinhc(h) Δu,               mean = exp(ū) cosh(h)
+    log        Δ(log u) = asinhc(h/g)/g Δu,                 mean = log(g)
+    real power Δ(uᶜ)    = c gᶜ⁻¹ sinhc(cℓ) asinhc(h/g) Δu,  mean = gᶜ cosh(cℓ)
+    any power  Δ(uᵛ)    = Δ exp(v log u),                   Δ(aᵘ) = Δ exp(u log a)
+    sin        Δ(sin u) = cos(ū) sinc(h) Δu,                mean = sin(ū) cos(h)
+    cos        Δ(cos u) = −sin(ū) sinc(h) Δu,               mean = cos(ū) cos(h)
+    tan        Δ(tan u) = sinc(Δu)/(cos u₁ cos u₀) Δu,      mean = sin(2ū)/(2 cos u₁ cos u₀)
+    sinh       Δ(sinh u) = cosh(ū) sinhc(h) Δu,             mean = sinh(ū) cosh(h)
+    cosh       Δ(cosh u) = sinh(ū) sinhc(h) Δu,             mean = cosh(ū) cosh(h)
+    tanh       Δ(tanh u) = sinhc(Δu)/(cosh u₁ cosh u₀) Δu
+
+Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2. From half the angle between the ends,
+tan(½ Δθ) = sin(Δθ)/(1 + cos(Δθ)), which no branch of the arc tangent disturbs:
+
+    asin, acos Δ = ±2 atanc(Δu/r)/r Δu,   r = √(1 − u₁²) + √(1 − u₀²)
+    atan       Δ = 2 atanc(Δu/r)/r Δu,    r = √(c² + Δu²) + c, c = 1 + u₀u₁
+    atan2(v,u) Δ = 2 atanc(k/r)/r k,      r = √(c² + k²) + c, c = u₀u₁ + v₀v₁, k = ū Δv − v̄ Δu
+    asinh      Δ = 2 atanhc(Δu/r)/r Δu,   r = √(u₁² + 1) + √(u₀² + 1); acosh with −1
+    atanh      Δ = atanhc(Δu/r)/r Δu,     r = 1 − u₀u₁
+
+Where u has no square root or logarithm at an end, the value is no number, as H itself is none.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import reduce
 
 import sympy as sp
 
 from ..errors import InputError
+from .difference import Difference
+from .discrete_functions import FUNCTIONS, angle, exponential, logarithm, power
 
-__all__ = ["Difference", "discrete_gradient"]
-
-
-@dataclass(frozen=True)
-class Difference:
-    """An expression seen from both ends of a step: its mean and its difference quotient."""
-
-    mean: sp.Expr
-    slope: dict[int, sp.Expr]  # i → D_i u; entries that vanish identically are absent
-
-    def delta(self, dx: Sequence[sp.Symbol]) -> sp.Expr:
-        """Return u₁ − u₀ = Σ_i D_i u Δx_i."""
-        return sum((d * dx[i] for i, d in self.slope.items()), sp.Integer(0))
-
-    def scaled(self, factor: sp.Expr) -> dict[int, sp.Expr]:
-        """Return factor · Du."""
-        return {i: factor * d for i, d in self.slope.items()}
+__all__ = ["Difference", "differentiate", "discrete_gradient"]
 
 
 def discrete_gradient(
@@ -55,7 +67,7 @@ def discrete_gradient(
     Parameters
     ----------
     expression : Expr
-        Built from the symbols, parameters, +, ×, integer and half-integer powers.
+        Built from the symbols and parameters with +, ×, /, powers and the functions above.
     symbols, means, differences : sequences of Symbol
         x, and the names to use for x̄ and Δx.
 
@@ -65,7 +77,7 @@ def discrete_gradient(
         If the expression contains a function without a known exact difference.
     """
     leaves = {
-        symbol: Difference(mean, {i: sp.Integer(1)})
+        symbol: Difference(mean, {i: sp.Integer(1)}, differences)
         for i, (symbol, mean) in enumerate(zip(symbols, means, strict=True))
     }
     slope = differentiate(expression, leaves, differences).slope
@@ -75,67 +87,42 @@ def discrete_gradient(
 def differentiate(
     u: sp.Expr, leaves: Mapping[sp.Symbol, Difference], dx: Sequence[sp.Symbol]
 ) -> Difference:
-    """Return mean and slope of u by recursion over its expression tree."""
-    if u in leaves:
-        return leaves[u]
-    if not u.free_symbols & leaves.keys():
-        return Difference(u, {})
-    parts = [differentiate(argument, leaves, dx) for argument in u.args]
-    if u.is_Add:
-        return reduce(_sum, parts)
-    if u.is_Mul:
-        return reduce(lambda a, b: _product(a, b, dx), parts)
-    if u.is_Pow and not u.exp.free_symbols and (2 * u.exp).is_Integer:
-        return _power(parts[0], u.exp, dx)
+    """Return mean and slope of u by recursion over its expression tree, each part once."""
+    known: dict[sp.Expr, Difference] = dict(leaves)
+    symbols = set(leaves)
+
+    def visit(e: sp.Expr) -> Difference:
+        if e not in known:
+            changes = not e.free_symbols.isdisjoint(symbols)
+            known[e] = _combine(e, list(map(visit, e.args))) if changes else Difference(e, {}, dx)
+        return known[e]
+
+    return visit(u)
+
+
+def _combine(e: sp.Expr, parts: list[Difference]) -> Difference:
+    """Return the difference of e from those of its arguments."""
+    if e.is_Add:
+        return reduce(operator.add, parts)
+    if e.is_Mul:
+        return reduce(operator.mul, parts)
+    if e.is_Pow:
+        return _power(*parts)
+    if e.func == sp.atan2:
+        return angle(*parts)
+    if e.func in FUNCTIONS and len(parts) == 1:
+        return FUNCTIONS[e.func](parts[0])
     raise InputError(
-        f"No exact difference is known for {u.func.__name__!r} in {u}; the discrete gradient "
-        "takes sums, products, quotients, integer powers and square roots."
+        f"No exact difference is known for {e.func.__name__!r} in {e}; the discrete gradient takes "
+        "sums, products, quotients, powers, sqrt, atan2 and "
+        f"{', '.join(sorted(f.__name__ for f in FUNCTIONS))}: write H with these, or choose IMS or "
+        "a SPARK method."
     )
 
 
-def _sum(u: Difference, v: Difference) -> Difference:
-    slope = dict(u.slope)
-    for i, d in v.slope.items():
-        slope[i] = slope[i] + d if i in slope else d
-    return Difference(u.mean + v.mean, slope)
-
-
-def _product(u: Difference, v: Difference, dx: Sequence[sp.Symbol]) -> Difference:
-    slope = _sum(Difference(sp.Integer(0), v.scaled(u.mean)),
-                 Difference(sp.Integer(0), u.scaled(v.mean))).slope
-    if not u.slope or not v.slope:
-        return Difference(u.mean * v.mean, slope)
-    return Difference(u.mean * v.mean + u.delta(dx) * v.delta(dx) / 4, slope)
-
-
-def _power(u: Difference, exponent: sp.Rational, dx: Sequence[sp.Symbol]) -> Difference:
-    """Return the difference of u^exponent for integer and half-integer exponents."""
-    if exponent.q == 2:
-        return _power(_root(u, dx), sp.Integer(exponent.p), dx)
-    if exponent < 0:
-        return _reciprocal(_power(u, -exponent, dx), dx)
-    if exponent == 1:
-        return u
-    if exponent == 2:  # mean(u²) = ū² + ¼Δu², Δ(u²) = 2ūΔu: the general rule, shorter
-        return Difference(u.mean**2 + u.delta(dx) ** 2 / 4, u.scaled(2 * u.mean))
-    u0, u1 = _ends(u, dx)
-    n = int(exponent)
-    quotient = sum((u1**k * u0 ** (n - 1 - k) for k in range(n)), sp.Integer(0))
-    return Difference((u1**n + u0**n) / 2, u.scaled(quotient))
-
-
-def _reciprocal(u: Difference, dx: Sequence[sp.Symbol]) -> Difference:
-    product = u.mean**2 - u.delta(dx) ** 2 / 4  # u₀u₁
-    return Difference(u.mean / product, u.scaled(-1 / product))
-
-
-def _root(u: Difference, dx: Sequence[sp.Symbol]) -> Difference:
-    u0, u1 = _ends(u, dx)
-    total = sp.sqrt(u1) + sp.sqrt(u0)
-    return Difference(total / 2, u.scaled(1 / total))
-
-
-def _ends(u: Difference, dx: Sequence[sp.Symbol]) -> tuple[sp.Expr, sp.Expr]:
-    """Return u₀ and u₁ from mean and difference."""
-    half = u.delta(dx) / 2
-    return u.mean - half, u.mean + half
+def _power(base: Difference, exponent: Difference) -> Difference:
+    if not exponent.slope:
+        return power(base, exponent.mean)
+    if not base.slope:
+        return exponential(exponent, base.mean)
+    return exponential(exponent * logarithm(base))

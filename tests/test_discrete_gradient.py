@@ -135,7 +135,7 @@ def test_D_is_the_gradient_when_the_end_points_meet(e):
 
 @pytest.mark.parametrize("e", [x0 * x1, x0**3, 1 / x0, sp.sqrt(x0), x0**-2 * x1])
 def test_mean_is_the_mean_of_the_end_values_exactly(e):
-    leaves = {s: Difference(mean, {i: sp.Integer(1)})
+    leaves = {s: Difference(mean, {i: sp.Integer(1)}, dx)
               for i, (s, mean) in enumerate(zip(x, xm, strict=True))}
     found = differentiate(e, leaves, dx)
     assert is_zero(found.mean - (e.xreplace(STARTS) + e.xreplace(ENDS)) / 2)

@@ -1,0 +1,157 @@
+"""Cardinal functions f(z)/z: even, 1 at z = 0, what a divided difference leaves of a function.
+
+    sinc = sin(z)/z   sinhc = sinh(z)/z   asinhc = asinh(z)/z   atanc = atan(z)/z
+    atanhc = atanh(z)/z
+
+Discrete gradients contain them, Newton's matrix their derivatives. As expressions they are opaque:
+SymPy evaluates them at 0, knows that they are even, and differentiates them once into a function
+``…_slope``. The C of both is in ``templates/cardinal.c.jinja``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath as mp
+import sympy as sp
+
+__all__ = ["Asinhc", "Atanc", "Atanhc", "Numeric", "Sinc", "Sinhc"]
+
+
+class Numeric(sp.Function):
+    """A real function of one argument with a value in mpmath and a name in C."""
+
+    nargs = 1
+    c_name = ""
+
+    @staticmethod
+    def value(z: Any) -> Any:
+        """Return the value at an mpmath number, to working precision."""
+        raise NotImplementedError
+
+    def _eval_evalf(self, prec: int) -> sp.Expr | None:
+        argument = self.args[0]._eval_evalf(prec)
+        if argument is None or not argument.is_Number:
+            return None
+        with mp.workprec(prec):
+            return sp.Float._new(self.value(argument._to_mpmath(prec))._mpf_, prec)
+
+    def _eval_is_extended_real(self) -> Any:
+        return self.args[0].is_extended_real
+
+
+class _Cardinal(Numeric):
+    """An even function with the value 1 at 0."""
+
+    slope: type[_Slope]
+
+    @classmethod
+    def eval(cls, z: sp.Expr) -> sp.Expr | None:
+        """Return 1 at 0 and the same for z and −z."""
+        if z.is_zero:
+            return sp.Integer(1)
+        return cls(-z) if z.could_extract_minus_sign() else None
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        """Return the derivative."""
+        return self.slope(self.args[0])
+
+
+class _Slope(Numeric):
+    """The derivative of a cardinal function: odd, 0 at 0."""
+
+    @classmethod
+    def eval(cls, z: sp.Expr) -> sp.Expr | None:
+        """Return 0 at 0 and the opposite for −z."""
+        if z.is_zero:
+            return sp.Integer(0)
+        return -cls(-z) if z.could_extract_minus_sign() else None
+
+
+class Sinc(_Cardinal):
+    """sin(z)/z."""
+
+    c_name = "sinc"
+
+    @staticmethod
+    def value(z: Any) -> Any:
+        """Return the value at an mpmath number."""
+        return mp.sin(z) / z if z else mp.mpf(1)
+
+
+class Sinhc(_Cardinal):
+    """sinh(z)/z."""
+
+    c_name = "sinhc"
+
+    @staticmethod
+    def value(z: Any) -> Any:
+        """Return the value at an mpmath number."""
+        return mp.sinh(z) / z if z else mp.mpf(1)
+
+
+class Asinhc(_Cardinal):
+    """asinh(z)/z."""
+
+    c_name = "asinhc"
+
+    @staticmethod
+    def value(z: Any) -> Any:
+        """Return the value at an mpmath number."""
+        return mp.asinh(z) / z if z else mp.mpf(1)
+
+
+class Atanc(_Cardinal):
+    """atan(z)/z."""
+
+    c_name = "atanc"
+
+    @staticmethod
+    def value(z: Any) -> Any:
+        """Return the value at an mpmath number."""
+        return mp.atan(z) / z if z else mp.mpf(1)
+
+
+class Atanhc(_Cardinal):
+    """atanh(z)/z."""
+
+    c_name = "atanhc"
+
+    @staticmethod
+    def value(z: Any) -> Any:
+        """Return the value at an mpmath number."""
+        return mp.atanh(z) / z if z else mp.mpf(1)
+
+
+def _slope(derivative: Any, third: int) -> Any:
+    """Return (f′(z) − f(z)/z)/z in mpmath; ``third`` is f‴(0), the derivative at 0 is f‴(0) z/3."""
+
+    def value(function: type[_Cardinal], z: Any) -> Any:
+        if abs(z) < mp.ldexp(1, -mp.mp.prec):
+            return third * z / 3
+        lost = max(0, -2 * mp.frexp(z)[1])
+        with mp.workprec(mp.mp.prec + lost + 16):
+            return (derivative(z) - function.value(z)) / z
+
+    return value
+
+
+def _make_slope(function: type[_Cardinal], derivative: Any, third: int) -> type[_Slope]:
+    evaluate = _slope(derivative, third)
+    name = f"{function.__name__}Slope"
+    return type(name, (_Slope,), {
+        "__doc__": f"The derivative of {function.c_name}.",
+        "__module__": __name__,
+        "c_name": f"{function.c_name}_slope",
+        "value": staticmethod(lambda z: evaluate(function, z)),
+    })
+
+
+for _function, _derivative, _third in (
+    (Sinc, mp.cos, -1),
+    (Sinhc, mp.cosh, 1),
+    (Asinhc, lambda z: 1 / mp.sqrt(1 + z * z), -1),
+    (Atanc, lambda z: 1 / (1 + z * z), -2),
+    (Atanhc, lambda z: 1 / (1 - z * z), 2),
+):
+    _function.slope = _make_slope(_function, _derivative, _third)

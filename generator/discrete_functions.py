@@ -1,0 +1,201 @@
+"""Exact differences of powers and of the elementary functions; the rules are listed in
+``discrete_gradient``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import sympy as sp
+
+from .cardinal import Asinhc, Atanc, Atanhc, Sinc, Sinhc
+from .difference import Difference
+
+__all__ = ["FUNCTIONS", "angle", "exponential", "logarithm", "power"]
+
+#: Powers up to here are written as a sum of products, those above by halving the exponent.
+_LARGEST_SUM = 6
+
+# ---------------------------------------------------------------- powers
+
+
+def power(u: Difference, exponent: sp.Expr) -> Difference:
+    """Return the difference of u^c, where c does not change."""
+    if exponent.is_Integer:
+        return _integer_power(u, int(exponent))
+    if (2 * exponent).is_Integer:
+        return _integer_power(_root(u), int(2 * exponent))
+    return _real_power(u, exponent)
+
+
+def _integer_power(u: Difference, n: int) -> Difference:
+    if n < 0:
+        return _reciprocal(_integer_power(u, -n))
+    if n == 1:
+        return u
+    if n == 2:  # mean(u²) = ū² + ¼Δu², Δ(u²) = 2ūΔu: the general rule, shorter
+        return u.become(u.mean**2 + u.change**2 / 4, 2 * u.mean)
+    u0, u1 = u.ends
+    return u.become((u1**n + u0**n) / 2, _quotient(u, n))
+
+
+def _quotient(u: Difference, n: int) -> sp.Expr:
+    """Return (u₁ⁿ − u₀ⁿ)/(u₁ − u₀), with about 2 log₂ n terms for large n."""
+    u0, u1 = u.ends
+    if n == 1:
+        return sp.Integer(1)
+    if n <= _LARGEST_SUM:
+        return sp.Add(*(u1**k * u0 ** (n - 1 - k) for k in range(n)))
+    if n % 2:  # half the sum of the two ways to split one factor off
+        return (u1 ** (n - 1) + u0 ** (n - 1)) / 2 + u.mean * _quotient(u, n - 1)
+    return _quotient(u, n // 2) * (u1 ** (n // 2) + u0 ** (n // 2))
+
+
+def _reciprocal(u: Difference) -> Difference:
+    product = u.mean**2 - u.change**2 / 4  # u₀u₁
+    return u.become(u.mean / product, -1 / product)
+
+
+def _root(u: Difference) -> Difference:
+    u0, u1 = u.ends
+    total = sp.sqrt(u1) + sp.sqrt(u0)
+    return u.become(total / 2, 1 / total)
+
+
+def _geometric(u: Difference) -> tuple[sp.Expr, sp.Expr]:
+    """Return g = √u₁ √u₀ and Δu/(2g), the sinh of ½ Δ log u; no number if u₀ or u₁ is negative."""
+    u0, u1 = u.ends
+    g = sp.sqrt(u1) * sp.sqrt(u0)
+    return g, u.half / g
+
+
+def _real_power(u: Difference, c: sp.Expr) -> Difference:
+    """Return exp(c log u), with powers of g in place of the exponential of the mean."""
+    g, z = _geometric(u)
+    growth = c * z * Asinhc(z)  # ½ Δ(c log u)
+    return u.become(g**c * sp.cosh(growth), c * g ** (c - 1) * Sinhc(growth) * Asinhc(z))
+
+
+# ---------------------------------------------------------------- exponentials and logarithms
+
+
+def exponential(u: Difference, base: sp.Expr = sp.E) -> Difference:
+    """Return the difference of base^u."""
+    rate = sp.log(base)
+    half = rate * u.half
+    value = base**u.mean
+    return u.become(value * sp.cosh(half), rate * value * Sinhc(half))
+
+
+def logarithm(u: Difference) -> Difference:
+    """Return the difference of log u."""
+    g, z = _geometric(u)
+    return u.become(sp.log(g), Asinhc(z) / g)
+
+
+# ---------------------------------------------------------------- circular functions
+
+
+def _sin(u: Difference) -> Difference:
+    return u.become(sp.sin(u.mean) * sp.cos(u.half), sp.cos(u.mean) * Sinc(u.half))
+
+
+def _cos(u: Difference) -> Difference:
+    return u.become(sp.cos(u.mean) * sp.cos(u.half), -sp.sin(u.mean) * Sinc(u.half))
+
+
+def _tan(u: Difference) -> Difference:
+    u0, u1 = u.ends
+    product = sp.cos(u1) * sp.cos(u0)
+    return u.become(sp.sin(2 * u.mean) / (2 * product), Sinc(u.change) / product)
+
+
+def _mean_of(function: Callable[[sp.Expr], sp.Expr], u: Difference) -> sp.Expr:
+    u0, u1 = u.ends
+    return (function(u1) + function(u0)) / 2
+
+
+def _arc(u: Difference, root: Callable[[sp.Expr], sp.Expr], cardinal: type) -> sp.Expr:
+    """Return the quotient of 2 at(Δu/(r₁ + r₀)), r the co-function: u = sin θ, r = cos θ, …"""
+    u0, u1 = u.ends
+    total = root(u1) + root(u0)
+    return 2 * cardinal(u.change / total) / total
+
+
+def _asin(u: Difference) -> Difference:
+    return u.become(_mean_of(sp.asin, u), _arc(u, _circle, Atanc))
+
+
+def _acos(u: Difference) -> Difference:
+    return u.become(_mean_of(sp.acos, u), -_arc(u, _circle, Atanc))
+
+
+def _circle(x: sp.Expr) -> sp.Expr:
+    return sp.sqrt((1 - x) * (1 + x))
+
+
+def _atan(u: Difference) -> Difference:
+    c = 1 + u.mean**2 - u.half**2  # 1 + u₀u₁
+    total = sp.sqrt(c**2 + u.change**2) + c
+    return u.become(_mean_of(sp.atan, u), 2 * Atanc(u.change / total) / total)
+
+
+def angle(y: Difference, x: Difference) -> Difference:
+    """Return the difference of atan2(y, x): the angle between the vectors at the two ends."""
+    (y0, y1), (x0, x1) = y.ends, x.ends
+    cross = x.mean * y.change - y.mean * x.change
+    dot = x.mean**2 - x.half**2 + y.mean**2 - y.half**2
+    total = sp.sqrt(dot**2 + cross**2) + dot
+    factor = 2 * Atanc(cross / total) / total
+    slope = (y.become(sp.Integer(0), factor * x.mean)
+             + x.become(sp.Integer(0), -factor * y.mean)).slope
+    return Difference((sp.atan2(y1, x1) + sp.atan2(y0, x0)) / 2, slope, y.steps)
+
+
+# ---------------------------------------------------------------- hyperbolic functions
+
+
+def _sinh(u: Difference) -> Difference:
+    return u.become(sp.sinh(u.mean) * sp.cosh(u.half), sp.cosh(u.mean) * Sinhc(u.half))
+
+
+def _cosh(u: Difference) -> Difference:
+    return u.become(sp.cosh(u.mean) * sp.cosh(u.half), sp.sinh(u.mean) * Sinhc(u.half))
+
+
+def _tanh(u: Difference) -> Difference:
+    u0, u1 = u.ends
+    return u.become(_mean_of(sp.tanh, u), Sinhc(u.change) / (sp.cosh(u1) * sp.cosh(u0)))
+
+
+def _asinh(u: Difference) -> Difference:
+    return u.become(_mean_of(sp.asinh, u), _arc(u, lambda x: sp.sqrt(1 + x**2), Atanhc))
+
+
+def _acosh(u: Difference) -> Difference:
+    return u.become(_mean_of(sp.acosh, u),
+                    _arc(u, lambda x: sp.sqrt(x - 1) * sp.sqrt(x + 1), Atanhc))
+
+
+def _atanh(u: Difference) -> Difference:
+    product = 1 - u.mean**2 + u.half**2  # 1 − u₀u₁
+    return u.become(_mean_of(sp.atanh, u), Atanhc(u.change / product) / product)
+
+
+#: Functions of one argument with a rule.
+FUNCTIONS: dict[type[sp.Expr], Callable[[Difference], Difference]] = {
+    sp.exp: exponential,
+    sp.log: logarithm,
+    sp.sin: _sin,
+    sp.cos: _cos,
+    sp.tan: _tan,
+    sp.asin: _asin,
+    sp.acos: _acos,
+    sp.atan: _atan,
+    sp.sinh: _sinh,
+    sp.cosh: _cosh,
+    sp.tanh: _tanh,
+    sp.asinh: _asinh,
+    sp.acosh: _acosh,
+    sp.atanh: _atanh,
+}
