@@ -9,12 +9,19 @@ from fractions import Fraction
 import sympy as sp
 
 from ..errors import InputError
+from .cardinal import Numeric
 from .real import Real
 
 __all__ = ["CPrinter"]
 
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
-_FUNCTIONS = {sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.exp: "exp", sp.log: "log"}
+#: Of <math.h>, by SymPy's name.
+_FUNCTIONS = {getattr(sp, name): name for name in (
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh",
+    "atanh", "exp", "log",
+)}
+#: Powers up to here are products.
+_LARGEST_PRODUCT = 16
 
 
 class CPrinter:
@@ -35,7 +42,7 @@ class CPrinter:
         self.names = dict(names)
         self.prefix = prefix
         self.operations: Counter[str] = Counter()
-        #: Names of the functions of <math.h> that were called, without suffix.
+        #: Names of the functions of <math.h>, without suffix, and of cardinal functions called.
         self.functions: set[str] = set()
 
     def __call__(self, expression: sp.Expr) -> str:
@@ -50,17 +57,20 @@ class CPrinter:
         text = self(e)
         return f"splat({text})" if self.prefix and e.is_number else text
 
-    def _call(self, name: str, *arguments: str) -> str:
+    def _call(self, name: str, *arguments: sp.Expr, suffix: bool = True) -> str:
         self.functions.add(name)
         self.operations[name] += 1
-        function = f"{self.prefix}{name}" if self.prefix else f"{name}{self.real.suffix.lower()}"
-        return f"{function}({', '.join(arguments)})"
+        end = "" if self.prefix or not suffix else self.real.suffix.lower()
+        return f"{self.prefix}{name}{end}({', '.join(map(self.number, arguments))})"
 
     def _text(self, e: sp.Expr) -> tuple[str, int]:
         if e.is_Symbol:
             return self.names.get(e, str(e)), _ATOM
         if e.is_Rational:
             return self._rational(e)
+        if e.is_number and e.is_real and e.is_finite:
+            text = self.real.literal(Fraction(str(sp.N(e, 60))))
+            return text, _SUM if text.startswith("-") else _ATOM
         if e.is_Add:
             return self._sum(e), _SUM
         if e.is_Mul:
@@ -68,10 +78,13 @@ class CPrinter:
         if e.is_Pow:
             return self._power(e.base, e.exp)
         if e.func in _FUNCTIONS:
-            return self._call(_FUNCTIONS[e.func], self(e.args[0])), _ATOM
-        if e.is_number and e.is_real and e.is_finite:
-            return self.real.literal(Fraction(str(sp.N(e, 60)))), _ATOM
-        raise InputError(f"No C is known for {e.func.__name__!r} in {e}.")
+            return self._call(_FUNCTIONS[e.func], *e.args), _ATOM
+        if isinstance(e, Numeric):
+            return self._call(e.c_name, *e.args, suffix=False), _ATOM
+        raise InputError(
+            f"No C is known for {e.func.__name__!r} in {e}; write it with + - * /, powers, sqrt, "
+            f"{', '.join(_FUNCTIONS.values())}."
+        )
 
     def _within(self, e: sp.Expr, level: int) -> str:
         text, precedence = self._text(e)
@@ -129,15 +142,22 @@ class CPrinter:
             return f"{self.real.literal(Fraction(1))}/{below}", _PRODUCT
         if exponent == 1:
             return self._text(base)
-        if exponent.is_Integer and exponent <= 4:
-            self.operations["mul"] += int(exponent) - 1
-            return "*".join([self._within(base, _ATOM)] * int(exponent)), _PRODUCT
+        if exponent.is_Integer and exponent <= _LARGEST_PRODUCT:
+            return self._repeated(self._within(base, _ATOM), int(exponent)), _PRODUCT
         if exponent == sp.Rational(1, 2):
-            return self._call("sqrt", self(base)), _ATOM
+            return self._call("sqrt", base), _ATOM
         if exponent.is_Rational and exponent.q == 2:
             whole = self._within(base ** sp.Integer((exponent.p - 1) // 2), _PRODUCT)
             if whole.startswith("-"):
                 whole = f"({whole})"
             self.operations["mul"] += 1
             return f"{whole}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
-        return self._call("pow", self(base), self.number(exponent)), _ATOM
+        return self._call("pow", base, exponent), _ATOM
+
+    def _repeated(self, factor: str, n: int) -> str:
+        """Return the n-th power as a product of equal halves, which the compiler sees once."""
+        self.operations["mul"] += n - 1 if n <= 4 else 1 + n % 2
+        if n <= 4:
+            return "*".join([factor] * n)
+        half = self._repeated(factor, n // 2)
+        return f"({half})*({half})" + (f"*{factor}" if n % 2 else "")

@@ -15,7 +15,8 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
-__all__ = ["Asinhc", "Atanc", "Atanhc", "Numeric", "Sinc", "Sinhc"]
+__all__ = ["Asinhc", "Atanc", "Atanhc", "Numeric", "Sinc", "Sinhc",
+           "c_names_with_needs"]
 
 
 class Numeric(sp.Function):
@@ -155,3 +156,15 @@ for _function, _derivative, _third in (
     (Atanhc, lambda z: 1 / (1 - z * z), 2),
 ):
     _function.slope = _make_slope(_function, _derivative, _third)
+
+#: What the C of a slope calls besides the cardinal function itself.
+_NEEDS = {"asinhc_slope": ("asinhc", "sinhc_slope"), "atanc_slope": ("atanc", "sinc_slope"),
+          "atanhc_slope": ("atanhc", "sinhc_slope")}
+_NAMES = {f.c_name for function in (Sinc, Sinhc, Asinhc, Atanc, Atanhc)
+          for f in (function, function.slope)}
+
+
+def c_names_with_needs(functions: frozenset[str]) -> frozenset[str]:
+    """Return the names in C of the cardinal functions among these, and of all that they call."""
+    used = functions & _NAMES
+    return used.union(*(_NEEDS.get(name, ()) for name in used))

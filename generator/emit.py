@@ -14,6 +14,7 @@ import sympy as sp
 
 from .._version import __version__
 from .c_printer import CPrinter
+from .cardinal import c_names_with_needs
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
 from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel
@@ -154,6 +155,10 @@ def _context(
         "order": scheme.order,
         "multipliers": scheme.multipliers * system.m,
         "kernels": kernels,
+        "compensated_plain": any(" add_product" in line or line.startswith("add_product")
+                                 for k in kernels for line in k.lines),
+        "cardinals": c_names_with_needs(frozenset(forms.get("form_functions", ())).union(
+            *(k.functions for k in kernels))),
         "scheme_template": scheme.template,
         "scheme_doc": _scheme_doc(scheme),
         "unknowns_doc": _unknowns_doc(scheme),

@@ -248,12 +248,15 @@ class Folds:
     def __init__(self, constants: set[sp.Symbol]) -> None:
         self.constants = set(constants)
         self.definitions: dict[sp.Expr, sp.Symbol] = {}
+        self._known: dict[sp.Expr, sp.Expr] = {}
 
     def __call__(self, e: sp.Expr) -> sp.Expr:
         """Return e with its numbers folded into its constants."""
-        if e.is_Atom:
-            return e
-        e = e.func(*map(self, e.args))
+        if e not in self._known:
+            self._known[e] = e if e.is_Atom else self._fold(e.func(*map(self, e.args)))
+        return self._known[e]
+
+    def _fold(self, e: sp.Expr) -> sp.Expr:
         if not e.is_Mul:
             return e
         number, rest = e.as_coeff_Mul()

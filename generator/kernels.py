@@ -12,6 +12,7 @@ import sympy as sp
 
 from .c_printer import CPrinter
 from .real import Real
+from .sharing import symbols_of
 
 __all__ = ["Constants", "EmittedKernel", "Kernel", "Target", "emit_kernel"]
 
@@ -134,9 +135,9 @@ def emit_kernel(
     shared, reduced = _name_bases(shared, reduced)
     names |= {t: t.name.lstrip("_") for t, _ in shared}
     printer = CPrinter(real, names, target.prefix)
-    lines = [wrap(f"const {target.value} {printer(t)} = {printer(e)};") for t, e in shared]
+    lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};") for t, e in shared]
     lines += map(wrap, _assignments(targets, reduced, printer))
-    used = set().union(*(e.free_symbols for _, e in targets), set())
+    used = symbols_of(e for _, e in targets)
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
     if not own_constants and not used & target.names.keys():
@@ -189,9 +190,9 @@ def _emit_compensated(
             lines.append(f"{target.prefix}add_product(sum, {len(factors)}, "
                          f"(const {target.value}[]){{ {', '.join(factors)} }});")
         lines.append(f"{entry} = sum[0] + sum[1];")
-    used = {s for _, e in targets for s in e.free_symbols} & set(constants.definitions.values())
-    unused = [a for a, s in kernel.inputs.items() if not {x for _, e in targets
-                                                          for x in e.free_symbols} & set(s)]
+    symbols = symbols_of(e for _, e in targets)
+    used = symbols & set(constants.definitions.values())
+    unused = [a for a, s in kernel.inputs.items() if not symbols & set(s)]
     return EmittedKernel(
         target.prefix + kernel.name, f"{kernel.doc}, in twice the working precision", "void",
         _signature(kernel, target), lines, 0,

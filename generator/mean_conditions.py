@@ -1,4 +1,4 @@
-"""What IMS and EMS satisfy, proved as polynomial or rational identities."""
+"""What IMS and EMS satisfy: proved as polynomial or rational identities, or seen at points."""
 
 from __future__ import annotations
 
@@ -7,23 +7,25 @@ from collections.abc import Sequence
 import sympy as sp
 
 from .conditions import Condition
+from .identities import Finding, compare
 from .schemes import MeanScheme
+from .sharing import substitute
 
 __all__ = ["check_mean_scheme"]
 
 
 def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
-    """Return consistency, symmetry and order; for EMS also the exact energy and constraint laws."""
-    order = scheme.order
+    """Return consistency, symmetry and order; for EMS also the exact energy and constraint laws.
+
+    ``found`` says how each was found: "proved", or "seen" at random points (``identities``).
+    """
     lines = [
-        Condition("consistent", "D(q, p, 0, 0) = (H_q, H_p)", "yes" if order else "no",
-                  order >= 1, "0" if order else "not 0", required=True),
-        Condition("symmetric", "D unchanged by exchange of the end points",
-                  "yes" if order == 2 else "no", order == 2, "0" if order == 2 else "not 0",
-                  required=True),
-        Condition("order", "consistent and symmetric: 2", str(order), order == 2,
-                  str(order - 2) if order != 2 else "0", required=True),
+        _condition("consistent", "D(q, p, 0, 0) = (H_q, H_p)", scheme.consistency()),
+        _condition("symmetric", "D unchanged by exchange of the end points", scheme.symmetry()),
     ]
+    order = 2 * lines[1].holds if lines[0].holds else 0
+    lines.append(Condition("order", "consistent and symmetric: 2", str(order), order == 2,
+                           str(order - 2) if order != 2 else "0", required=True))
     if scheme.discrete:
         lines += [_energy(scheme), _constraint(scheme)]
     return lines
@@ -35,37 +37,33 @@ def _energy(scheme: MeanScheme) -> Condition:
     means = [*scheme.means[0], *scheme.means[1]]
     differences = [*scheme.differences[0], *scheme.differences[1]]
     slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1]]
-    residual = increment_residual(scheme.system.H, slope, variables, means, differences)
-    return _identity("energy", "H_k − H_(k−1) = D_q·Δq + D_p·Δp", residual)
+    return _condition("energy", "H_k − H_(k−1) = D_q·Δq + D_p·Δp",
+                      _increments([scheme.system.H], [slope], variables, means, differences))
 
 
 def _constraint(scheme: MeanScheme) -> Condition:
-    residual = sp.Add(*(
-        sp.Abs(increment_residual(g, row, scheme.system.q, scheme.means[0], scheme.differences[0]))
-        for g, row in zip(scheme.system.constraints, scheme.mean_constraint, strict=True)
-    ))
-    return _identity("constraint work", "g_k − g_(k−1) = Ḡ·Δq", residual)
+    return _condition(
+        "constraint work", "g_k − g_(k−1) = Ḡ·Δq",
+        _increments(scheme.system.constraints, scheme.mean_constraint, scheme.system.q,
+                    scheme.means[0], scheme.differences[0]))
 
 
-def increment_residual(
-    e: sp.Expr,
-    slope: Sequence[sp.Expr],
+def _increments(
+    expressions: Sequence[sp.Expr],
+    slopes: Sequence[Sequence[sp.Expr]],
     variables: Sequence[sp.Symbol],
     means: Sequence[sp.Symbol],
     differences: Sequence[sp.Symbol],
-) -> sp.Expr:
-    """Return e(end) − e(start) − slope·difference, zero for a discrete gradient."""
-    ends = [
-        e.xreplace({x: m + sign * d / 2
-                    for x, m, d in zip(variables, means, differences, strict=True)})
-        for sign in (1, -1)
-    ]
-    work = sum((a * d for a, d in zip(slope, differences, strict=True)), sp.Integer(0))
-    residual = sp.expand(ends[0] - ends[1] - work)
-    return residual if residual == 0 else sp.simplify(residual)
+) -> Finding:
+    """Compare e(end) − e(start) with slope·difference."""
+    start, end = (
+        substitute(expressions, {x: m + sign * d / 2 for x, m, d
+                                 in zip(variables, means, differences, strict=True)})
+        for sign in (-1, 1)
+    )
+    work = [sp.Add(*(a * d for a, d in zip(slope, differences, strict=True))) for slope in slopes]
+    return compare([b - a for a, b in zip(start, end, strict=True)], work, differences)
 
 
-def _identity(name: str, equation: str, residual: sp.Expr) -> Condition:
-    holds = residual == 0
-    return Condition(name, equation, "proved" if holds else "refuted", holds,
-                     "0" if holds else str(residual)[:60], required=True)
+def _condition(name: str, equation: str, finding: Finding) -> Condition:
+    return Condition(name, equation, finding.how, finding.holds, finding.residual, required=True)

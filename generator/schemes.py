@@ -23,7 +23,9 @@ from typing import Any
 import sympy as sp
 
 from .discrete_gradient import discrete_gradient
+from .identities import Finding, compare
 from .kernels import Constants, Kernel
+from .sharing import substitute
 from .system import System, jacobian
 from .tableau import Tableau
 
@@ -206,20 +208,33 @@ class MeanScheme:
     def order(self) -> int:
         """2 when the gradient is consistent and symmetric, 1 when only consistent.
 
-        Consistent: D = (H_q, H_p) for Δ = 0. Symmetric: exchange of the end points leaves the
-        means and turns Δ into −Δ, under which D must not change; symmetric methods have even
-        order, and D agrees with the exact mean of the gradient to no more than O(Δ²).
+        Symmetric methods have even order, and D agrees with the exact mean of the gradient to no
+        more than O(Δ²).
         """
-        system = self.system
-        D = [*self.mean_gradient[0], *self.mean_gradient[1]]
-        differences = [*self.differences[0], *self.differences[1]]
-        at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
-        gradient = [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p)]
-        no_step = dict.fromkeys(differences, sp.Integer(0))
-        if any(sp.expand(d.subs(no_step) - e) != 0 for d, e in zip(D, gradient, strict=True)):
+        if self.consistency(thorough=False).how == "refuted":
             return 0
-        back = {x: -x for x in differences}
-        return 2 if all(sp.expand(d - d.xreplace(back)) == 0 for d in D) else 1
+        return 1 if self.symmetry(thorough=False).how == "refuted" else 2
+
+    def consistency(self, *, thorough: bool = True) -> Finding:
+        """Whether D = (H_q, H_p) for Δ = 0."""
+        system = self.system
+        at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
+        gradient = substitute([*system.H_q, *system.H_p], at_mean)
+        no_step = dict.fromkeys(self._differences, sp.Integer(0))
+        return compare(substitute(self._D, no_step), gradient, thorough=thorough)
+
+    def symmetry(self, *, thorough: bool = True) -> Finding:
+        """Whether exchange of the end points, which turns Δ into −Δ, leaves D as it is."""
+        back = {x: -x for x in self._differences}
+        return compare(self._D, substitute(self._D, back), self._differences, thorough=thorough)
+
+    @property
+    def _D(self) -> list[sp.Expr]:
+        return [*self.mean_gradient[0], *self.mean_gradient[1]]
+
+    @property
+    def _differences(self) -> list[sp.Symbol]:
+        return [*self.differences[0], *self.differences[1]]
 
     def kernels(self) -> list[Kernel]:
         """Return the mean gradient and its derivatives by Δq and Δp."""
