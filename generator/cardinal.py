@@ -19,7 +19,7 @@ __all__ = ["Asinhc", "Atanc", "Atanhc", "Numeric", "Sinc", "Sinhc",
            "c_names_with_needs"]
 
 
-class Numeric(sp.Function):
+class Numeric(sp.Function):  # type: ignore[misc]
     """A real function of one argument with a value in mpmath and a name in C."""
 
     nargs = 1

@@ -292,7 +292,8 @@ def _second_derivatives(
     Row e holds what momentum e does: H_pp to the velocities of its cell, H_qp − F_p to forces.
     """
     n = structure.system.n
-    cell_first, cell_count, cell_row = [0] * n, [0] * n, []
+    cell_first, cell_count = [0] * n, [0] * n
+    cell_row: list[int] = []
     mixed: list[dict[int, int]] = [{} for _ in range(n)]
     pp = 0
     for form, term in zip(structure.forms, terms, strict=True):
@@ -310,8 +311,8 @@ def _second_derivatives(
                 for row in instance.rows:
                     mixed[a].setdefault(row, len(mixed[a]))
     first = [0]
-    for row in mixed:
-        first.append(first[-1] + len(row))
+    for entries in mixed:
+        first.append(first[-1] + len(entries))
     for form, term in zip(structure.forms, terms, strict=True):
         term["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
                          for i in form.instances]
@@ -319,7 +320,7 @@ def _second_derivatives(
         push["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
                          for i in form.instances]
     return {"cell_first": cell_first, "cell_count": cell_count, "cell_row": cell_row,
-            "mixed_first": first, "mixed_row": [b for row in mixed for b in row],
+            "mixed_first": first, "mixed_row": [b for entries in mixed for b in entries],
             "pp_entries": pp, "mixed_entries": first[-1]}
 
 
@@ -334,7 +335,8 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
                 for a in range(n)}
     unknowns |= {("g", row): [2 * s * n + node * m + row for node in range(p)]
                  for row in range(m)}
-    position, first, last = {}, {}, {}
+    position: dict[int, int] = {}
+    first, last = {}, {}
     for node in structure.band_order:
         first[node] = len(position)
         for unknown in unknowns[node]:

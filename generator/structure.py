@@ -126,8 +126,9 @@ class Structure:
                 groups[cell].append(term)
                 reach[cell] |= q
         for term, q, p in self._terms:
-            if q and not p and (cell := cell_of.get(min(q))) is not None and q <= reach[cell]:
-                groups[cell].append(term)
+            home = cell_of.get(min(q)) if q and not p else None
+            if home is not None and q <= reach[home]:
+                groups[home].append(term)
         return groups
 
     @cached_property
@@ -362,14 +363,14 @@ def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
     slot_of = {(row, row): row for row in order}
     entries = len(order)
     rows = [tuple(sorted(others, key=place.__getitem__)) for others in below]
-    for pivot, others in zip(order, rows, strict=True):
-        for row in others:
+    for pivot, acted in zip(order, rows, strict=True):
+        for row in acted:
             slot_of[row, pivot] = slot_of[pivot, row] = entries
             entries += 1
-    slots = [tuple(slot_of[row, pivot] for row in others)
-             for pivot, others in zip(order, rows, strict=True)]
-    targets = [tuple(slot_of[i, j] for at, i in enumerate(others) for j in others[:at])
-               for others in rows]
+    slots = [tuple(slot_of[row, pivot] for row in acted)
+             for pivot, acted in zip(order, rows, strict=True)]
+    targets = [tuple(slot_of[i, j] for at, i in enumerate(acted) for j in acted[:at])
+               for acted in rows]
     return Elimination(tuple(order), tuple(rows), tuple(slots), tuple(targets),
                        entries, slot_of)
 
