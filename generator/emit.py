@@ -77,7 +77,8 @@ def emit(
                                                              *scheme.kernels()]]
         fast = fast_context(scheme, constants, real)
     context = _context(name, method, scheme, system, constants, real,
-                       [*kernels, *fast["lane_kernels"]], forms) | fast | {"kernels": kernels}
+                       [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())],
+                       forms) | fast | {"kernels": kernels}
     context["quantity_kernel"] = _quantity_kernel(system, real)
     environment = _environment()
     return Source(
@@ -157,8 +158,7 @@ def _context(
         "kernels": kernels,
         "compensated_plain": any(" add_product" in line or line.startswith("add_product")
                                  for k in kernels for line in k.lines),
-        "cardinals": c_names_with_needs(frozenset(forms.get("form_functions", ())).union(
-            *(k.functions for k in kernels))),
+        "cardinals": c_names_with_needs(frozenset().union(*(k.functions for k in kernels))),
         "scheme_template": scheme.template,
         "scheme_doc": _scheme_doc(scheme),
         "unknowns_doc": _unknowns_doc(scheme),

@@ -75,8 +75,7 @@ def structured_fast_context(
         tables = tableau.tables(real)
         if not scheme.system.m:
             tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
-    kernels = [k["lanes"] for part in (*forms["terms"], *forms["joints"])
-               for k in part["kernels"] if k["lanes"]]
+    kernels = [k for k in forms["form_kernels"] if k.name.startswith("lanes_")]
     m = scheme.system.m
     held, factor = len(forms["used_constants"]), forms["elimination"]["entries"]
     return {
@@ -84,7 +83,7 @@ def structured_fast_context(
         "vectors": real.name in ("float", "double"),
         "lane_kernels": [],
         "folded": {},
-        "lane_functions": forms["form_functions"],
+        "lane_functions": sorted(set().union(*(k.functions for k in kernels))),
         "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
                         for name, rows in tables.items()},
         "compensated": any("lanes_add_product" in line for k in kernels for line in k.lines),

@@ -83,8 +83,8 @@ def structure_context(
         "second": second,
         "positions": positions,
         "band": band,
-        "form_functions": sorted({f for part in (*terms, *joints, *pushes)
-                                  for k in part["kernels"] for f in k["functions"]}),
+        "form_kernels": [k[kind] for part in (*terms, *joints, *pushes) for k in part["kernels"]
+                         for kind in ("scalar", "lanes") if k[kind]],
     }
 
 
@@ -120,7 +120,7 @@ class _Emitter:
             emitted.append({"name": kernel.name, "inputs": list(named.inputs),
                             "scalar": scalar if where != LANES else None,
                             "lanes": lanes if where != NUMBERS else None,
-                            "operations": scalar.operations, "functions": scalar.functions})
+                            "operations": scalar.operations})
         return emitted
 
 

@@ -298,14 +298,16 @@ def test_project(name):
 def test_redundant_constraints_fail_clearly(scheme, stages, factor, dt):
     """A constraint given twice leaves its multipliers undetermined: a clear failure, or the step.
 
-    Elimination meets a pivot that is zero up to rounding only. Newton may then still find q and p,
+    It is refused before; who asks for it all the same gets this. Elimination meets a pivot that is zero up to rounding only. Newton may then still find q and p,
     which are determined, with multipliers of the right sum; it must not hand over other states.
     """
     x, y, z, a, b, c = sp.symbols("x y z a b c", real=True)
     sphere = x**2 + y**2 + z**2 - 1
     system = System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2 + z,
                     (sphere, factor * sphere), name="twice")
-    step = gs.stepper(scheme, stages, system=system)
+    with pytest.raises(gs.InputError, match="g1"):
+        gs.stepper(scheme, stages, system=system)
+    step = gs.stepper(scheme, stages, system=system, allow_invalid=True)
     for q, p in (([0.6, 0.0, 0.8], [0.0, 1.0, 0.0]), ([0.48, 0.6, 0.64], [0.8, 0.0, -0.6])):
         failure = None
         try:
