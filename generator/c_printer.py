@@ -143,7 +143,8 @@ class CPrinter:
         if exponent == 1:
             return self._text(base)
         if exponent.is_Integer and exponent <= _LARGEST_PRODUCT:
-            return self._repeated(self._within(base, _ATOM), int(exponent)), _PRODUCT
+            self.operations["mul"] += int(exponent) - 1
+            return repeated(self._within(base, _ATOM), int(exponent)), _PRODUCT
         if exponent == sp.Rational(1, 2):
             return self._call("sqrt", base), _ATOM
         if exponent.is_Rational and exponent.q == 2:
@@ -154,10 +155,10 @@ class CPrinter:
             return f"{whole}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
         return self._call("pow", base, exponent), _ATOM
 
-    def _repeated(self, factor: str, n: int) -> str:
-        """Return the n-th power as a product of equal halves, which the compiler sees once."""
-        self.operations["mul"] += n - 1 if n <= 4 else 1 + n % 2
-        if n <= 4:
-            return "*".join([factor] * n)
-        half = self._repeated(factor, n // 2)
-        return f"({half})*({half})" + (f"*{factor}" if n % 2 else "")
+
+def repeated(factor: str, n: int) -> str:
+    """Return the n-th power as a product of equal halves, which the compiler computes once."""
+    if n <= 4:
+        return "*".join([factor] * n)
+    half = repeated(factor, n // 2)
+    return f"({half})*({half})" + (f"*{factor}" if n % 2 else "")
