@@ -49,7 +49,7 @@ class _Cardinal(Numeric):
     @classmethod
     def eval(cls, z: sp.Expr) -> sp.Expr | None:
         """Return 1 at 0 and the same for z and −z."""
-        if z.is_zero:
+        if z == 0:
             return sp.Integer(1)
         return cls(-z) if z.could_extract_minus_sign() else None
 
@@ -64,7 +64,7 @@ class _Slope(Numeric):
     @classmethod
     def eval(cls, z: sp.Expr) -> sp.Expr | None:
         """Return 0 at 0 and the opposite for −z."""
-        if z.is_zero:
+        if z == 0:
             return sp.Integer(0)
         return -cls(-z) if z.could_extract_minus_sign() else None
 

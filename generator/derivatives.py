@@ -10,6 +10,8 @@ from functools import lru_cache
 
 import sympy as sp
 
+from .sharing import Shared, share
+
 __all__ = ["derivative"]
 
 
@@ -24,6 +26,8 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
         return sp.Add(*_product_terms(e.args, x))
     if e.is_Pow and e.exp.is_number:
         return e * (derivative(e.base, x) * e.exp / e.base)
+    if isinstance(e, Shared):
+        return share(derivative(e.args[0], x))
     if e.is_Function:
         inner = [derivative(argument, x) for argument in e.args]
         return sp.Add(*(e.fdiff(i) * d for i, d in enumerate(inner, 1) if d != 0))

@@ -8,6 +8,8 @@ from functools import cached_property
 
 import sympy as sp
 
+from .sharing import share
+
 __all__ = ["Difference"]
 
 
@@ -23,15 +25,20 @@ class Difference:
         i → D_i u, with u₁ − u₀ = Σ_i D_i u Δx_i; entries that vanish identically are absent.
     steps : sequence of Symbol
         Δx.
+    known_change : Expr, optional
+        u₁ − u₀ where it has a shorter form than the sum over i.
     """
 
     mean: sp.Expr
     slope: dict[int, sp.Expr]
     steps: Sequence[sp.Symbol]
+    known_change: sp.Expr | None = None
 
     @cached_property
     def change(self) -> sp.Expr:
         """u₁ − u₀."""
+        if self.known_change is not None:
+            return self.known_change
         return sp.Add(*(d * self.steps[i] for i, d in self.slope.items()))
 
     @cached_property
@@ -47,6 +54,16 @@ class Difference:
     def become(self, mean: sp.Expr, factor: sp.Expr) -> Difference:
         """Return the difference of an f(u) with that mean and f(u₁) − f(u₀) = factor·(u₁ − u₀)."""
         return Difference(mean, {i: factor * d for i, d in self.slope.items()}, self.steps)
+
+    def shared(self) -> Difference:
+        """Return u with mean and change as shared parts: a function uses them more than once."""
+        return Difference(share(self.mean), self.slope, self.steps, share(self.change))
+
+    def apply(self, mean: sp.Expr, factor: sp.Expr) -> Difference:
+        """Return what ``become`` returns, as parts that are computed once."""
+        factor = share(factor)
+        made = self.become(share(mean), factor)
+        return Difference(made.mean, made.slope, self.steps, share(factor * self.change))
 
     def __add__(self, other: Difference) -> Difference:
         slope = dict(self.slope)

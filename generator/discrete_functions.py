@@ -10,6 +10,7 @@ import sympy as sp
 
 from .cardinal import Asinhc, Atanc, Atanhc, Sinc, Sinhc
 from .difference import Difference
+from .sharing import share
 
 __all__ = ["FUNCTIONS", "angle", "exponential", "logarithm", "power"]
 
@@ -24,8 +25,8 @@ def power(u: Difference, exponent: sp.Expr) -> Difference:
     if exponent.is_Integer:
         return _integer_power(u, int(exponent))
     if (2 * exponent).is_Integer:
-        return _integer_power(_root(u), int(2 * exponent))
-    return _real_power(u, exponent)
+        return _integer_power(_root(u.shared()), int(2 * exponent))
+    return _real_power(u.shared(), exponent)
 
 
 def _integer_power(u: Difference, n: int) -> Difference:
@@ -35,8 +36,9 @@ def _integer_power(u: Difference, n: int) -> Difference:
         return u
     if n == 2:  # mean(u²) = ū² + ¼Δu², Δ(u²) = 2ūΔu: the general rule, shorter
         return u.become(u.mean**2 + u.change**2 / 4, 2 * u.mean)
+    u = u.shared()
     u0, u1 = u.ends
-    return u.become((u1**n + u0**n) / 2, _quotient(u, n))
+    return u.apply((u1**n + u0**n) / 2, _quotient(u, n))
 
 
 def _quotient(u: Difference, n: int) -> sp.Expr:
@@ -52,28 +54,29 @@ def _quotient(u: Difference, n: int) -> sp.Expr:
 
 
 def _reciprocal(u: Difference) -> Difference:
+    u = u.shared()
     product = u.mean**2 - u.change**2 / 4  # u₀u₁
-    return u.become(u.mean / product, -1 / product)
+    return u.apply(u.mean / product, -1 / product)
 
 
 def _root(u: Difference) -> Difference:
     u0, u1 = u.ends
     total = sp.sqrt(u1) + sp.sqrt(u0)
-    return u.become(total / 2, 1 / total)
+    return u.apply(total / 2, 1 / total)
 
 
 def _geometric(u: Difference) -> tuple[sp.Expr, sp.Expr]:
     """Return g = √u₁ √u₀ and Δu/(2g), the sinh of ½ Δ log u; no number if u₀ or u₁ is negative."""
     u0, u1 = u.ends
-    g = sp.sqrt(u1) * sp.sqrt(u0)
-    return g, u.half / g
+    g = share(sp.sqrt(u1) * sp.sqrt(u0))
+    return g, share(u.half / g)
 
 
 def _real_power(u: Difference, c: sp.Expr) -> Difference:
     """Return exp(c log u), with powers of g in place of the exponential of the mean."""
     g, z = _geometric(u)
-    growth = c * z * Asinhc(z)  # ½ Δ(c log u)
-    return u.become(g**c * sp.cosh(growth), c * g ** (c - 1) * Sinhc(growth) * Asinhc(z))
+    growth = share(c * z * Asinhc(z))  # ½ Δ(c log u)
+    return u.apply(g**c * sp.cosh(growth), c * g ** (c - 1) * Sinhc(growth) * Asinhc(z))
 
 
 # ---------------------------------------------------------------- exponentials and logarithms
@@ -81,33 +84,34 @@ def _real_power(u: Difference, c: sp.Expr) -> Difference:
 
 def exponential(u: Difference, base: sp.Expr = sp.E) -> Difference:
     """Return the difference of base^u."""
-    rate = sp.log(base)
+    u, rate = u.shared(), sp.log(base)
     half = rate * u.half
     value = base**u.mean
-    return u.become(value * sp.cosh(half), rate * value * Sinhc(half))
+    return u.apply(value * sp.cosh(half), rate * value * Sinhc(half))
 
 
 def logarithm(u: Difference) -> Difference:
     """Return the difference of log u."""
+    u = u.shared()
     g, z = _geometric(u)
-    return u.become(sp.log(g), Asinhc(z) / g)
+    return u.apply(sp.log(g), Asinhc(z) / g)
 
 
 # ---------------------------------------------------------------- circular functions
 
 
 def _sin(u: Difference) -> Difference:
-    return u.become(sp.sin(u.mean) * sp.cos(u.half), sp.cos(u.mean) * Sinc(u.half))
+    return u.apply(sp.sin(u.mean) * sp.cos(u.half), sp.cos(u.mean) * Sinc(u.half))
 
 
 def _cos(u: Difference) -> Difference:
-    return u.become(sp.cos(u.mean) * sp.cos(u.half), -sp.sin(u.mean) * Sinc(u.half))
+    return u.apply(sp.cos(u.mean) * sp.cos(u.half), -sp.sin(u.mean) * Sinc(u.half))
 
 
 def _tan(u: Difference) -> Difference:
     u0, u1 = u.ends
     product = sp.cos(u1) * sp.cos(u0)
-    return u.become(sp.sin(2 * u.mean) / (2 * product), Sinc(u.change) / product)
+    return u.apply(sp.sin(2 * u.mean) / (2 * product), Sinc(u.change) / product)
 
 
 def _mean_of(function: Callable[[sp.Expr], sp.Expr], u: Difference) -> sp.Expr:
@@ -118,16 +122,16 @@ def _mean_of(function: Callable[[sp.Expr], sp.Expr], u: Difference) -> sp.Expr:
 def _arc(u: Difference, root: Callable[[sp.Expr], sp.Expr], cardinal: type) -> sp.Expr:
     """Return the quotient of 2 at(Δu/(r₁ + r₀)), r the co-function: u = sin θ, r = cos θ, …"""
     u0, u1 = u.ends
-    total = root(u1) + root(u0)
+    total = share(root(u1) + root(u0))
     return 2 * cardinal(u.change / total) / total
 
 
 def _asin(u: Difference) -> Difference:
-    return u.become(_mean_of(sp.asin, u), _arc(u, _circle, Atanc))
+    return u.apply(_mean_of(sp.asin, u), _arc(u, _circle, Atanc))
 
 
 def _acos(u: Difference) -> Difference:
-    return u.become(_mean_of(sp.acos, u), -_arc(u, _circle, Atanc))
+    return u.apply(_mean_of(sp.acos, u), -_arc(u, _circle, Atanc))
 
 
 def _circle(x: sp.Expr) -> sp.Expr:
@@ -135,51 +139,53 @@ def _circle(x: sp.Expr) -> sp.Expr:
 
 
 def _atan(u: Difference) -> Difference:
-    c = 1 + u.mean**2 - u.half**2  # 1 + u₀u₁
-    total = sp.sqrt(c**2 + u.change**2) + c
-    return u.become(_mean_of(sp.atan, u), 2 * Atanc(u.change / total) / total)
+    c = share(1 + u.mean**2 - u.half**2)  # 1 + u₀u₁
+    total = share(sp.sqrt(c**2 + u.change**2) + c)
+    return u.apply(_mean_of(sp.atan, u), 2 * Atanc(u.change / total) / total)
 
 
 def angle(y: Difference, x: Difference) -> Difference:
     """Return the difference of atan2(y, x): the angle between the vectors at the two ends."""
+    y, x = y.shared(), x.shared()
     (y0, y1), (x0, x1) = y.ends, x.ends
-    cross = x.mean * y.change - y.mean * x.change
-    dot = x.mean**2 - x.half**2 + y.mean**2 - y.half**2
-    total = sp.sqrt(dot**2 + cross**2) + dot
-    factor = 2 * Atanc(cross / total) / total
+    cross = share(x.mean * y.change - y.mean * x.change)
+    dot = share(x.mean**2 - x.half**2 + y.mean**2 - y.half**2)
+    total = share(sp.sqrt(dot**2 + cross**2) + dot)
+    factor = share(2 * Atanc(cross / total) / total)
     slope = (y.become(sp.Integer(0), factor * x.mean)
              + x.become(sp.Integer(0), -factor * y.mean)).slope
-    return Difference((sp.atan2(y1, x1) + sp.atan2(y0, x0)) / 2, slope, y.steps)
+    mean = (sp.atan2(y1, x1) + sp.atan2(y0, x0)) / 2
+    return Difference(share(mean), slope, y.steps, share(factor * cross))
 
 
 # ---------------------------------------------------------------- hyperbolic functions
 
 
 def _sinh(u: Difference) -> Difference:
-    return u.become(sp.sinh(u.mean) * sp.cosh(u.half), sp.cosh(u.mean) * Sinhc(u.half))
+    return u.apply(sp.sinh(u.mean) * sp.cosh(u.half), sp.cosh(u.mean) * Sinhc(u.half))
 
 
 def _cosh(u: Difference) -> Difference:
-    return u.become(sp.cosh(u.mean) * sp.cosh(u.half), sp.sinh(u.mean) * Sinhc(u.half))
+    return u.apply(sp.cosh(u.mean) * sp.cosh(u.half), sp.sinh(u.mean) * Sinhc(u.half))
 
 
 def _tanh(u: Difference) -> Difference:
     u0, u1 = u.ends
-    return u.become(_mean_of(sp.tanh, u), Sinhc(u.change) / (sp.cosh(u1) * sp.cosh(u0)))
+    return u.apply(_mean_of(sp.tanh, u), Sinhc(u.change) / (sp.cosh(u1) * sp.cosh(u0)))
 
 
 def _asinh(u: Difference) -> Difference:
-    return u.become(_mean_of(sp.asinh, u), _arc(u, lambda x: sp.sqrt(1 + x**2), Atanhc))
+    return u.apply(_mean_of(sp.asinh, u), _arc(u, lambda x: sp.sqrt(1 + x**2), Atanhc))
 
 
 def _acosh(u: Difference) -> Difference:
-    return u.become(_mean_of(sp.acosh, u),
+    return u.apply(_mean_of(sp.acosh, u),
                     _arc(u, lambda x: sp.sqrt(x - 1) * sp.sqrt(x + 1), Atanhc))
 
 
 def _atanh(u: Difference) -> Difference:
     product = 1 - u.mean**2 + u.half**2  # 1 − u₀u₁
-    return u.become(_mean_of(sp.atanh, u), Atanhc(u.change / product) / product)
+    return u.apply(_mean_of(sp.atanh, u), Atanhc(u.change / product) / product)
 
 
 #: Functions of one argument with a rule.

@@ -39,6 +39,8 @@ tan(½ Δθ) = sin(Δθ)/(1 + cos(Δθ)), which no branch of the arc tangent dis
     atanh      Δ = atanhc(Δu/r)/r Δu,     r = 1 − u₀u₁
 
 Where u has no square root or logarithm at an end, the value is no number, as H itself is none.
+Powers whose exponent is not a known multiple of ½ take positive u only. Means and changes that a
+function uses more than once are shared parts (``sharing``): nested functions cost their number.
 """
 
 from __future__ import annotations
@@ -93,11 +95,25 @@ def differentiate(
 
     def visit(e: sp.Expr) -> Difference:
         if e not in known:
-            changes = not e.free_symbols.isdisjoint(symbols)
-            known[e] = _combine(e, list(map(visit, e.args))) if changes else Difference(e, {}, dx)
+            if e.free_symbols.isdisjoint(symbols):
+                known[e] = Difference(e, {}, dx)
+            else:
+                _refuse_unknown(e)
+                known[e] = _combine(e, list(map(visit, e.args)))
         return known[e]
 
     return visit(u)
+
+
+def _refuse_unknown(e: sp.Expr) -> None:
+    if e.is_Add or e.is_Mul or e.is_Pow or e.func in FUNCTIONS or e.func == sp.atan2:
+        return
+    raise InputError(
+        f"No exact difference is known for {e.func.__name__!r} in {e}; the discrete gradient takes "
+        "sums, products, quotients, powers, sqrt, atan2 and "
+        f"{', '.join(sorted(f.__name__ for f in FUNCTIONS))}: write H with these, or choose IMS or "
+        "a SPARK method."
+    )
 
 
 def _combine(e: sp.Expr, parts: list[Difference]) -> Difference:
@@ -110,14 +126,7 @@ def _combine(e: sp.Expr, parts: list[Difference]) -> Difference:
         return _power(*parts)
     if e.func == sp.atan2:
         return angle(*parts)
-    if e.func in FUNCTIONS and len(parts) == 1:
-        return FUNCTIONS[e.func](parts[0])
-    raise InputError(
-        f"No exact difference is known for {e.func.__name__!r} in {e}; the discrete gradient takes "
-        "sums, products, quotients, powers, sqrt, atan2 and "
-        f"{', '.join(sorted(f.__name__ for f in FUNCTIONS))}: write H with these, or choose IMS or "
-        "a SPARK method."
-    )
+    return FUNCTIONS[e.func](parts[0].shared())
 
 
 def _power(base: Difference, exponent: Difference) -> Difference:

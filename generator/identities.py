@@ -18,7 +18,7 @@ import mpmath as mp
 import sympy as sp
 
 from .cardinal import Numeric
-from .sharing import parts_of, symbols_of
+from .sharing import Shared, parts_of, symbols_of
 
 __all__ = ["Finding", "compare", "evaluate"]
 
@@ -132,6 +132,8 @@ def _value(e: sp.Basic, arguments: list[Any]) -> Any:
         return mp.fprod(arguments)
     if e.is_Pow:
         return mp.power(*arguments)
+    if isinstance(e, Shared):
+        return arguments[0]
     if isinstance(e, Numeric):
         return e.value(*arguments)
     if e.is_Rational:

@@ -12,7 +12,7 @@ import sympy as sp
 
 from .c_printer import CPrinter
 from .real import Real
-from .sharing import symbols_of
+from .sharing import Shared, parts_of, symbols_of
 
 __all__ = ["Constants", "EmittedKernel", "Kernel", "Target", "emit_kernel"]
 
@@ -129,9 +129,11 @@ def emit_kernel(
     targets = list(_entries(kernel.outputs))
     if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in targets))):
         return _emit_compensated(kernel, targets, constants, real, names, target)
-    shared, reduced = sp.cse(
-        [e for _, e in targets], symbols=sp.numbered_symbols("_t", real=True), order="canonical"
-    )
+    definitions, outputs = _unfold([e for _, e in targets])
+    shared, reduced = sp.cse([*definitions.values(), *outputs],
+                             symbols=sp.numbered_symbols("_t", real=True), order="canonical")
+    named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
+    shared = _sorted(shared, dict(zip(definitions, named, strict=True)))
     shared, reduced = _name_bases(shared, reduced)
     names |= {t: t.name.lstrip("_") for t, _ in shared}
     printer = CPrinter(real, names, target.prefix)
@@ -154,6 +156,46 @@ def emit_kernel(
         frozenset(map(str, own_constants)),
         frozenset(printer.functions),
     )
+
+
+def _unfold(
+    expressions: list[sp.Expr],
+) -> tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]:
+    """Return symbols for the parts in ``Shared`` with their definitions, and the rest in them."""
+    fresh = sp.numbered_symbols("_s", real=True)
+    known: dict[sp.Basic, sp.Basic] = {}
+    symbols: dict[sp.Basic, sp.Symbol] = {}  # by definition: some parts become the same
+    for e in parts_of(expressions):
+        arguments = [known[a] for a in e.args]
+        same = all(a is b for a, b in zip(arguments, e.args, strict=True))
+        if not isinstance(e, Shared):
+            known[e] = e if same else e.func(*arguments)
+        elif arguments[0].is_Atom:
+            known[e] = arguments[0]
+        else:
+            if arguments[0] not in symbols:
+                symbols[arguments[0]] = next(fresh)
+            known[e] = symbols[arguments[0]]
+    return {s: e for e, s in symbols.items()}, [known[e] for e in expressions]
+
+
+def _sorted(
+    shared: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
+) -> list[tuple[sp.Symbol, sp.Expr]]:
+    """Return shared subexpressions and definitions, each behind those it is made of."""
+    if not definitions:
+        return shared
+    known, done = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
+
+    def visit(symbol: sp.Symbol) -> None:
+        if symbol not in done and symbol in known:
+            for other in sorted(known[symbol].free_symbols, key=str):
+                visit(other)
+            done[symbol] = known[symbol]
+
+    for symbol in known:
+        visit(symbol)
+    return list(done.items())
 
 
 def _is_exact_polynomial(e: sp.Expr) -> bool:

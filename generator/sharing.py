@@ -1,15 +1,57 @@
 """Expressions as graphs: what they share is visited once.
 
 Derived expressions repeat their parts, nested ones exponentially often when written out as trees.
+A part in ``Shared`` is opaque to SymPy, which would search it for signs and factors again and
+again wherever it occurs; in C it is a temporary.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import sympy as sp
 
-__all__ = ["parts_of", "substitute", "symbols_of"]
+__all__ = ["Shared", "parts_of", "share", "spelled_out", "substitute", "symbols_of"]
+
+
+class Shared(sp.Function):  # type: ignore[misc]
+    """The value of its argument, a real number: the identity."""
+
+    nargs = 1
+    is_extended_real = True
+
+    @property
+    def free_symbols(self) -> set[sp.Symbol]:
+        """The symbols in the argument, collected once."""
+        if not hasattr(self, "_symbols"):
+            self._symbols = self.args[0].free_symbols
+        return set(self._symbols)
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        """Return 1."""
+        return sp.Integer(1)
+
+    def _eval_evalf(self, prec: int) -> Any:
+        return self.args[0]._eval_evalf(prec)
+
+
+def share(e: sp.Expr) -> sp.Expr:
+    """Return e as a shared part, but for its numerical factor."""
+    number, rest = e.as_coeff_Mul()
+    return e if rest.is_Atom or isinstance(rest, Shared) else number * Shared(rest)
+
+
+def spelled_out(e: sp.Expr) -> sp.Expr:
+    """Return e without ``Shared``."""
+    known: dict[sp.Basic, sp.Basic] = {}
+    for part in parts_of([e]):
+        arguments = [known[a] for a in part.args]
+        if isinstance(part, Shared):
+            known[part] = arguments[0]
+        else:
+            known[part] = part.func(*arguments) if arguments else part
+    return known[e]
 
 
 def parts_of(expressions: Iterable[sp.Basic]) -> Iterator[sp.Basic]:
