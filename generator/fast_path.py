@@ -29,6 +29,7 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
+from .bounded_algebra import expanded, is_small
 from .kernels import Kernel
 from .multipliers import multiplier_inverse
 from .real import Real, round_binary
@@ -55,12 +56,12 @@ class FastSystem:
 
         Whatever the remainder is, e equals it on the constraint manifold.
         """
-        expanded = sp.expand(e)
-        if not expanded.free_symbols & set(self.system.q):
-            return expanded
-        if not all(x.is_polynomial(*self.system.q) for x in (expanded, *self.system.constraints)):
-            return expanded
-        return sp.expand(sp.reduced(expanded, list(self.system.constraints), *self.system.q)[1])
+        long = expanded(e)
+        if not long.free_symbols & set(self.system.q) or not is_small(e):
+            return long
+        if not all(x.is_polynomial(*self.system.q) for x in (long, *self.system.constraints)):
+            return long
+        return sp.expand(sp.reduced(long, list(self.system.constraints), *self.system.q)[1])
 
     def _is_constant(self, e: sp.Expr) -> bool:
         return not e.has(*self.system.q, *self.system.p)
@@ -126,7 +127,7 @@ class FastSystem:
     def _is_unmoved(self, u: sp.Expr) -> bool:
         by_p = gradient(u, self.system.p)
         return all(
-            sp.expand(sum((a * b for a, b in zip(by_p, g, strict=True)), sp.Integer(0))) == 0
+            expanded(sum((a * b for a, b in zip(by_p, g, strict=True)), sp.Integer(0))) == 0
             for g in self.system.G
         )
 
@@ -139,7 +140,7 @@ class FastSystem:
     @property
     def is_separable(self) -> bool:
         """Whether H_pq = 0: Gauss-Seidel sweeps then square the contraction."""
-        return all(sp.expand(e) == 0 for row in self.system.H_pq for e in row)
+        return all(expanded(e) == 0 for row in self.system.H_pq for e in row)
 
     @cached_property
     def folds(self) -> Folds:

@@ -10,6 +10,7 @@ from typing import Any
 
 import sympy as sp
 
+from .bounded_algebra import is_small
 from .c_printer import CPrinter
 from .real import Real
 from .sharing import Shared, parts_of, symbols_of
@@ -200,7 +201,7 @@ def _sorted(
 
 def _is_exact_polynomial(e: sp.Expr) -> bool:
     """Whether e is a sum of products with coefficients that every binary format holds exactly."""
-    return all(
+    return is_small(e) and all(
         (base.is_Symbol or base == 1) and power.is_Integer and power > 0
         for term in sp.Add.make_args(sp.expand(e))
         for base, power in term.as_coeff_Mul()[1].as_powers_dict().items()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -27,6 +27,9 @@ __all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
 MAX_EXPONENT = 64
 MAX_TERMS = 5000
 MAX_BITS = 12_000
+#: Quotients, roots, powers and functions inside one another: derivatives and discrete gradients
+#: grow exponentially with it.
+MAX_LEVEL = 8
 #: Of the argument of a function of a constant.
 MAX_ARGUMENT = 1000
 
@@ -52,6 +55,7 @@ class _Term:
     constant: Value | None  # None for a formula
     bits: int
     terms: int
+    level: int = 0  # of quotients, roots and functions inside one another
 
 
 def parse_formula(
@@ -118,15 +122,13 @@ class _Formulas:
         known = [t.constant for t in terms if t.constant is not None]
         if len(known) == len(terms):
             return _constant(numbers.add(known))
-        return _formula(sum(t.bits + 1 for t in terms), sum(t.terms for t in terms), sp.Add,
-                        *(t.expression for t in terms))
+        return _formula(terms, 0, sum(t.terms for t in terms), sp.Add)
 
     def multiply(self, factors: Sequence[_Term]) -> _Term:
         known = [f.constant for f in factors if f.constant is not None]
         if len(known) == len(factors):
             return _constant(numbers.multiply(known))
-        return _formula(sum(f.bits + 1 for f in factors), math.prod(f.terms for f in factors),
-                        sp.Mul, *(f.expression for f in factors))
+        return _formula(factors, 0, math.prod(f.terms for f in factors), sp.Mul)
 
     def negative(self, value: _Term) -> _Term:
         return self.multiply([_constant(rational(sp.Integer(-1))), value])
@@ -134,7 +136,7 @@ class _Formulas:
     def reciprocal(self, value: _Term) -> _Term:
         if value.constant is not None:
             return _constant(numbers.reciprocal(value.constant))
-        return _formula(value.bits, value.terms, sp.Pow, value.expression, sp.Integer(-1))
+        return _formula([value], 1, value.terms, lambda e: 1 / e)
 
     def power(self, base: _Term, exponent: _Term) -> _Term:
         self.check_exponent(exponent)
@@ -151,8 +153,8 @@ class _Formulas:
                 return self.evaluated(sp.Pow, mp.power, [base.constant, exponent.constant])
         size = math.floor(abs(_number(exponent.constant))) if exponent.constant is not None else 1
         terms = math.comb(base.terms + size - 1, size)
-        return _formula((base.bits + 1) * max(size, 1) + exponent.bits, terms, sp.Pow,
-                        base.expression, e)
+        product = replace(base, bits=base.bits * max(size, 1))
+        return _formula([product, exponent], int(not (e.is_Integer and e >= 0)), terms, sp.Pow)
 
     def check_exponent(self, exponent: _Term) -> None:
         e = exponent.expression
@@ -172,8 +174,7 @@ class _Formulas:
         known = [a.constant for a in arguments if a.constant is not None]
         make, _ = FUNCTIONS[function]
         if len(known) < len(arguments):
-            return _formula(sum(a.bits + 1 for a in arguments), sum(a.terms for a in arguments),
-                            make, *(a.expression for a in arguments))
+            return _formula(arguments, 1, sum(a.terms for a in arguments), make)
         if function == "sqrt":
             return _constant(numbers.FUNCTIONS["sqrt"](known[0]))
         return self.evaluated(make, getattr(mp, function), known)
@@ -223,9 +224,20 @@ def _number(value: Value) -> Any:
 
 
 def _formula(
-    bits: int, terms: int, operation: Callable[..., sp.Expr], *arguments: sp.Expr
+    arguments: Sequence[_Term], more: int, terms: int, operation: Callable[..., sp.Expr]
 ) -> _Term:
-    """Carry out an operation once its bounds are found good; the outcome may be a constant."""
+    """Carry out an operation once its bounds are found good; the outcome may be a constant.
+
+    ``more`` is by how much the level rises above that of the arguments, ``terms`` how many there
+    would be, were the outcome multiplied out.
+    """
+    bits = sum(a.bits + 1 for a in arguments)
+    level = max(a.level for a in arguments) + more
+    if level > MAX_LEVEL:
+        raise RefusedError(
+            f"More than {MAX_LEVEL} quotients, roots and functions lie inside one another here; "
+            "simplify the formula"
+        )
     if bits > MAX_BITS:
         raise RefusedError(
             f"The coefficients of this formula may need {bits} bits and at most {MAX_BITS} are "
@@ -236,7 +248,7 @@ def _formula(
             f"Multiplied out, this has {terms if terms < 10**9 else 'over 10^9'} terms and at most "
             f"{MAX_TERMS} are allowed; lower its powers"
         )
-    result = operation(*arguments)
+    result = operation(*(a.expression for a in arguments))
     _refuse_rough(result)
     for factor in sp.Mul.make_args(result):
         e = factor.exp if factor.is_Pow else sp.Integer(1)
@@ -247,7 +259,7 @@ def _formula(
             )
     if result.is_number:
         return _constant(numbers.named(result))
-    return _Term(result, None, bits, terms)
+    return _Term(result, None, bits, terms, level)
 
 
 def _refuse_rough(result: sp.Expr) -> None:

@@ -19,6 +19,7 @@ import sympy as sp
 from sympy.core.sympify import _sympify
 
 from ..errors import InputError
+from .bounded_algebra import can_be_factored, expanded
 from .c_names import is_taken
 from .derivatives import derivative
 
@@ -313,10 +314,10 @@ def shortest(expression: sp.Expr) -> sp.Expr:
 
     Polynomials of many symbols are not factored: it takes seconds each and finds nothing.
     """
-    expanded = sp.expand(expression)
-    candidates = [expression, expanded]
-    if expanded.is_Add and len(expanded.args) <= 64 and len(expanded.free_symbols) <= 12:
-        candidates.append(sp.factor_terms(expanded))
-        if expanded.is_polynomial(*expanded.free_symbols) or expanded.is_rational_function():
-            candidates.append(sp.factor(expanded))
+    long = expanded(expression)
+    candidates = [expression, long]
+    if long.is_Add and len(long.args) <= 64 and len(long.free_symbols) <= 12:
+        candidates.append(sp.factor_terms(long))
+        if can_be_factored(long):
+            candidates.append(sp.factor(long))
     return min(candidates, key=lambda candidate: int(sp.count_ops(candidate)))
