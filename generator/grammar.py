@@ -260,7 +260,7 @@ class _Parser(Generic[V]):
     def name(self, token: Token) -> V:
         if token.text not in self.arithmetic.names:
             functions = (f"{name}(…)" for name in self.arithmetic.functions)
-            known = ", ".join(sorted([*self.arithmetic.names, *functions]))
+            known = ", ".join([*sorted(self.arithmetic.names), *functions])
             self.next -= 1
             raise self.error(f"The name {shorten(token.text)} is unknown",
                              f"use one of {shorten(known, 600)}")

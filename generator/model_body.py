@@ -39,6 +39,7 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
     body.require("inertia")
     chosen = body.choice("rep", REPS, "gamma") if rep is None else rep
     inertia = _inertia(body)
+    weight = _weight(body, chosen)
     _add_mass(body, formulas)
     place = _place()
     potential = formulas.read(content, "potential", content.formula("potential"), place, moments) \
@@ -48,12 +49,7 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
     torque = formulas.read_all(forces, "torque", motion, moments, 3) if "torque" in forces else []
     quantities = formulas.quantities(motion, moments)
     parameters, renamed, values = formulas.in_use([potential, *torque, *quantities.values()])
-    values |= dict(zip(map(str, moments), inertia, strict=True))
-    own = body.number(chosen) if chosen in body else None
-    if own is not None:
-        if own == 0:
-            raise body.error(chosen, "is 0, and the kinetic energy divides by it; write another.")
-        values[chosen] = own
+    values |= dict(zip(map(str, moments), inertia, strict=True)) | weight
     system = body_system(
         name,
         cast("Rep", chosen),
@@ -72,6 +68,15 @@ def _inertia(body: Table) -> tuple[float, float, float]:
     if min(I1, I2, I3) <= 0:
         raise body.error("inertia", f"is {[I1, I2, I3]}; write three moments above 0, in kg m².")
     return I1, I2, I3
+
+
+def _weight(body: Table, rep: str) -> dict[str, float]:
+    """Return the value of γ or α, if it is given."""
+    if rep not in body:
+        return {}
+    if body.number(rep) == 0:
+        raise body.error(rep, "is 0, and the kinetic energy divides by it; write another number.")
+    return {rep: body.number(rep)}
 
 
 def _add_mass(body: Table, formulas: Formulas) -> None:

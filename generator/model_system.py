@@ -32,6 +32,12 @@ def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) 
                 "forces", "time")
     table.require("coordinates", "momenta", "hamiltonian")
     q, p = (_symbols(table, key) for key in ("coordinates", "momenta"))
+    if len(q) != len(p):
+        raise table.error("momenta", f"has {len(p)} names for {len(q)} coordinates; write one for "
+                                     "each.")
+    for symbol in q.keys() & p.keys():
+        raise table.error("momenta", f"has the name {symbol!r}, which is a coordinate too; names "
+                                     "must differ.")
     time = {"t": sp.Symbol("t", real=True)}
     if "time" in table:
         symbol = table.symbol("time", table.text("time"))
