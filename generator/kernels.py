@@ -13,7 +13,7 @@ import sympy as sp
 from .bounded_algebra import is_small
 from .c_printer import CPrinter
 from .real import Real
-from .sharing import Shared, parts_of, symbols_of
+from .sharing import Shared, parts_of, symbols_of, tree_size
 
 __all__ = ["Constants", "EmittedKernel", "Kernel", "Target", "emit_kernel"]
 
@@ -56,6 +56,10 @@ class EmittedKernel:
     constants: frozenset[str] = frozenset()
     #: Functions of <math.h> that it calls, without suffix.
     functions: frozenset[str] = frozenset()
+
+
+#: Nodes of expressions written out as trees, up to which SymPy orders their arguments.
+_LARGEST_TREE = 100_000
 
 
 class Constants:
@@ -131,8 +135,10 @@ def emit_kernel(
     if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in targets))):
         return _emit_compensated(kernel, targets, constants, real, names, target)
     definitions, outputs = _unfold([e for _, e in targets])
-    shared, reduced = sp.cse([*definitions.values(), *outputs],
-                             symbols=sp.numbered_symbols("_t", real=True), order="canonical")
+    expressions = [*definitions.values(), *outputs]
+    # SymPy compares whole trees to bring arguments into order: in deep ones that takes for ever.
+    order = "canonical" if tree_size(expressions) <= _LARGEST_TREE else "none"
+    shared, reduced = sp.cse(expressions, symbols=sp.numbered_symbols("_t", real=True), order=order)
     named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
     shared = _sorted(shared, dict(zip(definitions, named, strict=True)))
     shared, reduced = _name_bases(shared, reduced)
@@ -246,13 +252,14 @@ def _emit_compensated(
 
 def wrap(statement: str, width: int = 96) -> str:
     """Break a long statement before + and - signs; continuation lines are indented."""
-    lines, rest = [], statement
+    lines, rest, begin = [], statement, 0
     while len(rest) > width:
-        at = max(rest.rfind(" + ", 0, width), rest.rfind(" - ", 0, width))
+        at = max(rest.rfind(" + ", begin, width), rest.rfind(" - ", begin, width))
         if at <= 0:
             break
         lines.append(rest[:at])
         rest = "    " + rest[at + 1 :]
+        begin = 5  # not at the sign that this line begins with
     return "\n    ".join([*lines, rest])
 
 

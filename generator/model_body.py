@@ -12,13 +12,14 @@ from typing import cast
 import numpy as np
 import sympy as sp
 
-from . import attitude, rigid_body
+from ..errors import InputError
+from . import attitude, poses, rigid_body
 from .model import Model
 from .model_parts import Formulas, run_length
 from .model_table import Table
 from .rigid_body import Rep, body_system, moments, p, q
 
-__all__ = ["read_body"]
+__all__ = ["ATTITUDES", "REPS", "read_attitude", "read_body"]
 
 REPS = ("gamma", "alpha")
 ATTITUDES = ("quaternion", "euler", "rotation")
@@ -109,24 +110,26 @@ def _start(start: Table, inertia: Sequence[float]) -> tuple[list[float], list[fl
     """Return q and p at t = 0."""
     start.allow(*ATTITUDES, "angular_velocity")
     start.require("angular_velocity")
-    given = [key for key in ATTITUDES if key in start]
-    if len(given) != 1:
-        raise start.error("attitude", f"is given {len(given)} times; give one of "
-                                      f"{', '.join(ATTITUDES)}.")
-    attitude_0 = _attitude(start, given[0])
-    return attitude_0, attitude.momentum(attitude_0, start.vector("angular_velocity", 3), inertia)
+    q0 = read_attitude(start)
+    if q0 is None:
+        raise start.error("attitude", f"is missing; give one of {', '.join(ATTITUDES)}.")
+    return q0, attitude.momentum(q0, start.vector("angular_velocity", 3), inertia)
 
 
-def _attitude(start: Table, key: str) -> list[float]:
+def read_attitude(table: Table) -> list[float] | None:
+    """Return the unit quaternion that a table tells as quaternion, euler or rotation, if any."""
+    given = [key for key in ATTITUDES if key in table]
+    if not given:
+        return None
+    if len(given) > 1:
+        raise table.error("attitude", f"is given as {' and '.join(given)}; give one of them.")
+    key = given[0]
     if key == "euler":
-        return attitude.from_euler(*start.vector(key, 3))
-    if key == "quaternion":
-        found = attitude.normalised(start.vector(key, 4))
-        if found is None:
-            raise start.error(key, "is zero; write [1, 0, 0, 0] for no turn.")
-        return found
-    found = attitude.from_matrix(start.matrix(key, 3))
-    if found is None:
-        raise start.error(key, "is no rotation matrix; write three orthogonal rows of length 1 "
-                               "with determinant 1, to 5 digits at least.")
-    return found
+        return attitude.from_euler(*table.vector(key, 3))
+    quaternion = table.vector(key, 4) if key == "quaternion" else None
+    matrix = table.matrix(key, 3) if key == "rotation" else None
+    try:
+        found = poses.attitude(table.where.strip(), quaternion, matrix)
+    except InputError as problem:
+        raise table.error(key, f"is no attitude: {problem}") from None
+    return [float(x) for x in found]

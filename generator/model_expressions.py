@@ -29,7 +29,7 @@ MAX_TERMS = 5000
 MAX_BITS = 12_000
 #: Quotients, roots, powers and functions inside one another: derivatives and discrete gradients
 #: grow exponentially with it.
-MAX_LEVEL = 8
+MAX_LEVEL = 5
 #: Of the argument of a function of a constant.
 MAX_ARGUMENT = 1000
 

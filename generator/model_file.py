@@ -32,8 +32,9 @@ or any holonomic Hamiltonian system, ``model_system``:
     q = [0.5, 0]
     p = [0, 0]
 
-Formulas are read by ``model_expressions``; wherever a number stands, a text such as "pi/6" may
-stand too. ``description``, ``[run]``, ``[quantities]`` and forces may be left out.
+or several bodies with joints, ``model_bodies``. Formulas are read by ``model_expressions``;
+wherever a number stands, a text such as "pi/6" may stand too. ``description``, ``[run]``,
+``[quantities]`` and forces may be left out.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ from pathlib import Path
 from ..errors import InputError
 from .c_names import KEYWORDS
 from .model import Model
+from .model_bodies import read_bodies
 from .model_body import read_body
 from .model_parts import Formulas, Numbers
 from .model_system import read_system
@@ -60,6 +62,7 @@ NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 KINDS: Mapping[str, Callable[[Table, str, Formulas, str | None], Model]] = {
     "body": read_body,
     "system": read_system,
+    "bodies": read_bodies,
 }
 
 
@@ -85,12 +88,12 @@ def parse_model(text: str, path: str | Path, rep: str | None = None) -> Model:
     """Return the model of a text that was read from a file; see ``load_model``."""
     content = load_toml(text, Path(path))
     kinds = [kind for kind in KINDS if kind in content]
+    shown = ", ".join(f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS)
     if len(kinds) != 1:
         found = " and ".join(f"[{kind}]" for kind in kinds) or "neither of them"
         raise content.file_error(
-            f"it must have one table among {', '.join(f'[{kind}]' for kind in KINDS)} and has "
-            f"{found}; write one.")
-    content.require("name", "start")
+            f"it must have one table among {shown} and has {found}; write one.")
+    content.require("name", *(() if kinds == ["bodies"] else ("start",)))
     formulas = Formulas(content, Numbers(content))
     try:
         return KINDS[kinds[0]](content, _name(content), formulas, rep)

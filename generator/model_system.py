@@ -61,7 +61,7 @@ def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) 
         tuple(q.values()), tuple(p.values()), tuple(parameters), H.xreplace(renamed),
         tuple(g.xreplace(renamed) for g in constraints),
         name=name,
-        constraint_names=tuple(table.names("constraint_names")),
+        constraint_names=tuple(table.strings("constraint_names")),
         forces=tuple(f.xreplace(renamed) for f in forces),
         time=next(iter(time.values())) if uses_time else None,
         quantities={key: e.xreplace(renamed) for key, e in quantities.items()},

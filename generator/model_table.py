@@ -124,6 +124,15 @@ class Table:
             self.symbol(f"{key}, entry {i},", value)
         return list(found)
 
+    def strings(self, key: str) -> list[str]:
+        """Return a list of texts, none if the key is not there."""
+        found = self._list(key, None, "texts in quotes")
+        for i, value in enumerate(found, 1):
+            if not isinstance(value, str) or not value.isprintable() or len(value) > 100:
+                raise self.error(f"{key}, entry {i},", f"is {describe(value)}; write a short text "
+                                                       "in quotes.")
+        return list(found)
+
     def symbol(self, key: str, name: Any) -> str:
         """Return a name that formulas can use."""
         if not isinstance(name, str) or not SYMBOL.fullmatch(name):

@@ -12,7 +12,8 @@ from typing import Any
 
 import sympy as sp
 
-__all__ = ["Shared", "parts_of", "share", "spelled_out", "substitute", "symbols_of"]
+__all__ = ["Shared", "parts_of", "share", "spelled_out", "substitute", "symbols_of",
+           "tree_size"]
 
 
 class Shared(sp.Function):  # type: ignore[misc]
@@ -66,6 +67,14 @@ def parts_of(expressions: Iterable[sp.Basic]) -> Iterator[sp.Basic]:
             seen.add(e)
             stack.append((e, True))
             stack += [(argument, False) for argument in e.args]
+
+
+def tree_size(expressions: Sequence[sp.Basic]) -> int:
+    """Return how many nodes the expressions would have if nothing were shared."""
+    sizes: dict[sp.Basic, int] = {}
+    for e in parts_of(expressions):
+        sizes[e] = 1 + sum(sizes[a] for a in e.args)
+    return sum(sizes[e] for e in expressions)
 
 
 def symbols_of(expressions: Iterable[sp.Basic]) -> set[sp.Symbol]:

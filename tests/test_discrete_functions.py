@@ -17,8 +17,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from gyrospark.generator.discrete_gradient import discrete_gradient
-from gyrospark.generator.identities import compare, evaluate
-from gyrospark.generator.sharing import symbols_of
+from gyrospark.generator.identities import evaluate
 from random_expressions import EXPRESSIONS, PARAMETERS, X, in_doubles, largest_term
 from strategies import EPS
 

@@ -212,7 +212,7 @@ MISTAKES: list[tuple[str, str, str, list[str]]] = [
      ["[start] rotation", "no rotation matrix"]),
     (BODY, 'euler = [0.1, "pi/6", 0.2]', "rotation = [[1,0,0],[0,1,0],[0,0]]",
      ["rotation, row 3", "2 entries"]),
-    (BODY, 'euler = [0.1, "pi/6", 0.2]', "", ["[start] attitude", "0 times", "quaternion, euler"]),
+    (BODY, 'euler = [0.1, "pi/6", 0.2]', "", ["[start] attitude", "missing", "quaternion, euler"]),
     (BODY, "angular_velocity = [1, 2, 3]", "", ["angular_velocity", "missing"]),
     (BODY, "dt = 0.01", "dt = 0", ["[run] dt", "is 0"]),
     (BODY, "dt = 0.01", 'dt = "fast"', ["[run] dt", "fast is unknown"]),
