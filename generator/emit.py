@@ -168,6 +168,14 @@ def _context(
     }
 
 
+def _scalars(forms: dict[str, Any]) -> list[EmittedKernel]:
+    """Return the kernels of a structured system that work on numbers."""
+    if not forms["structured"]:
+        return []
+    return [kernel["scalar"] for part in (*forms["terms"], *forms["joints"], *forms["pushes"])
+            for kernel in part["kernels"] if kernel["scalar"]]
+
+
 def _quantity_kernel(system: System, real: Real) -> EmittedKernel | None:
     """Return the kernel of the user's quantities, in terms of the parameters themselves."""
     if not system.quantities:

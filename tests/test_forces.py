@@ -9,7 +9,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import mpmath as mp
@@ -19,8 +21,12 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.generator.fast_path import FastSystem
+from gyrospark.generator.pipeline import generate
 from gyrospark.generator.rigid_body import free_body
 from gyrospark.generator.schemes import hoisted
+from gyrospark.generator.spec import Spec
+from gyrospark.generator.structure import Structure
+from gyrospark.runtime.stepper import Stepper
 from reference import WORKING_DIGITS, Equations, Method, doubles, numbers
 from strategies import EPS
 
@@ -292,6 +298,60 @@ def test_there_and_back(name, scheme, stages):
     rest = step.integrate(half.q[-1], half.p[-1], dt=0.05, steps=20, t0=half.t[-1], **how)
     assert np.abs(rest.q[-1] - run.q[-1]).max() <= 256 * EPS
     assert half.work[-1] + rest.work[-1] == pytest.approx(run.work[-1], abs=1e-12)
+
+
+def chain(links):
+    """Beads on rods with a mass that depends on place, dampers between them, a drive at the end."""
+    q = sp.symbols(f"x0:{2 * links}", real=True)
+    p = sp.symbols(f"y0:{2 * links}", real=True)
+    points = [(0, 0), *zip(q[::2], q[1::2], strict=True)]
+    rods = [(b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 - 1
+            for a, b in pairwise(points)]
+    H = sum(a**2 for a in p) / 2 + 9 * sum(q[1::2])
+    H += sum(x**2 * v**2 for x, v in zip(q[::2], p[1::2], strict=True)) / 8
+    forces = [-k * a for a in p]
+    for i in range(2 * links - 2):
+        pull = c * (p[i + 2] - p[i]) * (1 + q[i] * q[i + 2] / 5)
+        forces[i], forces[i + 2] = forces[i] + pull, forces[i + 2] - pull
+    forces[-2] += f * sp.sin(omega * tau) * q[-1]
+    return gs.System(q, p, (k, c, f, omega), H, rods, forces=forces, time=tau, name="damped")
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [*MEAN, ("G-L", 2), ("LIIIA-B", 3)])
+def test_forces_of_large_systems(scheme, stages):
+    """With one kernel a form: what is solved, its band and its motion are those of dense C."""
+    spec, steppers = Spec.checked(scheme, stages), []
+    for structured in (False, True):
+        source = generate(spec, system=replace(chain(3), name=f"damped{int(structured)}"),
+                          structured=structured).source
+        steppers.append(Stepper(source.name, source.files()))
+    start = np.array([0.6, -0.8, 1.4, -1.4, 1.4, -2.4]), np.array([0.8, 0.6] * 3)
+    q, p = steppers[0].project(*start, parameters=PARAMETERS)
+    at: dict[str, Any] = {"dt": 0.02, "parameters": PARAMETERS}
+    x = steppers[0].guess(q, p, t=0.3, **at)
+    x += 0.05 * np.random.default_rng(1).standard_normal(len(x))
+    r, other_r = (step.residual(x, q, p, t=0.3, **at) for step in steppers)
+    assert np.abs(r - other_r).max() <= 64 * EPS * (16 + np.abs(x).max() + 0.1 / 0.02)
+    J, other_J = (step.jacobian(x, q, p, t=0.3, **at) for step in steppers)
+    assert np.abs(J - other_J).max() <= 64 * EPS * np.abs(J).max()
+    run = steppers[0].integrate(q, p, steps=50, t0=0.3, **at)
+    others = [steppers[1].integrate(q, p, steps=50, t0=0.3, solver=solver, **at)
+              for solver in ("auto", "newton", "python")]
+    others += steppers[1].integrate_ensemble([q], [p], steps=50, t0=0.3, **at).members
+    for other in others:
+        assert other.report.newton_steps == 0
+        assert np.abs(other.q - run.q).max() <= 64 * EPS
+        # IMS and EMS: what rounding g, of terms up to 6, costs in p by Δt.
+        assert np.abs(other.p - run.p).max() <= (64 if stages else 64 / 0.02) * EPS
+        assert np.abs(other.work - run.work).max() <= 256 * EPS
+
+
+def test_cost_of_damping_grows_with_the_length():
+    """Twice the chain has the same forms, and a band as wide."""
+    short, long = (Structure(hoisted(chain(links))[0]) for links in (6, 12))
+    assert len(short.force_forms) == len(long.force_forms)
+    assert [len(form.expressions) for form in short.force_forms] == [
+        len(form.expressions) for form in long.force_forms]
 
 
 @pytest.mark.parametrize("real", ["float", "long-double", "float128"])
