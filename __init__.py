@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         TableauError,
     )
     from .facade import consistent, stepper, tableau
+    from .generator import example_models as models
     from .generator import symbols
     from .generator.model import Model
     from .generator.model_file import load_model
@@ -77,7 +78,10 @@ _HOMES = {
 }
 
 #: The same for modules.
-_MODULES = {"problems": "runtime.problems", "symbols": "generator.symbols"}
+_MODULES = {
+    "models": "generator.example_models", "problems": "runtime.problems",
+    "symbols": "generator.symbols",
+}
 
 __all__ = [
     "Certificate",
@@ -106,6 +110,7 @@ __all__ = [
     "gamma_m",
     "gamma_m_tilde",
     "load_model",
+    "models",
     "momentum",
     "problems",
     "rotation_matrix",

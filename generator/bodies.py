@@ -136,6 +136,16 @@ class Body(Frame):
         return _vector([w / (2 * moment) for w, moment in zip(doubled, self.inertia, strict=True)])
 
     @property
+    def angular_momentum(self) -> Vector:
+        """The angular momentum about the origin in space axes: R(q) l for |q| = 1, bilinear."""
+        (q0, q1, q2, q3), (p0, p1, p2, p3) = self.q, self.p
+        return (
+            (q0 * p1 - q1 * p0 + q2 * p3 - q3 * p2) / 2,
+            (q0 * p2 - q2 * p0 + q3 * p1 - q1 * p3) / 2,
+            (q0 * p3 - q3 * p0 + q1 * p2 - q2 * p1) / 2,
+        )
+
+    @property
     def velocity(self) -> Vector:
         """Velocity of the origin in space."""
         if not self.p_x:

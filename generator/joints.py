@@ -1,7 +1,8 @@
 """Joints and springs between bodies: what they hold on to, and their equations.
 
     ball       x_a + R(q_a) r_a − x_b − R(q_b) r_b = 0                       three
-    revolute   the same, and  R(q_a) n_k · R(q_b) e = 0,  k = 1, 2           five
+    align      R(q_a) n_k · R(q_b) e = 0,  k = 1, 2                          two
+    revolute   both of these                                                 five
     rod        |x_a + R(q_a) r_a − x_b − R(q_b) r_b|² − l² = 0               one
 
 n₁ and n₂ are two directions of a that are perpendicular to the axis, e is the axis in b. All are
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from .bodies import Body, Frame, Vector, dot
 from .poses import Pose
 
-__all__ = ["Equation", "Joint", "Link", "Revolute", "Rod", "Spring", "named_vector"]
+__all__ = ["Align", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring", "named_vector"]
 
 Array = NDArray[Any]
 
@@ -96,10 +97,6 @@ class Joint(Link):
 
     at: Array | None = None
 
-    def turn(self, poses: Mapping[Frame, Pose]) -> bool:
-        """Hand on the angular velocity, where the joint tells it; return whether it did."""
-        return False
-
     def place(self, poses: Mapping[Frame, Pose]) -> bool:
         """Hand on points and positions; return whether something was found."""
         found = False
@@ -142,10 +139,16 @@ class Joint(Link):
 
 
 @dataclass(eq=False)
-class Revolute(Joint):
-    """A hinge about ``axis``, a unit vector in space at the start, turning at ``rate``."""
+class Align:
+    """One axis of a stays one of b; ``axis`` is a unit vector in space at the start.
 
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    b turns about it against a, at ``rate`` to begin with.
+    """
+
+    name: str
+    a: Frame
+    b: Frame
+    axis: Array
     rate: float = 0.0
 
     def turn(self, poses: Mapping[Frame, Pose]) -> bool:
@@ -163,7 +166,6 @@ class Revolute(Joint):
         self, poses: Mapping[Frame, Pose], store: dict[str, float]
     ) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
-        yield from super().equations(poses, store)
         in_a, in_b = (clean(poses[frame].R.T @ self.axis) for frame in (self.a, self.b))
         unit = (0.0, 1.0, -1.0)
         axis = self.b.direction(named_vector(f"{self.name}_axis", in_b.tolist(), store, unit))
@@ -171,6 +173,24 @@ class Revolute(Joint):
             prefix = f"{self.name}_normal{k}"
             n = self.a.direction(named_vector(prefix, normal.tolist(), store, unit))
             yield Equation(f"{self.name}: axis {k}", dot(n, axis))
+
+
+@dataclass(eq=False)
+class Revolute(Joint):
+    """A hinge: a ball joint whose bodies keep an axis in common."""
+
+    hinge: Align = field(kw_only=True)
+
+    def turn(self, poses: Mapping[Frame, Pose]) -> bool:
+        """Hand on the angular velocity as ``Align`` does."""
+        return self.hinge.turn(poses)
+
+    def equations(
+        self, poses: Mapping[Frame, Pose], store: dict[str, float]
+    ) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from super().equations(poses, store)
+        yield from self.hinge.equations(poses, store)
 
 
 @dataclass(eq=False)

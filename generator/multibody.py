@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..projection import Projection, project
 from .bodies import GROUND, Body, Frame, Vector, cross, dot
-from .joints import Equation, Joint, Link, Revolute, Rod, Spring, named_vector
+from .joints import Align, Equation, Joint, Link, Revolute, Rod, Spring, named_vector
 from .model import Model
 from .numeric_system import NumericConstraints, NumericSystem
 from .poses import Pose, attitude, finite, rotation, settle, three
@@ -76,7 +76,7 @@ class Multibody:
     """
 
     def __init__(
-        self, name: str, *, gravity: Sequence[float] = (0.0, 0.0, -9.81),
+        self, name: str, *, gravity: ArrayLike = (0.0, 0.0, -9.81),
         dt: float | None = None, steps: int | None = None, description: str = "",
     ) -> None:
         self.name = name
@@ -88,7 +88,7 @@ class Multibody:
         self._about: dict[str, Any] = {"dt": dt, "steps": steps, "description": description}
         self._bodies: dict[Body, Start] = {}
         self._inertia: dict[Body, tuple[float, float, float]] = {}
-        self._links: list[Link] = []
+        self._links: list[Link | Align] = []
         self._potential: list[sp.Expr] = []
         self._forces: dict[sp.Symbol, sp.Expr] = {}
         self._quantities: dict[str, sp.Expr] = {}
@@ -97,10 +97,10 @@ class Multibody:
     # ------------------------------------------------------------ bodies
 
     def body(
-        self, name: str, *, mass: float, inertia: Sequence[float], rep: Rep = "gamma",
-        weight: float | None = None, position: Sequence[float] | None = None,
-        quaternion: Sequence[float] | None = None, rotation: Any = None,
-        velocity: Sequence[float] | None = None, angular_velocity: Sequence[float] | None = None,
+        self, name: str, *, mass: float, inertia: ArrayLike, rep: Rep = "gamma",
+        weight: float | None = None, position: ArrayLike | None = None,
+        quaternion: ArrayLike | None = None, rotation: Any = None,
+        velocity: ArrayLike | None = None, angular_velocity: Sequence[float] | None = None,
     ) -> Body:
         """Add a body with 7 coordinates, quaternion and position of its centre of mass.
 
@@ -140,10 +140,10 @@ class Multibody:
         return self._add(Body.free(name, rep), start, mass, inertia, weight)
 
     def top(
-        self, name: str, *, mass: float, inertia: Sequence[float], centre: Sequence[float],
-        at: Sequence[float] = (0.0, 0.0, 0.0), rep: Rep = "gamma", weight: float | None = None,
-        quaternion: Sequence[float] | None = None, rotation: Any = None,
-        angular_velocity: Sequence[float] | None = None,
+        self, name: str, *, mass: float, inertia: ArrayLike, centre: ArrayLike,
+        at: ArrayLike = (0.0, 0.0, 0.0), rep: Rep = "gamma", weight: float | None = None,
+        quaternion: ArrayLike | None = None, rotation: Any = None,
+        angular_velocity: ArrayLike | None = None,
     ) -> Body:
         """Add a body that turns about a fixed point: 4 coordinates, no joint needed.
 
@@ -164,8 +164,8 @@ class Multibody:
     # ------------------------------------------------------------ joints
 
     def ball(
-        self, name: str, a: Frame, b: Frame, *, at: Sequence[float] | None = None,
-        on_a: Sequence[float] | None = None, on_b: Sequence[float] | None = None,
+        self, name: str, a: Frame, b: Frame, *, at: ArrayLike | None = None,
+        on_a: ArrayLike | None = None, on_b: Sequence[float] | None = None,
     ) -> Joint:
         """Join a point of a to a point of b: three constraints, ``name: x``, ``y`` and ``z``.
 
@@ -186,8 +186,8 @@ class Multibody:
         return joint
 
     def fixed_point(
-        self, name: str, body: Frame, *, at: Sequence[float] | None = None,
-        on_body: Sequence[float] | None = None,
+        self, name: str, body: Frame, *, at: ArrayLike | None = None,
+        on_body: ArrayLike | None = None,
     ) -> Joint:
         """Hold a point of a body at a point of space: three constraints.
 
@@ -196,9 +196,9 @@ class Multibody:
         return self.ball(name, GROUND, body, at=at, on_b=on_body)
 
     def revolute(
-        self, name: str, a: Frame, b: Frame, *, axis: Sequence[float],
-        at: Sequence[float] | None = None, on_a: Sequence[float] | None = None,
-        on_b: Sequence[float] | None = None, rate: float = 0.0,
+        self, name: str, a: Frame, b: Frame, *, axis: ArrayLike,
+        at: ArrayLike | None = None, on_a: Sequence[float] | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0,
     ) -> Revolute:
         """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
 
@@ -206,21 +206,28 @@ class Multibody:
         velocity of b against a about it in rad/s, from which an angular velocity that is not
         given follows. All else as for ``ball``.
         """
-        direction = three(f"axis of {name!r}", axis)
-        if not direction.any():
-            raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
-        direction = direction / np.linalg.norm(direction)
         joint = Revolute(
             name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-            at=_three_or_none(f"at of {name!r}", at), axis=direction,
-            rate=float(finite(f"rate of {name!r}", rate, ())),
+            at=_three_or_none(f"at of {name!r}", at), hinge=self._hinge(name, a, b, axis, rate),
         )
         self._join(joint)
         return joint
 
+    def align(
+        self, name: str, a: Frame, b: Frame, *, axis: ArrayLike, rate: float = 0.0
+    ) -> Align:
+        """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
+
+        For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
+        ``axis`` and ``rate`` are those of ``revolute``.
+        """
+        joint = self._hinge(name, *self._two(name, a, b), axis, rate)
+        self._join(joint)
+        return joint
+
     def rod(
-        self, name: str, a: Frame, b: Frame, *, on_a: Sequence[float] = (0.0, 0.0, 0.0),
-        on_b: Sequence[float] = (0.0, 0.0, 0.0), length: float | None = None,
+        self, name: str, a: Frame, b: Frame, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
+        on_b: ArrayLike = (0.0, 0.0, 0.0), length: float | None = None,
     ) -> Rod:
         """Keep two points at a distance: one constraint; by default at that of the start."""
         if length is not None:
@@ -233,7 +240,7 @@ class Multibody:
 
     def spring(
         self, name: str, a: Frame, b: Frame, *, stiffness: float, length: float = 0.0,
-        on_a: Sequence[float] = (0.0, 0.0, 0.0), on_b: Sequence[float] = (0.0, 0.0, 0.0),
+        on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Spring:
         """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m)."""
         rest = float(finite(f"length of {name!r}", length, ()))
@@ -247,7 +254,10 @@ class Multibody:
         return spring
 
     def potential(self, expression: Any) -> None:
-        """Add a potential energy: an expression in the bodies' symbols and ``parameter``s."""
+        """Add to H: an expression in the bodies' symbols and ``parameter``s.
+
+        It may contain momenta, as −n·l does for axes that turn at n.
+        """
         self._potential.append(as_expression(expression))
 
     def parameter(self, name: str, value: float, *, positive: bool = False) -> sp.Symbol:
@@ -259,7 +269,7 @@ class Multibody:
         return self._symbols[name]
 
     def force(
-        self, body: Body, force: Sequence[Any], *, on_body: Sequence[float] | None = None
+        self, body: Body, force: Sequence[Any], *, on_body: ArrayLike | None = None
     ) -> None:
         """Let a force (in space axes, N) act at a point of a body: by default its origin.
 
@@ -315,11 +325,12 @@ class Multibody:
         bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
 
-    def _poses(self, links: Sequence[Link]) -> dict[Frame, Pose]:
+    def _poses(self, links: Sequence[Link | Align]) -> dict[Frame, Pose]:
         poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
         poses |= {body: start.pose() for body, start in self._bodies.items()}
         joints = [link for link in links if isinstance(link, Joint)]
-        settle(poses, "spin", [joint.turn for joint in joints])
+        settle(poses, "spin", [
+            link.turn for link in links if isinstance(link, (Align, Revolute))])
         settle(poses, "x", [joint.place for joint in joints])
         for joint in joints:
             if joint.on_a is None or joint.on_b is None:
@@ -329,7 +340,7 @@ class Multibody:
         return poses
 
     def _equations(
-        self, links: Sequence[Link], poses: Mapping[Frame, Pose], store: dict[str, float],
+        self, links: Sequence[Link | Align], poses: Mapping[Frame, Pose], store: dict[str, float],
         without: set[str],
     ) -> list[Equation]:
         """Return the constraints, each with the later of its bodies."""
@@ -337,7 +348,7 @@ class Multibody:
         rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)]
                 for body in self._bodies}
         for link in links:
-            if isinstance(link, (Joint, Rod)):
+            if isinstance(link, (Align, Joint, Rod)):
                 own = [frame for frame in (link.a, link.b) if isinstance(frame, Body)]
                 rows[max(own, key=order.__getitem__)] += link.equations(poses, store)
         found = [equation for body in self._bodies for equation in rows[body]]
@@ -349,7 +360,7 @@ class Multibody:
             )
         return [equation for equation in found if equation.name not in without]
 
-    def _hamiltonian(self, links: Sequence[Link], store: dict[str, float]) -> sp.Expr:
+    def _hamiltonian(self, links: Sequence[Link | Align], store: dict[str, float]) -> sp.Expr:
         terms = []
         for body in self._bodies:
             terms.append(body.kinetic_energy)
@@ -403,7 +414,7 @@ class Multibody:
     # ------------------------------------------------------------ inside
 
     def _add(
-        self, body: Body, start: Start, mass: float, inertia: Sequence[float],
+        self, body: Body, start: Start, mass: float, inertia: ArrayLike,
         weight: float | None,
     ) -> Body:
         moments = finite(f"inertia of {body.name!r}", inertia, (3,))
@@ -428,7 +439,16 @@ class Multibody:
             _three_or_none(f"angular velocity of {name!r}", omega),
         )
 
-    def _join(self, link: Link) -> None:
+    def _hinge(
+        self, name: str, a: Frame, b: Frame, axis: ArrayLike, rate: float
+    ) -> Align:
+        direction = three(f"axis of {name!r}", axis)
+        if not direction.any():
+            raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
+        return Align(name, a, b, direction / np.linalg.norm(direction),
+                     float(finite(f"rate of {name!r}", rate, ())))
+
+    def _join(self, link: Link | Align) -> None:
         self._claim(link.name)
         self._links.append(link)
 
