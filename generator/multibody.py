@@ -100,7 +100,7 @@ class Multibody:
         self, name: str, *, mass: float, inertia: ArrayLike, rep: Rep = "gamma",
         weight: float | None = None, position: ArrayLike | None = None,
         quaternion: ArrayLike | None = None, rotation: Any = None,
-        velocity: ArrayLike | None = None, angular_velocity: Sequence[float] | None = None,
+        velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
     ) -> Body:
         """Add a body with 7 coordinates, quaternion and position of its centre of mass.
 
@@ -165,7 +165,7 @@ class Multibody:
 
     def ball(
         self, name: str, a: Frame, b: Frame, *, at: ArrayLike | None = None,
-        on_a: ArrayLike | None = None, on_b: Sequence[float] | None = None,
+        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None,
     ) -> Joint:
         """Join a point of a to a point of b: three constraints, ``name: x``, ``y`` and ``z``.
 
@@ -197,7 +197,7 @@ class Multibody:
 
     def revolute(
         self, name: str, a: Frame, b: Frame, *, axis: ArrayLike,
-        at: ArrayLike | None = None, on_a: Sequence[float] | None = None,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
         on_b: ArrayLike | None = None, rate: float = 0.0,
     ) -> Revolute:
         """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
@@ -240,7 +240,7 @@ class Multibody:
 
     def spring(
         self, name: str, a: Frame, b: Frame, *, stiffness: float, length: float = 0.0,
-        on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: Sequence[float] = (0.0, 0.0, 0.0),
+        on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
     ) -> Spring:
         """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m)."""
         rest = float(finite(f"length of {name!r}", length, ()))
