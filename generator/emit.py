@@ -17,7 +17,7 @@ from .c_printer import CPrinter
 from .cardinal import c_names_with_needs
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
-from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel
+from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel, sums_products
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
 from .structure import Structure

@@ -250,6 +250,11 @@ def _emit_compensated(
     )
 
 
+def sums_products(kernel: EmittedKernel) -> bool:
+    """Whether a kernel of numbers calls ``add_product``."""
+    return any(line.lstrip().startswith("add_product") for line in kernel.lines)
+
+
 def wrap(statement: str, width: int = 96) -> str:
     """Break a long statement before + and - signs; continuation lines are indented."""
     lines, rest, begin = [], statement, 0
