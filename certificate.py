@@ -319,8 +319,8 @@ class _Examination:
 
     @property
     def walk(self) -> float:
-        """What rounding may add up to: a random walk of 4 ε a step, and at least 64 ε."""
-        return EPS * max(64.0, 16 * math.sqrt(self.run.report.steps))
+        """What rounding may add up to: a random walk of 4 ε a step, and at least 32 ε."""
+        return EPS * max(32.0, 4 * math.sqrt(self.run.report.steps))
 
     def lines(self) -> Iterator[Line]:
         """Yield the lines, the strictest promises first."""
@@ -372,7 +372,7 @@ class _Examination:
         if loop is None or not loop.resolved:
             return told(quantity, "no loop could be followed", "-",
                         "neighbours of the start part too fast, or some have no step")
-        bound = min(1e-12, self.walk)
+        bound = min(1e-12, 4 * self.walk)  # the points of a loop part from each other
         drift = loop.drift / loop.size
         found = f"{loop.start:.6g}, drift {drift:.1e} of {loop.size:.3g}, {loop.points} points"
         if not promised:
@@ -508,4 +508,4 @@ class _Examination:
                 continue
             drift = float(np.abs(values - values[0]).max())
             yield told(name, f"{values[0]:.6g}, drift {drift:.1e}", "-",
-                       "the model's own quantity", drift)
+                       "", drift)

@@ -120,9 +120,12 @@ def _certify(
     elif count is not None:
         raise InputError("--stages is given without --scheme; choose G-L or LIIIA-B.")
     from ..certificate import certify
+    from ..runtime.problems import Problem
 
+    model = _model(name, choice["rep"])
     found = certify(
-        _model(name), choice["scheme"], count, rep=choice["rep"], tableau=choice["tableau"],
+        model, choice["scheme"], count, tableau=choice["tableau"],
+        rep=choice["rep"] if isinstance(model, Problem) else None,  # a file has had its say
         allow_invalid=True,  # as without a model: what fails is said, not refused
         dt=None if dt is None else real_number("--dt", dt),
         steps=None if steps is None else whole_number("--steps", steps),
@@ -134,15 +137,18 @@ def _certify(
     return 0 if found.holds else 1
 
 
-def _model(name: str) -> Model | Problem:
+def _model(name: str, rep: str | None) -> Model | Problem:
     """Return the named problem, or the model of a file."""
     from ..runtime.problems import PROBLEMS
 
     if name in PROBLEMS:
         return PROBLEMS[name]()
+    if not Path(name).suffix and not Path(name).is_file():
+        raise InputError(f"Unknown model {name!r}; choose {', '.join(PROBLEMS)}, or give the path "
+                         "of a TOML file.")
     from ..generator.model_file import load_model
 
-    return load_model(Path(name))
+    return load_model(Path(name), rep)
 
 
 def _print_certificate(found: Certificate) -> None:
@@ -158,7 +164,7 @@ def _print_certificate(found: Certificate) -> None:
     console = Console()
     console.print(table)
     for line in found.lines:
-        if not line.holds:
+        if line.why and not line.holds:
             console.print(f"{line.quantity}: {line.why}", highlight=False, markup=False)
     failed = [line.quantity for line in found.lines if line.holds is False]
     judged = sum(line.holds is not None for line in found.lines)
