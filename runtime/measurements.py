@@ -47,7 +47,7 @@ def reversal(
     steps = run.report.steps
     try:
         back = stepper.integrate(run.q[-1], run.p[-1], dt=-run.dt, steps=steps,
-                                 parameters=parameters)
+                                 parameters=parameters, t0=float(run.t[-1]))
     except GyrosparkError:
         return None
     growth = max(_growth(stepper, run.q[0], run.p[0], run.dt, run, parameters),
@@ -75,7 +75,7 @@ def _growth(
                   for state in zip(*near, strict=True)]
         qs, ps = (np.array(part) for part in zip(*starts, strict=True))
         many = stepper.integrate_ensemble(qs, ps, dt=dt, steps=run.report.steps,
-                                          parameters=parameters)
+                                          parameters=parameters, t0=float(run.t[0]))
     except GyrosparkError:
         return 1.0
     distance = np.maximum(

@@ -234,3 +234,36 @@ def test_own_parameters_and_steps():
     assert found.parameters["gamma"] == 0.002
     assert (found.dt, found.steps) == (5e-4, 50)
     assert gs.certify(TOP, "EMS", steps=50).parameters["gamma"] == gs.gamma_m(TOP.inertia)
+
+
+# ---------------------------------------------------------------- forces
+
+
+def swing(torque, **more):
+    """Return a spherical pendulum of one mass in Cartesian coordinates with a force on it."""
+    q, p = sp.symbols("x y z", real=True), sp.symbols("px py pz", real=True)
+    c, t = sp.Symbol("c", positive=True), sp.Symbol("t", real=True)
+    forces = {"drag": [-c * x for x in p], "turned": [-c * q[1], c * q[0], 0],
+              "pumped": [0, 0, c * sp.cos(3 * t)]}[torque]
+    system = gs.System(q, p, (c,), sum(x**2 for x in p) / 2 + 9 * q[2],
+                       (sum(x**2 for x in q) - 1,), name=torque, forces=forces, time=t)
+    return gs.Model(system, {"c": 0.3}, [0.6, 0, -0.8], [0.0, 1.0, 0.0], dt=0.01, steps=300)
+
+
+@pytest.mark.parametrize("torque", ["drag", "turned", "pumped"])
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
+def test_forces_that_are_no_gradient(torque, scheme, stages):
+    """No loop invariant is promised; constraints, reversal and EMS's balance of energy are."""
+    found = gs.certify(swing(torque), scheme, stages)
+    assert found.holds, [line for line in found.lines if line.holds is False]
+    assert found.line(LOOP).holds is None
+    if torque != "pumped":  # a force of t alone is a gradient at every instant
+        assert found.line(LOOP).value > 1e-6
+    assert found.line(REVERSAL).holds is True
+    assert found.line(G).holds is True
+    energy = found.line("energy H less work")
+    assert energy.holds is (True if scheme == "EMS" else None)
+    maps = [line for line in found.lines if line.quantity == VERTICAL]
+    assert len(maps) == (torque == "pumped")  # a vertical force does not turn
+    if maps and stages:
+        assert maps[0].holds is True
