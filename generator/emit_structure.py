@@ -185,12 +185,12 @@ def push_kernels(form: Form, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
     """Return the kernels of a form of forces."""
     at = {"q": form.q, "p": form.p, **time, "k": form.constants}
     F = list(form.expressions)
-    derivatives = {"F_q": jacobian(F, form.q), "F_p": jacobian(F, form.p)}
-    return [
-        (Kernel("value", "F, which no potential has", at, {"F": F}), BOTH),
-        (Kernel("jacobian", "dF/dq and dF/dp", at,
-                {name: rows for name, rows in derivatives.items() if rows[0]}), NUMBERS),
-    ]
+    value = (Kernel("value", "F, which no potential has", at, {"F": F}), BOTH)
+    derivatives = {name: jacobian(F, symbols)
+                   for name, symbols in (("F_q", form.q), ("F_p", form.p)) if symbols}
+    if not derivatives:  # a force of t alone
+        return [value]
+    return [value, (Kernel("jacobian", "dF/dq and dF/dp", at, derivatives), NUMBERS)]
 
 
 def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
