@@ -17,7 +17,7 @@ J is kept *by the scheme* where {H, J} = 0 for all q and p, because stages are o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -33,6 +33,8 @@ from .system import System
 __all__ = ["MAX_COORDINATES", "MomentumMap", "momentum_maps"]
 
 Array = NDArray[np.float64]
+#: Conditions and their derivatives at many points.
+_Step = tuple[Array, Array]
 
 #: Up to so many coordinates every A and a is searched, beyond it those with a name.
 MAX_COORDINATES = 20
@@ -173,31 +175,23 @@ class _Search:
             parameters = {s: (x or 0.3) * self.rng.uniform(0.9, 1.1, count)
                           for s, x in self.parameters.items()}
         if manifold and self.system.m:
-            q = self._project(q, self.system.q, self.system.constraints, p, parameters)
-            p = self._project(p, self.system.p, self.system.hidden, q, parameters)
+            q = _newton(q, lambda x: self._constraint(x, p, parameters))
+            p = _newton(p, lambda y: self._velocity_constraint(q, y, parameters))
         return self._at(q, p, parameters)
 
-    def _project(
-        self, x: Array, symbols: Sequence[sp.Symbol], conditions: Sequence[sp.Expr],
-        other: Array, parameters: Mapping[Any, Any],
-    ) -> Array:
-        """Move points onto conditions = 0 by Gauss-Newton; NaN where 12 steps are not enough."""
-        slopes = [sp.diff(e, s) for e in conditions for s in symbols]
-        coordinates = symbols == self.system.q
-        m, n = len(conditions), len(symbols)
-        done = np.zeros(x.shape[1], dtype=bool)
-        for _ in range(12):
-            at = self._at(*((x, other) if coordinates else (other, x)), parameters)
-            defect = _at_points(conditions, at).T[:, :, None]
-            G = _at_points(slopes, at).T.reshape(-1, m, n)
-            usable = np.isfinite(G).all(axis=(1, 2)) & np.isfinite(defect).all(axis=(1, 2))
-            step = np.full(x.shape, np.nan)
-            step[:, usable] = (np.linalg.pinv(G[usable]) @ defect[usable])[:, :, 0].T
-            x = x - step
-            done = np.abs(step).max(axis=0) <= 1e-12 * np.abs(x).max(axis=0)
-            if done[usable].all():
-                break
-        return np.where(done, x, np.nan)
+    def _constraint(self, q: Array, p: Array, parameters: Mapping[Any, Any]) -> _Step:
+        """Return g and g_q at each point, shapes (points, m) and (points, m, n)."""
+        system, at = self.system, self._at(q, p, parameters)
+        slopes = _at_points([e for row in system.G for e in row], at).T
+        return _at_points(system.constraints, at).T, slopes.reshape(-1, system.m, system.n)
+
+    def _velocity_constraint(self, q: Array, p: Array, parameters: Mapping[Any, Any]) -> _Step:
+        """Return g_q H_p and its derivative g_q H_pp by p."""
+        system, at = self.system, self._at(q, p, parameters)
+        G = self._constraint(q, p, parameters)[1]
+        masses = _at_points([e for row in system.H_pp for e in row], at).T
+        speed = _at_points(system.H_p, at).T
+        return np.einsum("kln,kn->kl", G, speed), G @ masses.reshape(-1, system.n, system.n)
 
     def rows(self, basis: Array, *, manifold: bool, vary: bool) -> Array:
         """Return the conditions on the combinations of a basis of fields, one in each row."""
@@ -247,6 +241,25 @@ def _distance(flat: Array, space: Array) -> float:
     if not space.shape[1] or not flat.any():
         return 1.0
     return float(np.linalg.norm(flat - space @ (space.T @ flat)) / np.linalg.norm(flat))
+
+
+def _newton(x: Array, conditions: Callable[[Array], _Step]) -> Array:
+    """Return points, shape (n, points), moved to where the conditions vanish.
+
+    By the shortest increments that make the linearised conditions vanish; NaN where 12 of them
+    are not enough.
+    """
+    done = np.zeros(x.shape[1], dtype=bool)
+    for _ in range(12):
+        defect, slopes = conditions(x)
+        usable = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(defect).all(axis=1)
+        step = np.full(x.shape, np.nan)
+        step[:, usable] = (np.linalg.pinv(slopes[usable]) @ defect[usable, :, None])[:, :, 0].T
+        x = x - step
+        done = np.abs(step).max(axis=0) <= 1e-12 * np.abs(x).max(axis=0)
+        if done[usable].all():
+            break
+    return np.where(done, x, np.nan)
 
 
 def _at_points(expressions: Sequence[sp.Expr], at: Mapping[Any, Any]) -> Array:
