@@ -79,12 +79,15 @@ def summary(made: Generated, out: Path, derive: float, compile_seconds: float | 
     """Return what was made, in a few lines."""
     scheme = made.scheme
     operations = sum_operations(made.source.manifest)
+    said = json.loads(made.source.manifest).get("tableau", {}).get("remarks", [])
+    remarks = "".join(f"  tableau: {remark}\n" for remark in said)
     seconds = f"derived and written in {derive:.2f} s"
     if compile_seconds is not None:
         seconds += f", compiled in {compile_seconds:.2f} s"
     return (
         f"{made.source.name}: order {scheme.order}, {scheme.size} unknowns a step, "
         f"{scheme.multipliers * scheme.system.m} multipliers\n"
+        f"{remarks}"
         f"  kernels: {operations}\n"
         f"  {out / made.source.name}.h .c .json\n"
         f"  {seconds}"

@@ -362,6 +362,7 @@ def _result(
         "problem": start.name,
         "stepper": step.name,
         "order": step.order,
+        **({"remarks": step.remarks} if step.remarks else {}),
         "parameters": trajectory.parameters,
         "steps": report.steps,
         "dt": trajectory.dt,

@@ -195,37 +195,46 @@ def _bounds(tableau: Tableau) -> list[tuple[int, str]]:
 
 
 def check_tableau(tableau: Tableau) -> list[Condition]:
-    """Return every condition with its verdict, required ones first."""
+    """Return every condition with its verdict, in the order they are told in."""
+    return list(_checked(tableau))
+
+
+@cache
+def _checked(tableau: Tableau) -> tuple[Condition, ...]:
     found = counts(tableau)
-    return [
+    return (
         *_structure(tableau),
         _determined(tableau),
         *(_symplectic(tableau)),
         *(_range(tableau, label, found) for label in LABELS),
         _symmetric(tableau),
         _order(tableau),
-    ]
+    )
 
 
 def remarks(tableau: Tableau) -> list[str]:
-    """Return what a user of a given tableau should know before a step: a short sentence each.
+    """Return what a user of a given tableau should know before a step: a short clause each.
 
-    Properties it lacks, and what its order is limited by. Required conditions are not among them:
-    where one of these fails there is no step.
+    Required conditions that fail, properties it lacks, and what its order is limited by.
     """
-    lines = check_tableau(tableau)
-    said = [
-        f"not {line.name} ({line.equation}: residual {line.residual})"
-        for line in lines if line.name.startswith("symplectic") and line.found != "yes"
-    ]
-    said += [f"not symmetric ({line.equation})" for line in lines
-             if line.name == "symmetric" and line.found != "yes"]
+    said = []
+    for line in check_tableau(tableau):
+        clause = f"{line.name} ({line.equation}; {_size(line)})"
+        if line.required and not line.holds:
+            said.append(f"violates {clause}")
+        elif line.name.startswith(("symplectic", "symmetric")) and line.found != "yes":
+            said.append(f"not {clause}")
     quadrature = counts(tableau)["B"]
     if tableau.order < quadrature:
-        limits = ", ".join(text for bound, text in _bounds(tableau) if bound == tableau.order)
-        said.append(f"order {tableau.order}, although b is exact to {quadrature}: limited by "
-                    f"{limits}")
+        limits = dict.fromkeys(text for bound, text in _bounds(tableau) if bound == tableau.order)
+        said.append(f"order {tableau.order} although b is exact to order {quadrature}: limited by "
+                    f"{', '.join(limits)}")
     return said
+
+
+def _size(line: Condition) -> str:
+    """Return "residual 0.1", or the residual that is a word."""
+    return f"residual {line.residual}" if line.residual[:1].isdigit() else line.residual
 
 
 def _structure(tableau: Tableau) -> list[Condition]:
@@ -326,9 +335,9 @@ def _symmetric(tableau: Tableau) -> Condition:
     return Condition(
         "symmetric",
         "a_(s+1−i,s+1−j) + a_ij = b_j for A, Â, Ã, Ā",
-        found="yes" if holds else "no" if mirrored else "no: the nodes are not",
+        found="yes" if holds else "no",
         holds=holds or not claimed,
-        residual="0" if holds else mp.nstr(max(sizes), 5) if mirrored else "nodes",
+        residual="0" if holds else mp.nstr(max(sizes), 5) if mirrored else "the nodes are not",
         required=bool(claimed),
     )
 

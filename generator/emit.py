@@ -294,12 +294,27 @@ def _manifest(
             "multipliers": scheme.multipliers,
             "keeps_momentum_constraint": tableau is not None,
         },
+        **_given_tableau(tableau),
         "fast_path": fast_manifest(fast),
         "real": real.name,
         "operations": operations_of(forms) if forms["structured"]
         else {k.name: k.operations for k in kernels},
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
+    """Say what holds of a given tableau and what does not; the families hold by derivation."""
+    if tableau is None or not tableau.given:
+        return {}
+    refusal = FastTableau(tableau).refusal
+    return {"tableau": {
+        "name": tableau.name,
+        "remarks": [*remarks(tableau),
+                    *([] if refusal is None else [f"no sweeps, Newton at every step: {refusal}"])],
+        "conditions": {line.name: {"found": line.found, "residual": line.residual}
+                       for line in check_tableau(tableau)},
+    }}
 
 
 def _hamiltonian(system: System, forms: dict[str, Any]) -> str:

@@ -78,7 +78,7 @@ def gauss_lobatto(s: int) -> Tableau:
         "c_tilde": power(lobatto, 1),
     }
     claims = {"B": 2 * s, "B_hat": 2 * s, "B_tilde": 2 * s, "C": s, "C_hat": s, "C_tilde": s,
-              "C_bar": s, "symmetric": 1, "order": 2 * s}
+              "C_bar": s, "symmetric": 1, "symplectic": 1, "order": 2 * s}
     return Tableau(f"gl{s}", gauss, lobatto, basis, claims)
 
 
@@ -103,5 +103,5 @@ def lobatto_iiiab(s: int) -> Tableau:
     }
     u = 2 * s - 2
     claims = {"B": u, "B_hat": u, "B_tilde": u, "C": s, "C_hat": s - 2, "C_tilde": s - 2,
-              "C_bar": s, "symmetric": 1, "order": u}
+              "C_bar": s, "symmetric": 1, "symplectic": 1, "order": u}
     return Tableau(f"liiiab{s}", lobatto, lobatto, basis, claims)

@@ -82,7 +82,7 @@ def generate(
         method, method_name = spec.scheme, spec.method
     else:
         if not allow_invalid:
-            refuse_violations(coefficients)
+            refuse_violations(coefficients, constrained=model.m > 0)
         scheme = SparkScheme(reduced, coefficients)
         method = f"{spec.stages}-{spec.scheme}" if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name
@@ -117,11 +117,14 @@ def violations(tableau: Tableau) -> list[Condition]:
     return [line for line in check_tableau(tableau) if line.required and not line.holds]
 
 
-def refuse_violations(tableau: Tableau) -> None:
-    """Raise if a given tableau violates a required condition; derived ones hold by derivation."""
+def refuse_violations(tableau: Tableau, *, constrained: bool = True) -> None:
+    """Raise if a given tableau violates a required condition; derived ones hold by derivation.
+
+    Without constraints there are no multipliers to be determined.
+    """
     if not tableau.given:
         return
-    broken = violations(tableau)
+    broken = [line for line in violations(tableau) if constrained or line.name != "multipliers"]
     if broken:
         listed = "; ".join(f"{line.name} ({line.equation}; residual {line.residual})"
                            for line in broken[:4])

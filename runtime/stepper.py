@@ -45,6 +45,9 @@ class Stepper:
         Order of convergence, as derived by the generator.
     manifest : dict
         All that the generator says of the stepper.
+    remarks : list of str
+        What a tableau of your own lacks: symplecticity, symmetry, sweeps, the order its weights
+        would allow. Empty for the families.
     """
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
@@ -56,6 +59,7 @@ class Stepper:
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns
         self.order = int(self.manifest["scheme"]["order"])
+        self.remarks: list[str] = self.manifest.get("tableau", {}).get("remarks", [])
         self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
 
     def __repr__(self) -> str:

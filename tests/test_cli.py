@@ -697,6 +697,21 @@ def test_alpha_auto_is_refused_where_alpha_is_idle(gyrospark):
     refused(gyrospark(*run, "--gamma", "auto"), "--alpha")
 
 
+def test_what_a_tableau_lacks_is_said_before_a_step(gyrospark, generate):
+    file = ROOT / "examples" / "tableaux" / "radau_plain_2.json"
+    run = ("run", "fast-top", "--tableau", file, "--dt", "1e-3", "--steps", "20")
+    lines = gyrospark(*run).stdout.splitlines()
+    assert lines[0].startswith("tableau: not symplectic, forces (")
+    assert lines[1].startswith("tableau: not symmetric (")
+    assert lines[2].startswith("fast-top with heavy_top_radau_plain_2_gamma")
+    remarks = gyrospark(*run, "--json").document["remarks"]
+    assert [f"tableau: {remark}" for remark in remarks] == lines[:2]
+    made = generate("--tableau", file, "--no-compile").stdout
+    assert all(f"  {line}\n" in made for line in lines[:2])
+    manifest = json.loads(Path("generated/heavy_top_radau_plain_2_gamma.json").read_text("utf-8"))
+    assert manifest["tableau"]["remarks"] == remarks
+
+
 # ---------------------------------------------------------------- cache
 
 
