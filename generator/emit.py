@@ -15,9 +15,10 @@ import sympy as sp
 from .._version import __version__
 from .c_printer import CPrinter
 from .cardinal import c_names_with_needs
+from .conditions import check_tableau, remarks
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
-from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel, sums_products
+from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
 from .structure import Structure
@@ -156,8 +157,7 @@ def _context(
         "order": scheme.order,
         "multipliers": scheme.multipliers * system.m,
         "kernels": kernels,
-        "compensated_plain": any(" add_product" in line or line.startswith("add_product")
-                                 for k in kernels for line in k.lines),
+        "compensated_plain": any(map(sums_products, kernels)),
         "cardinals": c_names_with_needs(frozenset().union(*(k.functions for k in kernels))),
         "scheme_template": scheme.template,
         "scheme_doc": _scheme_doc(scheme),
@@ -166,14 +166,6 @@ def _context(
         "tableau_shapes": _tableau_shapes(tableau) if tableau else {},
         "tableau_doc": _tableau_doc(tableau) if tableau else [],
     }
-
-
-def _scalars(forms: dict[str, Any]) -> list[EmittedKernel]:
-    """Return the kernels of a structured system that work on numbers."""
-    if not forms["structured"]:
-        return []
-    return [kernel["scalar"] for part in (*forms["terms"], *forms["joints"], *forms["pushes"])
-            for kernel in part["kernels"] if kernel["scalar"]]
 
 
 def _quantity_kernel(system: System, real: Real) -> EmittedKernel | None:

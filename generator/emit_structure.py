@@ -12,7 +12,7 @@ from typing import Any
 
 import sympy as sp
 
-from .kernels import Constants, Kernel, Target, emit_kernel, sums_products
+from .kernels import Constants, Kernel, Target, emit_kernel
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, increment_of, mean_gradient_of, time_input, vector
 from .structure import Form, Part, Structure

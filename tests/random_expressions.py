@@ -84,7 +84,8 @@ _IN_DOUBLES = {name: getattr(math, name) for name in (
     "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
     "asinh", "acosh", "atanh")} | {
     name.capitalize() + "c": _cardinal(getattr(math, name))
-    for name in ("sinh", "asinh", "atan", "atanh")} | {"Sinc": _cardinal(math.sin), "Shared": lambda value: value}
+    for name in ("sinh", "asinh", "atan", "atanh")} | {
+        "Sinc": _cardinal(math.sin), "Shared": lambda value: value}
 
 
 def in_doubles(expressions: Any, values: dict[sp.Basic, float]) -> list[float]:

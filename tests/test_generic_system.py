@@ -298,8 +298,9 @@ def test_project(name):
 def test_redundant_constraints_fail_clearly(scheme, stages, factor, dt):
     """A constraint given twice leaves its multipliers undetermined: a clear failure, or the step.
 
-    It is refused before; who asks for it all the same gets this. Elimination meets a pivot that is zero up to rounding only. Newton may then still find q and p,
-    which are determined, with multipliers of the right sum; it must not hand over other states.
+    It is refused before; who asks for it all the same gets this. Elimination meets a pivot that is
+    zero up to rounding only. Newton may then still find q and p, which are determined, with
+    multipliers of the right sum; it must not hand over other states.
     """
     x, y, z, a, b, c = sp.symbols("x y z a b c", real=True)
     sphere = x**2 + y**2 + z**2 - 1
