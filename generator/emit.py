@@ -18,7 +18,8 @@ from .cardinal import c_names_with_needs
 from .conditions import check_tableau, remarks
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
-from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel
+from .fast_path import FastTableau
+from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel, sums_products
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
 from .structure import Structure
