@@ -82,7 +82,7 @@ def generate(
         method, method_name = spec.scheme, spec.method
     else:
         if not allow_invalid:
-            refuse_violations(coefficients, constrained=model.m > 0)
+            refuse_violations(coefficients, constrained=system.m > 0)
         scheme = SparkScheme(reduced, coefficients)
         method = f"{spec.stages}-{spec.scheme}" if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name

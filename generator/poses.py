@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .attitude import from_matrix, momentum, normalised
-from .rigid_body import rotation_matrix
+from .rigid_body import left_matrix, rotation_matrix
 
 __all__ = ["Pose", "attitude", "finite", "rotation", "settle", "three"]
 
@@ -55,13 +54,19 @@ class Pose:
     def momenta(self, inertia: Sequence[float]) -> Array:
         """Return p = 2 L(q)ᵀ J Ω (82)."""
         assert self.spin is not None
-        omega = self.R.T @ self.spin
-        return np.array(momentum(self.q.tolist(), omega.tolist(), inertia))
+        L = numbers(left_matrix(self.q.tolist()))
+        p: Array = 2 * L.T @ (np.array(inertia) * (self.R.T @ self.spin))
+        return p
+
+
+def numbers(matrix: Any) -> Array:
+    """Return a SymPy matrix of numbers as an array."""
+    return np.array(matrix.tolist(), dtype=float)
 
 
 def rotation(q: Array) -> Array:
     """Return R(q), 3 × 3."""
-    return np.array(rotation_matrix(q.tolist()).tolist(), dtype=float)
+    return numbers(rotation_matrix(q.tolist()))
 
 
 def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
@@ -80,22 +85,32 @@ def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
         return _from_matrix(what, matrix.as_matrix() if hasattr(matrix, "as_matrix") else matrix)
     if quaternion is None:
         return np.array([1.0, 0.0, 0.0, 0.0])
-    unit = normalised(finite(f"quaternion of {what}", quaternion, (4,)).tolist())
-    if unit is None:
+    q = finite(f"quaternion of {what}", quaternion, (4,))
+    size = np.abs(q).max()
+    if size == 0:
         raise InputError(f"The quaternion of {what} is zero; take (1, 0, 0, 0) for no turn.")
-    return np.array(unit)
+    q = q / size
+    unit: Array = q / np.linalg.norm(q)
+    return unit
 
 
 def _from_matrix(what: str, matrix: Any) -> Array:
     R = finite(f"rotation of {what}", matrix, (3, 3))
-    q = from_matrix(R.tolist())
-    if q is None:
+    error = np.abs(R @ R.T - np.eye(3)).max()
+    if error > 1e-6 or np.linalg.det(R) < 0:
         raise InputError(
-            f"The rotation of {what} is no rotation matrix: |R Rᵀ − 1| = "
-            f"{np.abs(R @ R.T - np.eye(3)).max():.1e}, det R = {np.linalg.det(R):.3g}; give "
-            "orthogonal columns, right-handed."
+            f"The rotation of {what} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
+            f"det R = {np.linalg.det(R):.3g}; give orthogonal columns, right-handed."
         )
-    return np.array(q if q[0] >= 0 else [-x for x in q])
+    # 4 q qᵀ, every entry from R; the row with the largest diagonal loses no digits.
+    t = np.trace(R)
+    K = np.empty((4, 4))
+    K[0, 0] = 1 + t
+    K[0, 1:] = K[1:, 0] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    K[1:, 1:] = R + R.T + (1 - t) * np.eye(3)
+    q: Array = K[int(np.argmax(np.diag(K)))]
+    q = q / np.linalg.norm(q)
+    return q if q[0] >= 0 else -q
 
 
 def three(what: str, value: Any) -> Array:
