@@ -83,6 +83,8 @@ class Constants:
             own = [a for a in e.args if a.free_symbols and a.free_symbols <= set(self.parameters)]
             rest = [self.hoist(a) for a in e.args if a not in own]
             return e.func(self.hoist(e.func(*own)), *rest) if own else e.func(*rest)
+        if e.is_Pow and e.base.free_symbols and e.base.free_symbols <= set(self.parameters):
+            return sp.exp(self.hoist(e.exp * sp.log(e.base)))  # a logarithm a run, not a call
         return e.func(*(self.hoist(a) for a in e.args))
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:

@@ -179,3 +179,10 @@ def test_a_state_outside_the_domain_of_H_fails_as_not_finite():
     step = gs.stepper("EMS", system=system)
     with pytest.raises(gs.StepFailed, match="not finite"):
         step.integrate([0.3], [-3.0], dt=0.5, steps=50, parameters={})
+
+
+def test_logarithm_of_a_parameter_is_computed_once_a_run():
+    system = gs.System((x,), (u,), (a,), u**2 / 2 + a**x + a ** (-2 * x), name="once")
+    source = generate(Spec.checked("EMS"), system=system).source.source
+    assert source.count("log(") == 1
+    assert "pow(" not in source
