@@ -10,7 +10,8 @@ The pipeline, told once; ``pipeline.generate`` runs it.
    (``enclosures``); what they satisfy is proved (``conditions``) and the order measured
    (``observed_order``)
 4. **scheme**   system and tableau → what a step must solve: unknowns, kernels (``schemes``); for
-   EMS the discrete gradient is derived (``discrete_gradient``, ``discrete_functions``, ``mean_conditions``)
+   EMS the discrete gradient is derived (``discrete_gradient``, ``discrete_functions``,
+   ``mean_conditions``)
 5. **kernels**  expressions → C statements with shared subexpressions (``kernels``, ``c_printer``)
 6. **emit**     kernels, tableau, templates → header, source, manifest (``emit``)
 
