@@ -4,7 +4,8 @@ The pipeline, told once; ``pipeline.generate`` runs it.
 
 1. **specify**  command line or Python call → ``Spec`` (``spec``)
 2. **system**   name → H(q, p), g(q), derivatives (``rigid_body``, ``system``); subexpressions of
-   the parameters alone get names (``kernels``)
+   the parameters alone get names (``kernels``); a model file → the same with numbers
+   (``model_file``, by the parser of ``grammar``)
 3. **tableau**  scheme and s → exact coefficients from (A.8)-(A.18) (``nodes``, ``node_algebra``,
    ``families``, ``tableau``), or a file (``tableau_file``), and as numbers in proved bounds
    (``enclosures``); what they satisfy is proved (``conditions``) and the order measured

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.errors import InputError
+from gyrospark.generator.attitude import from_euler
 from gyrospark.generator.model_file import parse_model
 from gyrospark.runtime import quaternion
 from processes import ROOT
@@ -268,6 +269,115 @@ def test_mistake_is_named(text, old, new, fragments):
     assert message.endswith(".")
     assert len(message) < 1200
     assert "\n" not in message
+
+
+BODIES = """
+name = "pair"
+potential = "c*(b_x - a_x)**2 + a_R33"
+without = []
+[[bodies]]
+name = "a"
+mass = 1
+inertia = [1, 2, 2.5]
+position = [0, 0, -1]
+[[bodies]]
+name = "b"
+mass = "m"
+inertia = [1, 1, 1]
+rep = "alpha"
+alpha = 3
+euler = [0, 0, "pi/2"]
+[[joints]]
+name = "top"
+type = "fixed_point"
+bodies = ["a"]
+at = [0, 0, 0]
+[[joints]]
+name = "hinge"
+type = "revolute"
+bodies = ["a", "b"]
+at = [0, 0, -2]
+axis = [0, 1, 0]
+on_b = [0, 0, 1]
+rate = 2
+[[forces]]
+name = "bow"
+type = "spring"
+bodies = ["ground", "b"]
+stiffness = 5
+length = 0.5
+[[forces]]
+type = "torque"
+bodies = ["b"]
+torque = ["-k*b_omega1", 0, "sin(t)"]
+[[forces]]
+type = "force"
+bodies = ["b"]
+force = [0, 0, "k*b_pz"]
+on_body = [0, 0, 1]
+[parameters]
+m = 2
+c = 4
+k = 0.1
+[quantities]
+bend = "b_z - a_z"
+"""
+
+
+def test_bodies_are_what_the_builder_makes():
+    """The same model by Python calls: H, constraints, forces, start, each the same to the bit."""
+    model = read(BODIES)
+    pair = gs.Multibody("pair")
+    a = pair.body("a", mass=1, inertia=(1, 2, 2.5), position=(0, 0, -1))
+    quarter = from_euler(0, 0, np.pi / 2)
+    b = pair.body("b", mass=2, inertia=(1, 1, 1), rep="alpha", weight=3,
+                  quaternion=quarter)
+    pair.fixed_point("top", a, at=(0, 0, 0))
+    pair.revolute("hinge", a, b, at=(0, 0, -2), axis=(0, 1, 0), on_b=(0, 0, 1), rate=2)
+    c, k = pair.parameter("c", 4), pair.parameter("k", 0.1)
+    pair.spring("bow", pair.ground, b, stiffness=5, length=0.5)
+    pair.torque(b, (-k * b.angular_velocity[0], 0, sp.sin(pair.time)))
+    pair.force(b, (0, 0, k * b.p_x[2]), on_body=(0, 0, 1))
+    pair.potential(c * (b.x[0] - a.x[0]) ** 2 + a.rotation[2, 2])
+    pair.quantity("bend", b.x[2] - a.x[2])
+    wanted = pair.model()
+    assert model.system.H == wanted.system.H
+    assert model.system.constraints == wanted.system.constraints
+    assert model.system.forces == wanted.system.forces
+    assert dict(model.system.quantities) == dict(wanted.system.quantities)
+    assert model.parameters == wanted.parameters
+    assert model.bodies == wanted.bodies == {"a_gamma": (1, 2, 2.5), "b_alpha": (1, 1, 1)}
+    assert abs(model.q0 - wanted.q0).max() <= 4 * EPS
+    assert abs(model.p0 - wanted.p0).max() <= 64 * EPS * abs(wanted.p0).max()
+
+
+@pytest.mark.parametrize(("old", "new", "fragments"), [
+    ('name = "b"', 'name = "a"', ["[[bodies]] 2", "'a'", "twice"]),
+    ('name = "b"', 'name = "b c"', ["[[bodies]] 2, name", "letters"]),
+    ("inertia = [1, 1, 1]", "inertia = [1, 1, 0]", ["[[bodies]] 2", "above 0"]),
+    ("inertia = [1, 1, 1]", "colour = 1", ["[[bodies]] 2, 'colour'", "allowed are name"]),
+    ("alpha = 3", "alpha = -3", ["[[bodies]] 2", "alpha"]),
+    ('euler = [0, 0, "pi/2"]', "quaternion = [0, 0, 0, 0]", ["[[bodies]] 2", "zero"]),
+    ('type = "revolute"', 'type = "weld"', ["[[joints]] 2, type", "'weld'", "revolute"]),
+    ('bodies = ["a", "b"]', 'bodies = ["a", "d"]', ["[[joints]] 2, bodies", "'d'", "ground"]),
+    ('bodies = ["a", "b"]', 'bodies = ["a"]', ["[[joints]] 2, bodies", "1 names", "write 2"]),
+    ('bodies = ["a", "b"]', 'bodies = ["a", "a"]', ["[[joints]] 2", "itself"]),
+    ("axis = [0, 1, 0]", "axis = [0, 0, 0]", ["[[joints]] 2", "axis"]),
+    ("axis = [0, 1, 0]", "", ["[[joints]] 2, axis", "missing"]),
+    ("rate = 2", "length = 2", ["[[joints]] 2, 'length'", "rate"]),
+    ('"-k*b_omega1"', '"-k*c_omega1"', ["[[forces]] 2, torque, entry 1", "c_omega1 is unknown"]),
+    ("c*(b_x - a_x)**2", "c*b_px", ["potential", "b_px is unknown"]),
+    ("stiffness = 5", "", ["[[forces]] 1, stiffness", "missing"]),
+    ("m = 2", "m = -2", ["[[bodies]] 2", "mass"]),
+    ("k = 0.1", "k = 0.1\na_x = 1", ["[parameters] a_x", "another name"]),
+    ("without = []", 'without = ["hinge: q"]', ["'hinge: q'", "leave out"]),
+    ("without = []", 'start = 3', ["'start'", "allowed are"]),
+])
+def test_mistake_in_bodies_is_named(old, new, fragments):
+    with pytest.raises(InputError) as caught:
+        read(changed(BODIES, old, new.replace("\\n", "\n")))
+    for fragment in ("The model file 'model.toml'", *fragments):
+        assert fragment in str(caught.value), str(caught.value)
 
 
 def test_keywords_of_c_are_no_symbols():
