@@ -131,7 +131,7 @@ def test_springs_forces_and_expressions():
     potential += 1.0 * 2.0
     kinetic = 1.0 + 0.5 * np.array(INERTIA) @ np.array([0.1, 0.2, 0.3]) ** 2
     H = NumericSystem(system, model.parameters).H(model.q0, model.p0)
-    assert H == pytest.approx(potential + kinetic, rel=1e-14)
+    assert pytest.approx(potential + kinetic, rel=1e-14) == H
     # The power of all forces: F·v of the point where it acts, τ·Ω of the torque.
     F = evaluate(system.forces, at)
     velocity = NumericSystem(system, model.parameters).H_p(model.q0, model.p0)
