@@ -129,6 +129,7 @@ def choose_gamma(
     bodies: Mapping[str, Sequence[float]] | None = None,
     steps: int = PILOT_STEPS,
     quantity: Quantity | None = None,
+    t0: float = 0.0,
 ) -> GammaChoice:
     """Return the γ of each body that makes the error of runs from (q, p) smallest.
 
@@ -151,6 +152,8 @@ def choose_gamma(
         What to make small. By default the energy; the motion for EMS, which keeps the energy by
         itself, and for systems with forces, which change it. The motion is compared with a run at
         Δt/4 (Δt/8 up to order 2).
+    t0 : float
+        Time at the start, for forces that depend on it.
 
     Raises
     ------
@@ -172,7 +175,7 @@ def choose_gamma(
     pilots = _Pilots(
         stepper, q, p, as_step(dt), as_positive_count("steps", steps, least=2),
         {name: value for name, value in parameters.items() if name not in known},
-        known, quantity or _default_quantity(stepper),
+        known, quantity or _default_quantity(stepper), t0,
     )
     pilots.measure_rules()
     searches = [_Search(pilots, f"1/{pilots.letter}")]
@@ -188,14 +191,15 @@ def choose_gamma(
 
 def with_choice(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: float, steps: int,
-    parameters: Mapping[str, Any],
+    parameters: Mapping[str, Any], t0: float = 0.0,
 ) -> Mapping[str, Any]:
     """Return the parameters of a run with every ``"auto"`` replaced by its choice."""
     if not isinstance(parameters, Mapping) or "auto" not in [
             value for value in parameters.values() if isinstance(value, str)]:
         return parameters
     count = min(max(as_positive_count("steps", steps), 2), PILOT_STEPS)
-    choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters, steps=count)
+    choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters, steps=count,
+                          t0=t0)
     return {**parameters, **choice.values}
 
 
@@ -227,10 +231,10 @@ class _Pilots:
     def __init__(
         self, stepper: Stepper, q: ArrayLike, p: ArrayLike, dt: float, steps: int,
         parameters: dict[str, Any], bodies: dict[str, tuple[float, float, float]],
-        quantity: Quantity,
+        quantity: Quantity, t0: float,
     ) -> None:
         self.stepper, self.q, self.p, self.dt, self.steps = stepper, q, p, dt, steps
-        self.parameters, self.bodies, self.quantity = parameters, bodies, quantity
+        self.parameters, self.bodies, self.quantity, self.t0 = parameters, bodies, quantity, t0
         self.letter = "α" if all(name.endswith("alpha") for name in bodies) else "γ"
         self.done: list[Pilot] = []
         self.errors: list[Array | None] = []
@@ -273,10 +277,10 @@ class _Pilots:
         return min(range(len(self.done)), key=lambda number: self.done[number].error)
 
     def _errors(self, values: dict[str, float]) -> Array:
-        run = self.stepper.integrate(self.q, self.p, dt=self.dt, steps=self.steps,
+        run = self.stepper.integrate(self.q, self.p, dt=self.dt, steps=self.steps, t0=self.t0,
                                      parameters=self.parameters | values)
         if self.quantity == "energy":
-            errors = run.energies[1:] - run.energies[0]
+            errors = run.energy_error()[1:]
         else:
             errors = (run.q[1:] - self.reference).ravel()
         return np.asarray(errors, dtype=float)
@@ -287,7 +291,7 @@ class _Pilots:
         finer = 8 if self.stepper.order <= 2 else 4
         values = {name: gamma_m(moments) for name, moments in self.bodies.items()}
         run = self.stepper.integrate(self.q, self.p, dt=self.dt / finer, steps=self.steps * finer,
-                                     every=finer, parameters=self.parameters | values)
+                                     every=finer, t0=self.t0, parameters=self.parameters | values)
         return np.asarray(run.q[1:])
 
 

@@ -138,7 +138,8 @@ class Stepper:
         StepFailed
             When a step finds no solution; carries everything before it.
         """
-        parameters = with_choice(self, q, p, dt=dt, steps=steps, parameters=parameters)
+        parameters = with_choice(self, q, p, dt=dt, steps=steps, parameters=parameters,
+                                 t0=t0)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
         return integrate(self.binding, self.manifest, run, progress)

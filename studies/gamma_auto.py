@@ -242,8 +242,9 @@ G-L and even-stage LIIIA-B. For IMS and EMS that γ is I₁ exactly (see "The γ
 error"), which γ̃_m and γ̃_h are too: against these nothing can be gained, against γ_m and γ_h \
 everything.
 
-Where it gains little: asymmetric bodies under methods of order 2. d_k and K_k are then different \
-functions of the motion, and no γ cancels one by the other. For 2-LIIIA-B the 1/γ part is \
+Where it gains little: asymmetric bodies in a potential. d_k and K_k are then different functions \
+of the motion, and no γ cancels one by the other; without a potential G-L and 4-LIIIA-B still gain \
+much. For 2-LIIIA-B the 1/γ part is \
 −h²(T² − T₀²)/8, where a potential does work; what is left has other frequencies. Gains of IMS \
 over γ_m: {asymmetric}. For a free body T is the energy, constant, and γ has no part in the \
 energy error of 2-LIIIA-B, nor, as measured, in that of IMS; the choice then says so and stays \
