@@ -421,6 +421,8 @@ def _reason(pilots: _Pilots, best: int, used: _Search) -> str:
         asked = ", ".join(f"{x:.3g}" for x in used.clipped)
         limits = (f"; the law asked for {asked} kg m², more than {_REACH:g} times beyond the "
                   "moments, and was held there")
+    if best >= pilots.rules and chosen.expected is None:
+        return f"{chosen.label}, better than the zero of the law of the {what}{limits}"
     if best >= pilots.rules:
         return f"{chosen.label} of the {what}{limits}"
     errors = [p.error for p in pilots.done if math.isfinite(p.error)]
