@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from ..generator.spec import PAPER_SPECS, REALS, REPS, SCHEMES, SYSTEMS, Spec
+from ..generator.spec import (
+    PAPER_SPECS,
+    REALS,
+    REPS,
+    SCHEMES,
+    SYSTEMS,
+    Spec,
+    is_model_file,
+)
 from .options import real_number, spec_from, stepper_options, whole_number
 
 if TYPE_CHECKING:
@@ -72,6 +80,10 @@ def verify(
 def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
     if target is None:
         return [spec_from(**choice)] if any(choice.values()) else list(PAPER_SPECS)
+    if is_model_file(target):
+        raise InputError(f"{target!r} is a model file, no stepper and no tableau; give it as "
+                         "--model (a certificate) or --system (the tableau's conditions), with "
+                         "--scheme.")
     if any(choice[key] for key in ("scheme", "stages", "tableau")):
         raise InputError(f"{target!r} is given besides --scheme, --stages or --tableau; give one.")
     if target.endswith(".json") or Path(target).is_file():

@@ -154,7 +154,8 @@ class _Formulas:
         size = math.floor(abs(_number(exponent.constant))) if exponent.constant is not None else 1
         terms = math.comb(base.terms + size - 1, size)
         product = replace(base, bits=base.bits * max(size, 1))
-        return _formula([product, exponent], int(not (e.is_Integer and e >= 0)), terms, sp.Pow)
+        more = 0 if e.is_Integer and e >= 0 else 1 if e.is_Rational else 2
+        return _formula([product, exponent], more, terms, sp.Pow)
 
     def check_exponent(self, exponent: _Term) -> None:
         e = exponent.expression

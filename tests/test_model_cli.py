@@ -266,6 +266,10 @@ def test_options_that_do_not_fit_a_model(arguments, fragments, bounded):
     refused(bounded("run", PENDULUM, "--scheme", "IMS", *arguments), *fragments)
 
 
+def test_verify_says_what_a_model_file_is_for(bounded):
+    refused(bounded("verify", PENDULUM), "--model", "--system")
+
+
 def test_run_length_is_somewhere(bounded, tmp_path):
     text = PENDULUM.read_text(encoding="utf-8")
     path = write(tmp_path, text.replace("dt = 0.005\n", ""))

@@ -96,6 +96,7 @@ REFUSED = [
     ("(x + y + k + 1)**64", "47905 terms"),
     ("((x + y)**9 + k)**9*(x + 1)**64", "terms"),
     ("1e400*x", "which no double can hold"),
+    ("(x + (x + (x + 1)**k)**k)**k", "inside one another"),
     ("1/(x + 1/(" * 5 + "x" + "))" * 5, "inside one another"),
     ("(" * 60 + "x" + ")" * 60, "nested deeper"),
     ("x+" * 2000 + "x", "4001 characters"),
