@@ -136,7 +136,7 @@ def test_reported_by_run():
     assert result["work"] == run.report.work
     assert result["quantities"] == {name: run.quantity(name)[-1] for name in QUANTITIES}
     assert result["quantities"]["height"] == result["q"][1]
-    text = _text(result)
+    text = _text(result, step.manifest["system"])
     assert "|H − H₀ − W|" in text
     assert "work of the forces" in text
     assert "height" in text
