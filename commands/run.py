@@ -82,6 +82,9 @@ def run(
         step, start = _model(problem, settings, reference, choice)
     else:
         step, start = _stepper(chosen, choice), _start(chosen)
+    if not as_json:  # before a step is taken
+        for remark in step.remarks:
+            click.echo(f"tableau: {remark}")
     parameters = _parameters(step, start, gamma, alpha)
     step_size = _step_size(dt, start)
     count = _step_count(steps, start)
