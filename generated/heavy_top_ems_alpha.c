@@ -1117,7 +1117,8 @@ static enum verdict judge(progress_t *s, real change, real tolerance, int most)
         return GIVE_UP;
     if (near && s->sweeps > 3 && !(s->before < near_floor*near_floor))
         s->rate = pow(s->before/s->first, 1/(real)(s->sweeps - 2));
-    const real next = s->sweeps == 2 ? ratio : larger(ratio, sqrt(of_two));
+    /* Two sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
+    const real next = larger(ratio, s->sweeps == 2 ? (real)0.0001 : sqrt(of_two));
     if (change <= tolerance*tolerance || change*next < beyond*beyond)
         return CONVERGED;
     const int stalled = near && (s->rate < fast ? ratio > 4*fast : !least);

@@ -1130,7 +1130,8 @@ static enum verdict judge(progress_t *s, real change, real tolerance, int most)
         return GIVE_UP;
     if (near && s->sweeps > 3 && !(s->before < near_floor*near_floor))
         s->rate = pow(s->before/s->first, 1/(real)(s->sweeps - 2));
-    const real next = s->sweeps == 2 ? ratio : larger(ratio, sqrt(of_two));
+    /* Two sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
+    const real next = larger(ratio, s->sweeps == 2 ? (real)0.0001 : sqrt(of_two));
     if (change <= tolerance*tolerance || change*next < beyond*beyond)
         return CONVERGED;
     const int stalled = near && (s->rate < fast ? ratio > 4*fast : !least);
@@ -1704,7 +1705,7 @@ static void stages_set_up(stages_t *w)
     stages_fill(w->inverse, P, P, &fast_inverse[0][0]);
     stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
     for (int l = 0; l < NODE_ITEMS*W; ++l)
-        set_part(&w->moves[l/W], l % W, l < P - 1 ? 1 : 0);
+        set_part(&w->moves[l/W], l % W, l < P - 1);
     for (int i = 0; i < STAGE_ITEMS*W; ++i) {
         set_part(&w->hb[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
         set_part(&w->hb_hat[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);

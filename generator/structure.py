@@ -259,8 +259,12 @@ class Structure:
         """Whether products without zeros are clearly fewer than those with them.
 
         Counted for what grows fastest: the factors of W, G times a vector, H_pp times a vector.
+        Up to six coordinates gathering costs more than zeros do, and dense code may use what is
+        proved of the whole system.
         """
         n, m = self.system.n, self.system.m
+        if n <= 6:
+            return False
         dense = m**3 / 3 + m * n + n * n
         sparse = self.elimination.products + sum(map(len, self.entries.values())) + sum(
             len(i.p) ** 2 for form in self.forms for i in form.instances)
