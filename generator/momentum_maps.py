@@ -83,9 +83,14 @@ class MomentumMap:
         return np.asarray(np.einsum("...i,...i->...", p, q @ self.A.T + self.a))
 
     def sizes(self, q: Array, p: Array) -> Array:
-        """Return the sum of the terms' magnitudes in J, of which its round-off is a part."""
-        reach = np.abs(q) @ np.abs(self.A).T + np.abs(self.a)
-        return np.asarray(np.einsum("...i,...i->...", np.abs(p), reach))
+        """Return |p| (|A| |q| + |a|) of what enters J, of which its round-off is a part.
+
+        Norms, not terms: a motion in a plane rounds out of it by ε of its size.
+        """
+        rows, columns = self.A.any(axis=1) | (self.a != 0), self.A.any(axis=0)
+        reach = np.linalg.norm(q[..., columns], axis=-1) * np.linalg.norm(self.A)
+        momenta = np.linalg.norm(p[..., rows], axis=-1)
+        return np.asarray(momenta * (reach + np.linalg.norm(self.a)))
 
 
 def momentum_maps(

@@ -147,6 +147,8 @@ def order_seen(
             h, direction = 2 * h, 1
             continue
         slopes = [math.log2(a / b) for a, b in pairwise(errors)]
+        if found and slopes[-1] < found[-1].order - 0.3:
+            break  # round-off that grows like 1/h, as of multipliers, has taken over
         found.append(OrderSeen(slopes[-1], abs(slopes[-1] - slopes[-2]), h / 8))
         if direction > 0:
             break
