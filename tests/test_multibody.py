@@ -182,3 +182,40 @@ def test_errors_name_value_and_cure(wrong, message):
 def test_empty_builder_is_refused():
     with pytest.raises(gs.InputError, match="has no body"):
         gs.Multibody("empty").model()
+
+
+def test_expressions_of_a_body():
+    """Velocity of a point, angular velocity and momentum, against vectors in NumPy."""
+    build = gs.Multibody("thrown")
+    body = build.body("a", mass=2.0, inertia=INERTIA, position=(1, 2, 3), velocity=(4, 5, 6),
+                      quaternion=(0.5, -0.1, 0.7, 0.3), angular_velocity=(0.3, -0.6, 0.9))
+    model = build.model()
+    R, omega = rotation_matrix(model.q0[:4]), np.array([0.3, -0.6, 0.9])
+    at = dict(zip(model.system.q, model.q0, strict=True))
+    at |= dict(zip(model.system.p, model.p0, strict=True))
+    at |= {s: model.parameters[str(s)] for s in model.system.parameters}
+    at |= dict(zip(body.inertia, INERTIA, strict=True))
+    r = (0.2, -0.4, 0.1)
+    for found, expected in (
+        (body.point(r), [1, 2, 3] + R @ r),
+        (body.point_velocity(r), [4, 5, 6] + R @ np.cross(omega, r)),
+        (body.angular_velocity, omega),
+        (body.angular_momentum, R @ (np.array(INERTIA) * omega)),
+        (body.centre_of_mass, [1, 2, 3]),
+    ):
+        assert np.abs(evaluate(found, at) - expected).max() <= 16 * EPS * 8
+
+
+def test_free_body_flies_and_turns_as_jacobi_says():
+    """Quaternion by elliptic functions, centre of mass along a parabola."""
+    exact = gs.problems.free_body()
+    build = gs.Multibody("stone")
+    build.body("a", mass=2.0, inertia=exact.inertia, velocity=(1, 0, 5), quaternion=exact.q0,
+               angular_velocity=(30, -40, 100))
+    model = build.model()
+    t = 0.25
+    made = gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=t / 500, steps=500, every=500, parameters=model.parameters)
+    assert np.abs(made.q[-1, :4] - exact.exact.attitude([t])[0]).max() <= 1e-12
+    place = np.array([t, 0, 5 * t - 9.81 * t**2 / 2])
+    assert np.abs(made.q[-1, 4:] - place).max() <= 8 * EPS
