@@ -13,8 +13,10 @@ The pipeline, told once; ``pipeline.generate`` runs it.
 4. **scheme**   system and tableau → what a step must solve: unknowns, kernels (``schemes``); for
    EMS the discrete gradient is derived (``discrete_gradient``, ``discrete_functions``,
    ``mean_conditions``)
+   many bodies are taken apart into the few forms of their terms (``structure``)
 5. **kernels**  expressions → C statements with shared subexpressions (``kernels``, ``c_printer``)
-6. **emit**     kernels, tableau, templates → header, source, manifest (``emit``)
+6. **emit**     kernels, tableau, templates → header, source, manifest (``emit``, ``emit_fast``,
+   ``emit_structure``)
 
 Nothing in this package knows a compiler; nothing in ``runtime`` knows SymPy. The manifest is the
 whole contract between the two. This file imports nothing, so ``spec`` costs no SymPy.
