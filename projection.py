@@ -225,7 +225,7 @@ def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:
     except np.linalg.LinAlgError:
         condition = math.inf
     if not condition < 1 / EPS:
-        raise InputError(_singular(system, G))
+        raise InputError(f"The state cannot be projected. {_singular(system, G)}")
     change: Array = G.T @ (scale * (inverse @ (scale * defect)))
     return change
 

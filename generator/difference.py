@@ -65,11 +65,17 @@ class Difference:
         made = self.become(share(mean), factor)
         return Difference(made.mean, made.slope, self.steps, share(factor * self.change))
 
+    def plus(self, *others: Difference) -> Difference:
+        """Return the difference of the sum of all: in one go, as SymPy sorts every sum it makes."""
+        terms: dict[int, list[sp.Expr]] = {}
+        for part in (self, *others):
+            for i, d in part.slope.items():
+                terms.setdefault(i, []).append(d)
+        return Difference(sp.Add(self.mean, *(other.mean for other in others)),
+                          {i: sp.Add(*slopes) for i, slopes in terms.items()}, self.steps)
+
     def __add__(self, other: Difference) -> Difference:
-        slope = dict(self.slope)
-        for i, d in other.slope.items():
-            slope[i] = slope[i] + d if i in slope else d
-        return Difference(self.mean + other.mean, slope, self.steps)
+        return self.plus(other)
 
     def __mul__(self, other: Difference) -> Difference:
         """Return the difference of uv: Δ(uv) = ū Δv + v̄ Δu, mean ū v̄ + ¼ Δu Δv."""

@@ -119,7 +119,7 @@ def _refuse_unknown(e: sp.Expr) -> None:
 def _combine(e: sp.Expr, parts: list[Difference]) -> Difference:
     """Return the difference of e from those of its arguments."""
     if e.is_Add:
-        return reduce(operator.add, parts)
+        return parts[0].plus(*parts[1:])
     if e.is_Mul:
         return reduce(operator.mul, parts)
     if e.is_Pow:

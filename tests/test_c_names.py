@@ -93,7 +93,7 @@ def test_every_accepted_name_compiles_and_runs(scheme, stages, accepted):
     assert {"I", "none", "real", "constants", "isnan", "N", "OK", "k0", "size_t"} <= set(accepted)
     values = {name: (i % 7) / 100 for i, name in enumerate(accepted)}
     step = gs.stepper(scheme, stages, system=odd_system(accepted))
-    run = step.integrate([1.0], [0.0], dt=1e-2, steps=50, parameters=values)
+    run = step.integrate([1.0], [0.0], dt=1e-3, steps=500, parameters=values)
     stiffness = sum(values.values())
     inverse_mass = np.sqrt(1 + sum(value**2 for value in values.values()))
     energy = run.p[:, 0] ** 2 * inverse_mass / 2 + run.q[:, 0] ** 2 * stiffness / 2
