@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-__all__ = ["Clock", "Sample", "alternate", "stopwatch"]
+__all__ = ["Clock", "Sample", "alternate", "repeated", "stopwatch"]
 
 Clock = Callable[[], float]
 
@@ -45,6 +45,18 @@ def stopwatch(job: Callable[[], object], clock: Clock = time.thread_time) -> flo
     start = clock()
     job()
     return clock() - start
+
+
+def repeated(job: Callable[[], object], least: float) -> tuple[Callable[[], object], int]:
+    """Return a job done so often that it takes ``least`` CPU seconds, and how often that is."""
+    times = 1
+    while stopwatch(again := _often(job, times)) < least:
+        times *= 2
+    return again, times
+
+
+def _often(job: Callable[[], object], times: int) -> Callable[[], object]:
+    return lambda: [job() for _ in range(times)]
 
 
 def alternate(

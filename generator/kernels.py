@@ -71,21 +71,26 @@ class Constants:
         self.taken = {str(s) for s in (*parameters, *others)}
         self.parameters = tuple(parameters)
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
+        self._known = frozenset(parameters)  # made once: H of 100 bodies asks it for every term
 
     def hoist(self, e: sp.Expr) -> sp.Expr:
         """Return e with every largest parameter-only subexpression replaced by a symbol."""
         if not e.free_symbols or e.is_Symbol:
             return e
-        if e.free_symbols <= set(self.parameters):
+        if e.free_symbols <= self._known:
             number, rest = e.as_coeff_Mul()
             return number * self._symbol(rest)
         if e.is_Mul or e.is_Add:
-            own = [a for a in e.args if a.free_symbols and a.free_symbols <= set(self.parameters)]
-            rest = [self.hoist(a) for a in e.args if a not in own]
+            own = [a for a in e.args if self._is_own(a)]
+            rest = [self.hoist(a) for a in e.args if not self._is_own(a)]
             return e.func(self.hoist(e.func(*own)), *rest) if own else e.func(*rest)
-        if e.is_Pow and e.base.free_symbols and e.base.free_symbols <= set(self.parameters):
+        if e.is_Pow and self._is_own(e.base):
             return sp.exp(self.hoist(e.exp * sp.log(e.base)))  # a logarithm a run, not a call
         return e.func(*(self.hoist(a) for a in e.args))
+
+    def _is_own(self, e: sp.Expr) -> bool:
+        free = e.free_symbols
+        return bool(free) and free <= self._known
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:
         if e not in self.definitions:

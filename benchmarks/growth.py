@@ -1,0 +1,221 @@
+"""How cost grows with the number of bodies: to derive, to compile, and to step a chain.
+
+    derive      CPU seconds of the model with its start, and of the generator, caches of SymPy empty
+    compile     CPU seconds of the C compiler and of cffi, nothing taken from the cache
+    step        µs of a step of the same simulated span, default solver; the sweeps it takes
+
+A law is the slope of log(cost) against log(N): 0 for what does not grow, 1 for linear growth.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import GyrosparkError
+from ..generator.derivatives import derivative
+from ..generator.example_models import chain
+from ..generator.model import Model
+from ..generator.pipeline import Generated, generate
+from ..generator.spec import Spec
+from ..generator.structure import Structure
+from ..runtime.compiler import compile_module, find_compiler
+from ..runtime.stepper import Stepper
+from ..runtime.trajectory import Trajectory
+from .timing import Sample, alternate, repeated
+
+__all__ = ["COUNTS", "QUICK", "Size", "grow", "laws"]
+
+COUNTS = (1, 2, 4, 8, 16, 32, 64, 100)
+QUICK = (1, 2, 4)
+STAGES = 3
+DT = 2e-3
+#: From so many bodies on a law is fitted: below, what all sizes have in common weighs more.
+_LAW_FROM = 8
+#: Costs that have a law.
+_COSTS = ("model_s", "generate_s", "compile_s", "lines", "us_per_step", "ns_per_body_and_sweep")
+
+
+@dataclass(frozen=True)
+class Size:
+    """A chain of so many bodies.
+
+    Attributes
+    ----------
+    structured
+        Whether its C loops over bodies instead of naming each.
+    model_s, generate_s, compile_s
+        Median CPU seconds to build the model (with redundancy check and consistent start), to
+        derive and emit the C, and to compile it.
+    lines
+        Of the C file.
+    us_per_step, spread
+        Median CPU time of a step in µs, and the rounds' median deviation, relative.
+    sweeps, newton_steps
+        Mean iterations of a step; steps that dense or banded Newton had to finish.
+    constraint_max, momentum_constraint_max, energy_error
+        Largest |g| and |g_q H_p| over all steps, largest |H − H₀|/|H₀|.
+    samples
+        CPU seconds of every round of the run, for ``steps`` steps.
+    """
+
+    bodies: int
+    coordinates: int
+    constraints: int
+    structured: bool
+    model_s: float
+    generate_s: float
+    compile_s: float
+    lines: int
+    steps: int = 0
+    us_per_step: float | None = None
+    spread: float | None = None
+    sweeps: float | None = None
+    newton_steps: int = 0
+    constraint_max: float | None = None
+    momentum_constraint_max: float | None = None
+    energy_error: float | None = None
+    samples: tuple[float, ...] = ()
+    note: str = ""
+    failed: bool = False
+
+    @property
+    def us_per_body(self) -> float | None:
+        """µs of a step for each body."""
+        return None if self.us_per_step is None else self.us_per_step / self.bodies
+
+    @property
+    def ns_per_body_and_sweep(self) -> float | None:
+        """ns of a sweep for each body: what is left of the growth when sweeps are counted."""
+        if self.us_per_body is None or not self.sweeps:
+            return None
+        return self.us_per_body / self.sweeps * 1e3
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what JSON holds of it."""
+        return asdict(self) | {"us_per_body": self.us_per_body,
+                               "ns_per_body_and_sweep": self.ns_per_body_and_sweep}
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A chain that is ready to run."""
+
+    model: Model
+    stepper: Stepper
+    about: dict[str, Any]
+
+    def run(self, steps: int) -> Trajectory:
+        return self.stepper.integrate(self.model.q0, self.model.p0, dt=DT, steps=steps,
+                                      every=steps, parameters=self.model.parameters)
+
+
+def grow(
+    counts: Sequence[int], steps: int, rounds: int, least: float,
+    watch: Callable[[str], None] = lambda name: None,
+) -> list[Size]:
+    """Return a row for each number of bodies; runs of all sizes take turns."""
+    _generated(chain(1))  # imports, tableau and compiler are not a matter of size
+    made = []
+    for count in counts:
+        watch(f"chain of {count}: derive and compile")
+        made.append(_make(count, rounds))
+    watch(f"{len(made)} chains in turn, {rounds} rounds")
+    reports: dict[str, dict[str, Any]] = {}
+    jobs, times = {}, {}
+    for one in made:
+        name = one.model.name
+        try:
+            reports[name] = _report(one.run(steps))
+            jobs[name], times[name] = repeated(_job(one, steps), least)
+        except GyrosparkError as error:
+            reports[name] = {"note": str(error), "failed": True}
+    for name, sample in alternate(jobs, rounds).items():
+        reports[name] |= _timed(sample, steps * times[name])
+    return [Size(**one.about, **reports[one.model.name]) for one in made]
+
+
+def laws(sizes: Sequence[Size]) -> dict[str, float]:
+    """Return the slope of log(cost) against log(N) of each cost, from 8 bodies on.
+
+    Fewer than three sizes give none.
+    """
+    fitted = {}
+    for cost in _COSTS:
+        points = [(s.bodies, y) for s in sizes
+                  if s.bodies >= _LAW_FROM and (y := getattr(s, cost))]
+        if len(points) >= 3:
+            N, y = np.log(np.array(points, dtype=float)).T
+            fitted[cost] = float(np.polyfit(N, y, 1)[0])
+    return fitted
+
+
+def _make(count: int, rounds: int) -> _Made:
+    seconds: dict[str, list[float]] = {"model_s": [], "generate_s": [], "compile_s": []}
+    for _ in range(rounds):
+        _forget()
+        start = time.process_time()
+        model = chain(count)
+        middle = time.process_time()
+        made = _generated(model)
+        end = time.process_time()
+        seconds["model_s"].append(middle - start)
+        seconds["generate_s"].append(end - middle)
+        seconds["compile_s"].append(_compile_seconds(made))
+    files = made.source.files()
+    text = files[f"{made.source.name}.c"]
+    return _Made(model, Stepper(made.source.name, files), {
+        "bodies": count, "coordinates": model.system.n, "constraints": model.system.m,
+        "structured": Structure(made.scheme.system).is_worthwhile,
+        "lines": text.count("\n"),
+        **{name: statistics.median(values) for name, values in seconds.items()}})
+
+
+def _generated(model: Model) -> Generated:
+    return generate(Spec.checked("G-L", STAGES), system=model.system)
+
+
+def _forget() -> None:
+    """Empty what remembers expressions, so that a chain does not profit from the last one."""
+    from sympy.core.cache import clear_cache
+
+    clear_cache()
+    derivative.cache_clear()
+
+
+def _compile_seconds(made: Generated) -> float:
+    """Return the CPU seconds, cffi's and the compilers', of a module that is then thrown away."""
+    start = _cpu_with_children()
+    with tempfile.TemporaryDirectory() as folder:
+        compile_module(made.source.name, made.source.files(), find_compiler(), Path(folder))
+    return _cpu_with_children() - start
+
+
+def _cpu_with_children() -> float:
+    return sum(os.times()[:4])
+
+
+def _job(one: _Made, steps: int) -> Callable[[], object]:
+    return lambda: one.run(steps)
+
+
+def _report(end: Trajectory) -> dict[str, Any]:
+    report = end.report
+    return {
+        "sweeps": report.iterations_mean, "newton_steps": report.newton_steps,
+        "constraint_max": report.constraint_max,
+        "momentum_constraint_max": report.momentum_constraint_max,
+        "energy_error": report.energy_error_max / abs(report.energy_start)}
+
+
+def _timed(sample: Sample, steps: int) -> dict[str, Any]:
+    return {"us_per_step": sample.median / steps * 1e6, "spread": sample.spread, "steps": steps,
+            "samples": sample.seconds}
