@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 from ..errors import MissingDependencyError
+from .bodies import BodyRow
 from .contest import Row
 from .drift import Course
+from .growth import Size, laws
 
-__all__ = ["draw_drift", "draw_work_precision"]
+__all__ = ["draw_bodies", "draw_drift", "draw_growth", "draw_work_precision"]
 
 _MARKS = "osD^vPX*<>hp"
 #: Errors below this are round-off and are drawn at it.
@@ -60,6 +63,57 @@ def draw_drift(courses: Sequence[Course], path: Path) -> None:
                       alpha=0.85)
     _finish(energy, "t in s", "|H − H₀| / |H₀|")
     _finish(position, "t in s", "distance of the mass centre to the reference, in m")
+    figure.savefig(path, dpi=150)
+
+
+def draw_growth(sizes: Sequence[Size], path: Path) -> None:
+    """Draw what it takes to make a chain's stepper, and a step of it, against N.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure = _figure_class()(figsize=(11, 5), layout="constrained")
+    making, stepping = figure.subplots(1, 2)
+    slopes = laws(sizes)
+    parts = {
+        making: {"model_s": "model", "generate_s": "derive and emit", "compile_s": "compile"},
+        stepping: {"us_per_step": "a step", "us_per_body": "for each body",
+                   "ns_per_body_and_sweep": "ns, for each body and sweep"},
+    }
+    marks = iter(_MARKS)
+    for axes, costs in parts.items():
+        for cost, text in costs.items():
+            known = [(s.bodies, y) for s in sizes if (y := getattr(s, cost))]
+            law = f" ~ N^{slopes[cost]:.2f}" if cost in slopes else ""
+            if known:
+                axes.plot(*zip(*known, strict=True), next(marks) + "-", ms=4, label=text + law)
+    _finish(making, "bodies", "CPU seconds")
+    _finish(stepping, "bodies", "CPU µs")
+    figure.savefig(path, dpi=150)
+
+
+def draw_bodies(rows: Sequence[BodyRow], path: Path) -> None:
+    """Draw CPU time against error for each linkage, a line for each program and method.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure = _figure_class()(figsize=(11, 5), layout="constrained")
+    drawn = [row for row in rows if row.seconds and row.error is not None]
+    models = list(dict.fromkeys(row.model for row in drawn))
+    families = list(dict.fromkeys(row.family for row in drawn))
+    for number, model in enumerate(models):
+        axes = figure.add_subplot(1, len(models), number + 1, title=model)
+        for mark, family in zip(cycle(_MARKS), families, strict=False):
+            points = [(max(row.error or 0.0, _FLOOR), (row.seconds or 0.0) * 1e3) for row in drawn
+                      if (row.model, row.family) == (model, family)]
+            axes.plot(*zip(*points, strict=True), mark + "-", ms=4, alpha=0.85,
+                      label=family if number == 0 else None)
+        _finish(axes, "largest distance of a mass centre to the reference, in m", "CPU ms")
     figure.savefig(path, dpi=150)
 
 

@@ -13,18 +13,23 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
+from .bench_tables import PRINT
 from .generate import write_files
 from .options import real_number, whole_number
 
 if TYPE_CHECKING:
+    from ..benchmarks.bodies import BodyRow
     from ..benchmarks.contest import Limits, Row
     from ..benchmarks.drift import Course
     from ..benchmarks.ensembles import EnsembleRow
+    from ..benchmarks.growth import Size
     from ..benchmarks.steps import Cell
 
 __all__ = ["bench"]
 
-_WHAT = ("peers", "step", "ensemble", "drift")
+_WHAT = ("peers", "step", "ensemble", "drift", "bodies")
+#: What has more than one result.
+_PARTS = {"bodies": ("growth", "bodies")}
 
 
 @dataclass(frozen=True)
@@ -60,10 +65,11 @@ def bench(
     what: str, peers: str | None, quick: bool, t_end: str | None, rounds: str | None,
     base: str | None, out: Path | None, as_json: bool,
 ) -> int:
-    """Measure WHAT on the paper's fast top: peers (default), step, ensemble, drift or all.
+    """Measure WHAT: peers (default), step, ensemble or drift of the fast top, bodies, or all.
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
-    many tops at once. drift: energy and position up to 1000 s.
+    many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
+    bodies, and the chain of 8 and a four-bar beside exudyn, 1 s of motion.
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
     optional: pip install "gyrospark[bench]" brings those that are on PyPI. For steady numbers pin
@@ -75,11 +81,13 @@ def bench(
     gyrospark bench --peers gyrospark,heyoka --base "heyoka default" --out bench
     gyrospark bench step --quick
     gyrospark bench drift --t-end 100 --out bench
+    gyrospark bench bodies --rounds 3 --out bench
     """
     if what not in (*_WHAT, "all"):
         raise InputError(f"Unknown benchmark {what!r}; choose {', '.join(_WHAT)} or all.")
     choice = _checked(peers, quick, t_end, rounds, base)
-    names = _WHAT if what == "all" else (what,)
+    names = [part for name in (_WHAT if what == "all" else (what,))
+             for part in _PARTS.get(name, (name,))]
     results: dict[str, Any] = {}
     with _progress(quiet=as_json) as watch:
         for name in names:
@@ -90,7 +98,7 @@ def bench(
         click.echo(_json(results, choice), nl=False)
     else:
         for name, result in results.items():
-            _PRINT[name](result)
+            PRINT[name](result)
         if out is not None:
             click.echo(f"wrote {', '.join(str(path) for path in sorted(out.glob('*')))}")
     return 1 if any(_failed(part) for result in results.values() for part in result) else 0
@@ -155,9 +163,28 @@ def _measure_drift(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Co
     return follow(entries(choice.peers, quick=choice.quick), choice.limits(1000.0), watch)
 
 
+def _measure_growth(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Size]:
+    from ..benchmarks.growth import COUNTS, QUICK, grow
+
+    if "gyrospark" not in choice.peers:
+        return []
+    counts, steps = (QUICK, 100) if choice.quick else (COUNTS, 1000)
+    return grow(counts, steps, choice.rounds, choice.limits(1.0).least, watch)
+
+
+def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[BodyRow]:
+    from ..benchmarks.bodies import PEERS, compare_bodies, linkages
+
+    peers = [peer for peer in PEERS if peer in choice.peers]
+    if not peers:
+        return []
+    return compare_bodies(linkages(quick=choice.quick), peers, choice.rounds,
+                          choice.limits(1.0).least, quick=choice.quick, watch=watch)
+
+
 _MEASURE: dict[str, Callable[[_Choice, Callable[[str], None]], Sequence[Any]]] = {
     "peers": _measure_peers, "step": _measure_step, "ensemble": _measure_ensemble,
-    "drift": _measure_drift,
+    "drift": _measure_drift, "growth": _measure_growth, "bodies": _measure_bodies,
 }
 
 
@@ -187,108 +214,22 @@ def _json(results: dict[str, Sequence[Any]], choice: _Choice) -> str:
 
     document = {"about": about(choice.peers)} | {
         name: [part.as_dict() for part in result] for name, result in results.items()}
+    if "growth" in results:
+        from ..benchmarks.growth import laws
+
+        document["growth_laws"] = laws(results["growth"])
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
 
 
 def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> None:
-    from ..benchmarks.pictures import draw_drift, draw_work_precision
+    from ..benchmarks.pictures import draw_bodies, draw_drift, draw_growth, draw_work_precision
 
     write_files({"bench.json": _json(results, choice)}, out)
     if "peers" in results:
         draw_work_precision(results["peers"], out / "work_precision.png")
     if "drift" in results:
         draw_drift(results["drift"], out / "drift.png")
-
-
-# ---------------------------------------------------------------- what is printed
-
-
-def _print_peers(rows: Sequence[Row]) -> None:
-    t_end = rows[0].t_end
-    _print_rows(f"CPU time and errors at t = {t_end:g} s", [(row, []) for row in rows], [])
-
-
-def _print_ensemble(rows: Sequence[EnsembleRow]) -> None:
-    if not rows:
-        click.echo("Only gyrospark and heyoka have ensembles.")
-        return
-    lines = [(row.row, [_number(row.wall_us_per_second, "{:.3g}")]) for row in rows]
-    _print_rows(f"{rows[0].trajectories} tops, cost for each, worst error", lines, ["wall µs/s"])
-
-
-def _print_rows(title: str, lines: Sequence[tuple[Row, list[str]]], more: list[str]) -> None:
-    names = ["µs/s", "±", "ns/step", "× base", "dx (m)", "ΔH/H", "|q| − 1", *more]
-    grid = _grid(title, ["peer", "setting"], names)
-    for row, extra in lines:
-        numbers = [_number(row.us_per_second, "{:,.4g}"), _number(row.spread, "{:.0%}"),
-                   _number(row.ns_per_step, "{:,.0f}"), _number(row.ratio, "{:.3g}"),
-                   *(_number(x, "{:.1e}") for x in (row.error, row.energy_error, row.norm_error))]
-        label = row.setting + (f"\n{row.note}" if row.note else "")
-        grid.add_row(f"{row.peer} {row.version}".strip(), label, *numbers, *extra)
-    _show(grid)
-
-
-def _print_step(cells: Sequence[Cell]) -> None:
-    from ..benchmarks.steps import BASE
-
-    solvers = list(dict.fromkeys(s for cell in cells for s in (*cell.ns, *cell.notes)))
-    others = [solver for solver in solvers if solver != BASE]
-    columns = [f"{s} ns" for s in solvers] + [f"{BASE} / {s}" for s in others] + ["differ by"]
-    grid = _grid("A step by each solver", ["method", "s", "Δt"], columns)
-    for cell in cells:
-        times = [_number(cell.ns.get(s), "{:,.0f}") + _iterations(cell, s) for s in solvers]
-        ratios = [_number(cell.ratio.get(s), "{:.1f}") for s in others]
-        worst = max(cell.difference.values(), default=None)
-        grid.add_row(cell.variant, str(cell.stages), f"{cell.dt:g}", *times, *ratios,
-                     _number(worst, "{:.0e}"))
-    _show(grid)
-    for text in dict.fromkeys(f"{s}: {note}" for cell in cells for s, note in cell.notes.items()):
-        click.echo(text)
-
-
-def _iterations(cell: Cell, solver: str) -> str:
-    return f" [{cell.iterations[solver]:.1f}]" if solver in cell.iterations else ""
-
-
-def _print_drift(courses: Sequence[Course]) -> None:
-    from ..benchmarks.reference import TIMES
-
-    times = [t for t in TIMES if any(p.t == t for c in courses for p in c.points)]
-    columns = [text for t in times for text in (f"ΔH/H\n{t} s", f"dx (m)\n{t} s")]
-    grid = _grid("Drift", ["entry"], columns)
-    for course in courses:
-        at = {point.t: point for point in course.points}
-        cells = [_number(x, "{:.1e}") for t in times for x in (
-            (at[t].energy_error, at[t].error) if t in at else (None, None))]
-        grid.add_row(course.name + (f"\n{course.note}" if course.note else ""), *cells)
-    _show(grid)
-
-
-_PRINT: dict[str, Callable[[Any], None]] = {
-    "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
-    "drift": _print_drift,
-}
-
-
-def _grid(title: str, texts: Sequence[str], numbers: Sequence[str]) -> Any:
-    from rich.table import Table
-
-    grid = Table(title=title, title_justify="left")
-    for text in texts:
-        grid.add_column(text)
-    for number in numbers:
-        grid.add_column(number, justify="right", no_wrap=True)
-    return grid
-
-
-def _show(grid: Any) -> None:
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:  # a file has no width of its own
-        console = Console(width=160)
-    console.print(grid)
-
-
-def _number(value: float | None, form: str) -> str:
-    return "–" if value is None else form.format(value)
+    if results.get("growth"):
+        draw_growth(results["growth"], out / "growth.png")
+    if results.get("bodies"):
+        draw_bodies(results["bodies"], out / "bodies.png")

@@ -10,9 +10,12 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.benchmarks import (
+    bodies,
     contest,
     drift,
     ensembles,
+    growth,
+    linkages,
     peers,
     pictures,
     reference,
@@ -21,9 +24,10 @@ from gyrospark.benchmarks import (
     tops,
 )
 from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_ratios
-from gyrospark.benchmarks.peers import optional, ours
+from gyrospark.benchmarks.peers import exudyn_bodies, optional, ours
 from gyrospark.benchmarks.peers.entry import Entry
 from gyrospark.commands import main
+from gyrospark.runtime.quaternion import rotation_matrix
 
 SHORT = Limits(t_end=1.0, rounds=3, least=1e-4, most=60.0)
 
@@ -233,6 +237,90 @@ def test_a_line_joins_what_nothing_beats():
     assert pictures._best(points) == [points[0], points[2], points[4]]
 
 
+# ---------------------------------------------------------------- bodies
+
+
+def test_a_job_is_repeated_until_it_takes_long_enough():
+    done = []
+    again, times = timing.repeated(lambda: done.append(sum(range(1000))), 2e-3)
+    assert times > 1
+    done.clear()
+    again()
+    assert len(done) == times
+
+
+def test_chains_grow():
+    said = []
+    one, two = growth.grow((1, 2), 20, 1, 1e-4, said.append)
+    assert said == ["chain of 1: derive and compile", "chain of 2: derive and compile",
+                    "2 chains in turn, 1 rounds"]
+    assert (two.coordinates, two.constraints) == (14, 8)
+    assert not one.failed
+    assert two.steps % 20 == 0
+    assert two.us_per_body == pytest.approx(two.us_per_step / 2)
+    assert two.as_dict()["ns_per_body_and_sweep"] > 0
+    assert min(two.model_s, two.generate_s, two.compile_s) > 0
+    assert max(two.constraint_max, two.momentum_constraint_max) < 1e-14
+
+
+def test_a_law_is_the_slope_of_large_chains():
+    """Below 8 bodies a size is not looked at; a cost that is missing has no law."""
+    sizes = [growth.Size(N, 7 * N, 4 * N, True, 0.1 * N**2, 3.0, 2.0, 5000 if N < 8 else 10 * N,
+                         us_per_step=0.5 * N, sweeps=None) for N in (1, 2, 8, 16, 100)]
+    assert growth.laws(sizes) == pytest.approx(
+        {"model_s": 2, "generate_s": 0, "compile_s": 0, "lines": 1, "us_per_step": 1})
+    assert growth.laws(sizes[:4]) == {}
+
+
+@pytest.mark.parametrize("linkage", [linkages.chain_of(3), linkages.closed_loop()],
+                         ids=lambda linkage: linkage.name)
+def test_linkages_are_held_where_both_bodies_are(linkage):
+    """A joint of two bodies does not move at the start, seen from either: ẋ + ω × r agree."""
+    bodies_at = linkage.starts()
+
+    def velocity(body, at):
+        omega = rotation_matrix(body.q) @ body.omega
+        return body.v + np.cross(omega, np.array(at) - body.x)
+
+    for hold in linkage.holds:
+        a, b = (np.zeros(3) if i is None else velocity(bodies_at[i], hold.at)
+                for i in (hold.a, hold.b))
+        np.testing.assert_allclose(a, b, atol=1e-13)
+
+
+def test_exudyn_goes_where_we_go():
+    """As its step goes to 0 it ends at our reference: another program, another formulation."""
+    linkage = linkages.chain_of(2)
+    try:
+        exudyn_bodies.Machine(linkage)
+    except optional.Unavailable as reason:
+        pytest.skip(str(reason))
+    rows = bodies.compare_bodies([linkage], bodies.PEERS, 1, 1e-4, quick=True)
+    theirs = [row for row in rows if row.peer == "exudyn"]
+    assert theirs[1].error < theirs[0].error / 3.5  # second order
+    assert theirs[1].limit < 1e-6
+    assert rows[0].reference_error < 1e-14
+
+
+def test_ours_arrives_on_bodies():
+    rows = bodies.compare_bodies([linkages.chain_of(2)], ["gyrospark"], 1, 1e-4, quick=True)
+    assert [row.dt for row in rows] == [1e-2, 5e-3]
+    assert rows[1].error < rows[0].error / 12  # fourth order
+    assert all(row.seconds and row.us_per_step for row in rows)
+    assert bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error) == rows[1]
+    assert bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error / 2) is None
+
+
+def test_bodies_without_exudyn_are_a_row(monkeypatch):
+    def missing(module, package=None):
+        raise optional.Unavailable("not installed (pip install exudyn)")
+
+    monkeypatch.setattr(exudyn_bodies, "need", missing)
+    row, = bodies.compare_bodies([linkages.chain_of(1)], ["exudyn"], 1, 1e-4, quick=True)
+    assert row.note == "not installed (pip install exudyn)"
+    assert not row.failed
+
+
 # ---------------------------------------------------------------- the command
 
 
@@ -265,15 +353,17 @@ def test_command_writes_json_and_pictures(bench, tmp_path):
     assert code == 0
     document = json.loads(out)
     assert document == json.loads((tmp_path / "new/bench/bench.json").read_text(encoding="utf-8"))
-    assert document.keys() == {"about", "peers", "step", "ensemble", "drift"}
+    assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
+                               "growth_laws"}
     assert {"gyrospark", "compiler", "processor", "packages"} <= document["about"].keys()
     assert document["peers"][0]["samples"]
-    for picture in ("work_precision.png", "drift.png"):
+    for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png"):
         assert (tmp_path / "new/bench" / picture).read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
-    (["nonsense"], "Unknown benchmark 'nonsense'; choose peers, step, ensemble, drift or all."),
+    (["nonsense"],
+     "Unknown benchmark 'nonsense'; choose peers, step, ensemble, drift, bodies or all."),
     (["--peers", "gyrospark,matlab"], "Unknown peer 'matlab'; choose gyrospark, "),
     (["--t-end", "3"], "There is no reference at t = 3 s; choose --t-end 1, 10, 100 or 1000."),
     (["--t-end", "soon"], "--t-end 'soon' is not a number"),

@@ -1,0 +1,172 @@
+"""What ``gyrospark bench`` prints: a table for each benchmark."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from ..benchmarks.bodies import BodyRow
+    from ..benchmarks.contest import Row
+    from ..benchmarks.drift import Course
+    from ..benchmarks.ensembles import EnsembleRow
+    from ..benchmarks.growth import Size
+    from ..benchmarks.steps import Cell
+
+__all__ = ["PRINT"]
+
+
+def _print_peers(rows: Sequence[Row]) -> None:
+    t_end = rows[0].t_end
+    _print_rows(f"CPU time and errors at t = {t_end:g} s", [(row, []) for row in rows], [])
+
+
+def _print_ensemble(rows: Sequence[EnsembleRow]) -> None:
+    if not rows:
+        click.echo("Only gyrospark and heyoka have ensembles.")
+        return
+    lines = [(row.row, [_number(row.wall_us_per_second, "{:.3g}")]) for row in rows]
+    _print_rows(f"{rows[0].trajectories} tops, cost for each, worst error", lines, ["wall µs/s"])
+
+
+def _print_rows(title: str, lines: Sequence[tuple[Row, list[str]]], more: list[str]) -> None:
+    names = ["µs/s", "±", "ns/step", "× base", "dx (m)", "ΔH/H", "|q| − 1", *more]
+    grid = _grid(title, ["peer", "setting"], names)
+    for row, extra in lines:
+        numbers = [_number(row.us_per_second, "{:,.4g}"), _number(row.spread, "{:.0%}"),
+                   _number(row.ns_per_step, "{:,.0f}"), _number(row.ratio, "{:.3g}"),
+                   *(_number(x, "{:.1e}") for x in (row.error, row.energy_error, row.norm_error))]
+        label = row.setting + (f"\n{row.note}" if row.note else "")
+        grid.add_row(f"{row.peer} {row.version}".strip(), label, *numbers, *extra)
+    _show(grid)
+
+
+def _print_step(cells: Sequence[Cell]) -> None:
+    from ..benchmarks.steps import BASE
+
+    solvers = list(dict.fromkeys(s for cell in cells for s in (*cell.ns, *cell.notes)))
+    others = [solver for solver in solvers if solver != BASE]
+    columns = [f"{s} ns" for s in solvers] + [f"{BASE} / {s}" for s in others] + ["differ by"]
+    grid = _grid("A step by each solver", ["method", "s", "Δt"], columns)
+    for cell in cells:
+        times = [_number(cell.ns.get(s), "{:,.0f}") + _iterations(cell, s) for s in solvers]
+        ratios = [_number(cell.ratio.get(s), "{:.1f}") for s in others]
+        worst = max(cell.difference.values(), default=None)
+        grid.add_row(cell.variant, str(cell.stages), f"{cell.dt:g}", *times, *ratios,
+                     _number(worst, "{:.0e}"))
+    _show(grid)
+    for text in dict.fromkeys(f"{s}: {note}" for cell in cells for s, note in cell.notes.items()):
+        click.echo(text)
+
+
+def _iterations(cell: Cell, solver: str) -> str:
+    return f" [{cell.iterations[solver]:.1f}]" if solver in cell.iterations else ""
+
+
+def _print_drift(courses: Sequence[Course]) -> None:
+    from ..benchmarks.reference import TIMES
+
+    times = [t for t in TIMES if any(p.t == t for c in courses for p in c.points)]
+    columns = [text for t in times for text in (f"ΔH/H\n{t} s", f"dx (m)\n{t} s")]
+    grid = _grid("Drift", ["entry"], columns)
+    for course in courses:
+        at = {point.t: point for point in course.points}
+        cells = [_number(x, "{:.1e}") for t in times for x in (
+            (at[t].energy_error, at[t].error) if t in at else (None, None))]
+        grid.add_row(course.name + (f"\n{course.note}" if course.note else ""), *cells)
+    _show(grid)
+
+
+def _print_growth(sizes: Sequence[Size]) -> None:
+    from ..benchmarks.growth import DT, STAGES, laws
+
+    if not sizes:
+        return
+    names = ["n", "m", "model s", "derive s", "cc s", "lines of C", "µs/step", "±", "µs/body",
+             "sweeps", "ns/body/sweep", "|g|", "|f|", "ΔH/H"]
+    grid = _grid(f"Chains of N bodies, G-L s={STAGES}, Δt = {DT:g} s, CPU time", ["N"], names)
+    for size in sizes:
+        times = [_number(x, "{:.2f}") for x in (size.model_s, size.generate_s, size.compile_s)]
+        steps = [_number(size.us_per_step, "{:,.1f}"), _number(size.spread, "{:.0%}"),
+                 _number(size.us_per_body, "{:.2f}"), _number(size.sweeps, "{:.1f}"),
+                 _number(size.ns_per_body_and_sweep, "{:.0f}")]
+        errors = [_number(x, "{:.0e}") for x in (
+            size.constraint_max, size.momentum_constraint_max, size.energy_error)]
+        label = f"{size.bodies}" + (f"\n{size.note}" if size.note else "")
+        grid.add_row(label, str(size.coordinates), str(size.constraints), *times,
+                     f"{size.lines:,}", *steps, *errors)
+    _show(grid)
+    found = laws(sizes)
+    if found:
+        click.echo("slopes of log(cost) against log(N) from 8 bodies on: "
+                   + ", ".join(f"{name} {slope:.2f}" for name, slope in found.items()))
+
+
+def _print_bodies(rows: Sequence[BodyRow]) -> None:
+    from ..benchmarks.bodies import PEERS, T_END
+
+    if not rows:
+        click.echo(f"Only {' and '.join(PEERS)} have bodies on joints.")
+        return
+    grid = _grid(f"Bodies on joints, {T_END:g} s of motion", ["model", "program", "setting"],
+                 ["CPU ms", "±", "µs/step", "error (m)", "limit (m)"])
+    for row in rows:
+        setting = row.name.removeprefix(row.peer).strip()
+        grid.add_row(row.model, f"{row.peer} {row.version}".strip(),
+                     setting + (f"\n{row.note}" if row.note else ""),
+                     _number(row.seconds and row.seconds * 1e3, "{:,.2f}"),
+                     _number(row.spread, "{:.0%}"), _number(row.us_per_step, "{:,.1f}"),
+                     _number(row.error, "{:.1e}"), _number(row.limit, "{:.1e}"))
+    _show(grid)
+    _print_accuracies(rows)
+
+
+def _print_accuracies(rows: Sequence[BodyRow]) -> None:
+    """Print the cheapest measured run of each program for each accuracy."""
+    from ..benchmarks.bodies import ACCURACIES, PEERS, cheapest
+
+    ours, theirs = PEERS
+    grid = _grid("CPU ms of the cheapest run with at most this error", ["model", "error (m)"],
+                 [ours, theirs, "ratio"])
+    for model in dict.fromkeys(row.model for row in rows):
+        for accuracy in ACCURACIES:
+            best = [cheapest(rows, model, peer, accuracy) for peer in (ours, theirs)]
+            seconds = [row.seconds if row else None for row in best]
+            cells = [f"{_number(s and s * 1e3, '{:,.2f}')}  {row.name.removeprefix(row.peer)}"
+                     if row else "–" for row, s in zip(best, seconds, strict=True)]
+            ratio = seconds[1] / seconds[0] if seconds[0] and seconds[1] else None
+            grid.add_row(model, f"{accuracy:.0e}", *cells, _number(ratio, "{:.1f}"))
+    _show(grid)
+
+
+#: Name of a result → what prints it.
+PRINT: dict[str, Callable[[Any], None]] = {
+    "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
+    "drift": _print_drift, "growth": _print_growth, "bodies": _print_bodies,
+}
+
+
+def _grid(title: str, texts: Sequence[str], numbers: Sequence[str]) -> Any:
+    from rich.table import Table
+
+    grid = Table(title=title, title_justify="left")
+    for text in texts:
+        grid.add_column(text)
+    for number in numbers:
+        grid.add_column(number, justify="right", no_wrap=True)
+    return grid
+
+
+def _show(grid: Any) -> None:
+    from rich.console import Console
+
+    console = Console()
+    if not console.is_terminal:  # a file has no width of its own
+        console = Console(width=160)
+    console.print(grid)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "–" if value is None else form.format(value)
