@@ -16,7 +16,7 @@ from pathlib import Path
 
 import cffi
 
-from ..errors import CompilerError
+from ..errors import CompilerError, InputError
 from .quad_wrapper import is_quad, wrap_declarations
 
 __all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
@@ -26,7 +26,10 @@ STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-
 #: For float128: ISO C11 has neither the type nor its literals, which -Wpedantic says of each.
 QUAD_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
-SPEED_FLAGS = ["-O3", "-ffp-contract=fast", "-fno-math-errno"]
+SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
+
+#: Names the compiler's level of optimisation: lower ones build faster and run slower.
+OPTIMISE = "GYROSPARK_OPTIMISE"
 
 #: ziglang's first call unpacks itself, on a slow disk too.
 _VERSION_SECONDS = 120
@@ -56,7 +59,7 @@ class Compiler:
     def flags(self) -> list[str]:
         """Flags for code that runs on this machine."""
         native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
-        return [*SPEED_FLAGS, native, "-fPIC"]
+        return [optimisation(), *SPEED_FLAGS, native, "-fPIC"]
 
     @property
     def link_flags(self) -> list[str]:
@@ -109,6 +112,15 @@ def _probe(command: tuple[str, ...], what: str) -> Compiler:
         raise CompilerError(f"{what} answers --version with exit code {answer.returncode}. {_CURE}",
                             command=list(command), stderr=answer.stderr)
     return Compiler(command, answer.stdout.strip())
+
+
+def optimisation() -> str:
+    """Return the flag for the level of optimisation: ``GYROSPARK_OPTIMISE``, by default 3."""
+    level = os.environ.get(OPTIMISE) or "3"
+    if level not in ("0", "1", "2", "3"):
+        raise InputError(f"{OPTIMISE} = {level!r} is no level of optimisation; set 0, 1, 2 or 3, "
+                         "or nothing for 3.")
+    return f"-O{level}"
 
 
 def read_declarations(header: str) -> str:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import signal
 
 import pytest
 
 import gyrospark as gs
 from calls import SCHEMES, identify, late_failures
+
+# Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
+# itself. Set another level to test its code.
+os.environ.setdefault("GYROSPARK_OPTIMISE", "1")
 
 # A shell that starts the run in the background has SIGINT ignored, and so would every process
 # that a test starts and interrupts.

@@ -515,3 +515,16 @@ def test_cache_folder_is_the_users(monkeypatch, tmp_path):
         assert stat.S_IMODE(private.stat().st_mode) == 0o700
         assert Path(private).parent == cache.cache_folder()
     assert not private.exists()
+
+
+def test_levels_of_optimisation(monkeypatch):
+    """Each level has its own flags, so its own modules; another one is refused in words."""
+    flags = []
+    for level in ("1", "3", ""):
+        monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
+        flags.append(compiler.find_compiler().flags)
+    assert flags[0][0] == "-O1"
+    assert flags[1] == flags[2] != flags[0]
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "fast")
+    with pytest.raises(gs.InputError, match=r"GYROSPARK_OPTIMISE = 'fast'.*0, 1, 2 or 3"):
+        compiler.find_compiler().flags  # noqa: B018
