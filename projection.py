@@ -206,11 +206,18 @@ def dependent_rows(G: Array, tolerance: float = RANK_TOLERANCE) -> tuple[list[in
 
 
 def _is_well_conditioned(rows: Array) -> bool:
-    """Whether a look at RRᵀ, which is quick, already shows that no row depends on others."""
+    """Whether a look at RRᵀ, which is quick, already shows that no row depends on others.
+
+    RRᵀ − 1e-10 |RRᵀ|₁ has a Cholesky factor only if σ_min² > 1e-10 σ_max², for |RRᵀ|₁ ≥ σ_max².
+    """
     if not len(rows):
         return True
-    values = np.linalg.eigvalsh(rows @ rows.T)
-    return bool(values[0] > 1e-10 * values[-1])  # then σ_min > 1e-5 σ_max
+    square = rows @ rows.T
+    try:
+        np.linalg.cholesky(square - 1e-10 * np.linalg.norm(square, 1) * np.eye(len(square)))
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:

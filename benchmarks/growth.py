@@ -41,7 +41,8 @@ DT = 2e-3
 #: From so many bodies on a law is fitted: below, what all sizes have in common weighs more.
 _LAW_FROM = 8
 #: Costs that have a law.
-_COSTS = ("model_s", "generate_s", "compile_s", "lines", "us_per_step", "ns_per_body_and_sweep")
+_COSTS = ("model_s", "generate_s", "compile_s", "lines", "us_per_step", "us_per_body",
+          "ns_per_body_and_sweep")
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Size:
     structured
         Whether its C loops over bodies instead of naming each.
     model_s, generate_s, compile_s
-        Median CPU seconds to build the model (with redundancy check and consistent start), to
+        Median CPU seconds (of three rounds at most) to build the model (with redundancy check and consistent start), to
         derive and emit the C, and to compile it.
     lines
         Of the C file.
@@ -127,7 +128,7 @@ def grow(
     made = []
     for count in counts:
         watch(f"chain of {count}: derive and compile")
-        made.append(_make(count, rounds))
+        made.append(_make(count, min(rounds, 3)))
     watch(f"{len(made)} chains in turn, {rounds} rounds")
     reports: dict[str, dict[str, Any]] = {}
     jobs, times = {}, {}

@@ -78,19 +78,24 @@ def draw_growth(sizes: Sequence[Size], path: Path) -> None:
     making, stepping = figure.subplots(1, 2)
     slopes = laws(sizes)
     parts = {
-        making: {"model_s": "model", "generate_s": "derive and emit", "compile_s": "compile"},
-        stepping: {"us_per_step": "a step", "us_per_body": "for each body",
-                   "ns_per_body_and_sweep": "ns, for each body and sweep"},
+        making: {"model_s": (1.0, "model and its start"), "generate_s": (1.0, "derive and emit"),
+                 "compile_s": (1.0, "compile")},
+        stepping: {"us_per_step": (1.0, "a step"), "us_per_body": (1.0, "a body of a step"),
+                   "ns_per_body_and_sweep": (1e-3, "a body of a sweep")},
     }
-    marks = iter(_MARKS)
     for axes, costs in parts.items():
-        for cost, text in costs.items():
-            known = [(s.bodies, y) for s in sizes if (y := getattr(s, cost))]
-            law = f" ~ N^{slopes[cost]:.2f}" if cost in slopes else ""
+        for mark, (cost, (unit, text)) in zip(_MARKS, costs.items(), strict=False):
+            known = [(size.bodies, y * unit) for size in sizes if (y := getattr(size, cost))]
+            law = f", ~ N^{slopes[cost]:.2f}" if cost in slopes else ""
             if known:
-                axes.plot(*zip(*known, strict=True), next(marks) + "-", ms=4, label=text + law)
-    _finish(making, "bodies", "CPU seconds")
-    _finish(stepping, "bodies", "CPU µs")
+                axes.plot(*zip(*known, strict=True), mark + "-", ms=4, label=text + law)
+    for axes, y in ((making, "CPU seconds"), (stepping, "CPU µs")):
+        axes.set(xscale="log", yscale="log", xlabel="bodies", ylabel=y)
+        axes.set_xticks([size.bodies for size in sizes],
+                        [str(size.bodies) for size in sizes], minor=False)
+        axes.set_xticks([], minor=True)
+        axes.grid(True, which="major", alpha=0.3)
+        axes.legend(fontsize=8)
     figure.savefig(path, dpi=150)
 
 
@@ -111,8 +116,9 @@ def draw_bodies(rows: Sequence[BodyRow], path: Path) -> None:
         for mark, family in zip(cycle(_MARKS), families, strict=False):
             points = [(max(row.error or 0.0, _FLOOR), (row.seconds or 0.0) * 1e3) for row in drawn
                       if (row.model, row.family) == (model, family)]
-            axes.plot(*zip(*points, strict=True), mark + "-", ms=4, alpha=0.85,
-                      label=family if number == 0 else None)
+            if points:
+                axes.plot(*zip(*points, strict=True), mark + "-", ms=4, alpha=0.85,
+                          label=family if number == 0 else None)
         _finish(axes, "largest distance of a mass centre to the reference, in m", "CPU ms")
     figure.savefig(path, dpi=150)
 
