@@ -54,8 +54,8 @@ class Size:
     structured
         Whether its C loops over bodies instead of naming each.
     model_s, generate_s, compile_s
-        Median CPU seconds (of three rounds at most) to build the model (with redundancy check and consistent start), to
-        derive and emit the C, and to compile it.
+        Median CPU seconds, of three rounds at most: to build the model with redundancy check and
+        consistent start, to derive and emit the C, and to compile it.
     lines
         Of the C file.
     us_per_step, spread
