@@ -22,6 +22,11 @@ class Shared(sp.Function):  # type: ignore[misc]
     nargs = 1
     is_extended_real = True
 
+    @classmethod
+    def eval(cls, argument: sp.Expr) -> sp.Expr | None:
+        """Return a number as it is."""
+        return argument if argument.is_Number else None
+
     @property
     def free_symbols(self) -> set[sp.Symbol]:
         """The symbols in the argument, collected once."""
