@@ -99,8 +99,8 @@ def test_only_the_intended_term_is_dropped(rep):
     from gyrospark.generator.rigid_body import heavy_top, left_matrix
 
     exact = heavy_top(rep)
-    inexact = InexactTop(exact.name, exact.q, exact.p, exact.parameters, exact.H,
-                         exact.constraints)
+    inexact = InexactTop(exact.q, exact.p, exact.parameters, exact.H, exact.constraints,
+                         name=exact.name)
     rng = np.random.default_rng(5)
     values = {s: float(v) for s, v in zip(
         (*exact.q, *exact.p, *exact.parameters),
