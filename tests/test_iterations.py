@@ -205,9 +205,10 @@ def claim(table, words):
 def test_table_9():
     """All eight printed γ cells within ±1; λ in the norm makes both types stagnate."""
     table = table_9(Engine())
+    rows = claim(table, "γ rows")
     # the count of one row turns on last bits, which depend on how the C was optimised
-    assert claim(table, "γ rows").found in ("8 of 8", "7 of 8")
-    assert all(c.holds for c in table.claims)
+    assert rows.found in ("8 of 8", "7 of 8")
+    assert all(c.holds for c in table.claims if c is not rows)
 
 
 def test_table_10():
