@@ -10,8 +10,8 @@ compile it, hardly depend on the number of bodies, and no zero of a matrix is ev
     F[R_fi] += F_f(q[Q_fi], p[P_fi], t; k[K_fi])
 
 Terms with momenta are gathered by *cells*, the sets of coordinates that H_pp couples: W = G H_pp Gᵀ
-is a sum over cells. Its pattern, and the fill of its factors in an order of least degree, are
-found here; a chain or a tree ordered that way has no fill.
+is a sum over cells. Its pattern, an order of elimination and the fill it makes are
+found here; for a chain or a tree there is none.
 """
 
 from __future__ import annotations
@@ -345,24 +345,22 @@ def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
 
 
 def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
-    """Return the elimination in order of least degree (ties: the row that comes first)."""
+    """Return the elimination without fill where there is one, as for chains and trees of bodies.
+
+    The next pivot is the first row whose neighbours all know each other, so that no entry is new;
+    where there is none, in a loop, the one with fewest neighbours.
+    """
     left = {row: set(others) for row, others in neighbours.items()}
     order, below = [], []
-    buckets: dict[int, set[int]] = defaultdict(set)
-    for row, others in left.items():
-        buckets[len(others)].add(row)
     while left:
-        degree = min(d for d, rows in buckets.items() if rows)
-        pivot = min(buckets[degree])
-        buckets[degree].discard(pivot)
+        candidates = sorted(left, key=lambda row: (len(left[row]), row))
+        pivot = next((row for row in candidates if _is_clique(left, left[row])), candidates[0])
         others = left.pop(pivot)
         order.append(pivot)
         below.append(others)
         for row in others:
-            buckets[len(left[row])].discard(row)
             left[row] |= others
             left[row] -= {row, pivot}
-            buckets[len(left[row])].add(row)
     place = {row: k for k, row in enumerate(order)}
     slot_of = {(row, row): row for row in order}
     entries = len(order)
@@ -377,6 +375,10 @@ def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
                for acted in rows]
     return Elimination(tuple(order), tuple(rows), tuple(slots), tuple(targets),
                        entries, slot_of)
+
+
+def _is_clique(neighbours: dict[int, set[int]], rows: set[int]) -> bool:
+    return all(len(rows - neighbours[row]) == 1 for row in rows)
 
 
 def reverse_cuthill_mckee(neighbours: dict[Node, set[Node]]) -> list[Node]:

@@ -196,6 +196,22 @@ def _joined(links: int) -> list[list[int]]:
             for a in range(4 * links)]
 
 
+@settings(max_examples=100, deadline=None)
+@given(parents=st.integers(2, 20).flatmap(lambda n: st.tuples(
+    *(st.integers(0, b - 1) for b in range(1, n)))))
+def test_trees_of_bodies_have_no_fill(parents):
+    """Constraints of a tree: a norm and a ball joint each, those on one body couple pairwise."""
+    of_body = [set(range(4 * b, 4 * b + 4)) for b in range(len(parents) + 1)]
+    for child, parent in enumerate(parents, start=1):
+        of_body[parent] |= {4 * child + 1, 4 * child + 2, 4 * child + 3}
+    neighbours = {row: set() for row in range(4 * len(of_body))}
+    for rows in of_body:
+        for row in rows:
+            neighbours[row] |= rows - {row}
+    pattern = len(neighbours) + sum(map(len, neighbours.values())) // 2
+    assert eliminate(neighbours).entries == pattern
+
+
 def test_text_hardly_depends_on_the_number_of_bodies():
     """Kernels are the same; only tables of indices grow."""
     lines = {links: [line for line in generate(Spec.checked("G-L", 2), system=chain(links))
