@@ -49,6 +49,8 @@ def check(e, at, direction, size, weights):
             assume(False)
         sizes = [abs(v) for values in (start, end) for v in values.values()]
         assume(max(sizes) < LARGEST)
+        # what underflows, as exp(-1000), has no digits in doubles
+        assume(all(size == 0 or size > mp.mpf(10) ** -280 for size in sizes))
         assume(largest < LARGEST)
         change = end[e] - start[e]
     D = gradient_of(e)

@@ -112,11 +112,11 @@ def test_structured_code_computes_what_dense_code_does(scheme, stages, driven):
     for solver in ("auto", "newton"):
         a, b = (step.integrate(q, p, dt=4e-3, steps=40, parameters=parameters, solver=solver)
                 for step in (loops, dense))
-        # 40 steps of round-off, which the pendulum does not magnify in 0.16 s
-        assert np.abs(a.q - b.q).max() <= 64 * EPS
-        assert np.abs(a.p - b.p).max() <= 64 * EPS * np.abs(b.p).max()
+        # 40 steps of round-off, each of some ε: sweeps stop where theirs stops them
+        assert np.abs(a.q - b.q).max() <= 256 * EPS
+        assert np.abs(a.p - b.p).max() <= 256 * EPS * np.abs(b.p).max()
         if driven:
-            assert np.abs(a.work - b.work).max() <= 64 * EPS * np.abs(b.work).max()
+            assert np.abs(a.work - b.work).max() <= 256 * EPS * np.abs(b.work).max()
 
 
 @pytest.mark.parametrize("real", ["float", "long-double", "float128"])
