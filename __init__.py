@@ -24,6 +24,8 @@ if TYPE_CHECKING:
         InputError,
         MissingDependencyError,
         StepFailed,
+        Stopped,
+        StorageError,
         TableauError,
     )
     from .facade import consistent, stepper, tableau
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
     from .runtime.quaternion import momentum, state_from_rotation
     from .runtime.stepper import Stepper
     from .runtime.trajectory import Trajectory
+    from .storage.record import record
+    from .storage.recording import Recording, open_recording
 
 #: Public name → where it lives; resolved on first use.
 _HOMES = {
@@ -52,6 +56,8 @@ _HOMES = {
     "InputError": "errors",
     "MissingDependencyError": "errors",
     "StepFailed": "errors",
+    "Stopped": "errors",
+    "StorageError": "errors",
     "TableauError": "errors",
     "consistent": "facade",
     "stepper": "facade",
@@ -75,6 +81,9 @@ _HOMES = {
     "state_from_rotation": "runtime.quaternion",
     "Stepper": "runtime.stepper",
     "Trajectory": "runtime.trajectory",
+    "Recording": "storage.recording",
+    "open_recording": "storage.recording",
+    "record": "storage.record",
 }
 
 #: The same for modules.
@@ -94,8 +103,11 @@ __all__ = [
     "Model",
     "Multibody",
     "Projection",
+    "Recording",
     "StepFailed",
     "Stepper",
+    "Stopped",
+    "StorageError",
     "System",
     "TableauError",
     "Trajectory",
@@ -112,7 +124,9 @@ __all__ = [
     "load_model",
     "models",
     "momentum",
+    "open_recording",
     "problems",
+    "record",
     "rotation_matrix",
     "state_from_rotation",
     "stepper",

@@ -13,6 +13,8 @@ __all__ = [
     "InputError",
     "MissingDependencyError",
     "StepFailed",
+    "Stopped",
+    "StorageError",
     "TableauError",
 ]
 
@@ -40,6 +42,24 @@ class CompilerError(GyrosparkError):
 
 class MissingDependencyError(GyrosparkError, ImportError):
     """An optional package is needed for this call and is not installed."""
+
+
+class StorageError(GyrosparkError):
+    """A store cannot be read or written: full, read-only, in use, damaged."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal asked a stored run or sweep to end; everything done is in its store.
+
+    Attributes
+    ----------
+    signal : int
+        Number of the signal.
+    """
+
+    def __init__(self, message: str, signal: int) -> None:
+        super().__init__(message)
+        self.signal = signal
 
 
 class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)

@@ -18,6 +18,7 @@ from .._version import __version__
 from ..errors import CompilerError, GyrosparkError, StepFailed
 from .bench import bench
 from .cache import cache
+from .export import export
 from .generate import generate
 from .reproduce import reproduce
 from .run import run
@@ -39,7 +40,7 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, verify, run, reproduce, bench, cache):
+for command in (generate, verify, run, export, reproduce, bench, cache):
     gyrospark.add_command(command)
 
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
-import os
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,16 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import GyrosparkError, InputError, StepFailed
+from ..errors import GyrosparkError, InputError, Stopped
 from ..generator.spec import is_model_file
 from .options import real_number, spec_from, stepper_options, whole_number
+from .run_outputs import check_targets, integrate_to
+from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 
 if TYPE_CHECKING:
     from ..runtime.gamma_choice import GammaChoice
     from ..runtime.problems import Problem
     from ..runtime.start import Start
     from ..runtime.stepper import Stepper
-    from ..runtime.trajectory import Trajectory
 
 __all__ = ["run"]
 
@@ -53,14 +51,21 @@ _BAR_FROM = 20_000
               help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8.")
 @click.option("--reference", is_flag=True,
               help="Integrate a reference for the axis errors if there is no closed form.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Save as .npz.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write the states: .zarr (streamed, for runs of any length), .npz, .csv, .nc.")
+@click.option("--resume", is_flag=True,
+              help="Go on with the run in --out NAME.zarr, to the same bits; begin it if there is "
+                   "none.")
+@click.option("--seed", metavar="N",
+              help="Kept with a stored run: of the random numbers that made its start.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def run(
     problem: str, gamma: str | None, alpha: str | None, dt: str | None, steps: str | None,
     every: str, solver: str, tolerance: str | None, max_iterations: str, settings: tuple[str, ...],
-    reference: bool, out: Path | None, plot: Path | None, as_json: bool, **choice: Any,
+    reference: bool, out: Path | None, resume: bool, seed: str | None, plot: Path | None,
+    as_json: bool, **choice: Any,
 ) -> int:
     """Integrate PROBLEM: fast-top, regular-precession, free-body, or a model file (TOML).
 
@@ -70,6 +75,8 @@ def run(
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
     gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
         --set radius_ratio=0.5 --json
+    gyrospark run fast-top --scheme G-L --stages 4 --dt 1e-3 --steps 1000000000 --every 1000 \\
+        --out night.zarr --resume
     gyrospark run examples/satellite.toml --scheme G-L --stages 3
     gyrospark run examples/pendulum.toml --scheme EMS --dt 1e-3 --steps 1000 --json
     gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
@@ -77,7 +84,7 @@ def run(
     """
     is_model = is_model_file(problem)
     chosen = None if is_model else _problem(problem, settings)
-    _check_targets(out, plot)
+    check_targets(out, plot, resume=resume)
     if chosen is None:
         step, start = _model(problem, settings, reference, choice)
     else:
@@ -97,68 +104,36 @@ def run(
                           auto="auto" in (gamma, alpha))
     if made_choice is not None:
         parameters |= made_choice.values
-    failure: StepFailed | None = None
-    started = time.perf_counter()
+    arguments: dict[str, Any] = {
+        "q": q0, "p": p0, "dt": step_size, "steps": count, "every": whole_number("--every", every),
+        "parameters": parameters, "solver": solver,
+        "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
+        "max_iterations": whole_number("--max-iterations", max_iterations),
+    }
+    drawn = None if seed is None else whole_number("--seed", seed)
     with _progress(count, quiet=as_json) as progress:
-        try:
-            trajectory = step.integrate(
-                q0, p0,
-                dt=step_size,
-                steps=count,
-                every=whole_number("--every", every),
-                parameters=parameters,
-                solver=solver,
-                tolerance=None if tolerance is None else real_number("--tolerance", tolerance),
-                max_iterations=whole_number("--max-iterations", max_iterations),
-                progress=progress,
-            )
-        except StepFailed as error:
-            failure, trajectory = error, error.trajectory
-    seconds = time.perf_counter() - started
-    result = _result(start, step, trajectory, seconds, failure)
+        done = integrate_to(step, out, arguments, resume=resume, seed=drawn, progress=progress)
+    trouble = done.trouble
+    result = result_of(start, step, done)
     if moved:
         result["start_moved"] = moved
     if made_choice is not None:
-        result |= _about_choice(made_choice)
+        result |= about_choice(made_choice)
     if chosen is not None and (reference or chosen.exact is not None):
-        result |= _axis_errors(chosen, step, trajectory)
-    trouble: GyrosparkError | None = failure
-    try:
-        if out is not None:
-            result["out"] = str(trajectory.save(out))
-        if plot is not None:
-            trajectory.plot(plot)
+        result |= axis_errors(chosen, step, done.trajectory)
+    if plot is not None:
+        try:
+            done.trajectory.plot(plot)
             result["plot"] = str(plot)
-    except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
-        trouble = error
-    click.echo(_json(result) if as_json else _text(result, step.manifest["system"]))
+        except GyrosparkError as error:  # the numbers are still printed
+            trouble = trouble or error
+    click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
+    if isinstance(trouble, Stopped):  # to click a KeyboardInterrupt is one like another
+        click.echo(f"gyrospark: {trouble}", err=True)
+        return 128 + trouble.signal
     if trouble is not None:
         raise trouble
     return 0
-
-
-def _check_targets(out: Path | None, plot: Path | None) -> None:
-    """Refuse what cannot be written before a long run, not after it."""
-    for option, path in (("--out", out), ("--plot", plot)):
-        if path is None:
-            continue
-        folder = path.parent
-        if not path.name or path.is_dir():
-            raise InputError(f"{option} {str(path)!r} is no file name; give one.")
-        if not folder.is_dir() or not os.access(folder, os.W_OK):
-            raise InputError(f"{option} {str(path)!r}: the folder {str(folder)!r} is not there or "
-                             "cannot be written; make it or choose another.")
-    if plot is not None:
-        from ..runtime.plots import check_target
-
-        check_target(plot)
-
-
-def _json(result: dict[str, Any]) -> str:
-    """Return the result as JSON, which knows no NaN and no infinity: they become null."""
-    finite = {key: None if isinstance(value, float) and not math.isfinite(value) else value
-              for key, value in result.items()}
-    return json.dumps(finite, indent=2, allow_nan=False)
 
 
 def _problem(name: str, settings: tuple[str, ...]) -> Problem:
@@ -294,19 +269,6 @@ def _choice(
                         steps=min(max(steps, 2), PILOT_STEPS))
 
 
-def _about_choice(choice: GammaChoice) -> dict[str, Any]:
-    """Return what is reported of a choice."""
-    name = "alpha" if "alpha" in next(iter(choice.values)) else "gamma"
-    return {
-        **choice.values,
-        f"{name}_chosen": choice.values,
-        f"{name}_expected_gain": choice.expected_gain,
-        f"{name}_measured_gain": choice.measured_gain,
-        f"{name}_quantity": choice.quantity,
-        f"{name}_reason": choice.reason,
-    }
-
-
 def _fast_gamma(step: Stepper, start: Start) -> float:
     """Return the γ with the fewest sweeps; refuse it where γ would change the solution."""
     from ..runtime.inertia import gamma_fast
@@ -356,105 +318,3 @@ def _progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None] | No
         yield lambda done: bar.update(task, completed=done)
 
 
-def _result(
-    start: Start, step: Stepper, trajectory: Trajectory, seconds: float,
-    failure: StepFailed | None,
-) -> dict[str, Any]:
-    report = trajectory.report
-    result: dict[str, Any] = {
-        "problem": start.name,
-        "stepper": step.name,
-        "order": step.order,
-        **({"remarks": step.remarks} if step.remarks else {}),
-        "parameters": trajectory.parameters,
-        "steps": report.steps,
-        "dt": trajectory.dt,
-        "t_end": report.steps * trajectory.dt,
-        "q": list(report.q),
-        "p": list(report.p),
-        "energy_start": report.energy_start,
-        "energy_error_max": report.energy_error_max,
-        "energy_error_mean": report.energy_error_mean,
-        "constraint_max": report.constraint_max,
-        "constraint_mean": report.constraint_mean,
-        "momentum_constraint_max": report.momentum_constraint_max,
-        "momentum_constraint_mean": report.momentum_constraint_mean,
-        "iterations_mean": report.iterations_mean,
-        "iterations_max": report.iterations_max,
-        "newton_steps": report.newton_steps,
-        "seconds": seconds,
-        "ns_per_step": seconds / report.steps * 1e9 if report.steps else 0.0,
-    }
-    if step.binding.has_forces:
-        result["work"] = report.work
-    if trajectory.quantities:
-        result["quantities"] = {name: float(trajectory.quantity(name)[-1])
-                                for name in trajectory.quantities}
-    if failure is not None:
-        result["failed"] = {"step": failure.step, "t": failure.t, "reason": failure.reason}
-    return result
-
-
-def _axis_errors(problem: Problem, step: Stepper, trajectory: Trajectory) -> dict[str, Any]:
-    """Return the mean and largest errors of the unit axis over the stored states (87)."""
-    from ..reference import reference_axis
-
-    exact, source = reference_axis(problem, trajectory)
-    error = abs(trajectory.axis() - exact[: len(trajectory)])  # fewer after a failed step
-    result: dict[str, Any] = {"axis_reference": source}
-    for i, name in enumerate("xyz"):
-        result[f"axis_{name}_error_mean"] = float(error[:, i].mean())
-        result[f"axis_{name}_error_max"] = float(error[:, i].max())
-    return result
-
-
-def _constraint_lines(result: dict[str, Any], system: dict[str, Any]) -> list[str]:
-    """Return the lines on g and on the constraint that it puts on the momenta."""
-    if not system["constraints"]:
-        return []
-    g, f = ("|qᵀq − 1|", "|qᵀp|") if system["rigid_body"] else ("|g(q)|", "|g_q H_p|")
-    return [f"  constraint {g:12s} largest {result['constraint_max']:.2e}",
-            f"  momentum   {f:12s} largest {result['momentum_constraint_max']:.2e}"]
-
-
-def _text(result: dict[str, Any], system: dict[str, Any]) -> str:
-    """Return the result for people; ``system`` is what the manifest says of it."""
-    balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
-    lines = [
-        f"{result['problem']} with {result['stepper']} (order {result['order']})",
-        f"  {result['steps']:,} steps of {result['dt']:g} s to t = {result['t_end']:g} s, "
-        f"{result['ns_per_step'] / 1e3:.2f} µs a step",
-        *_constraint_lines(result, system),
-        f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
-        f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}",
-        f"  iterations              mean {result['iterations_mean']:.2f}, "
-        f"most {result['iterations_max']}",
-    ]
-    if "work" in result:
-        lines.append(f"  work of the forces      {result['work']:.6g}")
-    lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
-    if "start_moved" in result:
-        lines.append("  start                   moved onto the constraints by "
-                     f"{result['start_moved']:.2e}")
-    lines += [_choice_line(result, name) for name in ("gamma", "alpha")
-              if f"{name}_reason" in result]
-    if "axis_reference" in result:
-        lines.append(
-            f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "
-            f"z {result['axis_z_error_mean']:.3e}"
-        )
-    if "failed" in result:
-        failed = result["failed"]
-        lines.append(f"  stopped: step {failed['step']} at t = {failed['t']:g} s "
-                     f"{failed['reason']}")
-    lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]
-    return "\n".join(lines)
-
-
-def _choice_line(result: dict[str, Any], name: str) -> str:
-    sign = {"gamma": "γ", "alpha": "α"}[name]
-    reason, expected, gain = (result[f"{name}_{end}"]
-                              for end in ("reason", "expected_gain", "measured_gain"))
-    values = ", ".join(f"{value:.6g}" for value in result[f"{name}_chosen"].values())
-    return (f"  {sign} chosen                {values} kg m², {reason}; error {gain:.3g} "
-            f"times smaller than with γ_m (expected {expected:.3g})")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .checks import as_array, as_numbers
+from .memory import aligned
 
 __all__ = ["DTYPES", "REASONS", "SOLVERS", "Binding"]
 
@@ -83,8 +84,9 @@ class Binding:
             fields[-1] = self.dtype(t0) + steps * self.dtype(dt)
 
     def work(self) -> Any:
-        """Return work memory for one thread."""
-        return self.ffi.new(f"{self.name}_work *")
+        """Return work memory for one thread, and for a run that may be gone on with."""
+        struct = f"{self.name}_work"
+        return self.ffi.from_buffer(f"{struct} *", aligned(self.ffi.sizeof(struct)))
 
     def options(self, tolerance: float | None, max_iterations: int, solver: str) -> Any:
         """Return the options struct; tolerance None means down to round-off."""
@@ -94,6 +96,10 @@ class Binding:
     def report(self) -> Any:
         """Return an empty running record."""
         return self.ffi.new(f"{self.name}_report *")
+
+    def image(self, struct: Any) -> NDArray[np.uint8]:
+        """Return the bytes of a running record or of work memory, to read and to write."""
+        return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)
 
     def new(self, *shape: int) -> Array:
         """Return a zeroed array of the stepper's type."""

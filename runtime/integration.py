@@ -14,7 +14,7 @@ from .binding import REASONS, Binding
 from .newton import newton_step
 from .trajectory import Report, Trajectory
 
-__all__ = ["Rows", "Run", "defect_sizes", "integrate", "next_chunk", "trajectory_of"]
+__all__ = ["Rows", "Run", "advance", "defect_sizes", "integrate", "next_chunk", "trajectory_of"]
 
 Array = NDArray[Any]
 
@@ -92,7 +92,6 @@ def integrate(
     rows = Rows.room(binding, run.rows)
     rows.q[0], rows.p[0] = run.q, run.p
     q, p, report = run.q.copy(), run.p.copy(), binding.report()
-    advance = _python_chunk if run.solver == "python" else _compiled_chunk
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     while report.steps < run.steps and status == 0:
@@ -112,18 +111,31 @@ def integrate(
     return trajectory
 
 
-def next_chunk(run: Run, done: int) -> tuple[int, int]:
+def advance(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    """Advance (q, p) in place by up to ``steps`` steps with the run's solver; return the status.
+
+    Every ``every``-th state goes to ``out``: q, p, multipliers, iterations, work.
+    """
+    chunk = _python_chunk if run.solver == "python" else _compiled_chunk
+    return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
+
+
+def next_chunk(run: Run, done: int, rows: int | None = None) -> tuple[int, int]:
     """Return how many steps to do next, and how often to store; the very last is stored too.
 
-    Where it takes more than a chunk to the next stored state, each piece is stored in its row
-    and the last of them stays.
+    There is room for ``rows`` stored states. Where it takes more than a chunk to the next stored
+    state, each piece is stored in its row and the last of them stays.
     """
     left = run.steps - done
     to_row = min(run.every - done % run.every, left)
     if to_row < run.every or run.every > _CHUNK:
         piece = min(to_row, _CHUNK)
         return piece, piece
-    return min(run.every * (_CHUNK // run.every), left - left % run.every), run.every
+    most = _CHUNK // run.every if rows is None else min(_CHUNK // run.every, rows)
+    return min(run.every * most, left - left % run.every), run.every
 
 
 def _compiled_chunk(

@@ -11,10 +11,17 @@ from types import ModuleType
 from typing import Any
 
 from ..errors import CompilerError
-from .cache import binary_key, cache_folder, publish, workshop
+from .cache import (
+    binary_key,
+    cache_folder,
+    cpu_description,
+    digest,
+    publish,
+    workshop,
+)
 from .compiler import compile_module, extension_suffix, find_compiler, module_name
 
-__all__ = ["load_module"]
+__all__ = ["load_module", "provenance"]
 
 
 def load_module(name: str, files: dict[str, str]) -> Any:
@@ -47,6 +54,17 @@ def load_module(name: str, files: dict[str, str]) -> Any:
             f"The C compiler made a module that does not load: {error}. It may be one for another "
             "machine or Python; set CC to a compiler for this one.", command=list(compiler.command)
         ) from error
+
+
+def provenance(files: dict[str, str]) -> dict[str, str]:
+    """Return all on which the bits depend that a stepper computes, each by its name."""
+    compiler = find_compiler()
+    return {
+        "source": digest(files),
+        "compiler": compiler.version,
+        "flags": " ".join(compiler.flags),
+        "cpu": digest(cpu_description()),  # -march=native: another CPU, other instructions
+    }
 
 
 def _proof_of(path: Path) -> Path:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import quad
 from .binding import SOLVERS, Binding
+from .memory import aligned
 from .quad_wrapper import PREFIX
 
 __all__ = ["QuadBinding"]
@@ -116,6 +117,12 @@ class QuadBinding(Binding):
         block = _Block(self.ffi, f"{self.name}_report", count)
         return _Records([_Record(block, i) for i in range(count)])
 
+    def image(self, struct: Any) -> NDArray[np.uint8]:
+        """Return the bytes of a running record or of work memory, to read and to write."""
+        block = struct.block if isinstance(struct, _Record) else struct
+        image: NDArray[np.uint8] = block.memory
+        return image
+
     def energy_error(self, H: Any, report: Any) -> float:
         """Return |H − H₀|, less the work of the forces, for a running record."""
         error = H - report.energy_start
@@ -159,20 +166,13 @@ class QuadBinding(Binding):
             part[:, now] = made
 
 
-def _aligned(size: int) -> Array:
-    """Return zeroed bytes at an address that suits vector instructions."""
-    room = np.zeros(size + quad.BYTES, dtype=np.uint8)
-    start = -room.ctypes.data % quad.BYTES
-    return room[start : start + size]
-
-
 class _Box:
     """The bytes of an array or a number, for the time of a call."""
 
     def __init__(self, ffi: Any, value: Any) -> None:
         self.array = value if isinstance(value, np.ndarray) else np.array([value], dtype=object)
         self.before = quad.pack(self.array.flat)
-        self.memory = _aligned(len(self.before))
+        self.memory = aligned(len(self.before))
         self.memory[:] = np.frombuffer(self.before, dtype=np.uint8)
         self.pointer = ffi.cast("quad *", ffi.from_buffer(self.memory))
 
@@ -191,7 +191,7 @@ class _Block:
 
     def __init__(self, ffi: Any, struct: str, count: int = 1) -> None:
         self.size = ffi.sizeof(struct)
-        self.memory = _aligned(self.size * count)
+        self.memory = aligned(self.size * count)
         self.pointer = ffi.cast(f"{struct} *", ffi.from_buffer(self.memory))
 
     def write(self, start: int, data: bytes) -> None:

@@ -18,7 +18,7 @@ from .ensemble import Ensemble, integrate_members
 from .gamma_choice import with_choice
 from .integration import Run, defect_sizes, integrate
 from .lanes import Member, integrate_lanes
-from .module import load_module
+from .module import load_module, provenance
 from .trajectory import Trajectory
 
 __all__ = ["SOLVERS", "Stepper"]
@@ -64,6 +64,11 @@ class Stepper:
 
     def __repr__(self) -> str:
         return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """What the bits of a result depend on beside its arguments: source, compiler, CPU."""
+        return provenance(self.files)
 
     # ------------------------------------------------------------ stepping
 

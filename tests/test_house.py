@@ -21,12 +21,12 @@ from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
 from processes import FAST_TOP, ROOT, call, cli, python
 
-ROOMS = ("commands", "generator", "runtime")
+ROOMS = ("commands", "generator", "runtime", "storage")
 #: Where code of the package lies; studies, examples and tests are no part of it.
 SOURCES = sorted([*ROOT.glob("*.py"), *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath")
+HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath", "zarr", "xarray", "dask")
 
 
 def name_of(path: Path) -> str:

@@ -16,7 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.commands.run import _result, _text
+from gyrospark.commands.run_outputs import Done
+from gyrospark.commands.run_report import as_text, result_of
 from gyrospark.errors import InputError
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
@@ -132,11 +133,11 @@ def test_reported_by_run():
     run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.125, steps=5, every=2,
                          parameters=PARAMETERS)
     problem: Any = SimpleNamespace(name="watched")
-    result = json.loads(json.dumps(_result(problem, step, run, 1.0, None)))
+    result = json.loads(json.dumps(result_of(problem, step, Done(run, run, 1.0, 5, None, None))))
     assert result["work"] == run.report.work
     assert result["quantities"] == {name: run.quantity(name)[-1] for name in QUANTITIES}
     assert result["quantities"]["height"] == result["q"][1]
-    text = _text(result, step.manifest["system"])
+    text = as_text(result, step.manifest["system"])
     assert "|H − H₀ − W|" in text
     assert "work of the forces" in text
     assert "height" in text

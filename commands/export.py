@@ -1,0 +1,36 @@
+"""``gyrospark export``: a stored run as .npz, .csv or NetCDF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ..errors import InputError
+
+__all__ = ["export"]
+
+
+@click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("store", metavar="STORE", type=click.Path(path_type=Path))
+@click.argument("target", metavar="FILE", type=click.Path(path_type=Path))
+def export(store: Path, target: Path) -> int:
+    """Write the states of STORE (run --out NAME.zarr), finished or not, to FILE.
+
+    \b
+    gyrospark export night.zarr night.nc     NetCDF-4, for xarray, MATLAB, R
+    gyrospark export night.zarr night.csv    a column a number
+    gyrospark export night.zarr night.npz    for gyrospark.Trajectory.load
+    """
+    from ..storage.export import check_export
+    from ..storage.recording import open_recording
+
+    check_export(target)
+    if not target.parent.is_dir() or target.is_dir():
+        raise InputError(f"{str(target)!r} cannot be written: its folder is not there, or it is a "
+                         "folder itself; choose another file.")
+    recording = open_recording(store)
+    recording.export(target)
+    click.echo(f"{target}: {recording.states:,} states of {recording.steps_done:,} steps "
+               f"({recording.status})")
+    return 0

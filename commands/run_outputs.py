@@ -1,0 +1,143 @@
+"""Where the states of ``gyrospark run`` go: memory and .npz, or a store that they stream to."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import GyrosparkError, InputError, StepFailed, Stopped
+
+if TYPE_CHECKING:
+    from ..runtime.stepper import Stepper
+    from ..runtime.trajectory import Trajectory
+    from ..storage.recording import Recording
+
+__all__ = ["Done", "check_targets", "integrate_to"]
+
+#: Endings of --out that are exported from a store; what is neither these nor a store is .npz.
+_EXPORTED = (".csv", ".nc")
+#: States in memory for pictures and errors of a stored run: more cannot be told apart.
+_SHOWN = 20_000
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run that came to an end, its own or another.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        All states, or of a stored run a selection for pictures; its report is of every step.
+    last : Trajectory
+        Ends with the last stored state.
+    steps : int
+        Taken now: a run that is gone on with has more.
+    out : str or None
+        What was written.
+    trouble : Exception or None
+        Why it ended early, or what could not be written.
+    """
+
+    trajectory: Trajectory
+    last: Trajectory
+    seconds: float
+    steps: int
+    out: str | None
+    trouble: GyrosparkError | Stopped | None
+
+
+def check_targets(out: Path | None, plot: Path | None, *, resume: bool) -> None:
+    """Refuse what cannot be written before a long run, not after it."""
+    for option, path in (("--out", out), ("--plot", plot)):
+        if path is None:
+            continue
+        folder = path.parent
+        if not path.name or (path.is_dir() and not (option == "--out" and _is_store(path))):
+            raise InputError(f"{option} {str(path)!r} is no file name; give one.")
+        if not folder.is_dir() or not os.access(folder, os.W_OK):
+            raise InputError(f"{option} {str(path)!r}: the folder {str(folder)!r} is not there or "
+                             "cannot be written; make it or choose another.")
+    if resume and not _is_store(out):
+        raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr.")
+    if out is not None and out.suffix in _EXPORTED:
+        from ..storage.export import check_export
+
+        check_export(out)
+    if plot is not None:
+        from ..runtime.plots import check_target
+
+        check_target(plot)
+
+
+def _is_store(out: Path | None) -> bool:
+    return out is not None and out.suffix == ".zarr"
+
+
+def integrate_to(
+    step: Stepper, out: Path | None, arguments: dict[str, Any], *, resume: bool, seed: int | None,
+    progress: Callable[[int], None] | None,
+) -> Done:
+    """Integrate and write the states; what goes wrong on the way comes with all before it."""
+    if out is None or not (_is_store(out) or out.suffix in _EXPORTED):
+        return _in_memory(step, out, arguments, progress)
+    if _is_store(out):
+        return _stored(step, out, str(out), arguments, progress, resume=resume, seed=seed)
+    store = out.with_name(f".{out.name}.zarr")  # the states pass through it, block by block
+    shutil.rmtree(store, ignore_errors=True)
+    try:
+        done = _stored(step, store, str(out), arguments, progress, resume=False, seed=seed)
+        _open(store).export(out)
+    finally:
+        shutil.rmtree(store, ignore_errors=True)
+    return done
+
+
+def _in_memory(
+    step: Stepper, out: Path | None, arguments: dict[str, Any],
+    progress: Callable[[int], None] | None,
+) -> Done:
+    trouble: GyrosparkError | None = None
+    written = None
+    started = time.perf_counter()
+    try:
+        trajectory = step.integrate(**arguments, progress=progress)
+    except StepFailed as error:
+        trouble, trajectory = error, error.trajectory
+    seconds = time.perf_counter() - started
+    try:
+        if out is not None:
+            written = str(trajectory.save(out))
+    except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
+        trouble = trouble or error
+    return Done(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble)
+
+
+def _stored(
+    step: Stepper, store: Path, name: str, arguments: dict[str, Any],
+    progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
+) -> Done:
+    from ..storage.record import record
+
+    before = _open(store).steps_done if resume and store.exists() else 0
+    trouble: GyrosparkError | Stopped | None = None
+    started = time.perf_counter()
+    try:
+        recording = record(step, **arguments, out=store, resume=resume, seed=seed,
+                           progress=progress)
+    except (StepFailed, Stopped) as error:
+        trouble, recording = error, _open(store)
+    seconds = time.perf_counter() - started
+    shown = recording.trajectory(thin=-(-len(recording) // _SHOWN))
+    last = recording.trajectory(first=len(recording) - 1)
+    return Done(shown, last, seconds, recording.steps_done - before, name, trouble)
+
+
+def _open(store: Path) -> Recording:
+    from ..storage.recording import open_recording
+
+    return open_recording(store)

@@ -1,0 +1,148 @@
+"""What ``gyrospark run`` says of a run: as a dictionary for scripts, as text for people."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+from ..errors import StepFailed
+
+if TYPE_CHECKING:
+    from ..runtime.gamma_choice import GammaChoice
+    from ..runtime.problems import Problem
+    from ..runtime.start import Start
+    from ..runtime.stepper import Stepper
+    from ..runtime.trajectory import Trajectory
+    from .run_outputs import Done
+
+__all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of"]
+
+
+def json_text(result: dict[str, Any]) -> str:
+    """Return the result as JSON, which knows no NaN and no infinity: they become null."""
+    finite = {key: None if isinstance(value, float) and not math.isfinite(value) else value
+              for key, value in result.items()}
+    return json.dumps(finite, indent=2, allow_nan=False)
+
+
+def about_choice(choice: GammaChoice) -> dict[str, Any]:
+    """Return what is reported of a choice."""
+    name = "alpha" if "alpha" in next(iter(choice.values)) else "gamma"
+    return {
+        **choice.values,
+        f"{name}_chosen": choice.values,
+        f"{name}_expected_gain": choice.expected_gain,
+        f"{name}_measured_gain": choice.measured_gain,
+        f"{name}_quantity": choice.quantity,
+        f"{name}_reason": choice.reason,
+    }
+
+
+def result_of(start: Start, step: Stepper, done: Done) -> dict[str, Any]:
+    """Return what is said of a run."""
+    trajectory = done.last
+    report = trajectory.report
+    result: dict[str, Any] = {
+        "problem": start.name,
+        "stepper": step.name,
+        "order": step.order,
+        **({"remarks": step.remarks} if step.remarks else {}),
+        "parameters": trajectory.parameters,
+        "steps": report.steps,
+        "dt": trajectory.dt,
+        "t_end": report.steps * trajectory.dt,
+        "q": list(report.q),
+        "p": list(report.p),
+        "energy_start": report.energy_start,
+        "energy_error_max": report.energy_error_max,
+        "energy_error_mean": report.energy_error_mean,
+        "constraint_max": report.constraint_max,
+        "constraint_mean": report.constraint_mean,
+        "momentum_constraint_max": report.momentum_constraint_max,
+        "momentum_constraint_mean": report.momentum_constraint_mean,
+        "iterations_mean": report.iterations_mean,
+        "iterations_max": report.iterations_max,
+        "newton_steps": report.newton_steps,
+        "seconds": done.seconds,
+        "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else 0.0,
+    }
+    if step.binding.has_forces:
+        result["work"] = report.work
+    if trajectory.quantities:
+        result["quantities"] = {name: float(trajectory.quantity(name)[-1])
+                                for name in trajectory.quantities}
+    if done.steps < report.steps:
+        result["resumed_at"] = report.steps - done.steps
+    if isinstance(done.trouble, StepFailed):
+        failure = done.trouble
+        result["failed"] = {"step": failure.step, "t": failure.t, "reason": failure.reason}
+    if done.out is not None:
+        result["out"] = done.out
+    return result
+
+
+def axis_errors(problem: Problem, step: Stepper, trajectory: Trajectory) -> dict[str, Any]:
+    """Return the mean and largest errors of the unit axis over the stored states (87)."""
+    from ..reference import reference_axis
+
+    exact, source = reference_axis(problem, trajectory)
+    error = abs(trajectory.axis() - exact[: len(trajectory)])  # fewer after a failed step
+    result: dict[str, Any] = {"axis_reference": source}
+    for i, name in enumerate("xyz"):
+        result[f"axis_{name}_error_mean"] = float(error[:, i].mean())
+        result[f"axis_{name}_error_max"] = float(error[:, i].max())
+    return result
+
+
+def _constraint_lines(result: dict[str, Any], system: dict[str, Any]) -> list[str]:
+    """Return the lines on g and on the constraint that it puts on the momenta."""
+    if not system["constraints"]:
+        return []
+    g, f = ("|qᵀq − 1|", "|qᵀp|") if system["rigid_body"] else ("|g(q)|", "|g_q H_p|")
+    return [f"  constraint {g:12s} largest {result['constraint_max']:.2e}",
+            f"  momentum   {f:12s} largest {result['momentum_constraint_max']:.2e}"]
+
+
+def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
+    """Return the result for people; ``system`` is what the manifest says of it."""
+    balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
+    lines = [
+        f"{result['problem']} with {result['stepper']} (order {result['order']})",
+        *([f"  gone on with at step {result['resumed_at']:,}"] if "resumed_at" in result else []),
+        f"  {result['steps']:,} steps of {result['dt']:g} s to t = {result['t_end']:g} s, "
+        f"{result['ns_per_step'] / 1e3:.2f} µs a step",
+        *_constraint_lines(result, system),
+        f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
+        f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}",
+        f"  iterations              mean {result['iterations_mean']:.2f}, "
+        f"most {result['iterations_max']}",
+    ]
+    if "work" in result:
+        lines.append(f"  work of the forces      {result['work']:.6g}")
+    lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
+    if "start_moved" in result:
+        lines.append("  start                   moved onto the constraints by "
+                     f"{result['start_moved']:.2e}")
+    lines += [_choice_line(result, name) for name in ("gamma", "alpha")
+              if f"{name}_reason" in result]
+    if "axis_reference" in result:
+        lines.append(
+            f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "
+            f"z {result['axis_z_error_mean']:.3e}"
+        )
+    if "failed" in result:
+        failed = result["failed"]
+        lines.append(f"  stopped: step {failed['step']} at t = {failed['t']:g} s "
+                     f"{failed['reason']}")
+    lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]
+    return "\n".join(lines)
+
+
+def _choice_line(result: dict[str, Any], name: str) -> str:
+    sign = {"gamma": "γ", "alpha": "α"}[name]
+    reason, expected, gain = (result[f"{name}_{end}"]
+                              for end in ("reason", "expected_gain", "measured_gain"))
+    values = ", ".join(f"{value:.6g}" for value in result[f"{name}_chosen"].values())
+    return (f"  {sign} chosen                {values} kg m², {reason}; error {gain:.3g} "
+            f"times smaller than with γ_m (expected {expected:.3g})")

@@ -1,0 +1,75 @@
+"""What makes two runs the same: everything on which a bit of the result depends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from .._version import __version__
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..runtime.integration import Run
+    from ..runtime.stepper import Stepper
+
+__all__ = ["identity_of", "number_text", "refuse_if_different"]
+
+#: Of the layout of stores; another one is refused.
+FORMAT = 1
+
+
+def identity_of(stepper: Stepper, run: Run) -> dict[str, Any]:
+    """Return what is compared before a run goes on, in terms that JSON can hold."""
+    return {
+        "format": FORMAT,
+        "gyrospark": __version__,
+        "stepper": stepper.name,
+        "code": stepper.provenance,
+        "parameters": dict(run.parameters),
+        "q0": [number_text(x) for x in run.q],
+        "p0": [number_text(x) for x in run.p],
+        "t0": run.t0,
+        "dt": run.dt,
+        "steps": run.steps,
+        "every": run.every,
+        "solver": run.solver,
+        "tolerance": run.tolerance,
+        "max_iterations": run.max_iterations,
+    }
+
+
+def number_text(value: Any) -> Any:
+    """Return a state's number: a float as it is, a wider one as text with all its digits."""
+    return float(value) if float(value) == value else str(value)
+
+
+def refuse_if_different(kept: Mapping[str, Any], now: Mapping[str, Any], where: str) -> None:
+    """Refuse to go on with a run that is another one.
+
+    Raises
+    ------
+    InputError
+        Saying everything that differs, with both values.
+    """
+    found = list(_differences(kept, now))
+    if found:
+        raise InputError(
+            f"{where} holds another run and cannot be gone on with: {'; '.join(found)}. Repeat the "
+            "command that began it, or choose another store."
+        )
+
+
+def _differences(kept: Any, now: Any, path: str = "") -> list[str]:
+    """Return a phrase for each entry that differs."""
+    if isinstance(kept, Mapping) and isinstance(now, Mapping):
+        return [
+            phrase
+            for name in {**kept, **now}
+            for phrase in _differences(kept.get(name), now.get(name), f"{path}.{name}".lstrip("."))
+        ]
+    return [] if kept == now else [f"{path} was {_short(kept)} and is {_short(now)}"]
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:76]}...{text[-1]}"

@@ -1,0 +1,179 @@
+"""The arrays of a stored run: what xarray, Julia or any other reader of Zarr finds.
+
+    time, q, p, multipliers, iterations, energy, g_error, f_error, work, quantity_<name>
+
+along the dimension ``time``, one entry a stored state; multipliers and iterations belong to the
+steps that end there and have none at the start. What is not computed yet is NaN. Wide numbers
+(long double, binary128), which Zarr has not, stand rounded to double under these names and whole,
+as bytes, under ``<name>_bytes``.
+
+A row of all arrays is a state; rows are written in blocks, each a chunk of every array.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import zarr
+from zarr.codecs import Crc32cCodec
+
+from .durable import DurableStore
+from .wide import WIDE_BYTES
+
+if TYPE_CHECKING:
+    from ..runtime.stepper import Stepper
+
+__all__ = ["CHECKPOINT", "QUANTITY", "Field", "array_of", "attributes_of", "block_rows", "create",
+           "fields_of", "open_group", "wide_name"]
+
+CHECKPOINT = "checkpoint"
+#: What the names of a system's own quantities begin with.
+QUANTITY = "quantity_"
+#: A block is written whole: large enough to be fast, small enough to be repeated.
+_BLOCK_BYTES = 8 * 2**20
+_MOST_ROWS = 2**16
+
+
+@dataclass(frozen=True)
+class Field:
+    """One array of a run.
+
+    Attributes
+    ----------
+    name : str
+    inner : tuple of (dimension, length)
+        Of one state.
+    attributes : dict
+        ``units`` and ``long_name`` for readers.
+    dtype : str
+        Of the array as NumPy names it.
+    wide : bool
+        Whether its numbers are wider than a double.
+    """
+
+    name: str
+    inner: tuple[tuple[str, int], ...] = ()
+    attributes: dict[str, Any] = field(default_factory=dict)
+    dtype: str = "f8"
+    wide: bool = False
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one state's entry."""
+        return tuple(length for _, length in self.inner)
+
+    @property
+    def fill(self) -> float:
+        """What stands where nothing is computed yet."""
+        return np.nan if self.dtype.startswith("f") else 0
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one state's entry on the disk."""
+        return math.prod(self.shape) * (int(self.dtype[1:]) + WIDE_BYTES * self.wide)
+
+
+def wide_name(name: str) -> str:
+    """Return the name of the array with a wide field's bytes."""
+    return f"{name}_bytes"
+
+
+def fields_of(stepper: Stepper) -> list[Field]:
+    """Return the arrays of a run of this stepper."""
+    system, real = stepper.manifest["system"], stepper.manifest["real"]
+    wide = real in ("long-double", "float128")
+    dtype = "f4" if real == "float" else "f8"
+    body = system["rigid_body"]
+
+    def numbers(name: str, long_name: str, *inner: tuple[str, int], units: str = "",
+                **more: Any) -> Field:
+        said = {"long_name": long_name} | ({"units": units} if units else {}) | more
+        return Field(name, inner, said, dtype, wide)
+
+    found = [
+        Field("time", (), {"long_name": "time", "units": "s"}),
+        numbers("q", "coordinates", ("coordinate", stepper.n), units="1" if body else "",
+                components=list(system["coordinates"])),
+        numbers("p", "momenta", ("coordinate", stepper.n), units="kg m2 s-1" if body else ""),
+        numbers("energy", "Hamiltonian of the stepper's own form", units="J" if body else ""),
+        numbers("g_error", "largest |g(q)|"),
+        numbers("f_error", "largest |g_q H_p|; |q.p| of a body"),
+        Field("iterations", (), {"long_name": "most iterations of a step since the last state"},
+              "i4"),
+    ]
+    if stepper.binding.multipliers:
+        nodes = stepper.binding.multipliers // stepper.m
+        inner = (("node", nodes), *([("constraint", stepper.m)] if stepper.m > 1 else []))
+        found.append(numbers("multipliers", "multipliers of the step that ends here", *inner))
+    if stepper.binding.has_forces:
+        found.append(numbers("work", "work of the forces since the start"))
+    found += [numbers(QUANTITY + name, f"quantity {name} of the system")
+              for name in stepper.binding.quantity_names]
+    return found
+
+
+def block_rows(fields: list[Field], rows: int) -> int:
+    """Return how many states are written at a time."""
+    most = min(_BLOCK_BYTES // sum(f.row_bytes for f in fields), _MOST_ROWS)
+    return max(1, min(rows, 1 << (max(most, 1).bit_length() - 1)))
+
+
+def create(
+    path: Path, fields: list[Field], rows: int, checkpoint_bytes: int, attributes: dict[str, Any]
+) -> None:
+    """Make an empty store; nothing is computed in it yet."""
+    names = [name for one in fields for name in (one.name, wide_name(one.name))[: 1 + one.wide]]
+    group = zarr.create_group(DurableStore(path), attributes=attributes | {"arrays": names})
+    block = block_rows(fields, rows)
+    for one in fields:
+        inner = [name for name, _ in one.inner]
+        _create_array(group, one.name, (rows, *one.shape), block, one.dtype, one.fill,
+                      ["time", *inner], one.attributes)
+        if one.wide:
+            said = {"long_name": f"{one.name} with all its digits, {WIDE_BYTES} bytes a number"}
+            _create_array(group, wide_name(one.name), (rows, *one.shape, WIDE_BYTES), block, "u1",
+                          0, ["time", *inner, "byte"], said)
+    _create_array(group, CHECKPOINT, (checkpoint_bytes,), checkpoint_bytes, "u1", 0,
+                  ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
+
+
+def _create_array(
+    group: zarr.Group, name: str, shape: tuple[int, ...], block: int, dtype: str, fill: float,
+    dimensions: list[str], attributes: dict[str, Any],
+) -> None:
+    """Create an array in blocks of rows; a checksum beside each block finds damage.
+
+    No compression: the last bits of a motion are noise, and a tenth is all it saves.
+    """
+    group.create_array(name, shape=shape, chunks=(block, *shape[1:]), dtype=dtype,
+                       fill_value=fill, filters=None, compressors=[Crc32cCodec()],
+                       dimension_names=dimensions, attributes=attributes,
+                       config={"write_empty_chunks": True})
+
+
+def open_group(path: Path, *, write: bool = False) -> zarr.Group:
+    """Return the group of a store."""
+    return zarr.open_group(DurableStore(path, read_only=not write), mode="r+" if write else "r")
+
+
+def attributes_of(group: zarr.Group) -> dict[str, Any]:
+    """Return what a store says of itself."""
+    return dict(group.attrs)
+
+
+def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
+    """Return an array of a store.
+
+    Raises
+    ------
+    KeyError
+        If it is not there.
+    """
+    found = group[name]
+    if not isinstance(found, zarr.Array):
+        raise KeyError(name)
+    return found

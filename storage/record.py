@@ -1,0 +1,287 @@
+"""Records a run: computes states in blocks, commits them, goes on where an earlier call ended.
+
+One thread computes, another writes. A commit is a block of rows, whole or begun, and the
+checkpoint that belongs to it; at every instant the store holds a run up to some commit. What is
+recorded is what ``Stepper.integrate`` returns, to the bit, however often a run was ended.
+"""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import zarr
+from numpy.typing import ArrayLike
+
+from .._version import __version__
+from ..errors import InputError, Stopped
+from ..runtime.binding import REASONS
+from ..runtime.gamma_choice import with_choice
+from ..runtime.integration import Rows, Run, advance, next_chunk
+from ..runtime.trajectory import Report
+from .checkpoint import State, pack, room, unpack
+from .durable import remove_parts, storage_errors
+from .identity import identity_of, refuse_if_different
+from .interrupts import Interrupts, watched
+from .layout import (
+    CHECKPOINT,
+    array_of,
+    attributes_of,
+    create,
+    fields_of,
+    open_group,
+    wide_name,
+)
+from .lock import claim
+from .recording import COMPLETE, RUNNING, Recording, stored_values
+from .writer import CURE, Batch, Writer
+
+if TYPE_CHECKING:
+    from ..runtime.stepper import Stepper
+
+__all__ = ["record"]
+
+#: Seconds between two commits: what a killed run computes again, at most.
+COMMIT_SECONDS = 5.0
+
+
+def record(
+    stepper: Stepper,
+    q: ArrayLike,
+    p: ArrayLike,
+    *,
+    out: str | Path,
+    dt: float,
+    steps: int,
+    parameters: Mapping[str, Any],
+    t0: float = 0.0,
+    every: int = 1,
+    solver: str = "auto",
+    tolerance: float | None = None,
+    max_iterations: int = 50,
+    resume: bool = False,
+    seed: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Recording:
+    """Integrate as ``Stepper.integrate`` does and stream the states to a Zarr store.
+
+    Memory stays constant; states are written while the next ones are computed. After any end (a
+    signal, ``kill -9``, a power cut, a full disk) the store is whole up to its last commit, a few
+    seconds ago, and ``resume=True`` goes on there: compensation terms, the predictor's past and
+    the running record are kept, so the result is that of an uninterrupted run, bit for bit.
+
+    Parameters
+    ----------
+    stepper : Stepper
+    q, p, dt, steps, parameters, t0, every, solver, tolerance, max_iterations, progress
+        As for ``Stepper.integrate``.
+    out : path
+        The store, a folder; by custom its name ends in ``.zarr``.
+    resume : bool
+        Go on with the run in ``out``; begins it if there is none.
+    seed : int, optional
+        Of the random numbers that made this start, if it was drawn: kept with the run, not used.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        If the store exists and ``resume`` is not set, or holds another run: says what differs.
+    StorageError
+        If the store cannot be written, or another process is at it.
+    StepFailed
+        When a step finds no solution; everything before it is in the store.
+    Stopped
+        After SIGINT, SIGTERM or SIGHUP, with everything computed in the store.
+    """
+    parameters = with_choice(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
+    run = stepper.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
+                              solver=solver, tolerance=tolerance, max_iterations=max_iterations)
+    path = Path(out)
+    with claim(path):
+        with storage_errors(path, CURE):
+            group = _opened(stepper, run, path, resume, seed)
+        if group.attrs["status"] == RUNNING:
+            _Course(stepper, run, path, group).go(progress)
+    recording = Recording(path)
+    if recording.status != COMPLETE:
+        raise recording.failure()
+    return recording
+
+
+def _opened(
+    stepper: Stepper, run: Run, path: Path, resume: bool, seed: int | None
+) -> zarr.Group:
+    """Return the store's group: the one that is there, or a new one."""
+    identity = identity_of(stepper, run)
+    if path.exists():
+        if not resume:
+            raise InputError(f"The store {str(path)!r} is there already; --resume (resume=True) "
+                             "goes on with its run, another name begins a new one.")
+        group = Recording(path).group(write=True)
+        remove_parts(path)
+        refuse_if_different(attributes_of(group)["run"], identity, f"The store {str(path)!r}")
+        return group
+    fresh = path.with_name(f".{path.name}.new")  # appears under its name when it is whole
+    if fresh.exists():
+        shutil.rmtree(fresh)
+    about = {
+        "title": f"{stepper.name}: {run.steps} steps of {run.dt:g} s",
+        "status": RUNNING,
+        "steps_done": 0,
+        "states": 0,
+        "run": identity,
+        "seed": seed,
+        "versions": {"gyrospark": __version__, "numpy": np.__version__, "zarr": zarr.__version__,
+                     "python": platform.python_version()},
+        "manifest": stepper.manifest,
+    }
+    create(fresh, fields_of(stepper), run.rows + 1, room(stepper.binding), about)
+    fresh.rename(path)
+    return open_group(path, write=True)
+
+
+class _Course:
+    """A run under way: where it stands, and the block of rows that it fills."""
+
+    def __init__(self, stepper: Stepper, run: Run, path: Path, group: zarr.Group) -> None:
+        self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
+        self.fields = fields_of(stepper)
+        self.block = array_of(group, "time").chunks[0]
+        self.parameters = self.binding.parameters(run.parameters, run.t0)
+        self.state, self.first, self.rows = self._begun()
+
+    # ------------------------------------------------------------ where it stands
+
+    def _begun(self) -> tuple[State, int, Rows]:
+        """Return the state to go on from, and the block that it is in."""
+        try:
+            kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]))
+        except ValueError as error:
+            raise InputError(f"The store {str(self.path)!r} cannot be gone on with: {error}. What "
+                             "is stored can be read; choose another store for the run.") from error
+        if kept is None:
+            return self._start()
+        done = self._states(kept)
+        first = (done - 1) // self.block * self.block
+        rows = self._read(first, done - first)
+        if done - first < self.block:
+            rows.iterations[done - first] = kept.most
+        return kept, first, rows
+
+    def _start(self) -> tuple[State, int, Rows]:
+        """Return the state and the block at the start; no step is taken."""
+        binding, run, rows = self.binding, self.run, self._empty()
+        rows.q[0], rows.p[0] = run.q, run.p
+        state = State(run.q.copy(), run.p.copy(), binding.report(), binding.work())
+        status = advance(binding, run, self.parameters, 0, 1, state.q, state.p, _out(rows, 0),
+                         state.report, state.work)
+        return State(state.q, state.p, state.report, state.work, status=status), 0, rows
+
+    def _states(self, state: State) -> int:
+        """Return how many states are done, with the start."""
+        run = self.run
+        return run.rows + 1 if state.steps == run.steps else state.steps // run.every + 1
+
+    def _empty(self) -> Rows:
+        """Return a block of rows; the start has no multipliers."""
+        binding, size = self.binding, self.block
+        none = binding.new(1)[0] + np.nan
+        rows = Rows(binding.new(size, binding.n), binding.new(size, binding.n),
+                    binding.new(size, binding.multipliers), np.zeros(size, dtype=np.intc),
+                    binding.new(size))
+        rows.multipliers[:1] = none
+        return rows
+
+    def _read(self, first: int, count: int) -> Rows:
+        """Return a block of rows with what is stored of it."""
+        rows = self._empty()
+        for one in self.fields:
+            part = getattr(rows, one.name, None)
+            if part is not None:
+                name = wide_name(one.name) if one.wide else one.name
+                values = stored_values(array_of(self.group, name), first, count, one.wide,
+                                       self.binding.dtype)
+                part[:count] = values.reshape(count, *part.shape[1:])
+        return rows
+
+    # ------------------------------------------------------------ computing
+
+    def go(self, progress: Callable[[int], None] | None) -> None:
+        """Compute and commit to the end of the run, to a step that fails, or to a signal."""
+        with ExitStack() as stack:
+            interrupts = stack.enter_context(watched())
+            writer = stack.enter_context(Writer(self.path, self.group, self.fields, self.binding,
+                                                self.run, self.block))
+            self._compute(writer, interrupts, progress)
+            self._commit(writer)
+        if interrupts.asked and self.state.steps < self.run.steps and not self.state.status:
+            raise Stopped(
+                f"Stopped at step {self.state.steps:,} of {self.run.steps:,}; everything up to "
+                f"there is in {str(self.path)!r}. The same command with --resume goes on.",
+                interrupts.signal)
+
+    def _compute(self, writer: Writer, interrupts: Interrupts,
+                 progress: Callable[[int], None] | None) -> None:
+        run, committed = self.run, time.monotonic()
+        while self.state.steps < run.steps and not self.state.status and not interrupts.asked:
+            place = self.state.steps // run.every + 1 - self.first
+            if place == self.block:
+                self._commit(writer)
+                committed = time.monotonic()
+                self.first, self.rows, place = self.first + self.block, self._empty(), 0
+            self._advance(place)
+            if progress is not None:
+                progress(self.state.steps)
+            if time.monotonic() - committed > COMMIT_SECONDS and not writer.busy:
+                self._commit(writer)
+                committed = time.monotonic()
+
+    def _advance(self, place: int) -> None:
+        """Compute the next piece into the block, from that row on."""
+        state, rows = self.state, self.rows
+        count, every = next_chunk(self.run, state.steps, self.block - place)
+        most = rows.iterations[place]  # of the pieces before, where a row takes several
+        status = advance(self.binding, self.run, self.parameters, count, every, state.q, state.p,
+                         _out(rows, place), state.report, state.work)
+        rows.iterations[place] = max(most, rows.iterations[place])
+        self.state = State(state.q, state.p, state.report, state.work, status=status)
+
+    # ------------------------------------------------------------ committing
+
+    def _commit(self, writer: Writer) -> None:
+        """Hand over the block as far as it is filled, and where the run stands."""
+        state, run = self.state, self.run
+        count = self._states(state) - self.first
+        unfinished = state.steps < run.steps and state.steps % run.every
+        most = int(self.rows.iterations[count]) if unfinished else 0
+        kept = State(state.q, state.p, state.report, state.work, most, state.status)
+        rows = Rows(*(getattr(self.rows, name)[:count].copy()
+                      for name in ("q", "p", "multipliers", "iterations", "work")))
+        writer.put(Batch(self.first, count, rows, pack(self.binding, kept), self._said(kept)))
+
+    def _said(self, state: State) -> dict[str, Any]:
+        """Return what the store says of the run so far."""
+        if state.status:
+            status = f"failed: {REASONS[state.status]}"
+        else:
+            status = COMPLETE if state.steps == self.run.steps else RUNNING
+        report = Report.read(state.report, state.q, state.p, forced=self.binding.has_forces)
+        return {"status": status, "steps_done": state.steps, "states": self._states(state),
+                "report": asdict(report)}
+
+
+def _out(rows: Rows, place: int) -> tuple[Any, ...]:
+    """Return what compiled code fills from this row on."""
+    return (rows.q[place:], rows.p[place:], rows.multipliers[place:], rows.iterations[place:],
+            rows.work[place:])

@@ -1,0 +1,182 @@
+"""A stored run, finished or not: its states for xarray, and as a ``Trajectory``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from ..errors import InputError, StepFailed
+from ..runtime.binding import DTYPES
+from ..runtime.trajectory import Report, Trajectory
+from .identity import FORMAT
+from .layout import QUANTITY, array_of, attributes_of, open_group, wide_name
+from .wide import from_bytes
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["COMPLETE", "RUNNING", "Recording", "open_recording", "stored_values"]
+
+Array = NDArray[Any]
+
+RUNNING = "running"
+COMPLETE = "complete"
+#: States that a failed run hands over with its error; the others are in the store.
+_LAST = 4096
+
+
+def open_recording(path: str | os.PathLike[str]) -> Recording:
+    """Return the run that ``gyrospark.record`` or ``gyrospark run --out X.zarr`` stored.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is damaged.
+    """
+    return Recording(Path(path))
+
+
+class Recording:
+    """A stored run.
+
+    Attributes
+    ----------
+    path : Path
+    status : str
+        ``"complete"``, ``"running"`` (also of a run that was ended: it can be gone on with), or
+        ``"failed: "`` and the reason.
+    steps_done : int
+    states : int
+        States that are stored, with the start.
+    report : Report or None
+        Diagnostics over every step that is done; None before the first commit.
+    attributes : dict
+        All that the store says: run, manifest, versions, seed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.attributes: dict[str, Any] = attributes_of(self.group())
+        self.status: str = self.attributes["status"]
+        self.steps_done: int = self.attributes["steps_done"]
+        self.states: int = self.attributes["states"]
+        report = self.attributes.get("report")
+        self.report = None if report is None else _report(report)
+
+    def __repr__(self) -> str:
+        of = self.attributes["run"]["steps"]
+        return f"<Recording {str(self.path)!r}: {self.status}, {self.steps_done} of {of} steps>"
+
+    def __len__(self) -> int:
+        return self.states
+
+    def group(self, *, write: bool = False) -> zarr.Group:
+        """Return the Zarr group."""
+        refusal = f"{str(self.path)!r} is not a run that gyrospark stored, or damaged"
+        try:
+            group = open_group(self.path, write=write)
+            about = attributes_of(group)
+        except PermissionError as error:
+            raise InputError(f"{str(self.path)!r} cannot be read: {error.strerror}.") from error
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{refusal}; give a folder that `gyrospark run --out X.zarr` made."
+                             ) from error
+        if not {"run", "status", "steps_done", "states", "manifest"} <= about.keys():
+            raise InputError(f"{refusal}: what it says of itself is missing.")
+        if about["run"].get("format") != FORMAT:
+            raise InputError(f"{str(self.path)!r} has format {about['run'].get('format')}; this "
+                             f"version reads {FORMAT}.")
+        return group
+
+    @property
+    def dataset(self) -> xarray.Dataset:
+        """The states as an xarray Dataset along ``time``; values are read when they are used."""
+        import xarray
+
+        whole = xarray.open_zarr(self.path, consolidated=False)
+        kept: xarray.Dataset = whole[self.attributes["arrays"]].isel(time=slice(0, self.states))
+        return kept
+
+    def failure(self) -> StepFailed:
+        """Return the error of a failed run; its trajectory has the last states."""
+        run = self.attributes["run"]
+        first = max(0, self.states - _LAST)
+        return StepFailed(step=self.steps_done + 1, t=run["t0"] + self.steps_done * run["dt"],
+                          reason=self.status.removeprefix("failed: "),
+                          trajectory=self.trajectory(first=first))
+
+    def trajectory(self, *, first: int = 0, thin: int = 1) -> Trajectory:
+        """Return the stored states, or every ``thin``-th from ``first`` on, in memory.
+
+        Raises
+        ------
+        InputError
+            Before the first commit, when nothing is stored.
+        """
+        if self.report is None:
+            raise InputError(f"{str(self.path)!r} holds no state yet; go on with its run first.")
+        group, manifest, run = self.group(), self.attributes["manifest"], self.attributes["run"]
+        wide = manifest["real"] in ("long-double", "float128")
+        dtype = DTYPES[manifest["real"]]
+
+        def read(name: str, *, after_start: bool = False) -> Array:
+            """Return an array's rows in the stepper's type; zeros where the store has none."""
+            if name not in group:
+                return np.zeros(self.states, dtype=dtype)[first::thin]
+            exact = wide and wide_name(name) in group
+            values = stored_values(array_of(group, wide_name(name) if exact else name), first,
+                                   self.states - first, exact, dtype)[::thin]
+            return values[1:] if after_start else values
+
+        names = manifest["system"].get("quantities", ())
+        values = [read(QUANTITY + name) for name in names]
+        t = read("time")
+        return Trajectory(
+            t=t, q=read("q"), p=read("p"), multipliers=self._multipliers(read, len(t)),
+            iterations=read("iterations", after_start=True).astype(np.intc),
+            dt=run["dt"], every=run["every"] * thin, parameters=run["parameters"],
+            report=self.report, manifest=manifest, energies=read("energy"),
+            g_errors=read("g_error"), f_errors=read("f_error"), work=read("work"),
+            quantity_values=np.stack(values, axis=1) if values else np.zeros((len(t), 0), dtype),
+        )
+
+    def _multipliers(self, read: Any, states: int) -> Array:
+        if "multipliers" in self.group():
+            found: Array = read("multipliers", after_start=True)
+            return found
+        return np.zeros((states - 1, 0))
+
+    def export(self, path: str | os.PathLike[str]) -> Path:
+        """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""
+        from .export import export
+
+        return export(self, Path(path))
+
+
+def stored_values(
+    array: zarr.Array[Any], first: int, count: int, wide: bool, dtype: Any
+) -> Array:
+    """Return rows of an array, wide ones in their own type.
+
+    Raises
+    ------
+    InputError
+        If what is stored is damaged.
+    """
+    try:
+        values = np.asarray(array[first : first + count])
+    except (OSError, ValueError) as error:
+        raise InputError(f"Array {array.name!r} of the store is damaged: {error}.") from error
+    return from_bytes(values, dtype) if wide else values
+
+
+def _report(kept: dict[str, Any]) -> Report:
+    """Return a report from JSON, which knows no tuples."""
+    report: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
+                              for name, value in kept.items()}
+    return Report(**report)

@@ -1,0 +1,44 @@
+"""Numbers wider than a double as bytes: Zarr has neither long double nor binary128."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["WIDE_BYTES", "as_bytes", "as_doubles", "from_bytes"]
+
+Array = NDArray[Any]
+
+WIDE_BYTES = 16
+#: Bytes of an x87 number that count; the others are whatever was there.
+_X87_BYTES = 10
+
+
+def as_bytes(array: Array) -> Array:
+    """Return an array's numbers as bytes along a last axis, equal for equal numbers."""
+    if array.dtype == object:
+        from ..runtime.quad import to_bytes  # mpmath costs time, and only float128 needs it
+
+        return to_bytes(array)
+    data = np.ascontiguousarray(array).view(np.uint8).reshape(*array.shape, array.dtype.itemsize)
+    if array.dtype == np.longdouble and np.finfo(np.longdouble).nmant == 63:
+        data = data.copy()
+        data[..., _X87_BYTES:] = 0
+    return data
+
+
+def from_bytes(data: Array, dtype: Any) -> Array:
+    """Return the numbers that ``as_bytes`` gave the bytes of."""
+    if dtype is object:
+        from ..runtime.quad import from_bytes as quads
+
+        return quads(data)
+    values: Array = np.ascontiguousarray(data).view(dtype)
+    return values.reshape(data.shape[:-1])
+
+
+def as_doubles(array: Array) -> Array:
+    """Return an array's numbers rounded to double; narrower ones as they are."""
+    return array if array.dtype == np.float32 else array.astype(np.float64)
