@@ -16,7 +16,7 @@ test: .venv/ready lint
 lint: .venv/ready
 	$(BIN)/ruff check .
 	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
-	    -m gyrospark $(addprefix -p gyrospark.,benchmarks commands generator runtime storage studies) \
+	    -m gyrospark $(addprefix -p gyrospark.,benchmarks commands generator runtime storage studies sweeps) \
 	    $(addprefix -m gyrospark.,certificate facade reference verification)
 
 # Bring the checked-in steppers up to date.

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from .runtime.trajectory import Trajectory
     from .storage.record import record
     from .storage.recording import Recording, open_recording
+    from .sweeps.results import open_sweep
+    from .sweeps.sweep import sweep
 
 #: Public name → where it lives; resolved on first use.
 _HOMES = {
@@ -84,6 +86,8 @@ _HOMES = {
     "Recording": "storage.recording",
     "open_recording": "storage.recording",
     "record": "storage.record",
+    "open_sweep": "sweeps.results",
+    "sweep": "sweeps.sweep",
 }
 
 #: The same for modules.
@@ -125,11 +129,13 @@ __all__ = [
     "models",
     "momentum",
     "open_recording",
+    "open_sweep",
     "problems",
     "record",
     "rotation_matrix",
     "state_from_rotation",
     "stepper",
+    "sweep",
     "symbols",
     "tableau",
 ]

@@ -22,6 +22,7 @@ from .export import export
 from .generate import generate
 from .reproduce import reproduce
 from .run import run
+from .sweep import sweep
 from .verify import verify
 
 __all__ = ["main", "main_generate"]
@@ -40,7 +41,7 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, verify, run, export, reproduce, bench, cache):
+for command in (generate, verify, run, sweep, export, reproduce, bench, cache):
     gyrospark.add_command(command)
 
 

@@ -2145,3 +2145,21 @@ void heavy_top_ems_alpha_integrate_lanes(int count, const parameters_t *paramete
         }
     }
 }
+
+/* ---------------------------------------------------------------- any number of trajectories, whole runs */
+
+void heavy_top_ems_alpha_integrate_many(long count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
+{
+    const long rows = steps/every;
+    for (long i = 0; i < count && options->solver != NEWTON; i += W)
+        heavy_top_ems_alpha_integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
+            steps, every, rows, q + i*N, p + i*N, q_out == NULL ? NULL : q_out + i*rows*N,
+            p_out == NULL ? NULL : p_out + i*rows*N, NULL, NULL, reports + i, status + i, batch,
+            work);
+    for (long i = 0; i < count && options->solver == NEWTON; ++i)
+        status[i] = heavy_top_ems_alpha_integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
+            q_out == NULL ? NULL : q_out + i*rows*N, p_out == NULL ? NULL : p_out + i*rows*N, NULL,
+            NULL, reports + i, work);
+}

@@ -146,6 +146,15 @@ void heavy_top_liiiab5_alpha_integrate_lanes(int count, const heavy_top_liiiab5_
     double *q, double *p, double *q_out, double *p_out, double *multipliers, int *iterations,
     heavy_top_liiiab5_alpha_report *reports, int *status, heavy_top_liiiab5_alpha_batch *batch, heavy_top_liiiab5_alpha_work *work);
 
+/*
+ * Whole runs of any number of trajectories, each with its own parameters, dt, state, report and
+ * status, which are 0 before. (q, p) become the ends; every `every`-th state goes to q_out, p_out
+ * (either may be NULL), steps/every rows a trajectory. A trajectory that fails keeps its last state.
+ */
+void heavy_top_liiiab5_alpha_integrate_many(long count, const heavy_top_liiiab5_alpha_parameters *parameters,
+    const heavy_top_liiiab5_alpha_options *options, const double *dt, long steps, long every, double *q, double *p,
+    double *q_out, double *p_out, heavy_top_liiiab5_alpha_report *reports, int *status, heavy_top_liiiab5_alpha_batch *batch, heavy_top_liiiab5_alpha_work *work);
+
 /* The two halves of a step: T1 solves for the 44 unknowns x, T2 finishes the step from them. */
 int heavy_top_liiiab5_alpha_T1(const heavy_top_liiiab5_alpha_parameters *parameters, const heavy_top_liiiab5_alpha_options *options, double dt,
     const double q[4], const double p[4], double x[44], int *iterations, heavy_top_liiiab5_alpha_work *work);

@@ -272,6 +272,7 @@ def _manifest(
             "hamiltonian": _hamiltonian(system, forms),
             "constraints": [str(g) for g in system.constraints],
             "hidden": _hidden(scheme, constants, forms),
+            "start_parameters": _start_parameters(system, forms),
             **_given_names(system),
             "rigid_body": system.rigid_body,
             **_forces_and_quantities(system),
@@ -308,6 +309,19 @@ def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
         "conditions": {line.name: {"found": line.found, "residual": line.residual}
                        for line in check_tableau(tableau)},
     }}
+
+
+def _start_parameters(system: System, forms: dict[str, Any]) -> list[str]:
+    """Return the parameters that decide whether a state is on the constraints.
+
+    Of a structured system, whose g_q H_p is never written out, all that could.
+    """
+    if not system.constraints:
+        return []
+    deciding = (system.H, *system.constraints) if forms["structured"] else (
+        *system.constraints, *system.hidden)
+    found = {x for e in deciding for x in e.free_symbols}
+    return [str(x) for x in system.parameters if x in found]
 
 
 def _hamiltonian(system: System, forms: dict[str, Any]) -> str:

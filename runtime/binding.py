@@ -7,6 +7,7 @@ the stepper's own type. cffi releases the GIL during every call.
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -184,6 +185,43 @@ class Binding:
             self.pointer(p), *starts, counts + row, *done, reports,
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory,
         )
+
+    @cached_property
+    def report_type(self) -> np.dtype[Any]:
+        """The running record's fields as NumPy sees them."""
+        kinds = {"long": np.dtype("l"), "int": np.dtype("i")}
+        struct = self.ffi.typeof(f"{self.name}_report")
+        fields = dict(struct.fields)
+        return np.dtype({
+            "names": list(fields), "offsets": [f.offset for f in fields.values()],
+            "formats": [kinds.get(f.type.cname, np.dtype(self.dtype)) for f in fields.values()],
+            "itemsize": self.ffi.sizeof(struct),
+        })
+
+    def integrate_many(
+        self, parameters: Array, options: Any, dt: Array, steps: int, every: int, q: Array,
+        p: Array, out: tuple[Array, ...] | None, memory: tuple[Any, ...],
+    ) -> tuple[Array, Array]:
+        """Advance the rows of q and p in place by whole runs; return records and statuses.
+
+        ``parameters`` has a row for each trajectory, in the order of ``parameter_names`` and with
+        the time at the start where forces have it.
+        """
+        count = len(dt)
+        reports = np.zeros(count, dtype=self.report_type)
+        status = np.zeros(count, dtype=np.intc)
+        structs = self.ffi.from_buffer(f"{self.name}_parameters[]", parameters)
+        q_out, p_out = (self.ffi.NULL, self.ffi.NULL) if out is None else map(self.pointer, out)
+        self.function("integrate_many")(
+            count, structs, options, self.pointer(dt), steps, every, self.pointer(q),
+            self.pointer(p), q_out, p_out,
+            self.ffi.from_buffer(f"{self.name}_report[]", reports, require_writable=True),
+            self.ffi.from_buffer("int[]", status, require_writable=True), *memory)
+        return reports, status
+
+    def many_memory(self) -> tuple[Any, ...]:
+        """Return the memory of ``integrate_many`` for one thread."""
+        return self.batch_memory() if self.lanes else (self.work(),)
 
     def guess(self, parameters: Any, dt: float, q: Array, p: Array, work: Any) -> Array:
         """Return the starting guess of T1."""

@@ -13,7 +13,7 @@ from ..errors import GyrosparkError, InputError, MissingDependencyError
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["check_target", "draw"]
+__all__ = ["check_target", "draw", "figure_class"]
 
 _INK = "#1f4e79"
 _ACCENT = "#c0392b"
@@ -43,7 +43,7 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
         Without matplotlib.
     """
     target = None if path is None else check_target(path)
-    figure = _figure_class()(figsize=(11, 4.6), layout="constrained")
+    figure = figure_class()(figsize=(11, 4.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.4))
     if trajectory.manifest["system"]["rigid_body"]:
         _sphere(figure.add_subplot(grid[:, 0], projection="3d"), trajectory)
@@ -77,11 +77,18 @@ def check_target(path: str | os.PathLike[str]) -> Path:
     if target.suffix.lower() not in _FORMATS:
         raise InputError(f"A picture cannot be written as {target.name!r}; end it in "
                          f"{', '.join(_FORMATS)}.")
-    _figure_class()
+    figure_class()
     return target
 
 
-def _figure_class() -> Any:
+def figure_class() -> Any:
+    """Return matplotlib's class of figures, which needs no display.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
     try:
         from matplotlib.figure import Figure
     except ImportError as error:

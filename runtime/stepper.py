@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from ..projection import Projection, project, report
 from .binding import REASONS, SOLVERS, Binding
 from .checks import as_parameters, as_positive_count, as_real, as_step
 from .compiled_constraints import CompiledConstraints
+from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
 from .gamma_choice import with_choice
-from .integration import Run, defect_sizes, integrate
+from .integration import Run, integrate
 from .lanes import Member, integrate_lanes
 from .module import load_module, provenance
 from .trajectory import Trajectory
@@ -64,6 +66,10 @@ class Stepper:
 
     def __repr__(self) -> str:
         return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by sources: another process, or another machine, compiles them or has them."""
+        return _stepper_of, (self.name, tuple(sorted(self.files.items())))
 
     @property
     def provenance(self) -> dict[str, str]:
@@ -381,39 +387,18 @@ class Stepper:
             as_real("t0", t0),
         )
 
-    def _changes(self, parameters: Any, run: Run, dq: float, dp: float) -> tuple[float, float]:
-        """Return how much g and f change when each q moves by dq and each p by dp, added up."""
-        n = self.n
-        q = run.q + np.vstack([np.zeros((1, n)), dq * np.eye(n), np.zeros((n, n))])
-        p = run.p + np.vstack([np.zeros((n + 1, n)), dp * np.eye(n)])
-        g, f = self.binding.defects(parameters, q.astype(self.binding.dtype),
-                                    p.astype(self.binding.dtype))
-        g_change, f_change = (float(np.abs(d[1:] - d[0]).sum(axis=0).max()) for d in (g, f))
-        return g_change, f_change
-
     def _refuse_inconsistent(self, run: Run) -> None:
-        """Refuse a start that is off the constraints by more than round-off.
-
-        Round-off is what 64 ε of each coordinate and momentum is worth in g and f, whatever their
-        units. IMS and EMS let the momentum constraint oscillate at their truncation error
-        (paper, Fig. 7), and their own results must be usable as a start: there f may be as large
-        as what an explicit Euler step, without constraint forces, changes in it.
-        """
+        """Refuse a start that is off the constraints by more than round-off."""
         if not self.m:
             return
         parameters = self.binding.parameters(run.parameters, run.t0)
-        sizes = defect_sizes(self.binding, parameters, run.q[None], run.p[None])
-        g, f = (float(size[0]) for size in sizes)
-        q_size, p_size = float(np.linalg.norm(run.q)), float(np.linalg.norm(run.p))
-        nudge = 2.0**-10 * self.binding.epsilon ** 0.25
-        epsilons = 64 * self.binding.epsilon / nudge
-        g_bound, f_bound = (epsilons * size for size in self._changes(
-            parameters, run, nudge * q_size, nudge * p_size))
-        if not self.manifest["scheme"]["keeps_momentum_constraint"]:
-            x = self.binding.guess(parameters, run.dt, run.q, run.p, self.binding.work())
-            f_bound += self._changes(parameters, run, float(np.abs(x[: self.n]).max()),
-                                     float(np.abs(x[self.n : 2 * self.n]).max()))[1]
-        if g > g_bound or f > f_bound:
+        found = defects_of_starts(
+            self.binding, self.manifest["scheme"]["keeps_momentum_constraint"], parameters,
+            run.q[None], run.p[None], np.array([run.dt]))
+        g, f, g_bound, f_bound = (float(x[0]) for x in (found.g, found.f, found.g_bound,
+                                                        found.f_bound))
+        if not found.consistent[0]:
+            q_size = float(np.linalg.norm(run.q.astype(float)))
             norm = f", |q| = {q_size:.15g}" if self.manifest["system"]["rigid_body"] else ""
             what = "q^T p" if self.manifest["system"]["rigid_body"] else "the momentum constraint"
             raise InputError(
@@ -421,6 +406,12 @@ class Stepper:
                 f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
                 "`q, p = stepper.project(q, p, parameters=...)` moves it onto them."
             )
+
+
+@lru_cache(maxsize=64)
+def _stepper_of(name: str, files: tuple[tuple[str, str], ...]) -> Stepper:
+    """Return the stepper of these sources: the same one to all that ask in a process."""
+    return Stepper(name, dict(files))
 
 
 def _binding_type(real: str) -> type[Binding]:

@@ -113,7 +113,7 @@ def test_symbols_are_the_documented_functions(name, spec, tmp_path):
     assert {words[-2] for words in lines} <= set("TtrUu"), lines
     functions = {"step", "integrate", "T1", "T2", "guess", "residual", "jacobian",
                  "increment_size", "hamiltonian", "defects", "project", "lanes",
-                 "integrate_lanes"}
+                 "integrate_lanes", "integrate_many"}
     if spec.stages:
         functions |= {"coefficients"}
     assert exported == {f"{spec.name}_{function}" for function in functions}

@@ -21,7 +21,7 @@ from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
 from processes import FAST_TOP, ROOT, call, cli, python
 
-ROOMS = ("commands", "generator", "runtime", "storage")
+ROOMS = ("commands", "generator", "runtime", "storage", "sweeps")
 #: Where code of the package lies; studies, examples and tests are no part of it.
 SOURCES = sorted([*ROOT.glob("*.py"), *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -1,0 +1,212 @@
+"""``gyrospark sweep``: integrate a model for every combination of what varies."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import GyrosparkError, InputError, Stopped
+from .options import whole_number
+
+if TYPE_CHECKING:
+    from ..sweeps.estimate import Estimate
+    from ..sweeps.study import Study
+    from ..sweeps.sweep import Progress
+
+__all__ = ["sweep"]
+
+
+@click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), metavar="STORE",
+              help="The Zarr store (default: STUDY.zarr in this folder).")
+@click.option("--resume", is_flag=True,
+              help="Go on with the sweep in the store; begin it if there is none.")
+@click.option("--workers", metavar="N", help="Threads (default: all cores).")
+@click.option("--dask", metavar="ADDRESS",
+              help="A Dask cluster in their place: its scheduler's tcp://HOST:PORT.")
+@click.option("--dry-run", is_flag=True,
+              help="Say what it will cost, from a few cells, and compute nothing else.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+              help="Draw a result over the axes (.png, .svg, .pdf).")
+@click.option("--show", metavar="RESULT", default="energy_error_max", show_default=True,
+              help="The result to draw and to summarise.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+def sweep(
+    study: Path, out: Path | None, resume: bool, workers: str | None, dask: str | None,
+    dry_run: bool, plot: Path | None, show: str, as_json: bool,
+) -> int:
+    """Integrate a model for every cell of a grid; the axes are in STUDY.toml.
+
+    \b
+    gyrospark sweep examples/gamma_dt.toml --dry-run
+    gyrospark sweep examples/gamma_dt.toml --plot gamma_dt.png
+    gyrospark sweep examples/gamma_dt.toml --out big.zarr --resume
+    gyrospark sweep examples/gamma_dt.toml --dask tcp://192.168.0.7:8786 --out /shared/big.zarr
+    """
+    from ..sweeps.results import fields_of
+    from ..sweeps.study_file import load_study
+    from ..sweeps.sweep import run_study
+
+    store = out if out is not None else Path(f"{study.stem}.zarr")
+    _check_targets(store, plot)
+    loaded = load_study(study)
+    fields = fields_of(loaded.study, loaded.keep)
+    names = [f.name for f in fields if not f.inner]
+    if show not in names:
+        raise InputError(f"--show {show!r} is no result of this sweep; choose {', '.join(names)}.")
+    threads = os.cpu_count() or 1
+    if workers is not None:
+        threads = max(1, whole_number("--workers", workers))
+    if dry_run:
+        from ..sweeps.estimate import estimate
+
+        _print_estimate(estimate(loaded.study, fields), loaded.study, threads, as_json=as_json)
+        return 0
+    started = time.perf_counter()
+    trouble: Stopped | None = None
+    with _progress(quiet=as_json) as progress:
+        try:
+            run_study(loaded.study, keep=loaded.keep, out=store, resume=resume, workers=threads,
+                      dask=dask, progress=progress)
+        except Stopped as error:
+            trouble = error
+    if trouble is not None:  # to click a KeyboardInterrupt is one like another
+        click.echo(f"gyrospark: {trouble}", err=True)
+        return 128 + trouble.signal
+    result = _result(loaded.study, store, show, time.perf_counter() - started)
+    failure: GyrosparkError | None = None
+    if plot is not None:
+        failure = _draw(store, show, plot, result)
+    click.echo(json.dumps(result, indent=2) if as_json else _text(result))
+    if failure is not None:
+        raise failure
+    return 0
+
+
+def _check_targets(store: Path, plot: Path | None) -> None:
+    for option, path in (("--out", store), ("--plot", plot)):
+        if path is None:
+            continue
+        if not path.name or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+            raise InputError(f"{option} {str(path)!r}: its folder is not there or cannot be "
+                             "written; make it or choose another.")
+    if plot is not None:
+        from ..runtime.plots import check_target
+
+        check_target(plot)
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Iterator[Progress | None]:
+    """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn("{task.completed:,} of {task.total:,} cells"), BarColumn(),
+               TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("cells", total=None)
+        begun = False
+
+        def show(done: int, everything: int) -> None:
+            nonlocal begun
+            if not begun:  # cells of an earlier call say nothing of the speed
+                bar.reset(task, completed=done, total=everything)
+                begun = True
+            bar.update(task, completed=done, total=everything)
+
+        yield show
+
+
+def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, Any]:
+    from ..sweeps.results import count_statuses, meanings, summary
+
+    said = meanings()
+    return {
+        "sweep": study.name,
+        "steppers": [s.name for s in study.steppers],
+        "axes": {axis.name: len(axis) for axis in study.axes},
+        "cells": study.size,
+        "seconds": seconds,
+        "statuses": {said[code]: count for code, count in sorted(count_statuses(store).items())},
+        "shown": show,
+        **summary(study, store, show),
+        "out": str(store),
+    }
+
+
+def _draw(store: Path, show: str, plot: Path, result: dict[str, Any]) -> GyrosparkError | None:
+    from ..sweeps.picture import draw
+    from ..sweeps.results import open_sweep
+
+    try:
+        draw(open_sweep(store), show, plot)
+        result["plot"] = str(plot)
+    except GyrosparkError as error:  # the numbers are still printed
+        return error
+    return None
+
+
+def _text(result: dict[str, Any]) -> str:
+    axes = " × ".join(f"{length:,} {name}" for name, length in result["axes"].items())
+    lines = [f"{result['sweep']} with {', '.join(result['steppers'])}",
+             f"  {result['cells']:,} cells ({axes}) in {result['seconds']:.1f} s"]
+    lines += [f"  {name:<23} {count:,}" for name, count in result["statuses"].items()]
+    if result["least"] is not None:
+        at = ", ".join(f"{name} = {value:.6g}" if isinstance(value, float) else f"{name} = {value}"
+                       for name, value in result["least_at"].items())
+        lines += [f"  {result['shown']:<23} from {result['least']:.3e} to {result['most']:.3e}",
+                  f"  least at                {at}"]
+    lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]
+    return "\n".join(lines)
+
+
+def _print_estimate(found: Estimate, study: Study, workers: int, *, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    wall = found.cpu_seconds / workers
+    if as_json:
+        click.echo(json.dumps(asdict(found) | {"workers": workers, "wall_seconds": wall}, indent=2))
+        return
+    spread = f"({_duration(found.low / workers)} to {_duration(found.high / workers)})"
+    click.echo("\n".join([
+        f"{study.name} with {', '.join(s.name for s in study.steppers)}",
+        f"  {found.cells:,} cells, {found.steps:,} steps in {found.tiles:,} tiles",
+        f"  on {workers} cores here     {_duration(wall)} {spread}; one core "
+        f"{_duration(found.cpu_seconds)}",
+        f"  on the disk             {_bytes(found.disk_bytes)} in {found.files:,} files",
+        f"  in a worker's memory    {_bytes(found.memory_bytes)}",
+    ]))
+
+
+def _duration(seconds: float) -> str:
+    for unit, size in (("days", 86400), ("h", 3600), ("min", 60)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.1f} s"
+
+
+def _bytes(count: float) -> str:
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"

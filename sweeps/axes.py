@@ -1,0 +1,170 @@
+"""What varies in a sweep: axes, each a dimension of the result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+
+__all__ = ["START", "Axis", "list_axis", "random_axis", "start_axis", "value_axis"]
+
+Array = NDArray[Any]
+
+#: Columns that are no numbers of a cell but its scheme, or its state at the start.
+SCHEME, START = "scheme", "start"
+_SPACINGS = ("linear", "log")
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """One dimension of a sweep.
+
+    Attributes
+    ----------
+    name : str
+        Of the dimension.
+    columns : dict
+        What varies along it, each with one value a place: parameters and ``dt`` are numbers,
+        ``scheme`` is an index into ``labels``, ``q`` and ``p`` are states, one row a place.
+    labels : list of str
+        The names of schemes.
+    """
+
+    name: str
+    columns: dict[str, Array]
+    labels: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+
+def value_axis(name: str, values: Any) -> Axis:
+    """Return the axis of one parameter, of ``dt`` or of ``scheme``.
+
+    ``values`` is a list, or a table with ``from``, ``to``, ``count`` and ``spacing`` ("linear" or
+    "log").
+
+    Raises
+    ------
+    InputError
+    """
+    if name == SCHEME:
+        return _scheme_axis(values)
+    if isinstance(values, Mapping):
+        return Axis(name, {name: _spaced(name, values)})
+    return Axis(name, {name: _numbers(name, values)})
+
+
+def list_axis(name: str, columns: Mapping[str, Any]) -> Axis:
+    """Return the axis of several quantities that vary together: a list of points.
+
+    Raises
+    ------
+    InputError
+        If they are not equally many.
+    """
+    if not columns:
+        raise InputError(f"The list {name!r} is empty; give it a column for each quantity.")
+    found = {key: _numbers(key, values) for key, values in columns.items()}
+    lengths = {key: len(values) for key, values in found.items()}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{key} has {length}" for key, length in lengths.items())
+        raise InputError(f"The columns of the list {name!r} have different lengths: {said}; give "
+                         "each the same number of values.")
+    return Axis(name, found)
+
+
+def random_axis(name: str, ranges: Mapping[str, Any], count: int, seed: int) -> Axis:
+    """Return points drawn at random, each column evenly in its range, or in that of its logarithm.
+
+    A range is a table with ``from``, ``to`` and ``spacing``. The same seed gives the same points.
+
+    Raises
+    ------
+    InputError
+    """
+    if not ranges:
+        raise InputError("A random list has no column; give each quantity a range, for example "
+                         "gamma = { from = 1e-4, to = 1e-3 }.")
+    numbers = np.random.default_rng(seed)
+    columns = {}
+    for key, table in ranges.items():
+        low, high, spacing = _range(key, table)
+        share = numbers.random(count)
+        columns[key] = (low + (high - low) * share if spacing == "linear"
+                        else low * (high / low) ** share)
+    return Axis(name, columns)
+
+
+def start_axis(q: Any, p: Any) -> Axis:
+    """Return the axis of several states to start from, one row of q and p each.
+
+    Raises
+    ------
+    InputError
+    """
+    states = [np.array(x, dtype=float) for x in (q, p)]
+    if states[0].ndim != 2 or states[0].shape != states[1].shape or not len(states[0]):
+        raise InputError(f"The starts have q and p of shapes {states[0].shape} and "
+                         f"{states[1].shape}; give a row of numbers for each start, both alike.")
+    return Axis(START, {"q": states[0], "p": states[1]})
+
+
+def _scheme_axis(values: Any) -> Axis:
+    if isinstance(values, str) or not isinstance(values, Sequence) or not values:
+        raise InputError(f"scheme = {values!r} is no list of schemes; write for example "
+                         '["EMS", "G-L 2", "G-L 3"].')
+    labels = tuple(" ".join(map(str, v)) if isinstance(v, (tuple, list)) else str(v)
+                   for v in values)
+    return Axis(SCHEME, {SCHEME: np.arange(len(labels), dtype="i4")}, labels)
+
+
+def _numbers(name: str, values: Any) -> Array:
+    refusal = InputError(f"{name} = {_short(values)} is no list of finite numbers; give at least "
+                         "one.")
+    try:
+        array = np.array(values)
+    except ValueError as error:
+        raise refusal from error
+    if array.ndim != 1 or not len(array) or array.dtype.kind not in "iuf":
+        raise refusal
+    array = array.astype(float)
+    if not np.isfinite(array).all():
+        raise refusal
+    return array
+
+
+def _spaced(name: str, table: Mapping[str, Any]) -> Array:
+    count = table.get("count")
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise InputError(f"{name}: count = {count!r} is no number of values; give 1 or more.")
+    low, high, spacing = _range(name, {k: v for k, v in table.items() if k != "count"})
+    if spacing == "log":
+        return np.geomspace(low, high, count)
+    return np.linspace(low, high, count)
+
+
+def _range(name: str, table: Any) -> tuple[float, float, str]:
+    if not isinstance(table, Mapping) or not {"from", "to"} <= table.keys() <= {
+            "from", "to", "spacing"}:
+        raise InputError(f"{name} = {_short(table)} is no range; write "
+                         '{ from = 1e-4, to = 1e-3, spacing = "log" }, and count = 100 in a grid.')
+    low, high = (_numbers(f"{name}: {key}", [table[key]])[0].item() for key in ("from", "to"))
+    spacing = table.get("spacing", "linear")
+    if spacing not in _SPACINGS:
+        raise InputError(f"{name}: spacing = {spacing!r} is unknown; choose "
+                         f"{' or '.join(_SPACINGS)}.")
+    if spacing == "log" and low * high <= 0:
+        raise InputError(f"{name}: a range from {low} to {high} has no logarithm; choose ends of "
+                         "one sign, or linear spacing.")
+    return low, high, spacing
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

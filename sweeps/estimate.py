@@ -1,0 +1,102 @@
+"""What a sweep will cost, from a few cells of it that are timed."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..storage.layout import Field
+from .compute import compute
+from .results import fields_of
+from .study import Study
+from .tiles import Tile, tiles_of
+
+__all__ = ["Estimate", "estimate"]
+
+#: Cells timed together, how many such samples, and steps of each.
+_CELLS, _SAMPLES, _STEPS = 16, 24, 200
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a sweep will cost.
+
+    Attributes
+    ----------
+    cells, tiles, steps : int
+        In all; steps of all cells together.
+    cpu_seconds : float
+        Of one core; ``low`` and ``high`` are two standard errors of the mean away.
+    disk_bytes, files : int
+        Of the store.
+    memory_bytes : int
+        Of a worker, beside the interpreter.
+    """
+
+    cells: int
+    tiles: int
+    steps: int
+    cpu_seconds: float
+    low: float
+    high: float
+    disk_bytes: int
+    files: int
+    memory_bytes: int
+
+
+def estimate(study: Study, fields: list[Field]) -> Estimate:
+    """Time samples of neighbouring cells, drawn with a fixed seed, for a part of their steps."""
+    numbers = np.random.default_rng(0)
+    tiles, steps = _counts(study)
+    samples = [_seconds_a_step(study, _sample(study, numbers)) for _ in range(_SAMPLES)]
+    mean = float(np.mean(samples))
+    spread = 2 * float(np.std(samples, ddof=1)) / math.sqrt(len(samples))
+    row = sum(field.row_bytes for field in fields)
+    return Estimate(
+        study.size, tiles, steps, steps * mean, steps * max(mean - spread, 0.0),
+        steps * (mean + spread), study.size * row, tiles * len(fields),
+        2 * row * math.prod(next(tiles_of(study)).shape),
+    )
+
+
+def _counts(study: Study) -> tuple[int, int]:
+    """Return the number of tiles, and of steps of all cells."""
+    tiles = sum(1 for _ in tiles_of(study))
+    column = next((a.columns["dt"] for a in study.axes if "dt" in a.columns), None)
+    dt = np.array([study.dt] if column is None else column, dtype=float)
+    return tiles, int(study.steps_of(dt).sum()) * (study.size // len(dt))
+
+
+def _sample(study: Study, numbers: np.random.Generator) -> Tile:
+    """Return some neighbouring cells from anywhere, as many as fit along the last axis."""
+    shape = study.shape
+    place = [int(numbers.integers(length)) for length in shape]
+    wide = min(shape[-1], _CELLS)
+    place[-1] = min(place[-1], shape[-1] - wide)
+    return Tile(tuple(place), tuple(
+        slice(i, i + (wide if axis == len(shape) - 1 else 1)) for axis, i in enumerate(place)))
+
+
+def _seconds_a_step(study: Study, tile: Tile) -> float:
+    """Return the CPU time of a step of these cells.
+
+    Two lengths are timed: their difference has no calls in it, and no first steps.
+    """
+    if study.steps is not None and study.steps <= 2 * _STEPS:
+        short = replace(study, every=None)
+        return _time(short, tile) / study.steps / math.prod(tile.shape)
+    once, twice = (replace(study, steps=n, duration=None, every=None)
+                   for n in (_STEPS, 2 * _STEPS))
+    seconds = max(_time(twice, tile) - _time(once, tile), 0.0)
+    return seconds / _STEPS / math.prod(tile.shape)
+
+
+def _time(study: Study, tile: Tile) -> float:
+    fields = fields_of(study, [])
+    compute(study, fields, tile)  # once for caches
+    began = time.thread_time()
+    compute(study, fields, tile)
+    return time.thread_time() - began

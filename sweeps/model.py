@@ -1,0 +1,144 @@
+"""What a sweep sweeps: a problem, a model or a model file, as steppers and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..generator.spec import Spec, is_model_file
+from ..runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+from ..runtime.problems import PROBLEMS, Problem
+from ..runtime.quaternion import momentum
+from ..runtime.start import Start
+from .axes import Axis, start_axis
+
+if TYPE_CHECKING:
+    from ..runtime.stepper import Stepper
+
+__all__ = ["base_parameters", "resolve", "starts"]
+
+Array = NDArray[Any]
+
+_MEANS = {"m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde}
+
+
+def resolve(
+    model: Any, schemes: list[str], rep: str | None, real: str | None,
+    settings: Mapping[str, Any] | None = None,
+) -> tuple[list[Stepper], Start]:
+    """Return a stepper for each scheme ("EMS", "G-L 3") and the model's own numbers.
+
+    ``model`` is the name of a built-in problem, with ``settings`` as its arguments, a model file,
+    a ``Problem`` or a ``gyrospark.Model``.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(model, (str, Path)) and not is_model_file(str(model)):
+        model = _problem(str(model), settings or {})
+    elif settings:
+        raise InputError("Settings belong to the built-in problems; change the model itself.")
+    made = [_stepper(model, scheme, rep, real) for scheme in schemes]
+    return [stepper for stepper, _ in made], made[0][1]
+
+
+def _problem(name: str, settings: Mapping[str, Any]) -> Problem:
+    if name not in PROBLEMS:
+        raise InputError(f"Unknown problem {name!r}; choose {', '.join(PROBLEMS)} or a model file "
+                         "ending in .toml.")
+    try:
+        made: Problem = PROBLEMS[name](**settings)
+    except TypeError as error:
+        raise InputError(f"The settings {', '.join(settings)} do not fit {name}: {error}."
+                         ) from error
+    return made
+
+
+def _stepper(
+    model: Any, label: str, rep: str | None, real: str | None
+) -> tuple[Stepper, Start]:
+    from ..facade import model_stepper, stepper
+
+    scheme, stages = _scheme(label)
+    if isinstance(model, (str, Path)):
+        return model_stepper(Spec.checked(scheme, stages, rep, str(model), real))
+    if isinstance(model, Problem):
+        inertia = list(model.inertia)
+        start = Start(model.name, model.description, model.parameters, model.q0.tolist(),
+                      model.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
+        return stepper(scheme, stages, rep, system=model.system, real=real or "double"), start
+    if not hasattr(model, "system") or not hasattr(model, "q0"):
+        raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a model or a "
+                         "file.")
+    return stepper(scheme, stages, rep, system=model, real=real or "double"), Start.of(model)
+
+
+def _scheme(label: str) -> tuple[str, int | None]:
+    """Return scheme and stages of "EMS" or "G-L 3"."""
+    scheme, _, stages = label.partition(" ")
+    if stages and not (stages.isascii() and stages.isdigit() and len(stages) < 4):
+        raise InputError(f"{label!r} is no scheme; write for example EMS or G-L 3, the number of "
+                         "stages last.")
+    return scheme, int(stages) if stages else None
+
+
+def base_parameters(
+    stepper: Stepper, start: Start, given: Mapping[str, Any], varied: set[str]
+) -> dict[str, float]:
+    """Return the parameters that all cells have in common.
+
+    γ and α may be named m, h, mt or ht, and are m where nothing is said.
+    """
+    found: dict[str, Any] = {name: value for name, value in start.parameters.items()
+                             if name in stepper.parameter_domains}
+    for name, inertia in start.bodies.items():
+        if name in stepper.parameter_domains and name not in found and name not in varied:
+            found[name] = gamma_m(inertia)
+    for name, value in given.items():
+        if isinstance(value, str):
+            if name not in start.bodies or value not in _MEANS:
+                raise InputError(f"Parameter {name} = {value!r} is no number; m, h, mt and ht are "
+                                 "for gamma and alpha.")
+            found[name] = _MEANS[value](start.bodies[name])
+        else:
+            found[name] = value
+    return found
+
+
+def starts(table: Any, start: Start, varied: set[str]) -> Axis:
+    """Return the axis of states: rows of q and p, or of angular velocities of one body.
+
+    With ``angular_velocity`` (body axes, rad/s), ``quaternion`` is one for all, one for each, or
+    the model's own.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(table, tuple) and len(table) == 2:
+        return start_axis(*table)
+    if not isinstance(table, Mapping) or not (
+            table.keys() == {"q", "p"} or {"angular_velocity"} <= table.keys() <= {
+                "angular_velocity", "quaternion"}):
+        raise InputError("start is no list of states; give q and p, a row each, or "
+                         "angular_velocity and, if it varies, quaternion.")
+    if "q" in table:
+        return start_axis(table["q"], table["p"])
+    if len(start.bodies) == 0 or len(start.q0) != 4 or varied & {"I1", "I2", "I3"}:
+        raise InputError("angular_velocity is for one rigid body whose moments of inertia do not "
+                         "vary; give the states as q and p.")
+    inertia = next(iter(start.bodies.values()))
+    omega = np.array(table["angular_velocity"], dtype=float)
+    q = np.array(table.get("quaternion", start.q0), dtype=float)
+    if omega.ndim != 2 or q.shape not in ((4,), (len(omega), 4)):
+        raise InputError(f"The starts have angular_velocity and quaternion of shapes {omega.shape} "
+                         f"and {q.shape}; give rows of 3 and of 4 numbers.")
+    size = np.linalg.norm(q, axis=-1, keepdims=True)
+    q = np.broadcast_to(q / np.where(size > 0, size, 1.0), (len(omega), 4))
+    return start_axis(q, momentum(q, omega, inertia))

@@ -1,0 +1,284 @@
+"""What is kept of a cell, and where: in memory, or in a Zarr store that workers write regions of.
+
+A tile's arrays are written one after the other, ``status`` last: where its chunk is there, the
+tile is done and on the disk, and is never computed again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from zarr.codecs import Crc32cCodec
+
+from ..errors import InputError
+from ..runtime.binding import REASONS
+from ..storage.durable import DurableStore, storage_errors
+from ..storage.layout import QUANTITY, Field, array_of, attributes_of
+from .axes import SCHEME
+from .study import Study
+from .tiles import Tile, tile_shape, tiles_of
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["BAD_START", "CURE", "NOT_COMPUTED", "STATUS", "Memory", "Sink", "Store",
+           "count_statuses", "create_store", "dataset_of", "done_tiles", "fields_of", "meanings",
+           "open_sweep", "summary"]
+
+Array = NDArray[Any]
+
+STATUS = "status"
+NOT_COMPUTED = -1
+BAD_START = 4
+CURE = "Finished cells are whole: mend it, and repeat the command with --resume."
+
+
+def meanings() -> dict[int, str]:
+    """Return what each status says of a cell."""
+    return {NOT_COMPUTED: "not computed", 0: "done", **REASONS,
+            BAD_START: "start off the constraints"}
+
+
+def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[Field]:
+    """Return the arrays of a sweep's result, of all or of those to keep; the status last.
+
+    Raises
+    ------
+    InputError
+        If one to keep is none of them.
+    """
+    stepper = study.steppers[0]
+    body = stepper.manifest["system"]["rigid_body"]
+    joule, momentum = ({"units": unit} if body else {} for unit in ("J", "kg m2 s-1"))
+    state = (("coordinate", stepper.n),)
+
+    def number(name: str, text: str, **units: str) -> Field:
+        return Field(name, (), {"long_name": text, **units})
+
+    work = stepper.binding.has_forces
+    error = "|H - H0 - W|" if work else "|H - H0|"
+    found = [
+        number("energy_start", "H at the start", **joule),
+        number("energy_error_max", f"largest {error} of all steps", **joule),
+        number("energy_error_mean", f"mean {error} of all steps", **joule),
+        number("constraint_max", "largest |g(q)| of all steps"),
+        number("constraint_mean", "mean |g(q)| of all steps"),
+        number("momentum_constraint_max", "largest |g_q H_p| of all steps"),
+        number("momentum_constraint_mean", "mean |g_q H_p| of all steps"),
+        number("iterations_mean", "iterations a step"),
+        Field("iterations_max", (), {"long_name": "most iterations of a step"}, "i4"),
+        Field("newton_steps", (), {"long_name": "steps that only Newton could do"}, "i8"),
+        Field("steps_done", (), {"long_name": "steps done"}, "i8"),
+        Field("q", state, {"long_name": "coordinates at the end"}),
+        Field("p", state, {"long_name": "momenta at the end", **momentum}),
+    ]
+    if work:
+        found.append(number("work", "work of the forces"))
+    found += [number(QUANTITY + name, f"quantity {name} at the end")
+              for name in stepper.binding.quantity_names]
+    if study.every is not None:
+        samples = (("sample", study.most_steps // study.every + 1), *state)
+        found += [Field("q_samples", samples, {"long_name": "coordinates on the way"}),
+                  Field("p_samples", samples, {"long_name": "momenta on the way", **momentum})]
+    said = meanings()
+    status = Field(STATUS, (), {
+        "long_name": "how the cell ended", "flag_values": list(said),
+        "flag_meanings": " ".join(text.replace(" ", "_") for text in said.values())}, "i1")
+    return [*_kept(found, keep), status]
+
+
+def _kept(found: list[Field], keep: Iterable[str] | None) -> list[Field]:
+    names = [field.name for field in found]
+    wanted = names if keep is None else list(keep)
+    for name in wanted:
+        if name not in (*names, STATUS):
+            raise InputError(f"{name!r} is no result of this sweep; keep some of "
+                             f"{', '.join(names)}.")
+    return [field for field in found if field.name in wanted]
+
+
+class Sink(Protocol):
+    """Where the arrays of finished tiles go."""
+
+    def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
+        """Keep the arrays of a tile."""
+
+
+class Memory:
+    """Arrays in memory."""
+
+    def __init__(self, study: Study, fields: list[Field]) -> None:
+        try:
+            self.arrays = {f.name: np.full((*study.shape, *f.shape), _fill(f), dtype=f.dtype)
+                           for f in fields}
+        except MemoryError as error:
+            raise InputError(f"There is no memory for {study.size:,} cells; give a store, or keep "
+                             "fewer results of each.") from error
+
+    def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
+        """Keep the arrays of a tile."""
+        for name, whole in self.arrays.items():
+            whole[tile.slices] = arrays[name]
+
+
+class Store:
+    """Arrays on disk. Any number of workers may write tiles, each its own chunks."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._arrays: dict[str, zarr.Array[Any]] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Travel to a worker as a path."""
+        return {"path": self.path, "_arrays": {}}
+
+    def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
+        """Write a tile; when this returns it is on the disk."""
+        with storage_errors(self.path, CURE):
+            if not self._arrays:
+                group = zarr.open_group(DurableStore(self.path), mode="r+")
+                self._arrays = {name: array_of(group, name) for name in arrays}
+            for name, values in arrays.items():  # the status last
+                self._arrays[name][tile.slices] = values
+
+
+def _fill(field: Field) -> float:
+    return NOT_COMPUTED if field.name == STATUS else field.fill
+
+
+def create_store(
+    path: Path, study: Study, fields: list[Field], attributes: dict[str, Any]
+) -> None:
+    """Make an empty store for a sweep: results, and the values along the axes."""
+    group = zarr.create_group(DurableStore(path), attributes=attributes)
+    dimensions, chunks = [axis.name for axis in study.axes], tile_shape(study)
+    for field in fields:
+        group.create_array(
+            field.name, shape=(*study.shape, *field.shape), chunks=(*chunks, *field.shape),
+            dtype=field.dtype, fill_value=_fill(field), filters=None, compressors=[Crc32cCodec()],
+            dimension_names=[*dimensions, *(name for name, _ in field.inner)],
+            attributes=field.attributes, config={"write_empty_chunks": True})
+    for name, (inner, values, said) in _coordinates(study).items():
+        group.create_array(name, data=values, chunks=values.shape, filters=None,
+                           compressors=[Crc32cCodec()], dimension_names=inner, attributes=said)
+
+
+def _coordinates(study: Study) -> dict[str, tuple[list[str], Array, dict[str, Any]]]:
+    """Return dimensions, values and attributes of what varies."""
+    found: dict[str, tuple[list[str], Array, dict[str, Any]]] = {}
+    for axis in study.axes:
+        for name, values in axis.columns.items():
+            if name in ("q", "p"):
+                found[f"{name}_start"] = ([axis.name, "coordinate"], values.astype(float), {})
+            else:
+                said = {"labels": list(axis.labels)} if name == SCHEME else {}
+                found[name] = ([axis.name], values, said)
+    return found
+
+
+def done_tiles(path: Path) -> set[tuple[int, ...]]:
+    """Return the places of the tiles whose last array is on the disk."""
+    root = path / STATUS / "c"
+    return {tuple(map(int, p.relative_to(root).parts)) for p in _files(root)
+            if all(part.isdigit() for part in p.relative_to(root).parts)}
+
+
+def _files(root: Path) -> Iterable[Path]:
+    return (Path(folder) / name for folder, _, names in os.walk(root) for name in names)
+
+
+def dataset_of(
+    study: Study, fields: list[Field], attributes: dict[str, Any], source: Memory | Path
+) -> xarray.Dataset:
+    """Return the result as an xarray Dataset; a store's values are read when they are used."""
+    import xarray
+
+    if isinstance(source, Path):
+        found: xarray.Dataset = xarray.open_zarr(source, consolidated=False)
+        found = found[[f.name for f in fields]]
+    else:
+        dimensions = [axis.name for axis in study.axes]
+        found = xarray.Dataset(
+            {f.name: ([*dimensions, *(name for name, _ in f.inner)], source.arrays[f.name],
+                      f.attributes) for f in fields}, attrs=attributes)
+    named = {name: (inner, values if name != SCHEME else np.array(said["labels"])[values])
+             for name, (inner, values, said) in _coordinates(study).items()}
+    return found.drop_vars(set(named) & set(found.coords)).assign_coords(named)
+
+
+def count_statuses(path: Path) -> dict[int, int]:
+    """Return how many cells of a store ended in which way, a chunk at a time."""
+    array = array_of(zarr.open_group(DurableStore(path, read_only=True), mode="r"), STATUS)
+    counts: dict[int, int] = {}
+    grid = [range(0, length, size) for length, size in zip(array.shape, array.chunks, strict=True)]
+    for corner in itertools.product(*grid):
+        part = np.asarray(array[tuple(slice(i, i + size) for i, size in
+                                      zip(corner, array.chunks, strict=True))])
+        for value, count in zip(*np.unique(part, return_counts=True), strict=True):
+            counts[int(value)] = counts.get(int(value), 0) + int(count)
+    return counts
+
+
+def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
+    """Return the result of a stored sweep, finished or not; values are read when they are used.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is damaged.
+    """
+    import xarray
+
+    root = Path(path)
+    try:
+        about = attributes_of(zarr.open_group(DurableStore(root, read_only=True), mode="r"))
+        names = about["sweep"]["results"]
+        found: xarray.Dataset = xarray.open_zarr(root, consolidated=False)
+        labels = found[SCHEME].attrs.get("labels") if SCHEME in found else None
+        if labels is not None:
+            found = found.assign_coords({SCHEME: np.array(labels)[np.asarray(found[SCHEME])]})
+        axes = [name for name in found.variables if name not in names]
+        kept: xarray.Dataset = found.set_coords(axes)[names]
+        return kept
+    except PermissionError as error:
+        raise InputError(f"{str(root)!r} cannot be read: {error.strerror}.") from error
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(f"{str(root)!r} is no sweep that gyrospark stored, or damaged; give a "
+                         "folder that `gyrospark sweep` made.") from error
+
+
+def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
+    """Return the least and the largest value of a result and where they are, a tile at a time."""
+    array = array_of(zarr.open_group(DurableStore(path, read_only=True), mode="r"), name)
+    ends: dict[str, tuple[float, tuple[int, ...]]] = {}
+    for tile in tiles_of(study):
+        part = np.asarray(array[tile.slices], dtype=float)
+        if not np.isfinite(part).any():
+            continue
+        for end, pick, better in (("least", np.nanargmin, np.less), ("most", np.nanargmax,
+                                                                    np.greater)):
+            place = np.unravel_index(int(pick(part)), part.shape)
+            value = float(part[place])
+            if end not in ends or better(value, ends[end][0]):
+                ends[end] = value, tuple(s.start + int(i) for s, i in
+                                         zip(tile.slices, place, strict=True))
+    if not ends:
+        return {"least": None, "most": None}
+    return {end: value for end, (value, _) in ends.items()} | {
+        f"{end}_at": _values_at(study, place) for end, (_, place) in ends.items()}
+
+
+def _values_at(study: Study, place: tuple[int, ...]) -> dict[str, Any]:
+    """Return what varies, at a cell."""
+    found: dict[str, Any] = {}
+    for axis, i in zip(study.axes, place, strict=True):
+        for column, values in axis.columns.items():
+            found[column] = axis.labels[i] if column == SCHEME else np.asarray(values[i]).tolist()
+    return found

@@ -1,0 +1,190 @@
+"""A sweep as data: the steppers, what varies, and what all cells have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..runtime.binding import SOLVERS
+from ..runtime.checks import as_parameters, as_positive_count, as_real, as_step
+from .axes import SCHEME, START, Axis
+
+if TYPE_CHECKING:
+    from ..runtime.stepper import Stepper
+
+__all__ = ["Study", "checked_study"]
+
+Array = NDArray[Any]
+
+#: Quantities of a cell beside the stepper's parameters.
+_OWN = ("dt", SCHEME, "q", "p")
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A sweep.
+
+    Attributes
+    ----------
+    name : str
+    steppers : list of Stepper
+        One, or one for each label of the axis ``scheme``.
+    axes : list of Axis
+        The dimensions of the result, in order.
+    parameters : dict
+        Those that no axis varies.
+    q, p : array, shape (n,)
+        The start where no axis varies it.
+    dt : float or None
+        Where no axis varies it.
+    steps : int or None
+        Of every cell; or
+    duration : float or None
+        Seconds of every cell, whose steps are the nearest number.
+    every : int or None
+        Keep every so many states of each cell; None keeps none but the last.
+    seed : int or None
+        With which random points were drawn.
+    """
+
+    name: str
+    steppers: list[Stepper]
+    axes: list[Axis]
+    parameters: dict[str, float]
+    q: Array
+    p: Array
+    dt: float | None = None
+    steps: int | None = None
+    duration: float | None = None
+    every: int | None = None
+    solver: str = "auto"
+    tolerance: float | None = None
+    max_iterations: int = 50
+    t0: float = 0.0
+    seed: int | None = None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length of each axis."""
+        return tuple(len(axis) for axis in self.axes)
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return int(np.prod(self.shape, dtype=np.int64))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the schemes that vary; none where one is common to all."""
+        return next((axis.labels for axis in self.axes if axis.labels), ())
+
+    def varied(self, name: str) -> bool:
+        """Whether an axis varies this quantity."""
+        return any(name in axis.columns for axis in self.axes)
+
+    def steps_of(self, dt: Array) -> Array:
+        """Return the number of steps of cells with these time steps."""
+        if self.steps is not None:
+            return np.full(dt.shape, self.steps, dtype=np.int64)
+        return np.maximum(np.rint(abs((self.duration or 0.0) / dt)), 1).astype(np.int64)
+
+    @property
+    def most_steps(self) -> int:
+        """Most steps of a cell."""
+        column = next((a.columns["dt"] for a in self.axes if "dt" in a.columns), None)
+        dt = np.array([self.dt]) if column is None else column
+        return int(self.steps_of(dt.astype(float)).max())
+
+
+def checked_study(study: Study) -> Study:
+    """Return a study whose every value is known to be usable.
+
+    Raises
+    ------
+    InputError
+        Naming what is missing, unknown, given twice or outside its domain, and the cure.
+    """
+    _refuse_repetition(study)
+    stepper = study.steppers[0]
+    names = list(stepper.parameter_domains)
+    for axis in study.axes:
+        for column, values in axis.columns.items():
+            _check_column(study, names, column, values)
+    fixed = {name: value for name, value in study.parameters.items() if not study.varied(name)}
+    trial = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
+                     for name in axis.columns if name in names}
+    as_parameters(trial, stepper.parameter_domains)
+    if (study.steps is None) == (study.duration is None):
+        raise InputError("Give a sweep either steps, the number for every cell, or duration, the "
+                         "seconds of every cell.")
+    if study.steps is not None:
+        as_positive_count("steps", study.steps, least=1)
+    elif as_real("duration", study.duration) <= 0:
+        raise InputError(f"duration = {study.duration} is not positive; give seconds above 0.")
+    if study.every is not None:
+        as_positive_count("every", study.every, least=1)
+    if study.every is not None and study.steps is None:
+        raise InputError("every needs steps: with a duration cells have different numbers of them.")
+    if not study.varied("dt"):
+        as_step(study.dt)
+    if study.solver not in SOLVERS or study.solver == "python":
+        raise InputError(f"solver = {study.solver!r} does not do sweeps; choose auto, newton or "
+                         "fixed-point.")
+    for one in study.steppers:
+        if one.manifest["real"] == "float128":
+            raise InputError("A sweep's results are doubles: float128 is for single runs; choose "
+                             "long-double, double or float.")
+        if study.solver == "fixed-point" and not one.binding.lanes:
+            raise InputError(f"{one.name} has no solver fixed-point: "
+                             f"{one.manifest['fast_path']['reason']}; choose auto or newton.")
+    return study
+
+
+def _refuse_repetition(study: Study) -> None:
+    seen: dict[str, str] = {}
+    for axis in study.axes:
+        if sum(axis.name == other.name for other in study.axes) > 1:
+            raise InputError(f"Two axes are named {axis.name!r}; give each its own name.")
+        for column in axis.columns:
+            if column in seen:
+                raise InputError(f"{column!r} varies along {seen[column]!r} and along "
+                                 f"{axis.name!r}; let one of them do.")
+            seen[column] = axis.name
+    if not study.axes:
+        raise InputError("Nothing varies in this sweep; give an axis, for example "
+                         '{"gamma": [4e-4, 8e-4, 16e-4]}.')
+
+
+def _check_column(study: Study, names: Sequence[str], column: str, values: Array) -> None:
+    stepper = study.steppers[0]
+    if column in ("q", "p"):
+        if values.shape[1] != stepper.n:
+            raise InputError(f"The starts have {values.shape[1]} numbers each in {column}; "
+                             f"{stepper.name} has {stepper.n} coordinates.")
+        if not np.isfinite(values).all():
+            raise InputError(f"The starts have a {column} that is not finite; mend it.")
+    elif column == "dt":
+        for value in (values[values == 0], values[~np.isfinite(values)]):
+            if len(value):
+                as_step(float(value[0]))
+    elif column not in (*_OWN, *names):
+        raise InputError(f"{column!r} is nothing that a sweep of {stepper.name} can vary; choose "
+                         f"{', '.join(names)}, dt, {SCHEME} or {START}.")
+    elif column in names:
+        domain = stepper.parameter_domains[column]
+        wrong = {"positive": values <= 0, "nonzero": values == 0}.get(domain, values != values)
+        if wrong.any():
+            raise InputError(f"Parameter {column} = {values[wrong][0]} is not {domain}; an axis "
+                             "that holds it cannot be swept.")
+
+
+def as_table(value: Any, name: str) -> Mapping[str, Any]:
+    """Return a mapping, or refuse."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"{name} = {value!r} is no table; write name = value pairs.")
+    return value

@@ -1,0 +1,123 @@
+"""A sweep as a TOML file.
+
+    name = "gamma-dt"                # of the picture; the file's name by default
+    model = "fast-top"               # or a model file, relative to this one
+    scheme = "G-L 2"                 # or an axis
+    steps = 1000                     # or duration = 1.0
+    keep = ["energy_error_max"]      # results; all by default
+
+    [settings]                       # arguments of a built-in problem
+    [parameters]                     # gamma = "h"
+
+    [grid]                           # axes, in order
+    gamma = { from = 4e-4, to = 4e-3, count = 100, spacing = "log" }
+    dt = [1e-3, 2e-3]
+    start = { angular_velocity = [[0, 0, 100], [0, 0, 120]] }
+    point = { I1 = [2e-3, 3e-3], mgl = [0.4, 0.5] }            # vary together
+    drawn = { count = 50, seed = 7, I3 = { from = 5e-4, to = 9e-4 } }
+
+Also: stages, rep, real, dt, every, solver, tolerance, max_iterations.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from ..generator.spec import is_model_file
+from ..generator.text_file import UnusableFileError, read_text
+from .study import Study, as_table
+from .sweep import plan
+
+__all__ = ["StudyFile", "load_study", "parse_study"]
+
+_MOST_BYTES = 2**24
+_OPTIONS: dict[str, tuple[type, ...]] = {
+    "scheme": (str,), "stages": (int,), "rep": (str,), "real": (str,), "dt": (int, float),
+    "steps": (int,), "duration": (int, float), "every": (int,), "solver": (str,),
+    "tolerance": (int, float), "max_iterations": (int,),
+}
+_KEYS = {"name", "model", "keep", "settings", "parameters", "grid", *_OPTIONS}
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """What a file says: the study, and which results to keep."""
+
+    study: Study
+    keep: list[str] | None
+
+
+def load_study(path: Path) -> StudyFile:
+    """Return the study of a TOML file.
+
+    Raises
+    ------
+    InputError
+        Naming file, key and cure.
+    """
+    try:
+        text = read_text(path, _MOST_BYTES)
+    except UnusableFileError as error:
+        raise InputError(f"The study file {str(path)!r} is not usable: {error}") from None
+    return parse_study(text, path)
+
+
+def parse_study(text: str, path: Path) -> StudyFile:
+    """Return the study that a file's text describes; ``path`` is where it lies.
+
+    Raises
+    ------
+    InputError
+    """
+    where = f"The study file {str(path)!r}"
+    try:
+        content = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{where} is no TOML: {error}; mend it.") from error
+    for key in content:
+        if key not in _KEYS:
+            raise InputError(f"{where} has the unknown key {key!r}; it may have "
+                             f"{', '.join(sorted(_KEYS))}.")
+    try:
+        return StudyFile(_study(content, path), _keep(content))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def _study(content: dict[str, Any], path: Path) -> Study:
+    model = _text(content, "model")
+    if is_model_file(model):
+        model = str(path.parent / model)
+    options = {key: content[key] for key in _OPTIONS if key in content}
+    for key, value in options.items():
+        if isinstance(value, bool) or not isinstance(value, _OPTIONS[key]):
+            kind = "text" if str in _OPTIONS[key] else "a number"
+            raise InputError(f"{key} = {value!r} is not {kind}.")
+    name = content.get("name", path.stem)
+    if not isinstance(name, str):
+        raise InputError(f"name = {name!r} is not text.")
+    return plan(model, as_table(content.get("grid", {}), "grid"), name=name,
+                settings=as_table(content.get("settings", {}), "settings"),
+                parameters=as_table(content.get("parameters", {}), "parameters"), **options)
+
+
+def _text(content: dict[str, Any], key: str) -> str:
+    value = content.get(key)
+    if not isinstance(value, str):
+        raise InputError(f"{key} = {value!r} is not text; write for example {key} = "
+                         '"fast-top", or the name of a model file.')
+    return value
+
+
+def _keep(content: dict[str, Any]) -> list[str] | None:
+    keep = content.get("keep")
+    if keep is None:
+        return None
+    if not isinstance(keep, list) or not all(isinstance(name, str) for name in keep):
+        raise InputError(f"keep = {keep!r} is no list of results; write for example "
+                         '["energy_error_max", "status"].')
+    return keep

@@ -1,0 +1,353 @@
+"""``gyrospark.sweep``: plan a sweep, compute what is not computed yet, return its result."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import zarr
+
+from .._version import __version__
+from ..errors import InputError, Stopped, StorageError
+from ..runtime.checks import as_positive_count
+from ..storage.durable import remove_parts, storage_errors
+from ..storage.identity import number_text, refuse_if_different
+from ..storage.interrupts import Interrupts, watched
+from ..storage.layout import Field, attributes_of, open_group
+from ..storage.lock import claim
+from ..storage.wide import as_bytes
+from . import cluster, local
+from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
+from .model import base_parameters, resolve, starts
+from .results import (
+    CURE,
+    Memory,
+    Sink,
+    Store,
+    create_store,
+    dataset_of,
+    done_tiles,
+    fields_of,
+)
+from .study import Study, checked_study
+from .tiles import Tile, tiles_of
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Progress", "plan", "run_study", "sweep"]
+
+#: Of the layout of stores; another one is refused.
+_FORMAT = 1
+#: Called with the number of cells that are done, and how many there are.
+Progress = Callable[[int, int], None]
+
+
+def sweep(
+    model: Any,
+    over: Mapping[str, Any],
+    *,
+    scheme: str | None = None,
+    stages: int | None = None,
+    rep: str | None = None,
+    real: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    dt: float | None = None,
+    steps: int | None = None,
+    duration: float | None = None,
+    every: int | None = None,
+    solver: str = "auto",
+    tolerance: float | None = None,
+    max_iterations: int = 50,
+    keep: Iterable[str] | None = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    workers: int | None = None,
+    dask: Any = None,
+    progress: Progress | None = None,
+) -> xarray.Dataset:
+    """Integrate a model for every combination of what varies.
+
+    Parameters
+    ----------
+    model : Problem, Model, str or path
+        What moves: a problem of ``gyrospark.problems`` or its name, a model or its file.
+    over : mapping
+        The axes, in the order of the result's dimensions. A key is a parameter, ``"dt"``,
+        ``"scheme"`` (["EMS", "G-L 3"]) or ``"start"`` ({"q": rows, "p": rows}, or
+        {"angular_velocity": rows}); its values are a list, or {"from": …, "to": …, "count": …,
+        "spacing": "linear" or "log"}. Any other key is a list of points, a dict of equally long
+        columns: {"gamma": […], "dt": […]}; with "count" and "seed" the columns are ranges to draw
+        from at random.
+    scheme, stages, rep, real
+        As for ``gyrospark.stepper``, where no axis varies them.
+    parameters : mapping, optional
+        Beside the model's own; γ or α may be "m", "h", "mt", "ht" (default "m").
+    dt, steps, duration : float, int, float
+        Of every cell; ``duration``, in seconds, in place of steps.
+    every : int, optional
+        Keep every so many states of each cell, as ``q_samples`` and ``p_samples``.
+    solver, tolerance, max_iterations
+        As for ``Stepper.integrate``.
+    keep : list of str, optional
+        The results to keep of a cell; all by default.
+    out : path, optional
+        A Zarr store to write to as the sweep goes; in memory without.
+    resume : bool
+        Go on with the sweep in ``out``; cells that are done are not computed again.
+    workers : int, optional
+        Threads (default: all cores).
+    dask : str or distributed.Client, optional
+        A cluster in place of threads: a scheduler's address, ``"tcp://…"``, or a client. Workers
+        write to ``out``, which must be a folder that all of them can reach.
+    progress : callable, optional
+        Called with the number of cells that are done, and of all.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along the axes: largest and mean errors, iterations, the state at the end, and ``status``:
+        0, or why a cell is NaN (``Dataset.status.attrs``). A cell's bits depend on its own numbers
+        alone, not on neighbours, workers or interruptions.
+
+    Raises
+    ------
+    InputError
+        For what cannot be swept, before anything is computed.
+    StorageError
+        If the store cannot be written, or another process is at it.
+    Stopped
+        After a signal, with every finished cell in the store.
+    """
+    study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
+                 parameters=parameters, dt=dt, steps=steps, duration=duration, every=every,
+                 solver=solver, tolerance=tolerance, max_iterations=max_iterations)
+    return run_study(study, keep=keep, out=out, resume=resume, workers=workers, dask=dask,
+                     progress=progress)
+
+
+def plan(
+    model: Any, over: Mapping[str, Any], *, scheme: str | None = None, stages: int | None = None,
+    rep: str | None = None, real: str | None = None, name: str | None = None,
+    parameters: Mapping[str, Any] | None = None, dt: float | None = None,
+    settings: Mapping[str, Any] | None = None, **options: Any,
+) -> Study:
+    """Return the checked study of a sweep; see ``sweep`` for the arguments."""
+    if not isinstance(over, Mapping):
+        raise InputError(f"over = {over!r} is no dict; write what varies, for example "
+                         '{"gamma": [4e-4, 8e-4]}.')
+    if SCHEME in over:
+        if scheme is not None or stages is not None:
+            raise InputError("scheme varies along an axis; leave out scheme and stages.")
+        labels = list(value_axis(SCHEME, over[SCHEME]).labels)
+    else:
+        if scheme is None:
+            raise InputError("scheme is not given; choose IMS, EMS, G-L or LIIIA-B, or let an axis "
+                             'vary it: {"scheme": ["EMS", "G-L 2"]}.')
+        labels = [scheme if stages is None else f"{scheme} {stages}"]
+    steppers, start = resolve(model, labels, rep, real, settings)
+    names = {*steppers[0].parameter_domains, "dt", SCHEME}
+    varied = {key for key in over if key in names} | {
+        column for key, table in over.items() if key not in names and isinstance(table, Mapping)
+        for column in table}
+    axes, seed = [], None
+    for key, values in over.items():
+        if key in names:
+            axes.append(value_axis(key, values))
+        elif key == START:
+            axes.append(starts(values, start, varied))
+        else:
+            axis, drawn = _points(key, values)
+            axes.append(axis)
+            seed = drawn if seed is None else seed
+    found = base_parameters(steppers[0], start, parameters or {}, varied)
+    study = checked_study(Study(
+        name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
+        found, np.array(start.q0), np.array(start.p0), start.dt if dt is None else dt,
+        seed=seed, **options))
+    return _on_constraints(study)
+
+
+def _points(name: str, table: Any) -> tuple[Axis, int | None]:
+    """Return the axis of a list of points, and the seed with which it was drawn."""
+    if not isinstance(table, Mapping):
+        raise InputError(f"{name!r} is neither a parameter, dt, scheme nor start; a list of points "
+                         "is a dict with a column for each quantity.")
+    if "count" not in table:
+        return list_axis(name, table), None
+    count = as_positive_count(f"{name}: count", table["count"], least=1)
+    seed = as_positive_count(f"{name}: seed", table.get("seed", 0))
+    ranges = {key: value for key, value in table.items() if key not in ("count", "seed")}
+    return random_axis(name, ranges, count, seed), seed
+
+
+def _on_constraints(study: Study) -> Study:
+    """Return the study with the model's start moved onto the constraints, to round-off.
+
+    The first cell's parameters do it; a cell for which the start is off the constraints says so.
+    States of an axis are somebody's own and stay, but for wider numbers, which they are off by a
+    double's round-off.
+    """
+    stepper = study.steppers[0]
+    values = study.parameters | {name: float(axis.columns[name][0]) for axis in study.axes
+                                 for name in axis.columns if name in stepper.parameter_domains}
+    wide = stepper.manifest["real"] == "long-double"
+
+    def moved(q: Any, p: Any) -> tuple[Any, Any]:
+        return stepper.project(q, p, parameters=values)
+
+    if not study.varied("q"):
+        q, p = moved(study.q, study.p)
+        kind = q.dtype if wide else np.float64
+        return replace(study, q=q.astype(kind), p=p.astype(kind))
+    if not wide:
+        return study
+    axes = []
+    for axis in study.axes:
+        if "q" in axis.columns:
+            rows = [moved(q, p) for q, p in zip(axis.columns["q"], axis.columns["p"], strict=True)]
+            axis = replace(axis, columns={"q": np.stack([q for q, _ in rows]),
+                                          "p": np.stack([p for _, p in rows])})
+        axes.append(axis)
+    return replace(study, axes=axes)
+
+
+# ---------------------------------------------------------------- running
+
+
+def run_study(
+    study: Study, *, keep: Iterable[str] | None = None, out: str | Path | None = None,
+    resume: bool = False, workers: int | None = None, dask: Any = None,
+    progress: Progress | None = None,
+) -> xarray.Dataset:
+    """Compute what is not computed yet of a study, and return its result; see ``sweep``."""
+    fields = fields_of(study, keep)
+    count = os.cpu_count() or 1
+    threads = count if workers is None else as_positive_count("workers", workers, least=1)
+    client = None if dask is None else cluster.client_of(dask)
+    attributes = _attributes(study, fields)
+    if out is None:
+        if resume:
+            raise InputError("resume goes on with a store; give out.")
+        memory = Memory(study, fields)
+        _compute(study, fields, set(), memory, threads, client, progress, None)
+        return dataset_of(study, fields, attributes, memory)
+    path = Path(out)
+    with claim(path):
+        with storage_errors(path, CURE):
+            _prepare(study, fields, path, attributes, resume)
+        _compute(study, fields, done_tiles(path), Store(path.absolute()), threads, client,
+                 progress, path)
+        with storage_errors(path, CURE):
+            remove_parts(path)
+    return dataset_of(study, fields, attributes, path)
+
+
+def _prepare(
+    study: Study, fields: list[Field], path: Path, attributes: dict[str, Any], resume: bool
+) -> None:
+    """Make the store, or see that the one that is there belongs to this study."""
+    if path.exists():
+        if not resume:
+            raise InputError(f"The store {str(path)!r} is there already; --resume (resume=True) "
+                             "goes on with its sweep, another name begins a new one.")
+        try:
+            kept = attributes_of(open_group(path))["sweep"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise StorageError(f"{str(path)!r} is no sweep that gyrospark stored, or damaged; "
+                               "choose another store.") from error
+        refuse_if_different(kept, attributes["sweep"], f"The store {str(path)!r}")
+        remove_parts(path)
+        return
+    fresh = path.with_name(f".{path.name}.new")  # appears under its name when it is whole
+    if fresh.exists():
+        shutil.rmtree(fresh)
+    create_store(fresh, study, fields, attributes)
+    fresh.rename(path)
+
+
+def _compute(
+    study: Study, fields: list[Field], done: set[tuple[int, ...]], sink: Sink, threads: int,
+    client: Any, progress: Progress | None, path: Path | None,
+) -> None:
+    """Compute the tiles that are not done."""
+    cells = sum(_size(tile) for tile in tiles_of(study) if tile.place in done)
+    left = (tile for tile in tiles_of(study) if tile.place not in done)
+    counted = _Count(cells, study.size, progress)
+    counted.tell()
+    with watched() as interrupts:
+        if client is None:
+            local.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
+        else:
+            cluster.run_tiles(study, fields, left, sink, client, interrupts, counted.add)
+    if interrupts.asked and counted.done < study.size:
+        _stop(counted, interrupts, path)
+
+
+def _stop(counted: _Count, interrupts: Interrupts, path: Path | None) -> None:
+    where = ("nothing of it was stored" if path is None else
+             f"they are in {str(path)!r}. The same command with --resume goes on")
+    raise Stopped(f"Stopped with {counted.done:,} of {counted.all:,} cells done; {where}.",
+                  interrupts.signal)
+
+
+class _Count:
+    """Cells that are done."""
+
+    def __init__(self, done: int, everything: int, progress: Progress | None) -> None:
+        self.done, self.all, self._progress = done, everything, progress
+
+    def add(self, tile: Tile) -> None:
+        """Count a tile that is done."""
+        self.done += _size(tile)
+        self.tell()
+
+    def tell(self) -> None:
+        """Say how many cells are done."""
+        if self._progress is not None:
+            self._progress(self.done, self.all)
+
+
+def _size(tile: Tile) -> int:
+    return int(np.prod(tile.shape, dtype=np.int64))
+
+
+def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
+    """Return what a result says of itself; ``sweep`` is compared before a sweep goes on."""
+    return {
+        "title": study.name,
+        "sweep": {
+            "format": _FORMAT,
+            "gyrospark": __version__,
+            "steppers": {s.name: s.provenance for s in study.steppers},
+            "axes": {axis.name: {name: _digest(values) for name, values in axis.columns.items()}
+                     | ({"labels": list(axis.labels)} if axis.labels else {})
+                     for axis in study.axes},
+            "shape": list(study.shape),
+            "parameters": {name: value for name, value in study.parameters.items()
+                           if not study.varied(name)},
+            "q": None if study.varied("q") else [number_text(x) for x in study.q],
+            "p": None if study.varied("p") else [number_text(x) for x in study.p],
+            "dt": None if study.varied("dt") else study.dt,
+            "steps": study.steps, "duration": study.duration, "every": study.every,
+            "t0": study.t0, "solver": study.solver, "tolerance": study.tolerance,
+            "max_iterations": study.max_iterations, "results": [f.name for f in fields],
+        },
+        "seed": study.seed,
+        "versions": {"gyrospark": __version__, "numpy": np.__version__, "zarr": zarr.__version__,
+                     "python": platform.python_version()},
+        "manifests": {s.name: s.manifest for s in study.steppers},
+    }
+
+
+def _digest(values: Any) -> str:
+    """Return what tells one axis' values from another's."""
+    plain = as_bytes(np.asarray(values))
+    return hashlib.sha256(plain.tobytes()).hexdigest()[:32]

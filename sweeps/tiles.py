@@ -1,0 +1,118 @@
+"""The cells of a sweep in blocks: what one worker computes at a time and writes at once.
+
+How large a tile is depends on the study alone, never on the machine: whoever computes a sweep, on
+however many cores, writes the same files.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .axes import SCHEME
+from .study import Study
+
+__all__ = ["Cells", "Tile", "cells_of", "tile_shape", "tiles_of"]
+
+Array = NDArray[Any]
+
+#: Steps times unknowns of a tile: some tenths of a second to some seconds of one core, so that
+#: neither writing it nor losing it matters.
+_LEAST_WORK, _MOST_WORK = 4 * 10**7, 4 * 10**8
+_MOST_CELLS = 2**16
+#: Tiles of a study, where its work allows: for that many cores.
+_TILES = 32
+#: Numbers of a tile's stored states.
+_MOST_NUMBERS = 2**23
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A block of cells.
+
+    Attributes
+    ----------
+    place : tuple of int
+        Among the tiles, an index for each axis; that of its chunk in a store.
+    slices : tuple of slice
+        Of the cells, along each axis.
+    """
+
+    place: tuple[int, ...]
+    slices: tuple[slice, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Cells along each axis."""
+        return tuple(s.stop - s.start for s in self.slices)
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The cells of a tile, one after another: what each of them computes."""
+
+    scheme: Array
+    parameters: dict[str, Array]
+    dt: Array
+    steps: Array
+    q: Array
+    p: Array
+
+    def __len__(self) -> int:
+        return len(self.dt)
+
+
+def tile_shape(study: Study) -> tuple[int, ...]:
+    """Return the shape of a whole tile: long in the last axes, one scheme each."""
+    cells = _cells_of_a_tile(study)
+    shape = []
+    for axis in reversed(study.axes):
+        taken = 1 if SCHEME in axis.columns else min(len(axis), cells)
+        shape.append(taken)
+        cells = max(1, cells // taken)
+    return tuple(reversed(shape))
+
+
+def _cells_of_a_tile(study: Study) -> int:
+    work = study.most_steps * max(s.unknowns for s in study.steppers)
+    cells = min(max(study.size // _TILES, _LEAST_WORK // work), _MOST_WORK // work, _MOST_CELLS)
+    if study.every is not None:
+        numbers = 2 * study.steppers[0].n * (study.most_steps // study.every + 1)
+        cells = min(cells, _MOST_NUMBERS // numbers)
+    return max(cells, 64)  # whole registers of any width
+
+
+def tiles_of(study: Study) -> Iterator[Tile]:
+    """Yield the tiles of a study in order."""
+    shape = tile_shape(study)
+    counts = [-(-length // size) for length, size in zip(study.shape, shape, strict=True)]
+    for place in itertools.product(*map(range, counts)):
+        yield Tile(place, tuple(
+            slice(i * size, min((i + 1) * size, length))
+            for i, size, length in zip(place, shape, study.shape, strict=True)))
+
+
+def cells_of(study: Study, tile: Tile) -> Cells:
+    """Return what the cells of a tile compute, the last axis fastest."""
+    indices = np.indices(tile.shape).reshape(len(tile.shape), -1)
+    count = indices.shape[1]
+    columns: dict[str, Array] = {}
+    for axis, part, index in zip(study.axes, tile.slices, indices, strict=True):
+        columns |= {name: values[part][index] for name, values in axis.columns.items()}
+
+    def column(name: str, common: Any) -> Array:
+        return columns[name] if name in columns else np.broadcast_to(
+            np.asarray(common), (count, *np.shape(common)))
+
+    dt = column("dt", study.dt).astype(float)
+    names = study.steppers[0].parameter_domains
+    return Cells(
+        column(SCHEME, 0),
+        {name: column(name, study.parameters.get(name)) for name in names},
+        dt, study.steps_of(dt), column("q", study.q), column("p", study.p),
+    )
