@@ -24,7 +24,7 @@ __all__ = ["LoopDrift", "closed_loop", "loop_drift", "loop_integral"]
 Array = NDArray[Any]
 
 #: Radii that are tried, in units of the motion's own sizes, and numbers of points.
-_RADII = (0.1, 0.025, 0.006, 0.0015)
+_RADII = (0.1, 0.025, 0.006, 0.0015, 4e-4, 1e-4, 2.5e-5)
 _POINTS = (64, 128, 256)
 #: Largest of the last eighth of the spectrum that counts as resolved, in units of the loop. What
 #: a mode k of p and its mirror image M − k of q leave in I is their product: 1e-16.

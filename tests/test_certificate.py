@@ -64,6 +64,13 @@ def test_spark_on_the_fast_top(scheme, stages, rep):
     assert abs(found.line("order").value) < 0.1
 
 
+def test_a_chain_whose_motion_parts_neighbours():
+    """Eight rods stretch a loop a thousandfold: only a small one is still resolved at the end."""
+    found = gs.certify(gs.models.chain(8), "G-L", 2, steps=1000)
+    assert found.holds
+    assert found.line(LOOP).value <= 1e-13
+
+
 def test_ems_on_the_fast_top():
     """Energy is its promise; the loop invariant strays, and that is no failure."""
     found = gs.certify(TOP, "EMS")
