@@ -30,8 +30,8 @@ def power(u: Difference, exponent: sp.Expr) -> Difference:
 
 
 def _integer_power(u: Difference, n: int) -> Difference:
-    if n < 0:
-        return _reciprocal(_integer_power(u, -n))
+    if n < 0:  # 1/u first: the ends of uⁿ are further apart, mean and change of it say less of both
+        return _integer_power(_reciprocal(u), -n)
     if n == 1:
         return u
     if n == 2:  # mean(u²) = ū² + ¼Δu², Δ(u²) = 2ūΔu: the general rule, shorter
@@ -139,23 +139,29 @@ def _circle(x: sp.Expr) -> sp.Expr:
 
 
 def _atan(u: Difference) -> Difference:
-    c = share(1 + u.mean**2 - u.half**2)  # 1 + u₀u₁
-    total = share(sp.sqrt(c**2 + u.change**2) + c)
-    return u.apply(_mean_of(sp.atan, u), 2 * Atanc(u.change / total) / total)
+    return angle(u, Difference(sp.Integer(1), {}, u.steps))
 
 
 def angle(y: Difference, x: Difference) -> Difference:
-    """Return the difference of atan2(y, x): the angle between the vectors at the two ends."""
+    """Return the difference of atan2(y, x): the angle between the vectors w at the two ends.
+
+    Its tangent is (w₀ × w₁)/(w₀ · w₁), of half the angle (w₀ × w₁)/r with r = |w₀||w₁| + w₀·w₁,
+    which is |s|²/(2|w₀||w₁|) of the bisector s = |w₁|w₀ + |w₀|w₁: no digits cancel where w₁ is
+    nearly −w₀. The mean is half the angle after the start: both are continuous where atan2 jumps
+    by 2π; only atan2 itself differs there from what is said of it, no periodic function of it does.
+    """
     y, x = y.shared(), x.shared()
     (y0, y1), (x0, x1) = y.ends, x.ends
+    # the squares are shared: SymPy would make |x| of √(x² + x²), which has no C
+    length0, length1 = (share(sp.sqrt(share(a**2 + b**2))) for a, b in ((x0, y0), (x1, y1)))
+    bisector = (share(x0 * length1 + x1 * length0), share(y0 * length1 + y1 * length0))
     cross = share(x.mean * y.change - y.mean * x.change)
-    dot = share(x.mean**2 - x.half**2 + y.mean**2 - y.half**2)
-    total = share(sp.sqrt(dot**2 + cross**2) + dot)
+    total = share(sum(s**2 for s in bisector) / (2 * length0 * length1))
     factor = share(2 * Atanc(cross / total) / total)
+    change = share(factor * cross)
     slope = (y.become(sp.Integer(0), factor * x.mean)
              + x.become(sp.Integer(0), -factor * y.mean)).slope
-    mean = (sp.atan2(y1, x1) + sp.atan2(y0, x0)) / 2
-    return Difference(share(mean), slope, y.steps, share(factor * cross))
+    return Difference(share(sp.atan2(y0, x0) + change / 2), slope, y.steps, change)
 
 
 # ---------------------------------------------------------------- hyperbolic functions
@@ -175,7 +181,9 @@ def _tanh(u: Difference) -> Difference:
 
 
 def _asinh(u: Difference) -> Difference:
-    return u.apply(_mean_of(sp.asinh, u), _arc(u, lambda x: sp.sqrt(1 + x**2), Atanhc))
+    mean = share(_mean_of(sp.asinh, u))
+    c = share(sp.cosh(mean))
+    return u.apply(mean, Asinhc(u.half / c) / c)
 
 
 def _acosh(u: Difference) -> Difference:
@@ -184,8 +192,9 @@ def _acosh(u: Difference) -> Difference:
 
 
 def _atanh(u: Difference) -> Difference:
-    product = 1 - u.mean**2 + u.half**2  # 1 − u₀u₁
-    return u.apply(_mean_of(sp.atanh, u), Atanhc(u.change / product) / product)
+    u0, u1 = u.ends
+    g = share(_circle(u1) * _circle(u0))
+    return u.apply(_mean_of(sp.atanh, u), Asinhc(u.change / g) / g)
 
 
 #: Functions of one argument with a rule.

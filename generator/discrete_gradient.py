@@ -29,14 +29,17 @@ which is ½ Δ log u:
     cosh       Δ(cosh u) = sinh(ū) sinhc(h) Δu,             mean = cosh(ū) cosh(h)
     tanh       Δ(tanh u) = sinhc(Δu)/(cosh u₁ cosh u₀) Δu
 
-Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2. From half the angle between the ends,
-tan(½ Δθ) = sin(Δθ)/(1 + cos(Δθ)), which no branch of the arc tangent disturbs:
+Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2 where nothing else is said. From half the
+angle between the ends, tan(½ Δθ) = sin(Δθ)/(1 + cos(Δθ)), which no branch of the arc tangent
+disturbs:
 
     asin, acos Δ = ±2 atanc(Δu/r)/r Δu,   r = √(1 − u₁²) + √(1 − u₀²)
-    atan       Δ = 2 atanc(Δu/r)/r Δu,    r = √(c² + Δu²) + c, c = 1 + u₀u₁
-    atan2(v,u) Δ = 2 atanc(k/r)/r k,      r = √(c² + k²) + c, c = u₀u₁ + v₀v₁, k = ū Δv − v̄ Δu
-    asinh      Δ = 2 atanhc(Δu/r)/r Δu,   r = √(u₁² + 1) + √(u₀² + 1); acosh with −1
-    atanh      Δ = atanhc(Δu/r)/r Δu,     r = 1 − u₀u₁
+    atan2(v,u) Δ = 2 atanc(k/r)/r k,      k = ū Δv − v̄ Δu, r = |ρ₁w₀ + ρ₀w₁|²/(2ρ₀ρ₁) with
+                                          w = (u, v) and ρ = |w|;  mean = atan2(v₀, u₀) + Δ/2
+    atan       as atan2(u, 1)
+    acosh      Δ = 2 atanhc(Δu/r)/r Δu,   r = √(u₁² − 1) + √(u₀² − 1)
+    asinh      Δ = asinhc(h/r)/r Δu,      r = cosh(mean); by atanh it has no digits from −u to u
+    atanh      Δ = asinhc(Δu/r)/r Δu,     r = √(1 − u₁²) √(1 − u₀²)
 
 Where u has no square root or logarithm at an end, the value is no number, as H itself is none.
 Powers whose exponent is not a known multiple of ½ take positive u only. Means and changes that a

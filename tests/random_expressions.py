@@ -16,7 +16,6 @@ at least |D_i Δx_i| of whatever D the product and chain rule lead to.
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 from typing import Any
 
 import mpmath as mp
@@ -157,21 +156,58 @@ def largest_term(e: sp.Expr, ends: list[dict[sp.Basic, Any]], sizes: dict[sp.Bas
             factor = (high - low) / changes[0] if changes[0] else both[0][0]
             size[part] = abs(factor) * size[part.args[0]]
         else:
-            size[part] = mp.fsum(max(abs(w0), abs(w1)) * size[a]
-                                 for a, w0, w1 in zip(part.args, *both, strict=True))
+            # the change itself where the ends do not show it: vectors that pass by the origin
+            size[part] = max(abs(high - low), mp.fsum(max(abs(w0), abs(w1)) * size[a]
+                             for a, w0, w1 in zip(part.args, *both, strict=True)))
     weights: list[dict[sp.Basic, Any]] = [dict.fromkeys(parts, mp.mpf(0)) for _ in ends]
     for k, weight in enumerate(weights):
         weight[e] = mp.mpf(1)
         for part in reversed(parts):
             for a, w in zip(part.args, slopes[part][k] if part.args else (), strict=True):
-                if size[a]:
-                    weight[a] += weight[part] * w
+                weight[a] += weight[part] * w
     return max(
         max(abs(end[part]) for end in ends) * abs(weights[1][part] - weights[0][part])
         + size[part] * abs(weights[1][part] + weights[0][part]) / 2
-        for part in parts if size[part] or part in sizes)
+        for part in parts if part.args or part in sizes)
 
 
-def exact(value: float) -> Fraction:
-    """Return a double as it is."""
-    return Fraction(value)
+# ---------------------------------------------------------------- where doubles have a value
+
+#: How far an argument is from the edge of its function's domain.
+_MARGINS = {"log": abs, "asin": lambda u: 1 - abs(u), "acos": lambda u: 1 - abs(u),
+            "acosh": lambda u: u - 1, "atanh": lambda u: 1 - abs(u)}
+
+
+def margin(e: sp.Basic, arguments: list[Any]) -> Any:
+    """Return the distance of the arguments of e from where e has no value."""
+    if e.is_Pow:
+        base, exponent = e.args
+        is_polynomial = exponent.is_Integer and exponent > 0
+        return mp.inf if is_polynomial or base.is_number else abs(arguments[0])
+    if e.func == sp.atan2:
+        return max(map(abs, arguments))
+    return _MARGINS.get(e.func.__name__, lambda u: mp.inf)(arguments[0])
+
+
+def keeps_off_edges(e: sp.Expr, ends: list[dict[sp.Basic, Any]], tolerance: float) -> bool:
+    """Whether doubles can tell on which side of the edges of their domains all arguments are.
+
+    tanh(25) is 1 in doubles, which has no atanh. A part v is as uncertain as ``tolerance`` times
+
+        N(v) = max(|v₁|, |v₀|, Σ_a |∂v/∂a| N(a))    over its arguments a.
+    """
+    sizes: dict[sp.Basic, Any] = {}
+    for part in parts_of([e]):
+        sizes[part] = max(abs(end[part]) for end in ends)
+        if not part.args:
+            continue
+        values = [[end[a] for a in part.args] for end in ends]
+        reach = max(sizes[a] for a in part.args)
+        if min(margin(part, v) for v in values) <= tolerance * reach:
+            return False
+        slopes = zip(*(partials(part, v, end[part]) for v, end in zip(values, ends, strict=True)),
+                     strict=True)
+        carried = mp.fsum(max(map(abs, both)) * sizes[a]
+                          for a, both in zip(part.args, slopes, strict=True))
+        sizes[part] = max(sizes[part], carried)
+    return True
