@@ -69,61 +69,6 @@ class _Slope(Numeric):
         return -cls(-z) if z.could_extract_minus_sign() else None
 
 
-class Sinc(_Cardinal):
-    """sin(z)/z."""
-
-    c_name = "sinc"
-
-    @staticmethod
-    def value(z: Any) -> Any:
-        """Return the value at an mpmath number."""
-        return mp.sin(z) / z if z else mp.mpf(1)
-
-
-class Sinhc(_Cardinal):
-    """sinh(z)/z."""
-
-    c_name = "sinhc"
-
-    @staticmethod
-    def value(z: Any) -> Any:
-        """Return the value at an mpmath number."""
-        return mp.sinh(z) / z if z else mp.mpf(1)
-
-
-class Asinhc(_Cardinal):
-    """asinh(z)/z."""
-
-    c_name = "asinhc"
-
-    @staticmethod
-    def value(z: Any) -> Any:
-        """Return the value at an mpmath number."""
-        return mp.asinh(z) / z if z else mp.mpf(1)
-
-
-class Atanc(_Cardinal):
-    """atan(z)/z."""
-
-    c_name = "atanc"
-
-    @staticmethod
-    def value(z: Any) -> Any:
-        """Return the value at an mpmath number."""
-        return mp.atan(z) / z if z else mp.mpf(1)
-
-
-class Atanhc(_Cardinal):
-    """atanh(z)/z."""
-
-    c_name = "atanhc"
-
-    @staticmethod
-    def value(z: Any) -> Any:
-        """Return the value at an mpmath number."""
-        return mp.atanh(z) / z if z else mp.mpf(1)
-
-
 def _slope(derivative: Any, third: int) -> Any:
     """Return (f′(z) − f(z)/z)/z in mpmath; ``third`` is f‴(0), the derivative at 0 is f‴(0) z/3."""
 
@@ -148,14 +93,23 @@ def _make_slope(function: type[_Cardinal], derivative: Any, third: int) -> type[
     })
 
 
-for _function, _derivative, _third in (
-    (Sinc, mp.cos, -1),
-    (Sinhc, mp.cosh, 1),
-    (Asinhc, lambda z: 1 / mp.sqrt(1 + z * z), -1),
-    (Atanc, lambda z: 1 / (1 + z * z), -2),
-    (Atanhc, lambda z: 1 / (1 - z * z), 2),
-):
-    _function.slope = _make_slope(_function, _derivative, _third)
+def _make(name: str, function: Any, derivative: Any, third: int) -> type[_Cardinal]:
+    """Return f(z)/z with its slope, from f and f′ in mpmath and f‴(0)."""
+    made: type[_Cardinal] = type(name, (_Cardinal,), {
+        "__doc__": f"{name[:-1].lower()}(z)/z.",
+        "__module__": __name__,
+        "c_name": name.lower(),
+        "value": staticmethod(lambda z: function(z) / z if z else mp.mpf(1)),
+    })
+    made.slope = _make_slope(made, derivative, third)
+    return made
+
+
+Sinc = _make("Sinc", mp.sin, mp.cos, -1)
+Sinhc = _make("Sinhc", mp.sinh, mp.cosh, 1)
+Asinhc = _make("Asinhc", mp.asinh, lambda z: 1 / mp.sqrt(1 + z * z), -1)
+Atanc = _make("Atanc", mp.atan, lambda z: 1 / (1 + z * z), -2)
+Atanhc = _make("Atanhc", mp.atanh, lambda z: 1 / (1 - z * z), 2)
 
 #: What the C of a slope calls besides the cardinal function itself.
 _NEEDS = {"asinhc_slope": ("asinhc", "sinhc_slope"), "atanc_slope": ("atanc", "sinc_slope"),
