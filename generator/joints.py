@@ -53,6 +53,18 @@ def named_vector(
     return x, y, z
 
 
+def hand_on(quantity: str, a: Pose, b: Pose, more: Array) -> bool:
+    """Set what b has = what a has + ``more`` on the side that lacks it; return whether one did."""
+    of_a, of_b = getattr(a, quantity), getattr(b, quantity)
+    if of_a is not None and of_b is None:
+        setattr(b, quantity, of_a + more)
+    elif of_b is not None and of_a is None:
+        setattr(a, quantity, of_b - more)
+    else:
+        return False
+    return True
+
+
 @dataclass(eq=False)
 class Link:
     """Two points of two frames: what a joint and a spring have in common.
@@ -122,13 +134,7 @@ class Joint(Link):
         assert b.spin is not None
         arm_a, arm_b = a.R @ self.on_a, b.R @ self.on_b
         turning = np.cross(a.spin, arm_a) - np.cross(b.spin, arm_b)
-        if a.v is not None and b.v is None:
-            b.v = a.v + turning
-        elif b.v is not None and a.v is None:
-            a.v = b.v - turning
-        else:
-            return False
-        return True
+        return hand_on("v", a, b, turning)
 
     def equations(
         self, poses: Mapping[Frame, Pose], store: dict[str, float]
@@ -153,14 +159,7 @@ class Align:
 
     def turn(self, poses: Mapping[Frame, Pose]) -> bool:
         """Hand on the angular velocity: that of b is that of a and the rate about the axis."""
-        a, b = poses[self.a], poses[self.b]
-        if a.spin is not None and b.spin is None:
-            b.spin = a.spin + self.rate * self.axis
-        elif b.spin is not None and a.spin is None:
-            a.spin = b.spin - self.rate * self.axis
-        else:
-            return False
-        return True
+        return hand_on("spin", poses[self.a], poses[self.b], self.rate * self.axis)
 
     def equations(
         self, poses: Mapping[Frame, Pose], store: dict[str, float]
