@@ -51,6 +51,9 @@ EXAMPLES = {
     "arcs": (plane(4 * (x**2 + y**2) + sp.atan(x * y) + sp.asin(x / 9) + sp.atan2(y, x + 7)
                    + sp.tanh(x) + a ** (x + y) + (1 + x**2) ** b, "arcs", (a, b)),
              {"a": 1.4, "b": 0.3}, [0.7, 0.2], [0.1, 0.6], 0.03, 8),
+    # round and round: across the cut of atan2 in every turn
+    "threefold": (plane((x**2 + y**2) / 2 + a * sp.cos(3 * sp.atan2(y, x) + b) / 9, "threefold",
+                        (a, b)), {"a": 0.4, "b": 0.3}, [1.0, 0.0], [0.0, 1.2], 0.03, 3),
     "body": (body(), {"I1": 1.0, "I2": 1.7, "I3": 2.2, "gamma": 1.6, "a": 0.4, "b": 0.9},
              [0.9, 0.3, -0.2, 0.1], [0.4, -1.0, 0.8, 1.2], 0.02, 10),
 }
