@@ -42,8 +42,9 @@ disturbs:
     atanh      Δ = asinhc(Δu/r)/r Δu,     r = √(1 − u₁²) √(1 − u₀²)
 
 Where u has no square root or logarithm at an end, the value is no number, as H itself is none.
-Powers whose exponent is not a known multiple of ½ take positive u only. Means and changes that a
-function uses more than once are shared parts (``sharing``): nested functions cost their number.
+Powers whose exponent is not a known multiple of ½ take positive u only; tanh takes |Δu| < 700 in
+double, for sinh overflows beyond. Means and changes that a function uses more than once are
+shared parts (``sharing``): nested functions cost their number.
 """
 
 from __future__ import annotations
