@@ -79,6 +79,10 @@ def sweep(
                       dask=dask, progress=progress)
         except Stopped as error:
             trouble = error
+        except KeyboardInterrupt:  # the second one: Python would wait for the tiles in work
+            click.echo("gyrospark: Interrupted; every finished cell is stored.", err=True)
+            sys.stderr.flush()
+            os._exit(130)
     if trouble is not None:  # to click a KeyboardInterrupt is one like another
         click.echo(f"gyrospark: {trouble}", err=True)
         return 128 + trouble.signal

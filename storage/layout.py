@@ -13,6 +13,7 @@ A row of all arrays is a state; rows are written in blocks, each a chunk of ever
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,8 +28,8 @@ from .wide import WIDE_BYTES
 if TYPE_CHECKING:
     from ..runtime.stepper import Stepper
 
-__all__ = ["CHECKPOINT", "QUANTITY", "Field", "array_of", "attributes_of", "block_rows", "create",
-           "fields_of", "open_group", "wide_name"]
+__all__ = ["CHECKPOINT", "QUANTITY", "Field", "array_of", "attributes_of", "block_rows",
+           "consolidate", "create", "fields_of", "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 #: What the names of a system's own quantities begin with.
@@ -139,6 +140,7 @@ def create(
                           0, ["time", *inner, "byte"], said)
     _create_array(group, CHECKPOINT, (checkpoint_bytes,), checkpoint_bytes, "u1", 0,
                   ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
+    consolidate(path)
 
 
 def _create_array(
@@ -153,6 +155,13 @@ def _create_array(
                        fill_value=fill, filters=None, compressors=[Crc32cCodec()],
                        dimension_names=dimensions, attributes=attributes,
                        config={"write_empty_chunks": True})
+
+
+def consolidate(path: Path) -> None:
+    """Repeat what each array says of itself in the group: readers then open one file, not ten."""
+    with warnings.catch_warnings():  # "not part of the specification yet": to others it is nothing
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(DurableStore(path))
 
 
 def open_group(path: Path, *, write: bool = False) -> zarr.Group:

@@ -98,7 +98,7 @@ class Recording:
         """The states as an xarray Dataset along ``time``; values are read when they are used."""
         import xarray
 
-        whole = xarray.open_zarr(self.path, consolidated=False)
+        whole = xarray.open_zarr(self.path)
         kept: xarray.Dataset = whole[self.attributes["arrays"]].isel(time=slice(0, self.states))
         return kept
 

@@ -27,25 +27,23 @@ def run_tiles(
     No more than twice as many tiles are in memory. After a signal those that are begun are
     finished and written.
     """
-    with ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep") as pool:
-        begun: dict[Future[dict[str, NDArray[Any]]], Tile] = {}
-        try:
-            while True:
-                while len(begun) < 2 * workers and not interrupts.asked:
-                    tile = next(tiles, None)
-                    if tile is None:
-                        break
-                    begun[pool.submit(compute, study, fields, tile)] = tile
-                if interrupts.asked:
-                    begun = {future: tile for future, tile in begun.items()
-                             if not future.cancel()}
-                if not begun:
-                    return
-                ended, _ = wait(begun, return_when=FIRST_COMPLETED)
-                for future in ended:
-                    tile = begun.pop(future)
-                    sink.write(tile, future.result())
-                    advance(tile)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    begun: dict[Future[dict[str, NDArray[Any]]], Tile] = {}
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep")
+    try:
+        while True:
+            while len(begun) < 2 * workers and not interrupts.asked:
+                tile = next(tiles, None)
+                if tile is None:
+                    break
+                begun[pool.submit(compute, study, fields, tile)] = tile
+            if interrupts.asked:
+                begun = {future: tile for future, tile in begun.items() if not future.cancel()}
+            if not begun:
+                return
+            ended, _ = wait(begun, return_when=FIRST_COMPLETED)
+            for future in ended:
+                tile = begun.pop(future)
+                sink.write(tile, future.result())
+                advance(tile)
+    finally:  # after an error nobody waits for tiles that are begun: they may take long
+        pool.shutdown(wait=not begun, cancel_futures=True)

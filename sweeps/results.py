@@ -20,7 +20,7 @@ from zarr.codecs import Crc32cCodec
 from ..errors import InputError
 from ..runtime.binding import REASONS
 from ..storage.durable import DurableStore, storage_errors
-from ..storage.layout import QUANTITY, Field, array_of, attributes_of
+from ..storage.layout import QUANTITY, Field, array_of, attributes_of, consolidate
 from .axes import SCHEME
 from .study import Study
 from .tiles import Tile, tile_shape, tiles_of
@@ -168,6 +168,7 @@ def create_store(
     for name, (inner, values, said) in _coordinates(study).items():
         group.create_array(name, data=values, chunks=values.shape, filters=None,
                            compressors=[Crc32cCodec()], dimension_names=inner, attributes=said)
+    consolidate(path)
 
 
 def _coordinates(study: Study) -> dict[str, tuple[list[str], Array, dict[str, Any]]]:
@@ -201,7 +202,7 @@ def dataset_of(
     import xarray
 
     if isinstance(source, Path):
-        found: xarray.Dataset = xarray.open_zarr(source, consolidated=False)
+        found: xarray.Dataset = xarray.open_zarr(source)
         found = found[[f.name for f in fields]]
     else:
         dimensions = [axis.name for axis in study.axes]
@@ -240,7 +241,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     try:
         about = attributes_of(zarr.open_group(DurableStore(root, read_only=True), mode="r"))
         names = about["sweep"]["results"]
-        found: xarray.Dataset = xarray.open_zarr(root, consolidated=False)
+        found: xarray.Dataset = xarray.open_zarr(root)
         labels = found[SCHEME].attrs.get("labels") if SCHEME in found else None
         if labels is not None:
             found = found.assign_coords({SCHEME: np.array(labels)[np.asarray(found[SCHEME])]})

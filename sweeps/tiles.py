@@ -84,7 +84,7 @@ def _cells_of_a_tile(study: Study) -> int:
     if study.every is not None:
         numbers = 2 * study.steppers[0].n * (study.most_steps // study.every + 1)
         cells = min(cells, _MOST_NUMBERS // numbers)
-    return max(cells, 64)  # whole registers of any width
+    return max(cells, 16)  # the lanes of a register of any width
 
 
 def tiles_of(study: Study) -> Iterator[Tile]:

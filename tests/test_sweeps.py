@@ -471,7 +471,7 @@ def test_pictures_of_one_and_three_axes_and_what_cannot_be_drawn(tmp_path):
 
 
 def killed(folder, kills, seed):
-    path = study_file(folder, STUDY.replace("count = 40", "count = 400"))
+    path = study_file(folder, STUDY.replace("count = 40", "count = 240"))
     done = call([sys.executable, ROOT / "tests" / "killing.py", folder, str(kills), str(seed),
                  "sweep", path, "--out", "{store}"])
     assert done.returncode == 0, done.stderr
@@ -481,7 +481,7 @@ def killed(folder, kills, seed):
 
 
 def test_killed_sweeps_end_in_the_same_bytes(tmp_path):
-    killed(tmp_path, 6, 1)
+    killed(tmp_path, 5, 1)
 
 
 @pytest.mark.slow
@@ -541,7 +541,7 @@ if __name__ == "__main__":
 
 
 def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(tmp_path):
-    path = study_file(tmp_path, STUDY.replace("count = 40", "count = 400"))
+    path = study_file(tmp_path, STUDY.replace("count = 40", "count = 120"))
     from gyrospark.sweeps.study_file import load_study
     from gyrospark.sweeps.sweep import run_study
 
