@@ -2,6 +2,8 @@
 
     axes         what varies, along which dimension
     study        a sweep as data: steppers, axes, what is common to all cells
+    model        what moves, as steppers and numbers
+    plan         from what is asked for to a checked study
     study_file   the same from TOML
     tiles        the cells in blocks, each a chunk of every array of the result
     compute      the cells of a tile, side by side in the lanes of compiled code

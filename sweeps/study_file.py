@@ -29,8 +29,8 @@ from typing import Any
 from ..errors import InputError
 from ..generator.spec import is_model_file
 from ..generator.text_file import UnusableFileError, read_text
+from .plan import plan
 from .study import Study, as_table
-from .sweep import plan
 
 __all__ = ["StudyFile", "load_study", "parse_study"]
 

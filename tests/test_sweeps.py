@@ -21,6 +21,7 @@ import gyrospark as gs
 from gyrospark.sweeps import compute, local, tiles
 from gyrospark.sweeps.estimate import estimate
 from gyrospark.sweeps.picture import draw
+from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import (
     BAD_START,
     NOT_COMPUTED,
@@ -30,7 +31,6 @@ from gyrospark.sweeps.results import (
     meanings,
 )
 from gyrospark.sweeps.study_file import parse_study
-from gyrospark.sweeps.sweep import plan
 from killing import differences
 from processes import ROOT, call, cli, environment, gyrospark_command
 

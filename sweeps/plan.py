@@ -1,0 +1,103 @@
+"""From what a caller asks for to a checked study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..runtime.checks import as_positive_count
+from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
+from .model import base_parameters, resolve, starts
+from .study import Study, checked_study
+
+__all__ = ["plan"]
+
+
+def plan(
+    model: Any, over: Mapping[str, Any], *, scheme: str | None = None, stages: int | None = None,
+    rep: str | None = None, real: str | None = None, name: str | None = None,
+    parameters: Mapping[str, Any] | None = None, dt: float | None = None,
+    settings: Mapping[str, Any] | None = None, **options: Any,
+) -> Study:
+    """Return the checked study of a sweep; see ``sweep`` for the arguments."""
+    if not isinstance(over, Mapping):
+        raise InputError(f"over = {over!r} is no dict; write what varies, for example "
+                         '{"gamma": [4e-4, 8e-4]}.')
+    if SCHEME in over:
+        if scheme is not None or stages is not None:
+            raise InputError("scheme varies along an axis; leave out scheme and stages.")
+        labels = list(value_axis(SCHEME, over[SCHEME]).labels)
+    else:
+        if scheme is None:
+            raise InputError("scheme is not given; choose IMS, EMS, G-L or LIIIA-B, or let an axis "
+                             'vary it: {"scheme": ["EMS", "G-L 2"]}.')
+        labels = [scheme if stages is None else f"{scheme} {stages}"]
+    steppers, start = resolve(model, labels, rep, real, settings)
+    names = {*steppers[0].parameter_domains, "dt", SCHEME}
+    varied = {key for key in over if key in names} | {
+        column for key, table in over.items() if key not in names and isinstance(table, Mapping)
+        for column in table}
+    axes, seed = [], None
+    for key, values in over.items():
+        if key in names:
+            axes.append(value_axis(key, values))
+        elif key == START:
+            axes.append(starts(values, start, varied))
+        else:
+            axis, drawn = _points(key, values)
+            axes.append(axis)
+            seed = drawn if seed is None else seed
+    found = base_parameters(steppers[0], start, parameters or {}, varied)
+    study = checked_study(Study(
+        name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
+        found, np.array(start.q0), np.array(start.p0), start.dt if dt is None else dt,
+        seed=seed, **options))
+    return _on_constraints(study)
+
+
+def _points(name: str, table: Any) -> tuple[Axis, int | None]:
+    """Return the axis of a list of points, and the seed with which it was drawn."""
+    if not isinstance(table, Mapping):
+        raise InputError(f"{name!r} is neither a parameter, dt, scheme nor start; a list of points "
+                         "is a dict with a column for each quantity.")
+    if "count" not in table:
+        return list_axis(name, table), None
+    count = as_positive_count(f"{name}: count", table["count"], least=1)
+    seed = as_positive_count(f"{name}: seed", table.get("seed", 0))
+    ranges = {key: value for key, value in table.items() if key not in ("count", "seed")}
+    return random_axis(name, ranges, count, seed), seed
+
+
+def _on_constraints(study: Study) -> Study:
+    """Return the study with the model's start moved onto the constraints, to round-off.
+
+    The first cell's parameters do it; a cell for which the start is off the constraints says so.
+    States of an axis are somebody's own and stay, but for wider numbers, which they are off by a
+    double's round-off.
+    """
+    stepper = study.steppers[0]
+    values = study.parameters | {name: float(axis.columns[name][0]) for axis in study.axes
+                                 for name in axis.columns if name in stepper.parameter_domains}
+    wide = stepper.manifest["real"] == "long-double"
+
+    def moved(q: Any, p: Any) -> tuple[Any, Any]:
+        return stepper.project(q, p, parameters=values)
+
+    if not study.varied("q"):
+        q, p = moved(study.q, study.p)
+        kind = q.dtype if wide else np.float64
+        return replace(study, q=q.astype(kind), p=p.astype(kind))
+    if not wide:
+        return study
+    axes = []
+    for axis in study.axes:
+        if "q" in axis.columns:
+            rows = [moved(q, p) for q, p in zip(axis.columns["q"], axis.columns["p"], strict=True)]
+            axis = replace(axis, columns={"q": np.stack([q for q, _ in rows]),
+                                          "p": np.stack([p for _, p in rows])})
+        axes.append(axis)
+    return replace(study, axes=axes)
