@@ -33,10 +33,12 @@ def compute(study: Study, fields: list[Field], tile: Tile) -> dict[str, Array]:
     cells = cells_of(study, tile)
     flat: dict[str, Array] = {f.name: np.full((len(cells), *f.shape), f.fill, dtype=f.dtype)
                               for f in fields}
-    for scheme, steps in np.unique(np.stack([cells.scheme, cells.steps]), axis=1).T:
-        group = np.flatnonzero((cells.scheme == scheme) & (cells.steps == steps))
+    kinds = cells.scheme.astype(np.int64) * (study.most_steps + 1) + cells.steps
+    for kind in np.unique(kinds):
+        scheme, steps = divmod(int(kind), study.most_steps + 1)
+        group = np.flatnonzero(kinds == kind)
         group = group[np.argsort(cells.dt[group], kind="stable")]  # as many sweeps as their mates
-        found = _run(study, study.steppers[scheme], int(steps), cells, group)
+        found = _run(study, study.steppers[scheme], steps, cells, group)
         for field in fields:
             flat[field.name][group] = found[field.name]
     return {name: values.reshape(*tile.shape, *values.shape[1:])
@@ -59,7 +61,7 @@ def _run(
     with np.errstate(all="ignore"):
         reports, status = binding.integrate_many(structs, options, dt, steps, every, q, p, out,
                                                  _memory(stepper))
-        bad = ~_consistent(stepper, cells, group, structs, q0, p0, dt)
+        bad = ~_consistent(study, stepper, cells, group, structs, q0, p0, dt)
         status[bad], reports["steps"][bad] = BAD_START, 0
         found = _numbers(reports) | {"q": q, "p": p, STATUS: status}
         found |= _quantities(study, stepper, structs, reports, dt, q, p)
@@ -127,28 +129,37 @@ def _struct(stepper: Stepper, row: Array) -> Any:
 
 
 def _consistent(
-    stepper: Stepper, cells: Cells, group: Array, structs: Array, q: Array, p: Array, dt: Array
+    study: Study, stepper: Stepper, cells: Cells, group: Array, structs: Array, q: Array,
+    p: Array, dt: Array,
 ) -> Array:
     """Return whether each cell's start is on the constraints.
 
-    Cells that agree in the parameters that matter are judged together. What a scheme that lets
-    the momentum constraint oscillate allows beyond that is looked at cell by cell.
+    Cells that agree in the parameters that matter are judged together, by one of them where they
+    start alike. What a scheme that lets the momentum constraint oscillate allows beyond that is
+    looked at cell by cell.
     """
     found = np.ones(len(group), dtype=bool)
     if not stepper.m:
         return found
 
-    def judge(same: Array, keeps_f: bool) -> None:
+    def judge(same: Array, keeps_f: bool) -> Array:
         parameters = _struct(stepper, structs[same[0]])
-        found[same] = defects_of_starts(stepper.binding, keeps_f, parameters, q[same], p[same],
-                                        dt[same]).consistent
+        return defects_of_starts(stepper.binding, keeps_f, parameters, q[same], p[same],
+                                 dt[same]).consistent
 
-    names = stepper.manifest["system"]["start_parameters"]
-    key = np.column_stack([np.zeros(len(group)), *(cells.parameters[n][group] for n in names)])
-    which = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
-    for same in np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1]):
-        judge(same, True)
+    varied = [cells.parameters[name][group]
+              for name in stepper.manifest["system"]["start_parameters"] if study.varied(name)]
+    for same in _alike(varied, len(group)):
+        found[same] = judge(same if study.varied("q") else same[:1], True)
     if not stepper.manifest["scheme"]["keeps_momentum_constraint"]:
         for i in np.flatnonzero(~found):
-            judge(np.array([i]), False)
+            found[i] = judge(np.array([i]), False)[0]
     return found
+
+
+def _alike(columns: list[Array], count: int) -> list[Array]:
+    """Return the rows that agree in all columns, group by group."""
+    if not columns:
+        return [np.arange(count)]
+    which = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
+    return np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
