@@ -1,11 +1,12 @@
 """What is kept of a cell, and where: in memory, or in a Zarr store that workers write regions of.
 
-A tile's arrays are written one after the other, ``status`` last: where its chunk is there, the
-tile is done and on the disk, and is never computed again.
+A tile's arrays are written side by side, for a disk answers late, and ``status`` last: where its
+chunk is there, the tile is done and on the disk, and is never computed again.
 """
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import os
 from collections.abc import Iterable
@@ -15,7 +16,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import zarr
 from numpy.typing import NDArray
+from zarr.api import asynchronous
 from zarr.codecs import Crc32cCodec
+from zarr.core.sync import sync
 
 from ..errors import InputError
 from ..runtime.binding import REASONS
@@ -133,7 +136,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._arrays: dict[str, zarr.Array[Any]] = {}
+        self._arrays: dict[str, Any] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """Travel to a worker as a path."""
@@ -142,11 +145,18 @@ class Store:
     def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
         """Write a tile; when this returns it is on the disk."""
         with storage_errors(self.path, CURE):
-            if not self._arrays:
-                group = zarr.open_group(DurableStore(self.path), mode="r+")
-                self._arrays = {name: array_of(group, name) for name in arrays}
-            for name, values in arrays.items():  # the status last
-                self._arrays[name][tile.slices] = values
+            sync(self._write(tile, arrays))
+
+    async def _write(self, tile: Tile, arrays: dict[str, Array]) -> None:
+        if not self._arrays:
+            group = await asynchronous.open_group(store=DurableStore(self.path), mode="r+")
+            self._arrays = {name: await group.getitem(name) for name in arrays}
+        writes = [self._arrays[name].setitem(tile.slices, values)
+                  for name, values in arrays.items() if name != STATUS]
+        for end in await asyncio.gather(*writes, return_exceptions=True):  # none is left behind
+            if end is not None:
+                raise end
+        await self._arrays[STATUS].setitem(tile.slices, arrays[STATUS])
 
 
 def _fill(field: Field) -> float:
