@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, MissingDependencyError
@@ -18,8 +20,12 @@ if TYPE_CHECKING:
 
 __all__ = ["client_of", "run_tiles"]
 
-#: How often a tile is given to a worker before the sweep does without it.
-_ATTEMPTS = 5
+#: How often a tile that ends with an error is tried again: a full disk, a file server away.
+_RETRIES = 5
+#: Tiles at the scheduler for each thread of the workers.
+_TILES_A_THREAD = 4
+#: Seconds between two looks at the cluster, and how long it may be without workers.
+_LOOK, _PATIENCE = 1.0, 600
 
 
 def client_of(where: Any) -> Client:
@@ -55,63 +61,112 @@ def run_tiles(
     """Compute tiles on the workers of a cluster.
 
     A store's tiles are written by the workers. A worker that dies loses what it was at: another
-    one does it again, and writes the same bytes.
+    one does it again, and writes the same bytes. Where workers keep dying the scheduler blames all
+    tiles that they had; these are done last and one at a time, and what then still kills is left.
 
     Raises
     ------
     GyrosparkError
-        If tiles are left because workers died again and again at them.
+        If tiles are left because workers died again and again at them, or the cluster has lost its
+        workers for good.
     """
-    from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
     remote = sink if isinstance(sink, Store) else None
-    # A task, not scattered data: the scheduler makes it again when its workers have died.
-    shared = client.submit(_shared, study, fields, remote, pure=False)
-    flow = as_completed([], raise_errors=False)
-    begun: dict[str, tuple[Any, Tile, int]] = {}
+    ended: SimpleQueue[Any] = SimpleQueue()
+    begun: dict[str, tuple[Any, Tile]] = {}
+    blamed: list[Tile] = []
     left: list[Tile] = []
+    room = _Room(client)
 
-    def begin(tile: Tile, attempt: int) -> None:
-        future = client.submit(_compute, shared, tile, pure=False, retries=_ATTEMPTS)
-        begun[future.key] = future, tile, attempt
-        flow.add(future)
+    def share() -> Any:
+        # A task, not scattered data: the scheduler makes it again when its workers have died.
+        return client.submit(_shared, study, fields, remote, pure=False)
+
+    def begin(tile: Tile) -> None:
+        future = client.submit(_compute, shared, tile, pure=False, retries=_RETRIES)
+        begun[future.key] = future, tile
+        future.add_done_callback(ended.put)
 
     def fill() -> None:
-        most = 4 * max(1, sum(client.nthreads().values()))
-        while len(begun) < most and not interrupts.asked:
+        while len(begun) < room.tiles and not interrupts.asked:
             tile = next(tiles, None)
             if tile is None:
-                return
-            begin(tile, 1)
+                break
+            begin(tile)
+        if not begun and blamed and not interrupts.asked:
+            last.add(blamed[-1].place)
+            begin(blamed.pop())
 
+    def withdraw() -> None:
+        if interrupts.asked:
+            client.cancel([future for future, _ in begun.values() if future.status == "pending"])
+
+    shared, last = share(), set[tuple[int, ...]]()
     fill()
     while begun:
-        future = next(flow)
-        _, tile, attempt = begun.pop(future.key)
+        try:
+            future = ended.get(timeout=_LOOK)
+        except Empty:
+            withdraw()
+            room.look(len(begun))
+            continue
+        _, tile = begun.pop(future.key)
         if future.status == "finished":
             if remote is None:
                 sink.write(tile, future.result())
             advance(tile)
         elif future.status == "cancelled":
             if not interrupts.asked:
-                begin(tile, attempt)
+                begin(tile)
         elif isinstance(future.exception(), KilledWorker):
-            if attempt < _ATTEMPTS:
-                begin(tile, attempt + 1)
-            else:
-                left.append(tile)
+            (left if tile.place in last else blamed).append(tile)
+            shared = share()  # it may have been blamed as well
         else:
             raise future.exception()
-        if interrupts.asked:
-            client.cancel([future for future, _, _ in begun.values()
-                           if future.status == "pending"])
+        withdraw()
         fill()
     if left:
         raise GyrosparkError(
-            f"{len(left)} tiles of the sweep are not computed: workers died at them {_ATTEMPTS} "
-            "times. Give the workers more memory, and repeat the sweep with --resume."
+            f"Tiles of the sweep that are not computed: {len(left)}. Workers died again and again "
+            "at them; give the workers more memory, and repeat the sweep with --resume."
         )
+
+
+class _Room:
+    """How many tiles a cluster takes at a time; its workers are counted now and then."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._seen: float | None = None
+        self._count()
+
+    @property
+    def tiles(self) -> int:
+        """Tiles that may be begun: some wait at the scheduler, so that no worker does."""
+        if time.monotonic() > self._counted + _LOOK:
+            self._count()
+        return _TILES_A_THREAD * max(1, self.threads)
+
+    def _count(self) -> None:
+        self._counted = time.monotonic()
+        self.threads = int(sum(self._client.nthreads().values()))
+        if self.threads:
+            self._seen = self._counted
+
+    def look(self, begun: int) -> None:
+        """See whether anyone is there to end the tiles that are begun.
+
+        Raises
+        ------
+        GyrosparkError
+            If the workers have gone and none has come for a long time.
+        """
+        self._count()
+        if self._seen is not None and self._counted > self._seen + _PATIENCE:
+            raise GyrosparkError(
+                f"The cluster has had no worker for {_PATIENCE} s; {begun} tiles were begun. Start "
+                "workers, and repeat the sweep with --resume.")
 
 
 def _shared(study: Study, fields: list[Field], sink: Sink | None) -> tuple[Any, ...]:

@@ -556,6 +556,101 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(tmp_path):
     assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
 
 
+DEADLY = """
+import os, signal
+from pathlib import Path
+
+from distributed import Client, LocalCluster
+
+import gyrospark as gs
+from gyrospark.sweeps import cluster as on_cluster
+from gyrospark.sweeps.study_file import load_study
+from gyrospark.sweeps.sweep import run_study
+
+work = on_cluster._compute
+
+def deadly(shared, tile):
+    if tile.place == (1, 0):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return work(shared, tile)
+
+if __name__ == "__main__":
+    study = load_study(Path("study.toml")).study
+    on_cluster._compute = deadly
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None,
+                      silence_logs=50) as cluster, Client(cluster) as client:
+        try:
+            run_study(study, out="cluster.zarr", dask=client)
+        except gs.GyrosparkError as error:
+            print(error)
+"""
+
+
+def test_a_tile_that_kills_every_worker_is_left_and_done_later(tmp_path):
+    """All others are done, whatever the scheduler blames for the deaths."""
+    path = study_file(tmp_path, STUDY.replace("count = 40", "count = 400"))
+    from gyrospark.sweeps.study_file import load_study
+    from gyrospark.sweeps.sweep import run_study
+
+    study = load_study(path).study
+    run_study(study, out=tmp_path / "threads.zarr")
+    script = tmp_path / "cluster.py"
+    script.write_text(DEADLY, encoding="utf-8")
+    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, text=True,
+                          capture_output=True, timeout=300, check=False,
+                          env=dict(os.environ, PYTHONPATH=str(Path(gs.__file__).parent.parent)))
+    assert done.returncode == 0, done.stderr
+    assert "not computed: 1. Workers died" in done.stdout
+    assert "--resume" in done.stdout
+    every = {tile.place for tile in tiles.tiles_of(study)}
+    assert every - done_tiles(tmp_path / "cluster.zarr") == {(1, 0)}
+    run_study(study, out=tmp_path / "cluster.zarr", resume=True)
+    assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
+
+
+GONE = """
+import os, signal, sys, threading
+from pathlib import Path
+
+from distributed import Client, Scheduler
+from distributed.deploy import SpecCluster
+
+import gyrospark as gs
+from gyrospark.sweeps import cluster as on_cluster
+from gyrospark.sweeps.study_file import load_study
+from gyrospark.sweeps.sweep import run_study
+
+if __name__ == "__main__":
+    study = load_study(Path("study.toml")).study
+    scheduler = {"cls": Scheduler, "options": {"dashboard_address": None}}
+    with SpecCluster({}, scheduler=scheduler, silence_logs=50) as cluster, \
+            Client(cluster) as client:
+        if sys.argv[1] == "signal":
+            threading.Timer(2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        else:
+            on_cluster._PATIENCE = 2
+            client.nthreads = iter([{"tcp://a": 1}] + [{}] * 1000).__next__
+        try:
+            run_study(study, out="cluster.zarr", dask=client)
+        except (gs.GyrosparkError, KeyboardInterrupt) as error:
+            print(error)
+"""
+
+
+@pytest.mark.parametrize(("how", "said"), [
+    ("signal", "Stopped with 0 of 1,280 cells done"), ("gone", "has had no worker for 2 s")])
+def test_a_sweep_does_not_hang_where_no_worker_is(how, said, tmp_path):
+    study_file(tmp_path)
+    script = tmp_path / "cluster.py"
+    script.write_text(GONE, encoding="utf-8")
+    done = subprocess.run([sys.executable, str(script), how], cwd=tmp_path, text=True,
+                          capture_output=True, timeout=300, check=False,
+                          env=dict(os.environ, PYTHONPATH=str(Path(gs.__file__).parent.parent)))
+    assert done.returncode == 0, done.stderr
+    assert said in done.stdout, done.stderr
+    assert "--resume" in done.stdout
+
+
 def test_studies_and_stores_travel():
     import pickle
 
