@@ -8,6 +8,8 @@
     steps.py        one step by each solver, over dense Newton: ``gyrospark bench step``
     ensembles.py    many tops at once: ``gyrospark bench ensemble``
     drift.py        energy and position over a long time: ``gyrospark bench drift``
+    growth.py       chains of bodies: ``gyrospark bench bodies``, with ``bodies.py``
+    sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
     callgrind.py    instructions of one step, which guard the speed in CI
 
 Every time is CPU time on one machine in one run; ratios travel, times do not.

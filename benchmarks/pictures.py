@@ -12,8 +12,9 @@ from .bodies import BodyRow
 from .contest import Row
 from .drift import Course
 from .growth import Size, laws
+from .sweeping import WAYS, SweepRow
 
-__all__ = ["draw_bodies", "draw_drift", "draw_growth", "draw_work_precision"]
+__all__ = ["draw_bodies", "draw_drift", "draw_growth", "draw_sweeps", "draw_work_precision"]
 
 _MARKS = "osD^vPX*<>hp"
 #: Errors below this are round-off and are drawn at it.
@@ -120,6 +121,29 @@ def draw_bodies(rows: Sequence[BodyRow], path: Path) -> None:
                 axes.plot(*zip(*points, strict=True), mark + "-", ms=4, alpha=0.85,
                           label=family if number == 0 else None)
         _finish(axes, "largest distance of a mass centre to the reference, in m", "CPU ms")
+    figure.savefig(path, dpi=150)
+
+
+def draw_sweeps(rows: Sequence[SweepRow], path: Path) -> None:
+    """Draw what a step of a cell costs against the steps of a cell, and against the cells.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure = _figure_class()(figsize=(11, 5), layout="constrained")
+    for axes, part in zip(figure.subplots(1, 2), ("steps", "cells"), strict=True):
+        for mark, scheme in zip(_MARKS, dict.fromkeys(row.scheme for row in rows), strict=False):
+            for way, line in zip(WAYS, ("-", "--", ":"), strict=True):
+                points = sorted((getattr(row, part), cost) for row in rows
+                                if (row.part, row.scheme) == (part, scheme)
+                                and (cost := row.ns(way)))
+                if points:
+                    axes.plot(*zip(*points, strict=True), mark + line, ms=4,
+                              label=f"{scheme}, {way}" if part == "steps" else None)
+        _finish(axes, f"{part} of a cell" if part == "steps" else "cells, 100 steps each",
+                "ns a step of a cell")
     figure.savefig(path, dpi=150)
 
 

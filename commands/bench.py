@@ -24,10 +24,11 @@ if TYPE_CHECKING:
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.growth import Size
     from ..benchmarks.steps import Cell
+    from ..benchmarks.sweeping import SweepRow
 
 __all__ = ["bench"]
 
-_WHAT = ("peers", "step", "ensemble", "drift", "bodies")
+_WHAT = ("peers", "step", "ensemble", "drift", "bodies", "sweeps")
 #: What has more than one result.
 _PARTS = {"bodies": ("growth", "bodies")}
 
@@ -65,15 +66,17 @@ def bench(
     what: str, peers: str | None, quick: bool, t_end: str | None, rounds: str | None,
     base: str | None, out: Path | None, as_json: bool,
 ) -> int:
-    """Measure WHAT: peers (default), step, ensemble or drift of the fast top, bodies, or all.
+    """Measure WHAT: peers (default), step, ensemble, drift or sweeps of the fast top, bodies, all.
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
-    bodies, and the chain of 8 and a four-bar beside exudyn, 1 s of motion.
+    bodies, and the chain of 8 and a four-bar beside exudyn, 1 s of motion. sweeps: what a sweep
+    costs beside its bare kernel, with steps, cells, stored states, threads and Dask workers.
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
     optional: pip install "gyrospark[bench]" brings those that are on PyPI. For steady numbers pin
-    the run to one core (taskset -c 0 gyrospark bench), all but ensemble, which has two workers.
+    the run to one core (taskset -c 0 gyrospark bench), all but ensemble and sweeps, which have
+    several workers.
     Exit code 1 if one of gyrospark's own runs fails.
 
     \b
@@ -82,6 +85,7 @@ def bench(
     gyrospark bench step --quick
     gyrospark bench drift --t-end 100 --out bench
     gyrospark bench bodies --rounds 3 --out bench
+    gyrospark bench sweeps --out bench
     """
     if what not in (*_WHAT, "all"):
         raise InputError(f"Unknown benchmark {what!r}; choose {', '.join(_WHAT)} or all.")
@@ -182,9 +186,19 @@ def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[B
                           choice.limits(1.0).least, quick=choice.quick, watch=watch)
 
 
+def _measure_sweeps(choice: _Choice, watch: Callable[[str], None]) -> Sequence[SweepRow]:
+    from ..benchmarks.sweeping import CASES, QUICK, SCHEMES, compare_sweeps
+
+    if "gyrospark" not in choice.peers:
+        return []
+    cases, schemes = (QUICK, SCHEMES[:1]) if choice.quick else (CASES, SCHEMES)
+    return compare_sweeps(cases, schemes, choice.rounds, watch)
+
+
 _MEASURE: dict[str, Callable[[_Choice, Callable[[str], None]], Sequence[Any]]] = {
     "peers": _measure_peers, "step": _measure_step, "ensemble": _measure_ensemble,
     "drift": _measure_drift, "growth": _measure_growth, "bodies": _measure_bodies,
+    "sweeps": _measure_sweeps,
 }
 
 
@@ -222,7 +236,13 @@ def _json(results: dict[str, Sequence[Any]], choice: _Choice) -> str:
 
 
 def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> None:
-    from ..benchmarks.pictures import draw_bodies, draw_drift, draw_growth, draw_work_precision
+    from ..benchmarks.pictures import (
+        draw_bodies,
+        draw_drift,
+        draw_growth,
+        draw_sweeps,
+        draw_work_precision,
+    )
 
     write_files({"bench.json": _json(results, choice)}, out)
     if "peers" in results:
@@ -233,3 +253,5 @@ def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> Non
         draw_growth(results["growth"], out / "growth.png")
     if results.get("bodies"):
         draw_bodies(results["bodies"], out / "bodies.png")
+    if results.get("sweeps"):
+        draw_sweeps(results["sweeps"], out / "sweeps.png")

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.growth import Size
     from ..benchmarks.steps import Cell
+    from ..benchmarks.sweeping import SweepRow
 
 __all__ = ["PRINT"]
 
@@ -141,10 +142,35 @@ def _print_accuracies(rows: Sequence[BodyRow]) -> None:
     _show(grid)
 
 
+def _print_sweeps(rows: Sequence[SweepRow]) -> None:
+    from ..benchmarks.sweeping import WAYS
+
+    if not rows:
+        return
+    names = [*(f"{way} ns" for way in WAYS), *(f"{way} share" for way in WAYS[1:]), "CPU ns",
+             "10⁶ steps/s", "B/cell", "files"]
+    grid = _grid("Sweeps beside their kernel: ns a step of a cell, share of the kernel's "
+                 "throughput (and of its CPU time)",
+                 ["grows", "scheme", "cells", "steps", "every", "workers"], names)
+    for row in rows:
+        shares = [f"{_number(row.share(way), '{:.0%}')} ({_number(row.cpu_share(way), '{:.0%}')})"
+                  for way in WAYS[1:]]
+        rate = row.ns("store")
+        label = row.part + (f"\n{row.note}" if row.note else "")
+        grid.add_row(
+            label, row.scheme, f"{row.cells:,}", f"{row.steps:,}",
+            "–" if row.every is None else f"{row.every:,}", str(row.workers),
+            *(_number(row.ns(way), "{:,.0f}") for way in WAYS), *shares,
+            _number(row.cpu_ns("store"), "{:,.0f}"), _number(rate and 1e3 / rate, "{:.3g}"),
+            _number(row.bytes_per_cell, "{:,.0f}"), _number(row.files, "{:,}"))
+    _show(grid)
+
+
 #: Name of a result → what prints it.
 PRINT: dict[str, Callable[[Any], None]] = {
     "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
     "drift": _print_drift, "growth": _print_growth, "bodies": _print_bodies,
+    "sweeps": _print_sweeps,
 }
 
 

@@ -20,6 +20,7 @@ from gyrospark.benchmarks import (
     pictures,
     reference,
     steps,
+    sweeping,
     timing,
     tops,
 )
@@ -28,6 +29,7 @@ from gyrospark.benchmarks.peers import exudyn_bodies, optional, ours
 from gyrospark.benchmarks.peers.entry import Entry
 from gyrospark.commands import main
 from gyrospark.runtime.quaternion import rotation_matrix
+from gyrospark.sweeps.sweep import run_study
 
 SHORT = Limits(t_end=1.0, rounds=3, least=1e-4, most=60.0)
 
@@ -322,6 +324,50 @@ def test_bodies_without_exudyn_are_a_row(monkeypatch):
     assert not row.failed
 
 
+# ---------------------------------------------------------------- sweeps
+
+
+@pytest.mark.parametrize("every", [None, 5])
+def test_the_kernel_does_what_the_sweep_does(every):
+    """Otherwise shares mean nothing: the same bits from the bare kernel, in another order."""
+    study = sweeping.study_of(sweeping.Case("steps", 9, 20, every), "G-L 2")
+    q, p = sweeping.kernel_job(study, 2)()
+    result = run_study(study)
+    assert np.array_equal(q.reshape(9, 9, 4), result.q)
+    assert np.array_equal(p.reshape(9, 9, 4), result.p)
+
+
+def test_sweeps_are_rows():
+    said = []
+    case = sweeping.Case("samples", 8, 10, 5, 1)
+    row, = sweeping.compare_sweeps([case], ["EMS"], 2, said.append)
+    assert said == ["EMS: 8² cells of 10 steps (samples)"]
+    assert (row.cells, row.work, row.failed) == (64, 640, False)
+    assert row.wall.keys() == row.cpu.keys() == set(sweeping.WAYS)
+    assert all(len(times) == 2 for times in row.wall.values())
+    assert row.bytes_per_cell > 8 * (11 + 8 + 3 * 8)  # numbers, ends, and three stored states
+    assert row.files > 16
+    assert row.as_dict()["share"]["kernel"] == 1
+
+
+def test_shares_are_those_of_a_round():
+    row = sweeping.SweepRow("steps", "EMS", 2, 5, None, 1,
+                            {"kernel": (1.0, 2.0, 8.0), "store": (2.0, 2.5, 10.0)})
+    assert row.share("store") == 0.8
+    assert row.ns("store") == 2.5e8
+    assert row.share("memory") is None
+
+
+def test_a_cluster_that_is_not_installed_is_a_row(monkeypatch):
+    def missing(module, package=None):
+        raise optional.Unavailable("not installed (pip install distributed)")
+
+    monkeypatch.setattr(sweeping, "need", missing)
+    row, = sweeping.compare_sweeps([sweeping.Case("dask", 4, 5)], ["EMS"], 1)
+    assert row.note == "distributed: not installed (pip install distributed)"
+    assert not row.failed
+
+
 # ---------------------------------------------------------------- the command
 
 
@@ -355,16 +401,17 @@ def test_command_writes_json_and_pictures(bench, tmp_path):
     document = json.loads(out)
     assert document == json.loads((tmp_path / "new/bench/bench.json").read_text(encoding="utf-8"))
     assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
-                               "growth_laws"}
+                               "growth_laws", "sweeps"}
     assert {"gyrospark", "compiler", "processor", "packages"} <= document["about"].keys()
     assert document["peers"][0]["samples"]
-    for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png"):
+    for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png"):
         assert (tmp_path / "new/bench" / picture).read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["nonsense"],
-     "Unknown benchmark 'nonsense'; choose peers, step, ensemble, drift, bodies or all."),
+     "Unknown benchmark 'nonsense'; choose peers, step, ensemble, drift, bodies, sweeps or "
+     "all."),
     (["--peers", "gyrospark,matlab"], "Unknown peer 'matlab'; choose gyrospark, "),
     (["--t-end", "3"], "There is no reference at t = 3 s; choose --t-end 1, 10, 100 or 1000."),
     (["--t-end", "soon"], "--t-end 'soon' is not a number"),
