@@ -12,7 +12,7 @@ from ..storage.layout import Field
 from .compute import compute
 from .results import fields_of
 from .study import Study
-from .tiles import Tile, tiles_of
+from .tiles import Tile, tile_counts, tile_shape
 
 __all__ = ["Estimate", "estimate"]
 
@@ -57,16 +57,15 @@ def estimate(study: Study, fields: list[Field]) -> Estimate:
     return Estimate(
         study.size, tiles, steps, steps * mean, steps * max(mean - spread, 0.0),
         steps * (mean + spread), study.size * row, tiles * len(fields),
-        2 * row * math.prod(next(tiles_of(study)).shape),
+        2 * row * math.prod(tile_shape(study)),
     )
 
 
 def _counts(study: Study) -> tuple[int, int]:
     """Return the number of tiles, and of steps of all cells."""
-    tiles = sum(1 for _ in tiles_of(study))
     column = next((a.columns["dt"] for a in study.axes if "dt" in a.columns), None)
     dt = np.array([study.dt] if column is None else column, dtype=float)
-    return tiles, int(study.steps_of(dt).sum()) * (study.size // len(dt))
+    return math.prod(tile_counts(study)), int(study.steps_of(dt).sum()) * (study.size // len(dt))
 
 
 def _sample(study: Study, number: int) -> Tile:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .axes import SCHEME
 from .study import Study
 
-__all__ = ["Cells", "Tile", "cells_of", "tile_shape", "tiles_of"]
+__all__ = ["Cells", "Tile", "cells_of", "tile_counts", "tile_shape", "tiles_of"]
 
 Array = NDArray[Any]
 
@@ -87,11 +87,16 @@ def _cells_of_a_tile(study: Study) -> int:
     return max(cells, 16)  # the lanes of a register of any width
 
 
+def tile_counts(study: Study) -> tuple[int, ...]:
+    """Return the number of tiles along each axis."""
+    return tuple(-(-length // size)
+                 for length, size in zip(study.shape, tile_shape(study), strict=True))
+
+
 def tiles_of(study: Study) -> Iterator[Tile]:
     """Yield the tiles of a study in order."""
     shape = tile_shape(study)
-    counts = [-(-length // size) for length, size in zip(study.shape, shape, strict=True)]
-    for place in itertools.product(*map(range, counts)):
+    for place in itertools.product(*map(range, tile_counts(study))):
         yield Tile(place, tuple(
             slice(i * size, min((i + 1) * size, length))
             for i, size, length in zip(place, shape, study.shape, strict=True)))
