@@ -31,8 +31,9 @@ from numpy.typing import NDArray
 
 from ..errors import GyrosparkError
 from ..runtime.problems import fast_top
+from ..sweeps.plan import plan
 from ..sweeps.study import Study
-from ..sweeps.sweep import plan, run_study
+from ..sweeps.sweep import run_study
 from ..sweeps.tiles import Tile, cells_of
 from .peers.optional import Unavailable, need
 
