@@ -149,7 +149,7 @@ class Recording:
         if "multipliers" in self.group():
             found: Array = read("multipliers", after_start=True)
             return found
-        return np.zeros((states - 1, 0))
+        return np.zeros((states - 1, 0), dtype=DTYPES[self.attributes["manifest"]["real"]])
 
     def export(self, path: str | os.PathLike[str]) -> Path:
         """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""
