@@ -173,10 +173,9 @@ class _Course:
         if kept is None:
             return self._start()
         done = self._states(kept)
-        first = (done - 1) // self.block * self.block
+        first = done // self.block * self.block  # of the next row, which may be begun
         rows = self._read(first, done - first)
-        if done - first < self.block:
-            rows.iterations[done - first] = kept.most
+        rows.iterations[done - first] = kept.most
         return kept, first, rows
 
     def _start(self) -> tuple[State, int, Rows]:

@@ -33,7 +33,8 @@ CURE = ("What is stored up to the last commit is whole: free some space or mend 
 class Batch:
     """A commit: rows ``first`` to ``first + count`` of the run, and where the run stands then.
 
-    ``first`` begins a block of rows; ``attributes`` are those of the store that change.
+    ``first`` begins a block of rows, of which none may be done; ``attributes`` are those of the
+    store that change.
     """
 
     first: int
@@ -96,6 +97,12 @@ class Writer:
 
     def _commit(self, batch: Batch) -> None:
         """Write the rows, then the checkpoint, then what it says: never more than is there."""
+        if batch.count:
+            self._write_rows(batch)
+        array_of(self._group, CHECKPOINT)[:] = batch.checkpoint
+        self._group.attrs.update(batch.attributes)
+
+    def _write_rows(self, batch: Batch) -> None:
         block = slice(batch.first, batch.first + self._block)
         arrays = stored_arrays(self._binding, self._run, self._parameters, batch)
         for one in self._fields:
@@ -104,8 +111,6 @@ class Writer:
                         one.fill)
             if one.wide:
                 self._write(wide_name(one.name), block, as_bytes(values), 0)
-        array_of(self._group, CHECKPOINT)[:] = batch.checkpoint
-        self._group.attrs.update(batch.attributes)
 
     def _write(self, name: str, block: slice, values: Array, fill: float) -> None:
         """Write a block whole, filled up behind the last row: nothing needs to be read for that."""
