@@ -17,9 +17,10 @@ from typing import Any
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
-from ..errors import StorageError
+from ..errors import InputError, StorageError
 
-__all__ = ["DurableStore", "finished", "remove_parts", "storage_errors", "write_durably"]
+__all__ = ["DurableStore", "finished", "one_line", "remove_parts", "storage_errors", "store_path",
+           "write_durably"]
 
 #: How the names of unfinished files end.
 _PART = ".part"
@@ -33,13 +34,18 @@ class DurableStore(LocalStore):
         if not self._is_open:
             await self._open()
         self._check_writable()
-        await asyncio.to_thread(write_durably, self.root / key, value.as_buffer_like())
+        await asyncio.to_thread(self._write, key, value)
 
     def set_sync(self, key: str, value: Buffer) -> None:
         """Write a file."""
         self._ensure_open_sync()
         self._check_writable()
-        write_durably(self.root / key, value.as_buffer_like())
+        self._write(key, value)
+
+    def _write(self, key: str, value: Buffer) -> None:
+        path = self.root / key
+        at_root = path.parent == self.root
+        write_durably(path, value.as_buffer_like(), _unlisted(self.root) if at_root else None)
 
     async def set_if_not_exists(self, key: str, value: Buffer) -> None:
         """Write a file unless it is there; there is one writer, see ``lock``."""
@@ -51,17 +57,27 @@ class DurableStore(LocalStore):
         return type(self)(self.root, read_only=read_only)
 
 
-def write_durably(path: Path, data: Any) -> None:
+def _unlisted(root: Path) -> Path | None:
+    """Return the folder of an array: readers list the root, and warn of files they do not know."""
+    if not root.is_dir():
+        return None
+    return next((folder for folder in root.iterdir() if folder.is_dir()), None)
+
+
+def write_durably(path: Path, data: Any, workshop: Path | None = None) -> None:
     """Write a file that is there whole, or not at all, and on the disk when this returns."""
     _make_folder(path.parent)
-    with finished(path) as part:
+    with finished(path, workshop) as part:
         part.write_bytes(data)
 
 
 @contextlib.contextmanager
-def finished(path: Path) -> Iterator[Path]:
-    """Yield the name of a file to write, which then becomes ``path``; removed if that fails."""
-    part = path.with_name(f".{path.name}.{uuid.uuid4().hex}{_PART}")
+def finished(path: Path, workshop: Path | None = None) -> Iterator[Path]:
+    """Yield the name of a file to write, which then becomes ``path``; removed if that fails.
+
+    It is in ``workshop``, by default the folder of ``path``.
+    """
+    part = (workshop or path.parent) / f".{path.name}.{uuid.uuid4().hex}{_PART}"
     try:
         yield part
         with part.open("rb") as file:
@@ -97,6 +113,28 @@ def remove_parts(root: Path) -> None:
     """Remove what killed processes left unfinished. The caller is the store's only writer."""
     for part in root.rglob(f".*{_PART}"):
         part.unlink(missing_ok=True)
+
+
+def store_path(path: Any) -> Path:
+    """Return a caller's path of a store.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    try:
+        found = Path(path)
+    except TypeError:
+        found = Path()
+    if not found.name or "\0" in found.name:
+        raise InputError(f"{path!r} is no path of a store; give a name such as 'run.zarr'.")
+    return found
+
+
+def one_line(error: Exception) -> str:
+    """Return what an error of another library says as a phrase."""
+    return " ".join(str(error).split()).rstrip(".")
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, MissingDependencyError, StorageError
-from .durable import finished
+from .durable import finished, one_line
 
 if TYPE_CHECKING:
     import xarray
@@ -64,9 +64,12 @@ def export(recording: Recording, path: Path) -> Path:
     if path.suffix == ".npz":
         return recording.trajectory().save(path)
     write = _write_csv if path.suffix == ".csv" else _write_netcdf
+    dataset = recording.dataset
     try:
         with finished(path) as part:
-            write(recording.dataset, part)
+            write(dataset, part)
+    except (ValueError, RuntimeError) as error:  # a checksum is wrong, say
+        raise InputError(f"{str(recording.path)!r} is damaged: {one_line(error)}.") from error
     except OSError as error:
         raise StorageError(f"The file {str(path)!r} cannot be written: {error.strerror or error}."
                            ) from error

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .._version import __version__
 from ..errors import InputError
 
@@ -40,7 +42,11 @@ def identity_of(stepper: Stepper, run: Run) -> dict[str, Any]:
 
 def number_text(value: Any) -> Any:
     """Return a state's number: a float as it is, a wider one as text with all its digits."""
-    return float(value) if float(value) == value else str(value)
+    if float(value) == value:
+        return float(value)
+    if isinstance(value, np.floating):
+        return str(value)
+    return repr(value).removeprefix("mpf('").removesuffix("')")  # str would leave out the last
 
 
 def refuse_if_different(kept: Mapping[str, Any], now: Mapping[str, Any], where: str) -> None:

@@ -68,6 +68,11 @@ class Field:
         return tuple(length for _, length in self.inner)
 
     @property
+    def wide_shape(self) -> tuple[int, ...]:
+        """Shape of one state's entry as bytes."""
+        return (*self.shape, WIDE_BYTES)
+
+    @property
     def fill(self) -> float:
         """What stands where nothing is computed yet."""
         return np.nan if self.dtype.startswith("f") else 0
@@ -136,8 +141,8 @@ def create(
                       ["time", *inner], one.attributes)
         if one.wide:
             said = {"long_name": f"{one.name} with all its digits, {WIDE_BYTES} bytes a number"}
-            _create_array(group, wide_name(one.name), (rows, *one.shape, WIDE_BYTES), block, "u1",
-                          0, ["time", *inner, "byte"], said)
+            _create_array(group, wide_name(one.name), (rows, *one.wide_shape), block, "u1", 0,
+                          ["time", *inner, "byte"], said)
     _create_array(group, CHECKPOINT, (checkpoint_bytes,), checkpoint_bytes, "u1", 0,
                   ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
     consolidate(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,8 +15,12 @@ __all__ = ["claim", "lock_file"]
 
 
 def lock_file(store: Path) -> Path:
-    """Return where a store's lock lies: beside it, for a Zarr folder holds arrays alone."""
-    return store.with_name(f".{store.name}.lock")
+    """Return where a store's lock lies: beside it, for a Zarr folder holds arrays alone.
+
+    Beside the folder itself, by whatever links it was reached.
+    """
+    real = Path(os.path.realpath(store))
+    return real.with_name(f".{real.name}.lock")
 
 
 @contextlib.contextmanager

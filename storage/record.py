@@ -7,6 +7,8 @@ recorded is what ``Stepper.integrate`` returns, to the bit, however often a run 
 
 from __future__ import annotations
 
+import operator
+import os
 import platform
 import shutil
 import time
@@ -27,20 +29,20 @@ from ..runtime.gamma_choice import with_choice
 from ..runtime.integration import Rows, Run, advance, next_chunk
 from ..runtime.trajectory import Report
 from .checkpoint import State, pack, room, unpack
-from .durable import remove_parts, storage_errors
+from .durable import remove_parts, storage_errors, store_path
 from .identity import identity_of, refuse_if_different
 from .interrupts import Interrupts, watched
 from .layout import (
     CHECKPOINT,
     array_of,
-    attributes_of,
     create,
     fields_of,
     open_group,
     wide_name,
 )
 from .lock import claim
-from .recording import COMPLETE, RUNNING, Recording, stored_values
+from .recording import Recording, stored_values
+from .soundness import COMPLETE, FAILED, RUNNING, refuse_other_arrays
 from .writer import CURE, Batch, Writer
 
 if TYPE_CHECKING:
@@ -48,6 +50,8 @@ if TYPE_CHECKING:
 
 __all__ = ["record"]
 
+#: What helps where a store cannot be made.
+_NEW = "Nothing is stored yet: free some space, or choose another place."
 #: Seconds between two commits: what a killed run computes again, at most.
 COMMIT_SECONDS = 5.0
 
@@ -107,10 +111,9 @@ def record(
     parameters = with_choice(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
     run = stepper.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-    path = Path(out)
+    path, drawn = store_path(out), _as_seed(seed)
     with claim(path):
-        with storage_errors(path, CURE):
-            group = _opened(stepper, run, path, resume, seed)
+        group = _opened(stepper, run, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
             _Course(stepper, run, path, group).go(progress)
     recording = Recording(path)
@@ -128,13 +131,7 @@ def _opened(
         if not resume:
             raise InputError(f"The store {str(path)!r} is there already; --resume (resume=True) "
                              "goes on with its run, another name begins a new one.")
-        group = Recording(path).group(write=True)
-        remove_parts(path)
-        refuse_if_different(attributes_of(group)["run"], identity, f"The store {str(path)!r}")
-        return group
-    fresh = path.with_name(f".{path.name}.new")  # appears under its name when it is whole
-    if fresh.exists():
-        shutil.rmtree(fresh)
+        return _begun_earlier(stepper, run, path, identity)
     about = {
         "title": f"{stepper.name}: {run.steps} steps of {run.dt:g} s",
         "status": RUNNING,
@@ -146,9 +143,37 @@ def _opened(
                      "python": platform.python_version()},
         "manifest": stepper.manifest,
     }
-    create(fresh, fields_of(stepper), run.rows + 1, room(stepper.binding), about)
-    fresh.rename(path)
-    return open_group(path, write=True)
+    # Where a link leads to; appears under its name when it is whole.
+    real = Path(os.path.realpath(path))
+    fresh = real.with_name(f".{real.name}.new")
+    with storage_errors(path, _NEW):
+        if fresh.exists():
+            shutil.rmtree(fresh)
+        create(fresh, fields_of(stepper), run.rows + 1, room(stepper.binding), about)
+        fresh.rename(real)
+        return open_group(path, write=True)
+
+
+def _begun_earlier(
+    stepper: Stepper, run: Run, path: Path, identity: dict[str, Any]
+) -> zarr.Group:
+    """Return the group of a store that is there, and holds this run."""
+    kept = Recording(path)
+    refuse_if_different(kept.attributes["run"], identity, f"The store {str(path)!r}")
+    with storage_errors(path, CURE):
+        group = kept.group(write=True)
+        refuse_other_arrays(path, group, fields_of(stepper), run.rows + 1, room(stepper.binding))
+        remove_parts(path)
+        return group
+
+
+def _as_seed(seed: Any) -> int | None:
+    """Return a seed as a whole number."""
+    try:
+        return None if seed is None else operator.index(seed)
+    except TypeError:
+        raise InputError(f"seed = {seed!r} is no whole number; give the one that the start was "
+                         "drawn with, or leave it out.") from None
 
 
 class _Course:
@@ -272,7 +297,7 @@ class _Course:
     def _said(self, state: State) -> dict[str, Any]:
         """Return what the store says of the run so far."""
         if state.status:
-            status = f"failed: {REASONS[state.status]}"
+            status = FAILED + REASONS[state.status]
         else:
             status = COMPLETE if state.steps == self.run.steps else RUNNING
         report = Report.read(state.report, state.q, state.p, forced=self.binding.has_forces)

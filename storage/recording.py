@@ -13,19 +13,18 @@ from numpy.typing import NDArray
 from ..errors import InputError, StepFailed
 from ..runtime.binding import DTYPES
 from ..runtime.trajectory import Report, Trajectory
-from .identity import FORMAT
-from .layout import QUANTITY, array_of, attributes_of, open_group, wide_name
+from .durable import one_line, store_path
+from .layout import QUANTITY, array_of, open_group, wide_name
+from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, sound_attributes
 from .wide import from_bytes
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["COMPLETE", "RUNNING", "Recording", "open_recording", "stored_values"]
+__all__ = ["Recording", "open_recording", "stored_values"]
 
 Array = NDArray[Any]
 
-RUNNING = "running"
-COMPLETE = "complete"
 #: States that a failed run hands over with its error; the others are in the store.
 _LAST = 4096
 
@@ -38,7 +37,7 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
     InputError
         If there is none, or it is damaged.
     """
-    return Recording(Path(path))
+    return Recording(store_path(path))
 
 
 class Recording:
@@ -61,7 +60,7 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.attributes: dict[str, Any] = attributes_of(self.group())
+        self.attributes = sound_attributes(path, self.group())
         self.status: str = self.attributes["status"]
         self.steps_done: int = self.attributes["steps_done"]
         self.states: int = self.attributes["states"]
@@ -77,28 +76,24 @@ class Recording:
 
     def group(self, *, write: bool = False) -> zarr.Group:
         """Return the Zarr group."""
-        refusal = f"{str(self.path)!r} is not a run that gyrospark stored, or damaged"
         try:
-            group = open_group(self.path, write=write)
-            about = attributes_of(group)
+            return open_group(self.path, write=write)
         except PermissionError as error:
             raise InputError(f"{str(self.path)!r} cannot be read: {error.strerror}.") from error
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{refusal}; give a folder that `gyrospark run --out X.zarr` made."
-                             ) from error
-        if not {"run", "status", "steps_done", "states", "manifest"} <= about.keys():
-            raise InputError(f"{refusal}: what it says of itself is missing.")
-        if about["run"].get("format") != FORMAT:
-            raise InputError(f"{str(self.path)!r} has format {about['run'].get('format')}; this "
-                             f"version reads {FORMAT}.")
-        return group
+        except UNREADABLE as error:
+            raise InputError(f"{str(self.path)!r} is not a run that gyrospark stored, or damaged; "
+                             "give a folder that `gyrospark run --out X.zarr` made.") from error
 
     @property
     def dataset(self) -> xarray.Dataset:
         """The states as an xarray Dataset along ``time``; values are read when they are used."""
         import xarray
 
-        whole = xarray.open_zarr(self.path)
+        refuse_missing_blocks(self.path, self.group(), 0, self.states)
+        try:  # reads the times
+            whole = xarray.open_zarr(self.path)
+        except UNREADABLE as error:
+            raise InputError(f"{str(self.path)!r} is damaged: {one_line(error)}.") from error
         kept: xarray.Dataset = whole[self.attributes["arrays"]].isel(time=slice(0, self.states))
         return kept
 
@@ -107,7 +102,7 @@ class Recording:
         run = self.attributes["run"]
         first = max(0, self.states - _LAST)
         return StepFailed(step=self.steps_done + 1, t=run["t0"] + self.steps_done * run["dt"],
-                          reason=self.status.removeprefix("failed: "),
+                          reason=self.status.removeprefix(FAILED),
                           trajectory=self.trajectory(first=first))
 
     def trajectory(self, *, first: int = 0, thin: int = 1) -> Trajectory:
@@ -121,6 +116,7 @@ class Recording:
         if self.report is None:
             raise InputError(f"{str(self.path)!r} holds no state yet; go on with its run first.")
         group, manifest, run = self.group(), self.attributes["manifest"], self.attributes["run"]
+        refuse_missing_blocks(self.path, group, first, self.states)
         wide = manifest["real"] in ("long-double", "float128")
         dtype = DTYPES[manifest["real"]]
 
@@ -170,8 +166,9 @@ def stored_values(
     """
     try:
         values = np.asarray(array[first : first + count])
-    except (OSError, ValueError) as error:
-        raise InputError(f"Array {array.name!r} of the store is damaged: {error}.") from error
+    except UNREADABLE as error:
+        raise InputError(f"Array {array.name!r} of the store is damaged: {one_line(error)}."
+                         ) from error
     return from_bytes(values, dtype) if wide else values
 
 

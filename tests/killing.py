@@ -6,6 +6,9 @@
 fork of a process that has imported everything, so that an instant is one of the work, seldom of
 Python's start. After each kill the store is opened as a user would; each time the command comes to
 its end, the store's bytes are compared with those of an uninterrupted run. Prints a JSON document.
+
+KILLING_SECONDS in the environment is the time between two commits; KILLING_ALOUD lets the
+commands say on stderr what they have to say.
 """
 
 from __future__ import annotations
@@ -121,8 +124,10 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
 
 def main() -> None:
     folder, kills, seed, *command = sys.argv[1:]
-    import gyrospark.storage.record  # noqa: F401 (imported before the forks)
+    import gyrospark.storage.record  # before the forks
 
+    if "KILLING_SECONDS" in os.environ:
+        gyrospark.storage.record.COMMIT_SECONDS = float(os.environ["KILLING_SECONDS"])
     with contextlib.suppress(ImportError):
         import xarray  # noqa: F401
     print(json.dumps(kill_at_random(Path(folder), int(kills), int(seed), command)))

@@ -1,0 +1,194 @@
+"""Whether a store is a run: what it says of itself is complete, and fits its arrays.
+
+A store may come from another version, a disk that loses bytes, or an editor. What is refused here
+would otherwise be an error somewhere else, or a wrong number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import zarr
+
+from ..errors import InputError
+from ..runtime.binding import DTYPES
+from ..runtime.trajectory import Report
+from .identity import FORMAT
+from .layout import CHECKPOINT, Field, array_of, attributes_of, wide_name
+
+__all__ = ["COMPLETE", "FAILED", "RUNNING", "UNREADABLE", "refuse_missing_blocks",
+           "refuse_other_arrays", "sound_attributes"]
+
+RUNNING = "running"
+COMPLETE = "complete"
+#: What the status of a run begins with that found a step without a solution.
+FAILED = "failed: "
+
+#: What Zarr raises for files that it does not understand; RuntimeError for endless brackets.
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError)
+
+_CURE = "restore it from a copy, or compute the run anew in another store."
+
+
+def sound_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
+    """Return what a store says of itself.
+
+    Raises
+    ------
+    InputError
+        If that is not what gyrospark says of a run, or not in a format that is known here.
+    """
+    about = attributes_of(group)
+    run = about.get("run")
+    if not isinstance(run, Mapping) or "format" not in run:
+        raise InputError(f"{str(path)!r} is not a run that gyrospark stored, or damaged: what it "
+                         "says of itself is missing; give a folder that `gyrospark run --out "
+                         "X.zarr` made.")
+    if run["format"] != FORMAT:
+        raise InputError(f"{str(path)!r} has format {run['format']}; this version reads {FORMAT}. "
+                         "Use the version of gyrospark that wrote it.")
+    for complaint in (*_about_run(run), *_about_manifest(about)):
+        raise _damaged(path, complaint)
+    for complaint in (*_about_course(about, run), *_about_arrays(about, group)):
+        raise _damaged(path, complaint)
+    return about
+
+
+def _damaged(path: Path, complaint: str) -> InputError:
+    return InputError(f"The store {str(path)!r} is damaged: {complaint}; {_CURE}")
+
+
+def _is_count(value: Any, least: int) -> bool:
+    return type(value) is int and value >= least
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float)
+
+
+def _about_run(run: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is wrong with the run's arguments."""
+    for name, least in (("steps", 0), ("every", 1)):
+        if not _is_count(run.get(name), least):
+            yield f"run.{name} is {run.get(name)!r}"
+    for name in ("dt", "t0"):
+        if not _is_number(run.get(name)):
+            yield f"run.{name} is {run.get(name)!r}"
+    parameters = run.get("parameters")
+    if not isinstance(parameters, Mapping) or not all(map(_is_number, parameters.values())):
+        yield "run.parameters are no numbers"
+
+
+def _about_manifest(about: Mapping[str, Any]) -> Iterator[str]:
+    manifest = about.get("manifest")
+    system = manifest.get("system") if isinstance(manifest, Mapping) else None
+    if not isinstance(manifest, Mapping) or not isinstance(system, Mapping):
+        yield "it has no manifest"
+    elif manifest.get("real") not in list(DTYPES):
+        yield f"manifest.real is {manifest.get('real')!r}"
+    elif not isinstance(system.get("quantities", {}), (Mapping, list)):
+        yield f"manifest.system.quantities are {system['quantities']!r}"
+
+
+def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is wrong with how far the run is."""
+    done, states, status = (about.get(name) for name in ("steps_done", "states", "status"))
+    if not _is_count(done, 0) or done > run["steps"]:
+        yield f"steps_done is {done!r}, of {run['steps']} steps"
+        return
+    if not isinstance(status, str) or (
+            status not in (RUNNING, COMPLETE) and not status.startswith(FAILED)):
+        yield f"status is {status!r}"
+    elif (status == COMPLETE) is not (done == run["steps"]) and about.get("report") is not None:
+        yield f"status is {status!r} after {done} of {run['steps']} steps"
+    if about.get("report") is None:
+        expected = done  # nothing is
+    elif done == run["steps"]:
+        expected = _rows(run)
+    else:
+        expected = done // run["every"] + 1
+    if type(states) is not int or states != expected:
+        yield f"states is {states!r} after {done} steps"
+    yield from _about_report(about.get("report"))
+
+
+def _about_report(report: Any) -> Iterator[str]:
+    if report is None:
+        return
+    if not isinstance(report, Mapping) or report.keys() != {f.name for f in fields(Report)}:
+        yield "its report is not complete"
+        return
+    for name, value in report.items():
+        numbers = value if name in ("q", "p") and isinstance(value, list) else [value]
+        if not all(map(_is_number, numbers)):
+            yield f"report.{name} is {value!r}"
+
+
+def _rows(run: Mapping[str, Any]) -> int:
+    """Return how many states the whole run has."""
+    return -(-int(run["steps"]) // int(run["every"])) + 1
+
+
+def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
+    """Yield what is wrong with the arrays that every run has, and those that it names."""
+    names, rows = about.get("arrays"), _rows(about["run"])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        yield f"arrays are {names!r}"
+        return
+    blocks = set()
+    for name in {"time", "q", "p", "energy", *names}:
+        try:
+            array = array_of(group, name)
+        except UNREADABLE:
+            yield f"array {name!r} is missing or cannot be read"
+            return
+        if array.ndim == 0 or array.shape[0] != rows:
+            yield f"array {name!r} has not {rows} rows"
+            return
+        blocks.add(array.chunks[0])
+    if len(blocks) > 1:
+        yield "its arrays are not in blocks of the same rows"
+
+
+def refuse_other_arrays(
+    path: Path, group: zarr.Group, fields: list[Field], rows: int, checkpoint_bytes: int
+) -> None:
+    """Refuse to go on with a store whose arrays are not those of the run.
+
+    Raises
+    ------
+    InputError
+    """
+    block = array_of(group, "time").chunks[0]
+    expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], str]] = {
+        CHECKPOINT: ((checkpoint_bytes,), (checkpoint_bytes,), "u1")}
+    for one in fields:
+        expected[one.name] = (rows, *one.shape), (block, *one.shape), one.dtype
+        if one.wide:
+            expected[wide_name(one.name)] = (rows, *one.wide_shape), (block, *one.wide_shape), "u1"
+    for name, about in expected.items():
+        try:
+            array = array_of(group, name)
+        except UNREADABLE:
+            raise _damaged(path, f"array {name!r} is missing or cannot be read") from None
+        if (array.shape, array.chunks, array.dtype) != about:
+            raise _damaged(path, f"array {name!r} has not the form of this run's")
+
+
+def refuse_missing_blocks(path: Path, group: zarr.Group, first: int, states: int) -> None:
+    """Refuse to read rows whose files are gone: Zarr would give NaN for them without a word.
+
+    Raises
+    ------
+    InputError
+    """
+    for name in attributes_of(group)["arrays"]:
+        array = array_of(group, name)
+        block, inner = array.chunks[0], (0,) * (array.ndim - 1)
+        for number in range(first // block, -(-states // block)):
+            key = array.metadata.encode_chunk_key((number, *inner))
+            if not (path / name / key).is_file():
+                raise _damaged(path, f"rows {number * block} and on of array {name!r} are missing")
