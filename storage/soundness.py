@@ -11,6 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import zarr
 
 from ..errors import InputError
@@ -163,12 +164,12 @@ def refuse_other_arrays(
     InputError
     """
     block = array_of(group, "time").chunks[0]
-    expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], str]] = {
-        CHECKPOINT: ((checkpoint_bytes,), (checkpoint_bytes,), "u1")}
+    expected = {CHECKPOINT: ((checkpoint_bytes,), (checkpoint_bytes,), np.dtype("u1"))}
     for one in fields:
-        expected[one.name] = (rows, *one.shape), (block, *one.shape), one.dtype
+        expected[one.name] = (rows, *one.shape), (block, *one.shape), np.dtype(one.dtype)
         if one.wide:
-            expected[wide_name(one.name)] = (rows, *one.wide_shape), (block, *one.wide_shape), "u1"
+            expected[wide_name(one.name)] = ((rows, *one.wide_shape), (block, *one.wide_shape),
+                                             np.dtype("u1"))
     for name, about in expected.items():
         try:
             array = array_of(group, name)

@@ -100,7 +100,8 @@ class Writer:
         if batch.count:
             self._write_rows(batch)
         array_of(self._group, CHECKPOINT)[:] = batch.checkpoint
-        self._group.attrs.update(batch.attributes)
+        # In one go: ``attrs.update`` would write the file once an attribute.
+        self._group.update_attributes(batch.attributes)
 
     def _write_rows(self, batch: Batch) -> None:
         block = slice(batch.first, batch.first + self._block)

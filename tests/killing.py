@@ -100,10 +100,11 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
     killed = readable = completed = same = 0
     wrong: list[str] = []
     while killed < kills or store.exists():
-        number = start(lambda: run([*arguments(store), "--resume"]))
+        number, code = start(lambda: run([*arguments(store), "--resume"])), None
         if killed < kills:
             time.sleep(instants.uniform(0, seconds))
-            if ended(number) is None:
+            code = ended(number)
+            if code is None:
                 os.kill(number, signal.SIGKILL)
                 os.waitpid(number, 0)
                 killed += 1
@@ -112,7 +113,9 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
                     readable += 1
                 continue
         else:
-            os.waitpid(number, 0)
+            code = os.waitstatus_to_exitcode(os.waitpid(number, 0)[1])
+        if code != 0:
+            raise SystemExit(f"a run that was gone on with ended with exit code {code}")
         completed += 1
         found = differences(whole, store)
         same += not found

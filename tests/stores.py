@@ -47,6 +47,13 @@ def assert_same(stored, computed):
         assert getattr(stored, name) == getattr(computed, name), name
 
 
+def assert_same_states(part, whole):
+    """Check that a trajectory is the beginning of another one, to the bit."""
+    for name in ARRAYS:
+        begun = getattr(part, name)
+        assert bits(begun) == bits(getattr(whole, name)[: len(begun)]), name
+
+
 def assert_same_bytes(one, other):
     """Check that two stores have the same files with the same bytes."""
     assert any(one.rglob("*"))

@@ -18,6 +18,7 @@ from stores import (
     Interrupted,
     assert_same,
     assert_same_bytes,
+    assert_same_states,
     ends_after,
     recorded,
     small_blocks,
@@ -167,6 +168,31 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
             assert found.report == end.report
             assert found.dataset.sizes["time"] == found.states
             assert not found.dataset["q"].isnull().any()
+
+
+@pytest.mark.parametrize(("scheme", "real"), [("G-L", "double"), ("EMS", "long-double")])
+def test_store_after_each_file_that_is_written(scheme, real, tmp_path, monkeypatch):
+    """A process may end between any two of them: what the store says of itself fits its arrays."""
+    monkeypatch.setattr("gyrospark.runtime.integration._CHUNK", 9)
+    small_blocks(monkeypatch, 4)
+    step = gs.stepper(scheme, 3 if scheme == "G-L" else None, real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    arguments = START | {"q": q, "p": p, "steps": 36, "every": 2}
+    whole, seen, out = step.integrate(**arguments), [], tmp_path / "run.zarr"
+
+    def look(folder):
+        if out.exists():
+            found = gs.open_recording(out)
+            seen.append(found.steps_done)
+            if found.states:
+                assert_same_states(found.trajectory(), whole)
+                assert found.dataset.sizes["time"] == found.states
+
+    monkeypatch.setattr("gyrospark.storage.durable._sync_folder", look)
+    gs.record(step, out=out, **arguments)
+    assert len(seen) > 40
+    assert len(set(seen)) > 3
+    assert seen == sorted(seen)
 
 
 def test_before_the_first_commit(gl3, tmp_path):

@@ -1,0 +1,226 @@
+"""Real ends of real processes: SIGKILL, signals, two of them on one store.
+
+Every test ends with the bytes of a run that nothing happened to.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from processes import PATIENCE, ROOT, call, cli, environment, gyrospark_command
+from stores import START, assert_same_bytes
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+
+TOP = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3"]
+#: A second or two, a hundred pieces: there is time to end it in the middle.
+LONG = [*TOP, "--steps", "2000000", "--every", "50"]
+#: Ten seconds, with half a second from one look at the signals to the next.
+SLOW = [*TOP, "--steps", "40960", "--every", "10", "--solver", "python"]
+OUT = ["--out", "run.zarr", "--resume"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The store of LONG when nothing happens to it."""
+    folder = tmp_path_factory.mktemp("whole")
+    assert cli(*LONG, *OUT, cwd=folder).returncode == 0
+    return folder / "run.zarr"
+
+
+def begin(command, folder, ignored=()):
+    """Start a command; return when its store is there and it computes."""
+    process = subprocess.Popen(
+        gyrospark_command(*command), cwd=folder, env=environment(), text=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        preexec_fn=lambda: [signal.signal(number, signal.SIG_IGN) for number in ignored],
+    )
+    give_up = time.monotonic() + PATIENCE
+    while not (folder / "run.zarr").exists() and process.poll() is None:
+        assert time.monotonic() < give_up
+        time.sleep(0.01)
+    time.sleep(0.3)  # from there to the first step
+    return process
+
+
+def end(process):
+    """Return a process's exit code, stdout and stderr."""
+    stdout, stderr = process.communicate(timeout=PATIENCE)
+    assert "Traceback" not in stderr
+    return process.returncode, stdout, stderr
+
+
+# ---------------------------------------------------------------- signals
+
+
+@pytest.mark.parametrize(("number", "code"), [
+    (signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_signal_ends_a_run_at_a_commit(number, code, whole, tmp_path):
+    """It says where it stands, and all of that is in the store; the same command goes on."""
+    process = begin([*LONG, *OUT], tmp_path)
+    process.send_signal(number)
+    found, stdout, stderr = end(process)
+    assert found == code
+    stored = gs.open_recording(tmp_path / "run.zarr")
+    assert stored.status == "running"
+    assert 0 < stored.steps_done < 2_000_000
+    assert stderr.count("\n") == 1
+    assert f"Stopped at step {stored.steps_done:,} of 2,000,000" in stderr
+    assert "--resume goes on" in stderr
+    assert f"{stored.steps_done:,} steps of 0.001 s" in stdout
+    again = cli(*LONG, *OUT, "--json", cwd=tmp_path)
+    assert again.returncode == 0
+    assert json.loads(again.stdout)["resumed_at"] == stored.steps_done
+    assert_same_bytes(whole, tmp_path / "run.zarr")
+
+
+def test_second_signal_ends_it_at_once(tmp_path):
+    """Within a piece of work, without a commit: what was stored before stays whole."""
+    process = begin([*SLOW, *OUT], tmp_path)
+    process.send_signal(signal.SIGINT)
+    time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    began = time.monotonic()
+    code, _, stderr = end(process)
+    assert (code, stderr.strip()) == (130, "gyrospark: Interrupted.")
+    assert time.monotonic() - began < 10
+    assert gs.open_recording(tmp_path / "run.zarr").status == "running"
+
+
+def test_ignored_signal_stays_ignored(whole, tmp_path):
+    """As under nohup."""
+    process = begin([*LONG, *OUT], tmp_path, ignored=[signal.SIGHUP])
+    process.send_signal(signal.SIGHUP)
+    assert end(process)[0] == 0
+    assert_same_bytes(whole, tmp_path / "run.zarr")
+
+
+def test_signal_after_the_last_step_changes_nothing(gl3, tmp_path):
+    """The run is complete, and its caller's handlers are back in place."""
+    before = signal.getsignal(signal.SIGINT)
+
+    def progress(done):
+        if done == 5000:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=5000, progress=progress)
+    assert found.status == "complete"
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_stopped_says_where(gl3, tmp_path):
+    """In Python a signal is a ``Stopped``, which is a ``KeyboardInterrupt``."""
+    def progress(done):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(gs.Stopped, match="Stopped at step 4,096 of 20,000") as stopped:
+        gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, progress=progress)
+    assert isinstance(stopped.value, KeyboardInterrupt)
+    assert stopped.value.signal == signal.SIGTERM
+    assert signal.getsignal(signal.SIGTERM) is before
+    found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, resume=True)
+    np.testing.assert_array_equal(found.trajectory().q, gl3.integrate(**START, steps=20_000).q)
+
+
+def test_runs_in_threads(gl3, tmp_path):
+    """Signals are the main thread's; several runs at once are as good as one after another."""
+    stores = [tmp_path / f"{number}.zarr" for number in range(6)]
+    errors = []
+
+    def work(store):
+        try:
+            gs.record(gl3, **START, out=store, steps=20_000, every=3)
+        except BaseException as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=work, args=(store,)) for store in stores]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not errors
+    for store in stores[1:]:
+        assert_same_bytes(stores[0], store)
+
+
+# ---------------------------------------------------------------- two on one store
+
+
+def test_second_process_is_refused_and_a_dead_one_is_not_in_the_way(tmp_path):
+    first = begin([*SLOW, *OUT], tmp_path)
+    second = cli(*SLOW, *OUT, cwd=tmp_path)
+    assert first.poll() is None
+    assert second.returncode == 2
+    assert second.stdout == ""
+    assert second.stderr.count("\n") == 1
+    assert "Another process is writing to 'run.zarr'" in second.stderr
+    first.kill()
+    assert end(first)[0] == -signal.SIGKILL
+    third = begin([*SLOW, *OUT], tmp_path)
+    assert third.poll() is None
+    third.send_signal(signal.SIGINT)
+    assert end(third)[0] == 130
+
+
+def test_reading_while_it_is_written(gl3, whole, tmp_path):
+    """Every state that a reader sees is one of the run."""
+    process = begin([*LONG, *OUT], tmp_path)
+    exact = gs.open_recording(whole).trajectory().q
+    seen = set()
+    while process.poll() is None:
+        found = gs.open_recording(tmp_path / "run.zarr")
+        seen.add(found.states)
+        if found.report is not None:
+            np.testing.assert_array_equal(found.trajectory(thin=7).q, exact[: found.states : 7])
+        time.sleep(0.02)
+    assert end(process)[0] == 0
+    assert seen
+    assert_same_bytes(whole, tmp_path / "run.zarr")
+
+
+# ---------------------------------------------------------------- kill -9
+
+EVERY_STEP = [*TOP, "--steps", "150000"]
+PARTS_OF_BLOCKS = ["run", "fast-top", "--scheme", "EMS", "--rep", "alpha", "--dt", "1e-3",
+                   "--steps", "400000", "--every", "7"]
+MODEL_FILE = ["run", str(ROOT / "examples" / "dragged_top.toml"), "--scheme", "G-L",
+              "--stages", "2", "--steps", "40000", "--every", "2"]
+KILLED = {"every step": (EVERY_STEP, "5"), "parts of blocks": (PARTS_OF_BLOCKS, "0.05"),
+          "model file": (MODEL_FILE, "0.1")}
+
+
+def killed(command, seconds, kills, folder, seed):
+    """Kill a command that often; each time it ends, it must end with the same bytes."""
+    folder.mkdir()
+    done = call([sys.executable, str(Path(__file__).with_name("killing.py")), str(folder),
+                 str(kills), str(seed), *command, "--out", "{store}"], KILLING_SECONDS=seconds)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["kills"] == kills
+    assert found["completed"] == found["same"] > 0
+    assert not found["differing"]
+    return found
+
+
+@pytest.mark.parametrize(("command", "seconds"), KILLED.values(), ids=KILLED.keys())
+def test_killed_at_random(command, seconds, tmp_path):
+    killed(command, seconds, 4, tmp_path / "0", seed=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "seconds"), KILLED.values(), ids=KILLED.keys())
+def test_killed_200_times(command, seconds, tmp_path):
+    for seed in range(1, 11):  # in parts, each of less time than a hang
+        killed(command, seconds, 20, tmp_path / str(seed), seed)
