@@ -6,11 +6,11 @@ import os
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import GyrosparkError, InputError, StepFailed, Stopped
+from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 
 if TYPE_CHECKING:
     from ..runtime.stepper import Stepper
@@ -62,8 +62,9 @@ def check_targets(out: Path | None, plot: Path | None, *, resume: bool) -> None:
         if not folder.is_dir() or not os.access(folder, os.W_OK):
             raise InputError(f"{option} {str(path)!r}: the folder {str(folder)!r} is not there or "
                              "cannot be written; make it or choose another.")
-    if resume and not _is_store(out):
-        raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr.")
+    if resume and (out is None or not (_is_store(out) or out.suffix in _EXPORTED)):
+        raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
+                         "the file that it shall become, NAME.csv or NAME.nc.")
     if out is not None and out.suffix in _EXPORTED:
         from ..storage.export import check_export
 
@@ -87,14 +88,39 @@ def integrate_to(
         return _in_memory(step, out, arguments, progress)
     if _is_store(out):
         return _stored(step, out, str(out), arguments, progress, resume=resume, seed=seed)
-    store = out.with_name(f".{out.name}.zarr")  # the states pass through it, block by block
-    shutil.rmtree(store, ignore_errors=True)
+    return _exported(step, out, arguments, progress, resume=resume, seed=seed)
+
+
+def _exported(
+    step: Stepper, out: Path, arguments: dict[str, Any],
+    progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
+) -> Done:
+    """Integrate into a store beside ``out``, which stays until its run has ended and is exported.
+
+    Whatever ends the process, --resume goes on.
+    """
+    store = out.with_name(f".{out.name}.zarr")
+    if not resume:
+        _remove(store)
+    done = _stored(step, store, str(out), arguments, progress, resume=resume, seed=seed)
     try:
-        done = _stored(step, store, str(out), arguments, progress, resume=False, seed=seed)
         _open(store).export(out)
-    finally:
-        shutil.rmtree(store, ignore_errors=True)
+    except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
+        saved = StorageError(f"{error} The states are in {str(store)!r}: the same command with "
+                             "--resume, or gyrospark export, writes them.")
+        return replace(done, out=None, trouble=done.trouble or saved)
+    if not isinstance(done.trouble, Stopped):
+        _remove(store)
     return done
+
+
+def _remove(store: Path) -> None:
+    """Remove a store that is no longer needed, unless a process is at it."""
+    from ..storage.lock import claim, lock_file
+
+    with claim(store):
+        shutil.rmtree(store, ignore_errors=True)
+        lock_file(store).unlink(missing_ok=True)
 
 
 def _in_memory(
