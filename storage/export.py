@@ -22,7 +22,7 @@ __all__ = ["EXPORTS", "check_export", "export"]
 
 EXPORTS = (".npz", ".csv", ".nc")
 #: Rows of a CSV file that are in memory at a time.
-_ROWS = 2**14
+_ROWS = 2**13
 
 
 def check_export(path: Path) -> None:
