@@ -3,9 +3,9 @@
     time, q, p, multipliers, iterations, energy, g_error, f_error, work, quantity_<name>
 
 along the dimension ``time``, one entry a stored state; multipliers and iterations belong to the
-steps that end there and have none at the start. What is not computed yet is NaN. Wide numbers
-(long double, binary128), which Zarr has not, stand rounded to double under these names and whole,
-as bytes, under ``<name>_bytes``.
+steps that end there and have none at the start. What is not computed yet is NaN, or −1. Wide
+numbers (long double, binary128), which Zarr has not, stand rounded to double under these names and
+whole, as bytes, under ``<name>_bytes``.
 
 A row of all arrays is a state; rows are written in blocks, each a chunk of every array.
 """
@@ -28,8 +28,9 @@ from .wide import WIDE_BYTES
 if TYPE_CHECKING:
     from ..runtime.stepper import Stepper
 
-__all__ = ["CHECKPOINT", "QUANTITY", "Field", "array_of", "attributes_of", "block_rows",
-           "consolidate", "create", "fields_of", "open_group", "wide_name"]
+__all__ = ["CHECKPOINT", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
+           "block_rows", "consolidate", "create", "fields_of", "open_group", "wide_name",
+           "writable_arrays"]
 
 CHECKPOINT = "checkpoint"
 #: What the names of a system's own quantities begin with.
@@ -37,6 +38,8 @@ QUANTITY = "quantity_"
 #: A block is written whole: large enough to be fast, small enough to be repeated.
 _BLOCK_BYTES = 8 * 2**20
 _MOST_ROWS = 2**16
+#: Bytes that stand where no wide number is computed yet; 16 of them are NaN.
+WIDE_FILL = 255
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class Field:
     @property
     def fill(self) -> float:
         """What stands where nothing is computed yet."""
-        return np.nan if self.dtype.startswith("f") else 0
+        return np.nan if self.dtype.startswith("f") else -1
 
     @property
     def row_bytes(self) -> int:
@@ -141,8 +144,8 @@ def create(
                       ["time", *inner], one.attributes)
         if one.wide:
             said = {"long_name": f"{one.name} with all its digits, {WIDE_BYTES} bytes a number"}
-            _create_array(group, wide_name(one.name), (rows, *one.wide_shape), block, "u1", 0,
-                          ["time", *inner, "byte"], said)
+            _create_array(group, wide_name(one.name), (rows, *one.wide_shape), block, "u1",
+                          WIDE_FILL, ["time", *inner, "byte"], said)
     _create_array(group, CHECKPOINT, (checkpoint_bytes,), checkpoint_bytes, "u1", 0,
                   ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
     consolidate(path)
@@ -158,8 +161,7 @@ def _create_array(
     """
     group.create_array(name, shape=shape, chunks=(block, *shape[1:]), dtype=dtype,
                        fill_value=fill, filters=None, compressors=[Crc32cCodec()],
-                       dimension_names=dimensions, attributes=attributes,
-                       config={"write_empty_chunks": True})
+                       dimension_names=dimensions, attributes=attributes)
 
 
 def consolidate(path: Path) -> None:
@@ -191,3 +193,12 @@ def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
     if not isinstance(found, zarr.Array):
         raise KeyError(name)
     return found
+
+
+def writable_arrays(group: zarr.Group) -> dict[str, zarr.Array[Any]]:
+    """Return the arrays of a store by name, to write; also blocks that have no number yet.
+
+    Zarr leaves such blocks out, and then no one could tell them from those that were lost.
+    """
+    return {name: array_of(group, name).with_config({"write_empty_chunks": True})
+            for name in (*attributes_of(group)["arrays"], CHECKPOINT)}

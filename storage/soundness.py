@@ -164,7 +164,8 @@ def refuse_other_arrays(
     InputError
     """
     block = array_of(group, "time").chunks[0]
-    expected = {CHECKPOINT: ((checkpoint_bytes,), (checkpoint_bytes,), np.dtype("u1"))}
+    expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
+        CHECKPOINT: ((checkpoint_bytes,), (checkpoint_bytes,), np.dtype("u1"))}
     for one in fields:
         expected[one.name] = (rows, *one.shape), (block, *one.shape), np.dtype(one.dtype)
         if one.wide:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..runtime.integration import Rows, Run, defect_sizes
 from .durable import storage_errors
-from .layout import CHECKPOINT, QUANTITY, Field, array_of, wide_name
+from .layout import CHECKPOINT, QUANTITY, WIDE_FILL, Field, wide_name, writable_arrays
 from .wide import as_bytes, as_doubles
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ class Writer:
     def __init__(self, path: Path, group: zarr.Group, fields: list[Field], binding: Binding,
                  run: Run, block: int) -> None:
         self._path, self._group, self._fields = path, group, fields
+        self._arrays = writable_arrays(group)
         self._binding, self._run, self._block = binding, run, block
         # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)
@@ -99,7 +100,7 @@ class Writer:
         """Write the rows, then the checkpoint, then what it says: never more than is there."""
         if batch.count:
             self._write_rows(batch)
-        array_of(self._group, CHECKPOINT)[:] = batch.checkpoint
+        self._arrays[CHECKPOINT][:] = batch.checkpoint
         # In one go: ``attrs.update`` would write the file once an attribute.
         self._group.update_attributes(batch.attributes)
 
@@ -111,11 +112,11 @@ class Writer:
             self._write(one.name, block, as_doubles(values) if one.name != "iterations" else values,
                         one.fill)
             if one.wide:
-                self._write(wide_name(one.name), block, as_bytes(values), 0)
+                self._write(wide_name(one.name), block, as_bytes(values), WIDE_FILL)
 
     def _write(self, name: str, block: slice, values: Array, fill: float) -> None:
         """Write a block whole, filled up behind the last row: nothing needs to be read for that."""
-        array = array_of(self._group, name)
+        array = self._arrays[name]
         whole = np.full((self._block, *values.shape[1:]), fill, dtype=array.dtype)
         whole[: len(values)] = values
         end = min(block.stop, array.shape[0])

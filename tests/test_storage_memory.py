@@ -43,5 +43,5 @@ def test_recording(tmp_path):
 
 @pytest.mark.parametrize("end", [".csv", ".nc"])
 def test_export(end, tmp_path):
-    """400,000 states have 54 MB, four times that as Python's numbers; a few blocks are in memory."""
+    """400,000 states have 54 MB, as Python's numbers 200; a few blocks are in memory."""
     assert peak(400_000, end, tmp_path) < 45_000

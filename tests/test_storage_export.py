@@ -1,0 +1,246 @@
+"""Files made from stored runs: the same numbers, to the bit; or a sentence that says why not."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from stores import START, Interrupted, assert_same, ends_after, small_blocks
+from test_cli import FAILS, RUN, gyrospark, refused  # noqa: F401 (the fixture)
+from test_forces import PARAMETERS as FORCED
+from test_forces import pendulum
+from test_structure import made, start
+
+ENDS = [".csv", ".nc", ".npz"]
+CSV = {"time": "t", "energy": "energies", "g_error": "g_errors", "f_error": "f_errors"}
+
+
+def forced_run(out):
+    """A run with forces, quantities and time, of 13 rows in blocks of 4."""
+    step = gs.stepper("G-L", 2, system=pendulum())
+    q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=FORCED)
+    return gs.record(step, q, p, out=out, dt=0.01, steps=35, every=3, t0=0.3, parameters=FORCED)
+
+
+def two_constraints(out):
+    q, p, parameters = start(driven=True)
+    return gs.record(made("G-L", 2, structured=True, driven=True), q, p, out=out, dt=1e-3,
+                     steps=10, parameters=parameters)
+
+
+def wide(out, real="long-double"):
+    step = gs.stepper("EMS", real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    return gs.record(step, q, p, out=out, dt=1e-3, steps=20, parameters=PARAMETERS)
+
+
+RUNS = {
+    "top": lambda out: gs.record(gs.stepper("EMS"), **START, steps=25, every=2, out=out, seed=3),
+    "forced": forced_run, "two constraints": two_constraints, "long double": wide,
+    "float128": lambda out: wide(out, "float128"),
+    "float": lambda out: wide(out, "float"),
+    "one state": lambda out: gs.record(gs.stepper("EMS"), **START, steps=0, out=out),
+}
+
+
+@pytest.fixture(params=RUNS.values(), ids=RUNS.keys())
+def stored(request, tmp_path, monkeypatch):
+    small_blocks(monkeypatch, 4)
+    return request.param(tmp_path / "run.zarr")
+
+
+def read_csv(path):
+    """Return a CSV file's columns by their headings."""
+    with path.open(newline="", encoding="utf-8") as file:
+        headings, *rows = csv.reader(file)
+    assert len(set(headings)) == len(headings)
+    columns = np.array(rows, dtype=float).reshape(len(rows), len(headings))
+    return {name: columns[:, i] for i, name in enumerate(headings)}
+
+
+# ---------------------------------------------------------------- the same numbers
+
+
+def test_csv_has_the_doubles(stored, tmp_path):
+    columns = read_csv(stored.export(tmp_path / "run.csv"))
+    dataset = stored.dataset.load()
+    expected = {}
+    for name in ("time", *dataset.data_vars):
+        array = dataset[name]
+        if "byte" not in array.dims:
+            for index in np.ndindex(array.shape[1:]):
+                place = (slice(None), *index)
+                expected[name + "_".join(map(str, index))] = array.values[place]
+    assert list(columns) == list(expected)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(columns[name], values.astype(float), err_msg=name)
+
+
+def test_npz_is_the_trajectory(stored, tmp_path):
+    path = stored.export(tmp_path / "run.npz")
+    assert_same(gs.Trajectory.load(path), stored.trajectory())
+
+
+def test_netcdf_is_the_dataset(stored, tmp_path):
+    path = stored.export(tmp_path / "run.nc")
+    whole = stored.dataset.load()
+    with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as found:
+        xarray.testing.assert_equal(found.load(), whole)
+        for name in whole.variables:
+            assert found[name].dtype == whole[name].dtype
+            assert found[name].attrs["long_name"] == whole[name].attrs["long_name"]
+        assert json.loads(found.attrs["manifest"]) == stored.attributes["manifest"]
+        assert json.loads(found.attrs["run"]) == stored.attributes["run"]
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_unfinished_run(end, gl3, tmp_path, monkeypatch):
+    """What was stored of it, and no more."""
+    small_blocks(monkeypatch, 4)
+    monkeypatch.setattr("gyrospark.runtime.integration._CHUNK", 7)
+    with pytest.raises(Interrupted):
+        gs.record(gl3, **START, steps=200, out=tmp_path / "run.zarr", progress=ends_after(12))
+    found = gs.open_recording(tmp_path / "run.zarr")
+    path = found.export(tmp_path / f"run{end}")
+    exact = gl3.integrate(**START, steps=200).q[: found.states]
+    if end == ".npz":
+        np.testing.assert_array_equal(gs.Trajectory.load(path).q, exact)
+    elif end == ".csv":
+        np.testing.assert_array_equal(read_csv(path)["q3"], exact[:, 3])
+    else:
+        with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+            np.testing.assert_array_equal(dataset["q"], exact)
+
+
+# ---------------------------------------------------------------- the commands
+
+
+@pytest.mark.parametrize("name", ["x.csv", "x.nc", "x.npz", "x", "x.zarr", "a b γ.csv"])
+def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):  # noqa: F811
+    """Numbers on stdout and states in the file are those of any other --out; nothing else stays."""
+    answer = gyrospark(*RUN, "--every", "3", "--out", name, "--json")
+    assert answer.code == 0, answer.stderr
+    plain = gyrospark(*RUN, "--every", "3", "--json")
+    for key in plain.document.keys() - {"seconds", "ns_per_step"}:
+        assert answer.document[key] == plain.document[key]
+    expected = {name, f".{name}.lock"} if name.endswith(".zarr") else {
+        name if "." in name else f"{name}.npz"}
+    assert {path.name for path in tmp_path.iterdir()} == expected
+    step = gs.stepper("G-L", 2)
+    q = step.integrate(**START, steps=20, every=3).q
+    if name.endswith(".csv"):
+        np.testing.assert_array_equal(read_csv(Path(name))["q0"], q[:, 0])
+    elif name.endswith(".nc"):
+        with xarray.open_dataset(name, engine="h5netcdf", decode_times=False) as dataset:
+            np.testing.assert_array_equal(dataset["q"], q)
+    elif name.endswith(".zarr"):
+        np.testing.assert_array_equal(gs.open_recording(name).trajectory().q, q)
+    else:
+        np.testing.assert_array_equal(gs.Trajectory.load(answer.document["out"]).q, q)
+
+
+@pytest.mark.parametrize("end", [".csv", ".nc", ".zarr", ".npz"])
+def test_failed_run_writes_what_it_has(end, gyrospark, tmp_path):  # noqa: F811
+    answer = gyrospark(*FAILS, "--out", f"x{end}")
+    assert answer.code == 1
+    assert "failed: " in answer.stderr
+    assert (tmp_path / f"x{end}").exists()
+    if end != ".zarr":
+        assert [path.name for path in tmp_path.iterdir()] == [f"x{end}"]
+
+
+def test_export_command(gyrospark, tmp_path):  # noqa: F811
+    assert gyrospark(*RUN, "--out", "run.zarr").code == 0
+    for end in ENDS:
+        answer = gyrospark("export", "run.zarr", f"run{end}")
+        assert answer.code == 0, answer.stderr
+        assert answer.stdout == f"run{end}: 21 states of 20 steps (complete)\n"
+    assert len(read_csv(tmp_path / "run.csv")["time"]) == 21
+    assert len(gs.Trajectory.load(tmp_path / "run.npz")) == 21
+
+
+@pytest.mark.parametrize(("target", "words"), [
+    ("run.txt", ".npz, .csv, .nc"), ("run", ".npz, .csv, .nc"), ("", ".npz, .csv, .nc"),
+    ("none/run.csv", "'none/run.csv'"), (".csv", ".npz, .csv, .nc"), ("folder.csv", "folder")])
+def test_export_that_is_refused(target, words, gyrospark, tmp_path):  # noqa: F811
+    (tmp_path / "folder.csv").mkdir()
+    assert gyrospark(*RUN, "--out", "run.zarr").code == 0
+    before = sorted(tmp_path.rglob("*"))
+    refused(gyrospark("export", "run.zarr", target), words)
+    refused(gyrospark("export", "none.zarr", "x.csv"), "'none.zarr'", "not a run that gyrospark")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):  # noqa: F811
+    """Before a step is taken."""
+    assert gyrospark(*RUN, "--out", "run.zarr").code == 0
+    monkeypatch.setitem(sys.modules, "h5netcdf", None)
+    refused(gyrospark(*RUN, "--out", "x.nc"), "pip install gyrospark[netcdf]")
+    refused(gyrospark("export", "run.zarr", "x.nc"), "pip install gyrospark[netcdf]")
+    with pytest.raises(gs.MissingDependencyError):
+        gs.open_recording("run.zarr").export("x.nc")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
+
+
+# ---------------------------------------------------------------- nothing is lost
+
+
+@pytest.mark.parametrize("end", [".csv", ".nc"])
+def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):  # noqa: F811
+    """The numbers are printed, the states stay, and the same command with --resume writes them."""
+    command = [*RUN, "--out", f"x{end}"]
+    with monkeypatch.context() as patch:
+        def full(*arguments):
+            raise OSError(28, "No space left on device")
+
+        patch.setattr("gyrospark.storage.export._write_csv", full)
+        patch.setattr("gyrospark.storage.export._write_netcdf", full)
+        answer = gyrospark(*command)
+    assert answer.code == 2
+    assert "20 steps" in answer.stdout
+    assert "wrote" not in answer.stdout
+    assert f"'x{end}' cannot be written: No space left" in answer.stderr
+    assert f"The states are in '.x{end}.zarr'" in answer.stderr
+    assert gs.open_recording(f".x{end}.zarr").status == "complete"
+    assert not (tmp_path / f"x{end}").exists()
+    answer = gyrospark(*command, "--resume")
+    assert answer.code == 0, answer.stderr
+    assert [path.name for path in tmp_path.iterdir()] == [f"x{end}"]
+
+
+def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):  # noqa: F811
+    """Two runs to one file: the second is refused, and the first loses nothing."""
+    from gyrospark.storage.lock import claim
+
+    store = tmp_path / ".x.csv.zarr"
+    (store / "work").mkdir(parents=True)
+    with claim(store):
+        refused(gyrospark(*RUN, "--out", "x.csv"), "Another process is writing")
+    assert (store / "work").is_dir()
+
+
+def test_stopped_export_goes_on(gl3, gyrospark, monkeypatch, tmp_path):  # noqa: F811
+    """A signal: the file has the states so far, the store beside it goes on."""
+    from gyrospark.storage.interrupts import Interrupts
+
+    long = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
+            "20000", "--every", "10", "--out", "x.csv"]
+    with monkeypatch.context() as patch:
+        patch.setattr(Interrupts, "asked", True)
+        patch.setattr(Interrupts, "__init__", lambda self: setattr(self, "signal", 15))
+        answer = gyrospark(*long)
+    assert answer.code == 143
+    assert "'.x.csv.zarr'" in answer.stderr
+    assert len(read_csv(tmp_path / "x.csv")["time"]) == 1
+    answer = gyrospark(*long, "--resume")
+    assert answer.code == 0, answer.stderr
+    assert len(read_csv(tmp_path / "x.csv")["time"]) == 2001
+    assert [path.name for path in tmp_path.iterdir()] == ["x.csv"]
