@@ -3,7 +3,7 @@
     time, q, p, multipliers, iterations, energy, g_error, f_error, work, quantity_<name>
 
 along the dimension ``time``, one entry a stored state; multipliers and iterations belong to the
-steps that end there and have none at the start. What is not computed yet is NaN, or −1. Wide
+steps that end there and have none at the start. What is not computed yet is NaN, or 0. Wide
 numbers (long double, binary128), which Zarr has not, stand rounded to double under these names and
 whole, as bytes, under ``<name>_bytes``.
 
@@ -12,8 +12,8 @@ A row of all arrays is a state; rows are written in blocks, each a chunk of ever
 
 from __future__ import annotations
 
+import json
 import math
-import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,7 @@ import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec
 
-from .durable import DurableStore
+from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ __all__ = ["CHECKPOINT", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attribut
            "writable_arrays"]
 
 CHECKPOINT = "checkpoint"
+_METADATA = "zarr.json"
 #: What the names of a system's own quantities begin with.
 QUANTITY = "quantity_"
 #: A block is written whole: large enough to be fast, small enough to be repeated.
@@ -78,7 +79,7 @@ class Field:
     @property
     def fill(self) -> float:
         """What stands where nothing is computed yet."""
-        return np.nan if self.dtype.startswith("f") else -1
+        return np.nan if self.dtype.startswith("f") else 0
 
     @property
     def row_bytes(self) -> int:
@@ -165,15 +166,22 @@ def _create_array(
 
 
 def consolidate(path: Path) -> None:
-    """Repeat what each array says of itself in the group: readers then open one file, not ten."""
-    with warnings.catch_warnings():  # "not part of the specification yet": to others it is nothing
-        warnings.simplefilter("ignore")
-        zarr.consolidate_metadata(DurableStore(path))
+    """Repeat what each array says of itself in the group: readers then open one file, not ten.
+
+    xarray warns where it does not find it. Arrays never change once they are made.
+    """
+    root = json.loads((path / _METADATA).read_bytes())
+    arrays = {file.parent.name: json.loads(file.read_bytes())
+              for file in sorted(path.glob(f"*/{_METADATA}"))}
+    root["consolidated_metadata"] = {"kind": "inline", "must_understand": False,
+                                     "metadata": arrays}
+    write_durably(path / _METADATA, json.dumps(root, indent=2).encode())
 
 
 def open_group(path: Path, *, write: bool = False) -> zarr.Group:
-    """Return the group of a store."""
-    return zarr.open_group(DurableStore(path, read_only=not write), mode="r+" if write else "r")
+    """Return the group of a store; to read, as its arrays say themselves, not as the root does."""
+    return zarr.open_group(DurableStore(path, read_only=not write), mode="r+" if write else "r",
+                           use_consolidated=write)
 
 
 def attributes_of(group: zarr.Group) -> dict[str, Any]:

@@ -161,10 +161,10 @@ def _begun_earlier(
     kept = Recording(path)
     refuse_if_different(kept.attributes["run"], identity, f"The store {str(path)!r}")
     with storage_errors(path, CURE):
-        group = kept.group(write=True)
-        refuse_other_arrays(path, group, fields_of(stepper), run.rows + 1, room(stepper.binding))
+        refuse_other_arrays(path, kept.group(), fields_of(stepper), run.rows + 1,
+                            room(stepper.binding))
         remove_parts(path)
-        return group
+        return kept.group(write=True)
 
 
 def _as_seed(seed: Any) -> int | None:

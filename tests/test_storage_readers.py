@@ -1,4 +1,4 @@
-"""What readers of Zarr and xarray find in a stored run: dimensions, units, attributes, same bytes."""
+"""What readers of Zarr and xarray find: dimensions, units, attributes, the same bytes."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_every_kind_of_run_opens_without_a_warning(make, tmp_path):
 
 
 def test_rows_to_come(gl3, tmp_path, monkeypatch):
-    """The array has its length from the start; what is not computed yet is NaN, or −1."""
+    """The array has its length from the start; what is not computed yet is NaN, or 0."""
     small_blocks(monkeypatch, 4)
     monkeypatch.setattr("gyrospark.runtime.integration._CHUNK", 7)
 
@@ -103,7 +103,7 @@ def test_rows_to_come(gl3, tmp_path, monkeypatch):
     last = -(-found.states // 4) * 4 + 4  # the block that may have been written, uncommitted
     assert np.isnan(whole["q"][last:]).all()
     assert np.isnan(whole["time"][last:]).all()
-    assert (whole["iterations"][last:] == -1).all()
+    assert (whole["iterations"][last:] == 0).all()
 
 
 def test_files_have_no_leftovers_of_another_kind(opened, tmp_path):
