@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -105,16 +106,21 @@ class Writer:
         self._group.update_attributes(batch.attributes)
 
     def _write_rows(self, batch: Batch) -> None:
+        """Write all arrays at once: each waits for the disk, and the disk takes them together."""
         block = slice(batch.first, batch.first + self._block)
         arrays = stored_arrays(self._binding, self._run, self._parameters, batch)
+        parts: list[tuple[str, Array, float]] = []
         for one in self._fields:
             values = arrays[one.name]
-            self._write(one.name, block, as_doubles(values) if one.name != "iterations" else values,
-                        one.fill)
+            plain = values if one.name == "iterations" else as_doubles(values)
+            parts.append((one.name, plain, one.fill))
             if one.wide:
-                self._write(wide_name(one.name), block, as_bytes(values), WIDE_FILL)
+                parts.append((wide_name(one.name), as_bytes(values), WIDE_FILL))
+        with ThreadPoolExecutor(len(parts), "gyrospark-files") as pool:
+            for done in [pool.submit(self._write, block, *part) for part in parts]:
+                done.result()
 
-    def _write(self, name: str, block: slice, values: Array, fill: float) -> None:
+    def _write(self, block: slice, name: str, values: Array, fill: float) -> None:
         """Write a block whole, filled up behind the last row: nothing needs to be read for that."""
         array = self._arrays[name]
         whole = np.full((self._block, *values.shape[1:]), fill, dtype=array.dtype)
