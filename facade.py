@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import numbers
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -19,7 +17,7 @@ from .errors import InputError
 from .generator.spec import Spec
 from .generator.text_file import UnusableFileError, model_text, read_text
 from .projection import Projection, project
-from .runtime.cache import cache_folder, digest, publish, workshop
+from .runtime.cache import digest, keep, kept
 from .runtime.checks import as_array
 from .runtime.start import Start
 from .runtime.stepper import Stepper
@@ -187,26 +185,15 @@ def model_stepper(spec: Spec, allow_invalid: bool = False) -> tuple[Stepper, Sta
     """
     text = model_text(spec.model or "")
     own = "" if spec.tableau is None else _text_of(spec.tableau)
-    kept = f"model-{_source_key(spec, text, own, allow_invalid)}.source.json"
-    found = _kept_model(cache_folder() / kept)
+    key = f"model-{_source_key(spec, text, own, allow_invalid)}.source.json"
+    found = kept(key)
     if found is None:
-        found = _generate_model(spec, text, allow_invalid)
-        with workshop() as folder:
-            made = folder / "source.json"
-            made.write_text(json.dumps([*found[:2], asdict(found[2])]), encoding="utf-8")
-            publish(made, kept)
-    name, files, start = found
+        made = _generate_model(spec, text, allow_invalid)
+        keep(key, [*made[:2], asdict(made[2])])
+        name, files, start = made
+    else:
+        name, files, start = found[0], found[1], Start(**found[2])
     return Stepper(name, files), start
-
-
-def _kept_model(path: Path) -> tuple[str, dict[str, str], Start] | None:
-    """Return name, files and numbers that were kept, None if they are not there or damaged."""
-    try:
-        name, files, start = json.loads(path.read_text(encoding="utf-8"))
-        known = all(f"{name}.{end}" in files for end in ("h", "c", "json"))
-        return (name, files, Start(**start)) if known else None
-    except (OSError, ValueError, TypeError):
-        return None
 
 
 def _generate_model(
@@ -233,23 +220,20 @@ def files_of(spec: Spec) -> dict[str, str]:
     found = checked_in_files(spec.name)
     if found is not None:
         return found
-    kept = cache_folder() / f"{spec.name}-{_source_key(spec)}.source.json"
-    with contextlib.suppress(OSError, ValueError):  # not there, or damaged: made anew below
-        content = json.loads(kept.read_text(encoding="utf-8"))
-        wanted = {f"{spec.name}.{end}" for end in ("h", "c", "json")}
-        if isinstance(content, dict) and content.keys() == wanted:
-            return content
-    files = _generate(spec, None, None, False).source.files()
-    keep_files(spec, files)
+    files: dict[str, str] | None = kept(_kept_name(spec))
+    if files is None:
+        files = _generate(spec, None, None, False).source.files()
+        keep_files(spec, files)
     return files
 
 
 def keep_files(spec: Spec, files: dict[str, str]) -> None:
     """Keep generated files for later calls."""
-    with workshop() as folder:
-        made = folder / "source.json"
-        made.write_text(json.dumps(files), encoding="utf-8")
-        publish(made, f"{spec.name}-{_source_key(spec)}.source.json")
+    keep(_kept_name(spec), files)
+
+
+def _kept_name(spec: Spec) -> str:
+    return f"{spec.name}-{_source_key(spec)}.source.json"
 
 
 def checked_in_files(name: str) -> dict[str, str] | None:

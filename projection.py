@@ -111,12 +111,13 @@ def project(system: Constrained, q: Array, p: Array) -> Projection:
     InputError
         Naming the constraints that depend on each other, or that cannot be met from here.
     """
-    q_new = project_coordinates(system, q)
-    p_new = project_momenta(system, q_new, p)
-    return report(
-        system, (q, p), (q_new, p_new), (system.g(q), system.g(q_new)),
-        (system.f(q_new, p), system.f(q_new, p_new)),
-    )
+    with np.errstate(all="ignore"):  # what is not finite ends in a refusal
+        q_new = project_coordinates(system, q)
+        p_new = project_momenta(system, q_new, p)
+        return report(
+            system, (q, p), (q_new, p_new), (system.g(q), system.g(q_new)),
+            (system.f(q_new, p), system.f(q_new, p_new)),
+        )
 
 
 def report(
@@ -187,8 +188,10 @@ def dependent_rows(G: Array, tolerance: float = RANK_TOLERANCE) -> tuple[list[in
     Rows are taken at length one. Of dependent rows the later ones are left out, as a builder
     would who adds one joint after the other.
     """
-    sizes = np.linalg.norm(G, axis=1)
-    rows = G / np.where(sizes > 0, sizes, 1.0)[:, None]
+    largest = np.abs(G).max(axis=1, initial=0.0)  # first, for its square may be beyond 1e308
+    rows = G / np.where(largest > 0, largest, 1.0)[:, None]
+    sizes = np.linalg.norm(rows, axis=1)
+    rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
     if len(G) <= G.shape[1] and _is_well_conditioned(rows):
         return [], []
     U, values, _ = np.linalg.svd(rows)
@@ -240,6 +243,8 @@ def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:
 def _singular(system: Constrained, G: Array) -> str:
     """Return which constraints leave the multipliers undetermined, as a sentence."""
     names = system.constraint_names
+    if not np.isfinite(G).all():
+        return "The constraints have no finite gradient here; start elsewhere."
     flat = [name for name, row in zip(names, G, strict=True) if not row.any()]
     if flat:
         return f"The gradient of {_listed(flat)} vanishes here; start elsewhere."

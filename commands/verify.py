@@ -89,6 +89,10 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
     if target.endswith(".json") or Path(target).is_file():
         return [Spec.checked(None, None, choice["rep"], choice["system"], choice["real"],
                              Path(target))]
+    for key in ("rep", "system", "real"):
+        if choice[key]:
+            raise InputError(f"--{key} {choice[key]!r} is given besides {target!r}, which says it "
+                             "too; give one.")
     return [spec_of_name(target)]
 
 

@@ -61,7 +61,7 @@ class Evaluator:
     def _number(self, e: sp.Expr) -> Any:
         if self._mp is not None:
             return self._mp.mpmathify(e.evalf(self._mp.dps))
-        return float(e)
+        return np.float64(float(e))
 
     def _power(self, e: sp.Pow) -> Any:
         base, exponent = self(e.base), e.exp
@@ -79,10 +79,15 @@ class Evaluator:
 
 
 def evaluate(expressions: Sequence[sp.Expr], values: Mapping[sp.Symbol, Any]) -> Array:
-    """Return the values, one row an expression, broadcast over the values' shapes."""
-    walk = Evaluator(values)
+    """Return the values, one row an expression, broadcast over the values' shapes.
+
+    What is beyond 1e308, or divides by zero, is infinite or NaN, for one point as for many:
+    Python's own floats would raise instead.
+    """
+    walk = Evaluator({symbol: np.asarray(v)[()] for symbol, v in values.items()})
     shape = np.broadcast_shapes(*(np.shape(v) for v in values.values()))
-    rows = [np.broadcast_to(walk(e), shape) for e in expressions]
+    with np.errstate(all="ignore"):
+        rows = [np.broadcast_to(walk(e), shape) for e in expressions]
     return np.array(rows) if rows else np.zeros((0, *shape))
 
 

@@ -32,6 +32,9 @@ MAX_BITS = 12_000
 MAX_LEVEL = 5
 #: Of the argument of a function of a constant.
 MAX_ARGUMENT = 1000
+#: Bits of the integers into which SymPy turns a fractional power of a number: 12**(7/9) becomes
+#: 2**(5/9)*18**(1/3), and 12**0.7777777777 would need a number of 10^10 bits.
+MAX_ROOT_BITS = 2_000_000
 
 #: Name → SymPy's function and its number of arguments.
 FUNCTIONS: Mapping[str, tuple[Callable[..., sp.Expr], int]] = MappingProxyType({
@@ -141,6 +144,7 @@ class _Formulas:
     def power(self, base: _Term, exponent: _Term) -> _Term:
         self.check_exponent(exponent)
         e = exponent.expression
+        _refuse_long_root(base.expression, e)
         if base.constant is not None:
             if e.is_Rational and e.q <= 2:
                 return _constant(numbers.power(base.constant, rational(e)))
@@ -174,6 +178,11 @@ class _Formulas:
     def call(self, function: str, arguments: Sequence[_Term]) -> _Term:
         known = [a.constant for a in arguments if a.constant is not None]
         make, _ = FUNCTIONS[function]
+        if function == "exp":  # SymPy makes exp(c*log(x)) the power x**c
+            for term in sp.Add.make_args(arguments[0].expression):
+                factor, logarithm = term.as_coeff_Mul()
+                if logarithm.func is sp.log:
+                    _refuse_long_root(logarithm.args[0], factor)
         if len(known) < len(arguments):
             return _formula(arguments, 1, sum(a.terms for a in arguments), make)
         if function == "sqrt":
@@ -261,6 +270,24 @@ def _formula(
     if result.is_number:
         return _constant(numbers.named(result))
     return _Term(result, None, bits, terms, level)
+
+
+def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
+    """Refuse a fractional power of numbers whose exponent has many digits."""
+    if not exponent.is_Rational or exponent.q <= 2:
+        return
+    for factor in sp.Mul.make_args(base):
+        if not factor.is_number:
+            continue
+        roots = [e.exp.q for e in factor.atoms(sp.Pow) if e.exp.is_Rational]
+        bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) if x not in (1, -1) else 0
+                   for x in factor.atoms(sp.Rational))
+        if bits * exponent.q * math.prod(roots) > MAX_ROOT_BITS:
+            raise RefusedError(
+                f"The exponent {shorten(str(sp.N(exponent, 10)), 20)} of the number "
+                f"{shorten(str(factor), 30)} has too many digits; work the number out, or round "
+                "the exponent"
+            )
 
 
 def _refuse_rough(result: sp.Expr) -> None:

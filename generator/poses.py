@@ -96,11 +96,12 @@ def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
 
 def _from_matrix(what: str, matrix: Any) -> Array:
     R = finite(f"rotation of {what}", matrix, (3, 3))
-    error = np.abs(R @ R.T - np.eye(3)).max()
-    if error > 1e-6 or np.linalg.det(R) < 0:
+    with np.errstate(over="ignore", invalid="ignore"):  # no rotation, then
+        error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
+    if not error <= 1e-6 or determinant < 0:
         raise InputError(
             f"The rotation of {what} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
-            f"det R = {np.linalg.det(R):.3g}; give orthogonal columns, right-handed."
+            f"det R = {determinant:.3g}; give orthogonal columns, right-handed."
         )
     # 4 q qᵀ, every entry from R; the row with the largest diagonal loses no digits.
     t = np.trace(R)

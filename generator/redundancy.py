@@ -45,10 +45,17 @@ def refuse_redundant(what: str, constraints: NumericConstraints, q: Array) -> No
     """
     refuse_constant(what, constraints.expressions, constraints.constraint_names)
     found = nearest_point(constraints, q)
-    involved, left_out = dependent_rows(constraints.G(q if found is None else found))
+    names = constraints.constraint_names
+    slopes = constraints.G(q if found is None else found)
+    if not np.isfinite(slopes).all():
+        endless = [i for i, row in enumerate(slopes) if not np.isfinite(row).all()]
+        raise InputError(
+            f"The constraints {_listed(names, endless)} of {what!r} have no finite gradient at the "
+            "start; start elsewhere, or in other units."
+        )
+    involved, left_out = dependent_rows(slopes)
     if not involved:
         return
-    names = constraints.constraint_names
     if found is None:
         raise InputError(
             f"The constraints {_listed(names, involved)} of {what!r} contradict each other near "
@@ -88,7 +95,10 @@ def refuse_redundant_anywhere(system: System) -> None:
                 system.q, system.constraints, names, _draw(system, rng))
             q = rng.standard_normal(system.n)
             found = nearest_point(constraints, q)
-            involved, left_out = dependent_rows(constraints.G(q if found is None else found))
+            slopes = constraints.G(q if found is None else found)
+            if not np.isfinite(slopes).all():
+                return
+            involved, left_out = dependent_rows(slopes)
             if found is not None and not involved:
                 return
             (off if found is None else on).append((involved, left_out))

@@ -28,7 +28,7 @@ from ..errors import GyrosparkError
 from . import quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, Compiler, extension_suffix
 
-__all__ = ["CacheError", "binary_key", "cache_folder", "publish", "workshop"]
+__all__ = ["CacheError", "binary_key", "cache_folder", "keep", "kept", "publish", "workshop"]
 
 _STALE_SECONDS = 24 * 3600
 #: No build takes so long; ``clear`` takes it for ended.
@@ -114,6 +114,23 @@ def publish(made: Path, name: str) -> Path:
     target = cache_folder() / name
     made.replace(target)
     return target
+
+
+def keep(name: str, content: Any) -> None:
+    """Keep what JSON can hold under a name, with its checksum."""
+    with workshop() as folder:
+        made = folder / "content.json"
+        made.write_text(json.dumps([digest(content), content]), encoding="utf-8")
+        publish(made, name)
+
+
+def kept(name: str) -> Any:
+    """Return what was kept under a name; None if it is not there, or not as it was written."""
+    try:
+        proof, content = json.loads((cache_folder() / name).read_text(encoding="utf-8"))
+        return content if proof == digest(content) else None
+    except (OSError, ValueError, TypeError, RecursionError):
+        return None
 
 
 def entries() -> list[Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -20,6 +19,7 @@ from .ensemble import Ensemble, integrate_members
 from .gamma_choice import with_choice
 from .integration import Run, integrate
 from .lanes import Member, integrate_lanes
+from .manifest import read_manifest
 from .module import load_module, provenance
 from .trajectory import Trajectory
 
@@ -55,7 +55,7 @@ class Stepper:
     def __init__(self, name: str, files: dict[str, str]) -> None:
         self.name = name
         self.files = dict(files)
-        self.manifest: dict[str, Any] = json.loads(files[f"{name}.json"])
+        self.manifest = read_manifest(name, files)
         module = load_module(name, files)
         self.binding = _binding_type(self.manifest["real"])(module, name, self.manifest)
         self.n, self.m = self.binding.n, self.binding.m
@@ -237,7 +237,7 @@ class Stepper:
         times = self.binding.numbers("t", t)
         if times.shape not in ((), shape):
             raise InputError(f"t has shape {times.shape}; give one time, or shape {shape}.")
-        t_rows = np.array(np.broadcast_to(times, shape), dtype=self.binding.dtype).reshape(-1)
+        t_rows = self._cast(np.broadcast_to(times, shape)).reshape(-1)
         values = self.binding.quantities(self._parameters(parameters), t_rows, q_rows, p_rows)
         return {name: values[:, i].reshape(shape)
                 for i, name in enumerate(self.binding.quantity_names)}
@@ -328,9 +328,13 @@ class Stepper:
         if shape[-1:] != (self.n,) or p_rows.shape != shape:
             raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "
                              f"give (..., {self.n}) for both.")
-        q_rows, p_rows = (np.array(a, dtype=self.binding.dtype).reshape(-1, self.n)
-                          for a in (q_rows, p_rows))
+        q_rows, p_rows = (self._cast(a).reshape(-1, self.n) for a in (q_rows, p_rows))
         return shape[:-1], q_rows, p_rows
+
+    def _cast(self, numbers: Array) -> Array:
+        """Return a copy in the stepper's own type; what is beyond its range is infinite."""
+        with np.errstate(over="ignore"):
+            return np.array(numbers, dtype=self.binding.dtype)
 
     def _parameters(self, given: Mapping[str, float], t: float = 0.0) -> Any:
         return self.binding.parameters(as_parameters(given, self.parameter_domains),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import GyrosparkError, InputError
 from . import quaternion
+from .manifest import sizes_of
 
 __all__ = ["Report", "Trajectory"]
 
@@ -243,7 +244,7 @@ class Trajectory:
             loaded = cls(**arrays, dt=about["dt"], every=about["every"],
                          parameters=about["parameters"], report=Report(**report),
                          manifest=about["manifest"])
-            loaded._refuse_unless_shapes_fit()
+            loaded._refuse_unless_sound()
             return loaded
         except InputError:
             raise
@@ -253,18 +254,30 @@ class Trajectory:
             raise InputError(f"{str(path)!r} is not a trajectory file of gyrospark, or damaged."
                              ) from error
 
-    def _refuse_unless_shapes_fit(self) -> None:
-        rows, n = len(self.t), len(self.manifest["system"]["coordinates"])
+    def _refuse_unless_sound(self) -> None:
+        """Raise for arrays, numbers and a manifest that no integration returns together."""
+        sizes, report = sizes_of(self.manifest), asdict(self.report)
+        rows, n = len(self.t), sizes["coordinates"]
         shapes = {
             "t": (rows,), "q": (rows, n), "p": (rows, n), "energies": (rows,),
             "g_errors": (rows,), "f_errors": (rows,), "iterations": (rows - 1,),
-            "work": (rows,), "quantity_values": (rows, len(self.quantities)),
+            "work": (rows,), "quantity_values": (rows, sizes["quantities"]),
         }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has another shape than {shape}")
-        if len(self.multipliers) != rows - 1:
-            raise ValueError("multipliers have another length than the steps")
+        if self.multipliers.shape[:1] != (rows - 1,) or self.multipliers.ndim not in (2, 3):
+            raise ValueError("multipliers have another shape than the steps")
+        for name in _ARRAYS:
+            if getattr(self, name).dtype.kind not in ("iu" if name == "iterations" else "fO"):
+                raise ValueError(f"{name} has entries of another type")
+        lists = [report.pop("q"), report.pop("p")]
+        numbers = [self.dt, *report.values(), *self.parameters.values(), *lists[0], *lists[1]]
+        counts = [report["steps"], report["iterations"], self.every]
+        if (not all(type(x) in (int, float) for x in numbers)
+                or not all(type(x) is int for x in counts)
+                or self.parameters.keys() != self.manifest["system"]["parameters"].keys()):
+            raise ValueError("a number is of another type")
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw axis trace, energy error and constraint errors; see ``plots.draw``."""

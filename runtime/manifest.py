@@ -1,0 +1,127 @@
+"""The manifest of a stepper, checked before its sizes are used to hand out memory.
+
+It says how many numbers compiled code reads and writes. One that does not belong to its header, of
+a damaged installation say, would let that code write behind the end of an array.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import InputError
+
+__all__ = ["read_manifest", "sizes_of"]
+
+#: Type in the manifest → type in C.
+_C_TYPES = {"float": "float", "double": "double", "long-double": "long double",
+            "float128": "_Float128"}
+_DOMAINS = ("positive", "nonzero", "real")
+
+
+def read_manifest(name: str, files: Mapping[str, str]) -> dict[str, Any]:
+    """Return the manifest of the files of a stepper: ``name.json`` beside ``name.h``.
+
+    Raises
+    ------
+    InputError
+        If it is no manifest, or says something else than the header does.
+    """
+    try:
+        content = json.loads(files[f"{name}.json"])
+        said, declared = sizes_of(content), _declared(name, files[f"{name}.h"])
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError):
+        raise InputError(f"The manifest {name}.json is damaged; generate the stepper again."
+                         ) from None
+    for what, value in declared.items():
+        if said[what] != value:
+            raise InputError(f"The manifest {name}.json does not belong to {name}.h: {what} "
+                             f"{said[what]!r:.80} against {value!r:.80}; generate the stepper "
+                             "again.")
+    manifest: dict[str, Any] = content
+    return manifest
+
+
+def sizes_of(content: Any) -> dict[str, Any]:
+    """Return what a manifest says that its header says too.
+
+    Raises ``ValueError``, ``TypeError``, ``KeyError`` or ``AttributeError`` for a manifest in
+    which something is missing or of another type.
+    """
+    system, scheme, fast = content["system"], content["scheme"], content["fast_path"]
+    texts = (content["name"], system["name"], scheme["method"], *system["coordinates"],
+             *system["momenta"], *system["constraints"], *system.get("constraint_names", ()),
+             *system["parameters"], *system.get("quantities", ()), system.get("time", ""),
+             *content.get("tableau", {}).get("remarks", ()), fast.get("reason", ""))
+    lists = (system["coordinates"], system["momenta"], system["constraints"],
+             system.get("constraint_names", []), system.get("forces", []),
+             content.get("tableau", {}).get("remarks", []))
+    flags = (system["rigid_body"], scheme["unknowns_are_state"],
+             scheme["keeps_momentum_constraint"], fast["available"],
+             system.get("quantities_take_time", False))
+    counts = (scheme["unknowns"], scheme["multipliers"], scheme["order"], scheme["stages"] or 0)
+    m = len(system["constraints"])
+    sound = (
+        all(isinstance(x, str) for x in texts) and all(isinstance(x, list) for x in lists)
+        and all(isinstance(x, bool) for x in flags) and all(type(x) is int for x in counts)
+        and all(x in _DOMAINS for x in system["parameters"].values())
+        and isinstance(system.get("quantities", {}), dict)
+        and len(system.get("constraint_names", [0] * m)) == m
+        and len(system["coordinates"]) == len(system["momenta"])
+        and (fast["available"] or "reason" in fast)
+        and (not system["rigid_body"] or (
+            len(system["coordinates"]) == 4 and {"I1", "I2", "I3"} <= set(system["parameters"])))
+    )
+    if not sound:
+        raise ValueError("the manifest holds something of another type")
+    time = [system["time"]] if "time" in system else []
+    return {
+        "name": content["name"],
+        "real": _C_TYPES[content["real"]],
+        "parameters": [*system["parameters"], *time] or ["none"],
+        "coordinates": len(system["coordinates"]),
+        "constraints": m,
+        "unknowns": scheme["unknowns"],
+        "order": scheme["order"],
+        "multipliers": scheme["multipliers"] * m,
+        "forces": "forces" in system,
+        "fast path": fast["available"],
+        "quantities": len(system.get("quantities", ())),
+        "quantities in time": bool(system.get("quantities"))
+        and system.get("quantities_take_time", False),
+    }
+
+
+def _declared(name: str, header: str) -> dict[str, Any]:
+    """Return what a header says; raise if it is no header of ours."""
+    sizes = _found(r"n = (\d+) coordinates, m = (\d+) constraints, (\d+) unknowns a step, "
+                   r"order (\d+)\.", header)
+    step = _found(rf"multipliers \((\d+)\n \* of them\)[^;]*\n"
+                  rf"int ({name})_step\([^;]*?\n    (.+?) dt,", header)
+    fields = _found(rf"typedef struct {{([^{{}}]*)}} {name}_parameters;", header)[0]
+    # A comment may stand behind a field.
+    parameters = re.findall(r"^    [^/;]*?(\w+);", fields, flags=re.MULTILINE)
+    rows = re.search(r"Quantities of `count` states, in rows of (\d+):", header)
+    return {
+        "name": step[1],
+        "real": step[2],
+        "parameters": parameters,
+        "coordinates": int(sizes[0]),
+        "constraints": int(sizes[1]),
+        "unknowns": int(sizes[2]),
+        "order": int(sizes[3]),
+        "multipliers": int(step[0]),
+        "forces": f" {name}_step_work(" in header,
+        "fast path": f" {name}_lanes(void)" in header,
+        "quantities": int(rows[1]) if rows else 0,
+        "quantities in time": re.search(rf" {name}_quantities\([^;]*\*t,", header) is not None,
+    }
+
+
+def _found(pattern: str, text: str) -> tuple[str, ...]:
+    match = re.search(pattern, text)
+    if match is None:
+        raise ValueError(f"no {pattern} in the header")
+    return match.groups()
