@@ -1,0 +1,225 @@
+"""Files that gyrospark wrote and reads again: trajectories, kept sources, manifests; damaged.
+
+A trajectory file is damaged as bytes, or rebuilt as a sound archive with other arrays or other
+JSON inside. What is loaded all the same must answer every question about itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import gyrospark as gs
+from gyrospark import facade
+from gyrospark.errors import GyrosparkError, InputError
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime import stepper as stepper_module
+from gyrospark.runtime.cache import keep, kept
+from gyrospark.runtime.stepper import Stepper
+
+from .choices import Choices
+from .mutations import changed_bytes, changed_text, changed_tree
+from .scratch import scratch
+from .sentences import refuse_unless_sentence
+from .tableaux import text_of
+
+WORDS = ("float128", "float", "double", "heavy_top", "name", "null", "true", "-1", "[]", "{}", "q0")
+DTYPES = ("f8", "f4", "g", "i8", "u1", "c16", "?", "U3", "S2", ">f8", "M8[s]", "V4", "f2")
+
+
+@cache
+def spec() -> Spec:
+    return Spec("EMS")
+
+
+@cache
+def made() -> gs.Trajectory:
+    top = gs.problems.fast_top()
+    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    return gs.stepper("EMS").integrate(top.q0, top.p0, dt=1e-3, steps=6, every=2,
+                                       parameters=parameters)
+
+
+@cache
+def archive() -> dict[str, bytes]:
+    """Return the members of a sound file."""
+    path = made().save(scratch() / "sound.npz")
+    with zipfile.ZipFile(path) as file:
+        return {name: file.read(name) for name in file.namelist()}
+
+
+@cache
+def about() -> Any:
+    with np.load(scratch() / "sound.npz") as file:
+        return json.loads(str(file["about"]))
+
+
+# ---------------------------------------------------------------- trajectories
+
+
+def check_trajectory(data: bytes) -> str:
+    """Load one trajectory file; ask it everything."""
+    choices = Choices(data)
+    path = scratch() / "damaged.npz"
+    path.write_bytes(content(choices))
+    try:
+        loaded = gs.Trajectory.load(path)
+    except InputError as error:
+        refuse_unless_sentence(error, "damaged.npz")
+        return "refused"
+    question(loaded)
+    return "accepted"
+
+
+def content(choices: Choices) -> bytes:
+    members = dict(archive())
+    kind = choices.below(8)
+    if kind == 0:
+        return changed_bytes((scratch() / "sound.npz").read_bytes(), choices)
+    if kind < 3:
+        members["about.npy"] = npy(np.array(text_of(changed_tree(about(), choices, value))
+                                            .encode("utf-8", "replace").decode()))
+    elif kind < 5:
+        name = choices.pick(sorted(members))
+        members[name] = npy(array(choices))
+    elif kind == 5:
+        name = choices.pick(sorted(members))
+        members[name] = changed_bytes(members[name], choices)
+    elif kind == 6:
+        name, other = choices.pick(sorted(members)), choices.pick(sorted(members))
+        members[name] = members[other]
+        if choices.one_in(3):
+            del members[other]
+    else:
+        return choices.rest()
+    return zipped(members)
+
+
+def value(choices: Choices) -> Any:
+    return choices.pick(WORDS) if choices.one_in(3) else choices.value()
+
+
+def array(choices: Choices) -> np.ndarray:
+    """Return an array of some type and shape; often of the shape that was expected."""
+    shape = choices.pick(((4,), (4, 4), (3,), (3, 1), (4, 0), (0,), (), (1,), (5, 4), (4, 1),
+                          (2, 2), (4, 4, 16), (3, 1, 1), (0, 4)))
+    dtype = np.dtype(choices.pick(DTYPES))
+    flat = np.frombuffer(bytes(choices.byte() for _ in range(32)) * (
+        1 + int(np.prod(shape)) * dtype.itemsize // 32), dtype="u1")
+    count = int(np.prod(shape)) * dtype.itemsize
+    if dtype.kind in "U?":  # not every bit pattern is one
+        return np.zeros(shape, dtype=dtype)
+    return np.frombuffer(flat[:count].tobytes(), dtype=dtype).reshape(shape)
+
+
+def npy(content: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, content, allow_pickle=False)
+    return stream.getvalue()
+
+
+def zipped(members: dict[str, bytes]) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+    return stream.getvalue()
+
+
+def question(loaded: gs.Trajectory) -> None:
+    """Ask a trajectory everything; a refusal is an answer."""
+    names = [*loaded.quantities, "nothing"]
+    questions: list[Callable[[], Any]] = [
+        loaded.energy, loaded.energy_error, loaded.constraint_errors, loaded.axis,
+        loaded.angular_velocity, loaded.rotation, lambda: len(loaded),
+        lambda: loaded.report.iterations_mean, lambda: [loaded.quantity(name) for name in names],
+    ]
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of numbers that mean nothing
+        for ask in questions:
+            try:
+                ask()
+            except GyrosparkError as error:
+                refuse_unless_sentence(error)
+    again = gs.Trajectory.load(loaded.save(scratch() / "again.npz"))
+    assert again.q.tobytes() == loaded.q.tobytes()
+
+
+# ---------------------------------------------------------------- kept sources
+
+
+def check_source(data: bytes) -> str:
+    """Read one damaged file of the cache: as it was written, or made anew."""
+    choices = Choices(data)
+    name, content = "fuzz.source.json", dict(facade.files_of(spec()))
+    before = os.environ.get("GYROSPARK_CACHE", "")
+    os.environ["GYROSPARK_CACHE"] = str(scratch() / "cache")
+    try:
+        keep(name, content)
+        path = scratch() / "cache" / name
+        path.write_bytes(damaged(path.read_bytes(), choices))
+        found = kept(name)
+    finally:
+        os.environ["GYROSPARK_CACHE"] = before
+    assert found is None or found == content
+    return "made anew" if found is None else "accepted"
+
+
+def damaged(sound: bytes, choices: Choices) -> bytes:
+    kind = choices.below(4)
+    if kind < 2:
+        return changed_bytes(sound, choices)
+    if kind == 2:
+        return text_of(changed_tree(json.loads(sound), choices, value)).encode(
+            "utf-8", "surrogatepass")
+    return choices.rest()
+
+
+# ---------------------------------------------------------------- manifests
+
+
+def check_manifest(data: bytes) -> str:
+    """Make a stepper of a damaged manifest; if it can be had, use it."""
+    choices = Choices(data)
+    files = dict(facade.files_of(spec()))
+    name = f"{spec().name}.json"
+    kind = choices.below(4)
+    if kind < 3:
+        files[name] = text_of(changed_tree(json.loads(files[name]), choices, value))
+    else:
+        files[name] = changed_text(files[name], choices, WORDS)
+    try:
+        with compiled():
+            step = Stepper(spec().name, files)
+    except GyrosparkError as error:
+        refuse_unless_sentence(error)
+        return "refused"
+    top = made()
+    try:
+        with np.errstate(all="ignore"):
+            step.step(top.q[0], top.p[0], dt=1e-3, parameters=top.parameters)
+    except GyrosparkError as error:
+        refuse_unless_sentence(error)
+        return "made, step refused"
+    return "accepted"
+
+
+@contextlib.contextmanager
+def compiled() -> Iterator[None]:
+    """Spare us compiling the same C for every manifest, whose text is part of the cache's key."""
+    module = gs.stepper("EMS").binding
+    before = stepper_module.load_module
+    stepper_module.load_module = lambda name, files: module
+    try:
+        yield
+    finally:
+        stepper_module.load_module = before

@@ -1,0 +1,128 @@
+"""One input through one entrance: accepted, refused, or a failure; within its time."""
+
+from __future__ import annotations
+
+import random
+import signal
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+__all__ = ["CORPUS", "Failure", "Verdict", "corpus", "judge", "random_input", "shrunk"]
+
+CORPUS = Path(__file__).resolve().parent / "corpus"
+Check = Callable[[bytes], str]
+
+
+class HangError(BaseException):
+    """The time of an input is over. No ``except Exception`` on the way shall stop it."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What went wrong, and where: equal places are taken for one bug."""
+
+    kind: str
+    place: str
+    text: str
+
+    @property
+    def key(self) -> str:
+        return f"{self.kind} at {self.place}"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """``outcome`` is "accepted", a kind of refusal, or "failed"."""
+
+    outcome: str
+    seconds: float
+    failure: Failure | None = None
+
+
+def judge(check: Check, data: bytes, limit: float) -> Verdict:
+    """Return what an entrance does with an input."""
+    start = time.perf_counter()
+    failure = None
+    outcome = "failed"
+    try:
+        with time_limit(limit):
+            outcome = check(data)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # SystemExit, HangError and what no entrance expects
+        failure = described(error)
+    return Verdict(outcome, time.perf_counter() - start, failure)
+
+
+def described(error: BaseException) -> Failure:
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [f for f in frames if "/tests/" not in f.filename and "gyrospark" in f.filename]
+    # A hang is caught wherever the clock finds it: its place is how it was entered.
+    last = frames[-1] if not ours else ours[0] if isinstance(error, HangError) else ours[-1]
+    return Failure(type(error).__name__, f"{Path(last.filename).name}:{last.lineno}",
+                   "".join(traceback.format_exception(error))[-6000:])
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Raise ``HangError`` in this thread, the main one, after so many seconds."""
+    def ring(number: int, frame: FrameType | None) -> None:
+        raise HangError(f"no answer within {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+# ---------------------------------------------------------------- inputs
+
+
+def random_input(name: str, seed: int, number: int) -> bytes:
+    """Return the input of a number: the same in every run and process.
+
+    One in eight is a file of the corpus with some of its bytes changed.
+    """
+    rng = random.Random(f"{name} {seed} {number}")
+    known = corpus(name)
+    if known and rng.random() < 0.125:
+        content = bytearray(rng.choice(known).read_bytes())
+        for _ in range(rng.randint(1, 8)):
+            if content:
+                content[rng.randrange(len(content))] = rng.randrange(256)
+        return bytes(content)
+    return rng.randbytes(rng.choice((4, 12, 40, 120, 400)))
+
+
+def corpus(name: str) -> list[Path]:
+    """Return the inputs that are kept for an entrance: each once found a bug, or nearly."""
+    folder = CORPUS / name
+    return sorted(path for path in folder.glob("*") if path.is_file()) if folder.is_dir() else []
+
+
+def shrunk(data: bytes, fails: Callable[[bytes], bool], seconds: float = 20.0) -> bytes:
+    """Return a shorter or plainer input that fails alike: pieces cut out, bytes set to zero."""
+    end = time.perf_counter() + seconds
+    size = max(len(data) // 2, 1)
+    while size and time.perf_counter() < end:
+        at = 0
+        while at < len(data) and time.perf_counter() < end:
+            shorter = data[:at] + data[at + size :]
+            if fails(shorter):
+                data = shorter
+            else:
+                at += size
+        size //= 2
+    for at in range(len(data)):
+        plainer = data[:at] + b"\0" + data[at + 1 :]
+        if data[at] and time.perf_counter() < end and fails(plainer):
+            data = plainer
+    return data
