@@ -18,7 +18,7 @@ from .generator.spec import Spec
 from .generator.text_file import UnusableFileError, model_text, read_text
 from .projection import Projection, project
 from .runtime.cache import digest, keep, kept
-from .runtime.checks import as_array
+from .runtime.checks import as_array, shown
 from .runtime.start import Start
 from .runtime.stepper import Stepper
 
@@ -137,7 +137,7 @@ def consistent(
     from .generator.system import System as AnySystem
 
     if not isinstance(system, AnySystem):
-        raise InputError(f"system = {system!r} is neither a gyrospark.System nor a stepper.")
+        raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
     state = (as_array("q", q, (system.n,), np.float64), as_array("p", p, (system.n,), np.float64))
     return project(NumericSystem(system, parameters), *state)
 
@@ -263,8 +263,8 @@ def _generate(
     from .generator.tableau import Tableau
 
     if system is not None and not isinstance(system, System):
-        raise InputError(f"system = {system!r} is neither a name nor a gyrospark.System.")
+        raise InputError(f"system = {shown(system)} is neither a name nor a gyrospark.System.")
     if own_tableau is not None and not isinstance(own_tableau, Tableau):
-        raise InputError(f"tableau = {own_tableau!r} is neither a file nor a tableau; make one "
-                         "with gyrospark.tableau.")
+        raise InputError(f"tableau = {shown(own_tableau)} is neither a file nor a tableau; make "
+                         "one with gyrospark.tableau.")
     return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)

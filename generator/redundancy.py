@@ -150,9 +150,10 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
 def _is_isolated(constraints: NumericConstraints, q: Array) -> bool:
     """Whether the constraints are independent at a point nearby."""
     rng = np.random.default_rng(21)
+    largest = np.abs(q).max() or 1.0  # taken out of the root of squares, which may be beyond 1e308
+    mean_size = largest * np.linalg.norm(q / largest) / np.sqrt(len(q))
     for _ in range(3):
-        near = nearest_point(constraints, q + 0.05 * np.linalg.norm(q) / np.sqrt(len(q))
-                             * rng.standard_normal(len(q)))
+        near = nearest_point(constraints, q + 0.05 * mean_size * rng.standard_normal(len(q)))
         if near is not None and not dependent_rows(constraints.G(near))[0]:
             return True
     return False

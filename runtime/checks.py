@@ -13,10 +13,19 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 __all__ = ["all_finite", "as_array", "as_numbers", "as_parameters", "as_positive_count",
-           "as_real", "as_step", "refuse_auto"]
+           "as_real", "as_step", "refuse_auto", "shown"]
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
 _MOST = 2**62
+
+
+def shown(value: Any, most: int = 80) -> str:
+    """Return a value as a message shows it: on one line, cut to what can be read."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # a repr of somebody else's; of an integer of 5000 digits, too
+        text = f"a value of type {type(value).__name__}"
+    return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
@@ -33,13 +42,19 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
     if not np.all(np.isfinite(array)):
-        raise InputError(f"{name} = {array} is not finite; give finite numbers.")
+        raise InputError(f"{name} = {_entries(array)} is not finite; give finite numbers.")
     with np.errstate(over="ignore"):  # told below
         converted: NDArray[Any] = np.array(array, dtype=dtype, order="C")
     if not np.all(np.isfinite(converted)):
-        raise InputError(f"{name} = {array} is too large for {converted.dtype}; give smaller "
-                         "numbers or a wider floating-point type.")
+        raise InputError(f"{name} = {_entries(array)} is too large for {converted.dtype}; give "
+                         "smaller numbers or a wider floating-point type.")
     return converted
+
+
+def _entries(array: NDArray[Any]) -> str:
+    """Return an array as a message shows it."""
+    text = " ".join(str(array).split())
+    return text if len(text) <= 200 else text[:199] + "…"
 
 
 def all_finite(array: NDArray[Any]) -> bool:
@@ -71,7 +86,7 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
 def as_real(name: str, value: Any) -> float:
     """Return a finite real number as float."""
     if isinstance(value, bool) or not isinstance(value, (numbers.Real, np.floating, np.integer)):
-        raise InputError(f"{name} = {value!r} is not a real number.")
+        raise InputError(f"{name} = {shown(value)} is not a real number.")
     try:
         number = float(value)
     except OverflowError:  # an integer or a fraction beyond 1e308
@@ -92,11 +107,11 @@ def as_step(value: Any) -> float:
 def as_positive_count(name: str, value: Any, least: int = 0) -> int:
     """Return a whole number of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InputError(f"{name} = {value!r} is not a whole number.")
+        raise InputError(f"{name} = {shown(value)} is not a whole number.")
     if value < least:
-        raise InputError(f"{name} = {value} is too small; give at least {least}.")
+        raise InputError(f"{name} = {shown(value)} is too small; give at least {least}.")
     if value > _MOST:
-        raise InputError(f"{name} = {value} is too large; give at most {_MOST}.")
+        raise InputError(f"{name} = {shown(value)} is too large; give at most {_MOST}.")
     return int(value)
 
 
@@ -109,7 +124,7 @@ def as_parameters(given: Any, domains: Mapping[str, str]) -> dict[str, float]:
         Naming a missing, unknown or unusable parameter.
     """
     if not isinstance(given, Mapping):
-        raise InputError(f"parameters = {given!r} is not a dict; give {', '.join(domains)}.")
+        raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
     missing = [name for name in domains if name not in given]
     if missing:
         raise InputError(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, StepFailed
-from .checks import as_numbers, as_positive_count, refuse_auto
+from .checks import as_numbers, as_positive_count, refuse_auto, shown
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -144,7 +144,8 @@ def _each_parameters(parameters: Any, size: int) -> list[dict[str, float]]:
                    for name, value in parameters.items()}
         return [{name: column[i].item() for name, column in columns.items()} for i in range(size)]
     if not isinstance(parameters, Sequence) or not all(isinstance(r, Mapping) for r in parameters):
-        raise InputError(f"parameters = {parameters!r} is neither a dict nor a list of dicts.")
+        raise InputError(f"parameters = {shown(parameters)} is neither a dict nor a list of "
+                         "dicts.")
     if len(parameters) != size:
         raise InputError(f"{len(parameters)} sets of parameters are given for {size} trajectories.")
     return [dict(run) for run in parameters]

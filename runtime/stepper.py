@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import GyrosparkError, InputError, StepFailed
 from ..projection import Projection, project, report
 from .binding import REASONS, SOLVERS, Binding
-from .checks import as_parameters, as_positive_count, as_real, as_step
+from .checks import as_parameters, as_positive_count, as_real, as_step, shown
 from .compiled_constraints import CompiledConstraints
 from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
@@ -372,8 +372,8 @@ class Stepper:
         parameters: Mapping[str, float], solver: str, tolerance: float | None,
         max_iterations: int, t0: float,
     ) -> Run:
-        if solver not in SOLVERS:
-            raise InputError(f"Unknown solver {solver!r}; choose {', '.join(SOLVERS)}.")
+        if not isinstance(solver, str) or solver not in SOLVERS:
+            raise InputError(f"Unknown solver {shown(solver)}; choose {', '.join(SOLVERS)}.")
         if solver == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
                              f"{self.manifest['fast_path']['reason']}; choose auto or newton.")

@@ -141,14 +141,14 @@ def lanes(memory: Memory, choices: Choices) -> str:
     binding, ffi, name = memory.case.step.binding, memory.ffi, memory.case.step.name
     if not binding.lanes:
         return "no lanes"
-    count = choices.below(binding.lanes + 1)
-    par = ffi.new(f"{name}_parameters[]", max(count, 1))
+    count = 1 + choices.below(binding.lanes)
+    par = ffi.new(f"{name}_parameters[]", count)
     for i in range(count):
         par[i] = memory.parameters()[0]
     options = memory.options()
     steps, every = choices.below(STATES + 1), choices.pick((1, 2, 5, 2**63 - 1))
     rows = steps // every
-    q, p = memory.state(memory.case.q, max(count, 1)), memory.state(memory.case.p, max(count, 1))
+    q, p = memory.state(memory.case.q, count), memory.state(memory.case.p, count)
     dt = memory.new(count)
     memory.result(2)[:] = [memory.dt() for _ in range(count)]
     out = [memory.optional(count * rows * size) for size in (binding.n, binding.n,
@@ -158,7 +158,7 @@ def lanes(memory: Memory, choices: Choices) -> str:
     status = ffi.new("int[]", count + 1)
     batch, work = binding.batch_memory()
     memory.call("integrate_lanes", count, par, options, dt, steps, every, rows, q, p, *out, counts,
-                *done, binding.reports(max(count, 1)), status, batch, work)
+                *done, binding.reports(count), status, batch, work)
     assert status[count] == 0, "written behind the statuses"
     assert counts == ffi.NULL or counts[count * rows] == 0, "written behind the counts"
     n, kinds = binding.n, set()

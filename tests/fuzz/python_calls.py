@@ -104,7 +104,7 @@ def options(choices: Choices) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if choices.one_in(3):
         found["solver"] = choices.pick(("auto", "newton", "fixed-point", "python", "magic", "", 3,
-                                        None))
+                                        None, [], {}))
     if choices.one_in(4):
         found["tolerance"] = number(choices, 1e-12)
     if choices.one_in(4):

@@ -266,6 +266,7 @@ def main() -> int:
     from fuzz.entrances import ENTRANCES
 
     if options.replay is not None:
+        warnings.simplefilter("error")
         verdict = judge(ENTRANCES[options.entrance].check, options.replay.read_bytes(),
                         ENTRANCES[options.entrance].seconds)
         print(verdict.outcome, f"{verdict.seconds:.3f} s", verdict.failure or "")
