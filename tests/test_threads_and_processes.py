@@ -1,0 +1,274 @@
+"""One stepper for many threads and processes: the same bits, no leak, no harm by who gives up."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import RUN, TOP
+from fuzz.steppers import NAMES, case
+from processes import FAST_TOP, call, python
+
+THREADS = 64
+
+
+def run_of(name: str, shift: int = 0, steps: int = 60) -> gs.Trajectory:
+    """Return a run; different shifts are different runs."""
+    what = case(name)
+    return what.step.integrate(what.q, what.p, dt=1e-3 * (1 + shift / 128), steps=steps,
+                               parameters=what.parameters)
+
+
+def bits(run: gs.Trajectory) -> list[bytes]:
+    return [getattr(run, name).tobytes() for name in ("t", "q", "p", "multipliers", "energies")]
+
+
+# ---------------------------------------------------------------- threads
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_threads_on_one_stepper_give_the_bits_of_one(name):
+    """64 threads, each with a run of its own, started together: no memory is shared."""
+    wanted = [bits(run_of(name, shift)) for shift in range(THREADS)]
+    assert wanted[0] != wanted[1]
+    together = threading.Barrier(THREADS)
+
+    def work(shift: int) -> list[bytes]:
+        together.wait()
+        return bits(run_of(name, shift))
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        assert list(pool.map(work, range(THREADS))) == wanted
+
+
+def test_threads_that_make_the_same_stepper_at_once(monkeypatch, tmp_path):
+    """All compile or load; all get one that works, and no half-made file is left."""
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
+    files = gs.stepper("IMS").files
+    step_type = gs.Stepper
+    together = threading.Barrier(8)
+
+    def make(_: int) -> bytes:
+        together.wait()
+        step = step_type("heavy_top_ims_gamma", files)
+        return step.step(TOP.q0, TOP.p0, **RUN)[0].tobytes()
+
+    with ThreadPoolExecutor(8) as pool:
+        assert len(set(pool.map(make, range(8)))) == 1
+    assert {path.suffix for path in tmp_path.iterdir()} == {".so", ".sha256"}
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, SystemExit, MemoryError, RuntimeError])
+def test_thread_that_is_broken_off_harms_no_other(kind):
+    """What a callback raises comes out of that call as it is; neighbours end as if alone."""
+    wanted = bits(run_of("gl3", steps=9000))
+    ended: list[object] = []
+
+    def give_up(done: int) -> None:
+        raise kind("enough")
+
+    def broken() -> None:
+        what = case("gl3")
+        try:
+            what.step.integrate(what.q, what.p, dt=1e-3, steps=10**6, every=1000,
+                                parameters=what.parameters, progress=give_up)
+        except BaseException as error:
+            ended.append(error)
+
+    threads = [threading.Thread(target=broken) for _ in range(8)]
+    with ThreadPoolExecutor(8) as pool:
+        for thread in threads:
+            thread.start()
+        found = list(pool.map(lambda _: bits(run_of("gl3", steps=9000)), range(8)))
+    for thread in threads:
+        thread.join()
+    assert found == [wanted] * 8
+    assert [type(error) for error in ended] == [kind] * 8
+
+
+def test_failures_in_threads_are_each_their_own():
+    """Runs that fail and runs that do not, side by side: each fails as it does alone."""
+    what = case("gl3")
+
+    def outcome(shift: int) -> object:
+        try:
+            return bits(what.step.integrate(what.q, what.p, dt=2e-3 * (1 + shift), steps=40,
+                                            parameters=what.parameters))
+        except gs.StepFailed as error:
+            return error.step, error.reason, bits(error.trajectory)
+
+    wanted = [outcome(shift) for shift in range(THREADS)]
+    assert {type(x) for x in wanted} == {list, tuple}
+    with ThreadPoolExecutor(THREADS) as pool:
+        assert list(pool.map(outcome, range(THREADS))) == wanted
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="threads have no signals there")
+def test_interrupt_ends_an_ensemble_and_its_threads():
+    what, before = case("gl3"), threading.active_count()
+    q, p = np.tile(what.q, (64, 1)), np.tile(what.p, (64, 1))
+    main = threading.main_thread().ident
+    timer = threading.Timer(0.3, signal.pthread_kill, [main, signal.SIGINT])
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        what.step.integrate_ensemble(q, p, dt=1e-3, steps=10**7, every=10**6, workers=4,
+                                     parameters=what.parameters)
+    timer.join()
+    assert threading.active_count() == before
+    assert bits(run_of("gl3")) == bits(run_of("gl3"))
+
+
+# ---------------------------------------------------------------- processes
+
+#: Steppers made before the processes are (forked ones have them) and after.
+PROCESSES = '''
+import hashlib, multiprocessing, sys
+import gyrospark as gs
+
+before = gs.stepper("G-L", 3) if len(sys.argv) > 1 else None
+
+def work(shift):
+    top = gs.problems.fast_top()
+    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    found = []
+    for step in (before, gs.stepper("G-L", 3), gs.stepper("EMS")):
+        if step is not None:
+            made = step.integrate(top.q0, top.p0, dt=1e-3*(1 + shift/64), steps=200,
+                                  parameters=parameters)
+            found.append(hashlib.sha256(made.q.tobytes() + made.p.tobytes()).hexdigest())
+    return found
+
+if __name__ == "__main__":
+    wanted = [work(shift) for shift in range(8)]
+    for method in multiprocessing.get_all_start_methods():
+        with multiprocessing.get_context(method).Pool(4) as pool:
+            found = pool.map(work, range(8))
+        # A spawned process is started without our arguments' stepper: it has its own.
+        print(method, found == wanted, len(set(map(tuple, found))))
+'''
+
+
+@pytest.mark.parametrize("words", [["made before"], []])
+def test_processes_give_the_same_bits(words, tmp_path):
+    """Forked, spawned, and from a server: with a stepper from before, and one made there."""
+    script = tmp_path / "work.py"
+    script.write_text(PROCESSES, encoding="utf-8")
+    done = call([sys.executable, script, *words], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines
+    for line in lines:
+        assert re.fullmatch(r"(fork|spawn|forkserver) True 8", line), done.stdout
+
+
+FORK_IN_THREADS = FAST_TOP + '''
+import os, sys, threading
+step = gs.stepper("G-L", 3)
+def run(steps=200):
+    return step.integrate(top.q0, top.p0, dt=1e-3, steps=steps, parameters=parameters).q.tobytes()
+wanted, ended = run(), threading.Event()
+def busy():
+    while not ended.is_set():
+        run(20000)
+threads = [threading.Thread(target=busy) for _ in range(4)]
+for thread in threads:
+    thread.start()
+codes = []
+import warnings
+warnings.simplefilter("ignore", DeprecationWarning)  # of Python 3.12, of forking with threads
+for _ in range(20):
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if run() == wanted else 1)
+    codes.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+ended.set()
+for thread in threads:
+    thread.join()
+print(codes == [0]*20)
+'''
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGCHLD"), reason="there is no fork")
+def test_fork_while_threads_integrate():
+    """There is no lock in compiled code that a child could find held for ever."""
+    assert python(FORK_IN_THREADS).strip() == "True"
+
+
+# ---------------------------------------------------------------- memory
+
+LEAKS = FAST_TOP + '''
+import resource
+from pathlib import Path
+
+def resident():
+    """Return bytes of resident memory."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages*resource.getpagesize()
+
+step = gs.stepper("G-L", 3)
+good = {"dt": 1e-3, "parameters": parameters}
+
+def one(k):
+    kind = k % 20
+    if kind < 14:
+        step.step(top.q0, top.p0, **good)
+    elif kind == 14:
+        step.integrate(top.q0, top.p0, steps=5, **good)
+    elif kind == 15:
+        step.energy(top.q0, top.p0, parameters=parameters)
+    elif kind == 16:
+        step.project(top.q0, top.p0, parameters=parameters)
+    elif kind == 17:
+        try:
+            step.step(top.q0, top.p0, dt=1e3, parameters=parameters)
+        except gs.StepFailed:
+            pass
+    elif kind == 18:
+        try:
+            step.step(top.q0, top.p0, dt=0, parameters=parameters)
+        except gs.InputError:
+            pass
+    elif k % 200 == 19:
+        step.integrate_ensemble([top.q0]*8, [top.p0]*8, steps=2, workers=2, **good)
+
+for k in range(WARM):
+    one(k)
+before = resident()
+for k in range(CALLS):
+    one(k)
+print(before, resident())
+'''
+
+#: Of resident memory over all calls, in bytes: less than one byte a call would be for a million,
+#: and what allocators keep here and there.
+ALLOWED = 2**20
+
+
+def growth(calls: int, warm: int) -> int:
+    text = python(LEAKS.replace("CALLS", str(calls)).replace("WARM", str(warm)))
+    before, after = map(int, text.split())
+    return after - before
+
+
+needs_proc = pytest.mark.skipif(sys.platform != "linux", reason="/proc is a thing of Linux")
+
+
+@needs_proc
+def test_no_leak_in_many_calls():
+    assert growth(20_000, 5_000) < ALLOWED
+
+
+@pytest.mark.slow
+@needs_proc
+def test_no_leak_in_a_million_calls(monkeypatch):
+    monkeypatch.setattr("processes.PATIENCE", 3600)
+    grown = growth(1_000_000, 20_000)
+    print(f"{grown} bytes over 1e6 calls")
+    assert grown < ALLOWED
