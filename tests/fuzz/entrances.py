@@ -10,7 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from . import c_calls, command_line, files, formulas, model_texts, python_calls, tableaux
+from . import (
+    c_calls,
+    command_line,
+    files,
+    formulas,
+    model_texts,
+    python_calls,
+    studies,
+    tableaux,
+)
 
 __all__ = ["ENTRANCES", "Entrance"]
 
@@ -43,5 +52,6 @@ ENTRANCES = {entrance.name: entrance for entrance in (
     Entrance("formula", "formulas of model files, numbers, entries of tableaux",
              formulas.check, 10, 0.3, guided=True),
     Entrance("model", "model files (TOML)", model_texts.check, 20, 0.03, guided=True),
+    Entrance("study", "study files of sweeps (TOML)", studies.check, 30, 0.02, guided=True),
     Entrance("tableau", "tableau files (JSON)", tableaux.check, 20, 0.03, guided=True),
 )}

@@ -14,6 +14,7 @@ from types import FrameType
 
 __all__ = ["CORPUS", "Failure", "Verdict", "corpus", "judge", "random_input", "shrunk"]
 
+STATM = Path("/proc/self/statm").exists()
 CORPUS = Path(__file__).resolve().parent / "corpus"
 Check = Callable[[bytes], str]
 
@@ -50,7 +51,7 @@ def judge(check: Check, data: bytes, limit: float) -> Verdict:
     failure = None
     outcome = "failed"
     try:
-        with time_limit(limit):
+        with time_limit(limit), memory_limit():
             outcome = check(data)
     except KeyboardInterrupt:
         raise
@@ -81,6 +82,26 @@ def time_limit(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def memory_limit() -> Iterator[None]:
+    """Let an input that asks for more than 4 GB fail by itself, instead of the machine."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        yield
+        return
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    size = int(Path("/proc/self/statm").read_text().split()[0]) if STATM else 0
+    most = size * resource.getpagesize() + 2**32
+    if before[1] != resource.RLIM_INFINITY:
+        most = min(most, before[1])
+    resource.setrlimit(resource.RLIMIT_AS, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 # ---------------------------------------------------------------- inputs
