@@ -48,8 +48,11 @@ def solve_stages(
         if not (all_finite(r) and all_finite(J)):
             return 3, x, taken
         scale = np.abs(J).max(axis=1)
+        if not scale.all():
+            return 2, x, taken
         try:
-            dx = binding.solve((J.T / scale).T, r / scale)
+            with np.errstate(all="ignore"):  # dx is judged below
+                dx = binding.solve((J.T / scale).T, r / scale)
         except np.linalg.LinAlgError:
             return 2, x, taken
         size = binding.increment_size(dt, q, p, x, dx)

@@ -398,6 +398,43 @@ def test_damaged_source_is_derived_anew(content, own_cache):
     assert facade.files_of(spec) == files
 
 
+def test_kept_text_is_given_back_as_it_was_written_or_not_at_all(own_cache):
+    """A bit that flips in the C of a kept source does not become another stepper."""
+    content = {"a.c": "x = 0.25;", "a.json": "{}"}
+    assert cache.kept("a.source.json") is None
+    cache.keep("a.source.json", content)
+    assert cache.kept("a.source.json") == content
+    path = own_cache / "a.source.json"
+    sound = path.read_bytes()
+    for place in range(len(sound)):
+        damaged = bytearray(sound)
+        damaged[place] ^= 1
+        path.write_bytes(damaged)
+        assert cache.kept("a.source.json") in (None, content), place
+
+
+# ---------------------------------------------------------------- manifests
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('"unknowns": 9', '"unknowns": 8', "unknowns 8 against 9"),
+    ('"real": "double"', '"real": "float"', "real 'float' against 'double'"),
+    ('"q3"', '"q3", "q4"', "damaged"),
+    ('"q0**2 + q1**2 + q2**2 + q3**2 - 1"', "", "constraints 0 against 1"),
+    ('"mgl": "real"', '"mgl": "complex"', "damaged"),
+    ('"order": 2', '"order": "2"', "damaged"),
+    ('"schema"', "schema", "damaged"),
+])
+def test_manifest_of_another_stepper_is_refused(old, new, words):
+    """Its sizes are those of the memory that compiled code writes to."""
+    files = dict(files_of())
+    name = "heavy_top_ims_gamma.json"
+    assert old in files[name]
+    files[name] = files[name].replace(old, new, 1)
+    with pytest.raises(gs.InputError, match=words):
+        gs.Stepper("heavy_top_ims_gamma", files)
+
+
 # ---------------------------------------------------------------- keys
 
 

@@ -663,6 +663,7 @@ def test_verify_model_fails_for_a_broken_tableau(gyrospark, tmp_path):
     (["--model", "fast-top", "heavy_top_gl3_gamma"], ["besides --model"]),
     (["--model", "fast-top", "--scheme", "G-L"], ["number of stages"]),
     (["--model", "slow-top"], ["'slow-top'", "fast-top"]),
+    (["heavy_top_ims_alpha", "--rep", "gamma"], ["--rep 'gamma'", "'heavy_top_ims_alpha'"]),
     (["--dt", "1e-3"], ["--dt", "--model"]),
     (["--model", "fast-top", "--dt", "x"], ["--dt", "not a number"]),
 ])

@@ -11,6 +11,7 @@ input and started again behind it. Exit code 1 if anything failed.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import mmap
 import os
@@ -169,14 +170,15 @@ def work_guided(options: argparse.Namespace) -> None:
 
 
 def run_entrance(
-    name: str, inputs: int, options: argparse.Namespace, advance: Callable[[int], None]
-) -> Tally:
-    """Return what workers found, one after the other until all inputs are done."""
+    name: str, inputs: int, options: argparse.Namespace, tally: Tally,
+    advance: Callable[[int], None],
+) -> None:
+    """Add up what workers find, one after the other until all inputs are done."""
     from tempfile import TemporaryDirectory
 
     from fuzz.entrances import ENTRANCES
 
-    tally, silence = Tally(), ENTRANCES[name].seconds + GRACE
+    silence = ENTRANCES[name].seconds + GRACE
     with TemporaryDirectory(prefix="gyrospark-fuzz-") as folder:
         note = Path(folder) / "note"
         note.write_bytes(bytes(NOTE))
@@ -197,7 +199,6 @@ def run_entrance(
             skipped = skip_to(name, options, before, tally.done, data)
             advance(skipped - tally.done)
             tally.done = skipped
-    return tally
 
 
 def skip_to(name: str, options: argparse.Namespace, before: int, done: int, data: bytes) -> int:
@@ -294,8 +295,10 @@ def report(wanted: dict[str, int], options: argparse.Namespace) -> int:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         for name, inputs in wanted.items():
             task = bar.add_task(name, total=inputs)
-            tally = run_entrance(name, inputs, options,
-                                 lambda n, task=task: bar.update(task, advance=n))
+            tally = Tally()
+            with contextlib.suppress(KeyboardInterrupt):  # on to the next; what was done counts
+                run_entrance(name, inputs, options, tally,
+                             lambda n, task=task: bar.update(task, advance=n))
             refused = ", ".join(f"{kind} {count:,}" for kind, count in sorted(
                 tally.outcomes.items()) if kind != "accepted")
             table.add_row(name, f"{tally.done:,}", f"{tally.seconds:.0f}", f"{tally.slowest:.2f}",
