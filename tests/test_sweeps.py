@@ -356,11 +356,11 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
 
     write = durable.write_durably
 
-    def full(path, data):
+    def full(path, data, workshop=None):
         full.left -= 1
         if full.left < 0:
             raise OSError(28, "No space left on device")
-        write(path, data)
+        write(path, data, workshop)
 
     path = tmp_path / "s.zarr"
     monkeypatch.setattr(durable, "write_durably", full)
