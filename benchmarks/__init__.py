@@ -9,6 +9,7 @@
     ensembles.py    many tops at once: ``gyrospark bench ensemble``
     drift.py        energy and position over a long time: ``gyrospark bench drift``
     growth.py       chains of bodies: ``gyrospark bench bodies``, with ``bodies.py``
+    storing.py      runs in memory and in a store: ``gyrospark bench store``
     sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
     callgrind.py    instructions of one step, which guard the speed in CI
 

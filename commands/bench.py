@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.growth import Size
     from ..benchmarks.steps import Cell
+    from ..benchmarks.storing import StoreRow
     from ..benchmarks.sweeping import SweepRow
 
 __all__ = ["bench"]
 
-_WHAT = ("peers", "step", "ensemble", "drift", "bodies", "sweeps")
+_WHAT = ("peers", "step", "ensemble", "drift", "bodies", "store", "sweeps")
 #: What has more than one result.
 _PARTS = {"bodies": ("growth", "bodies")}
 
@@ -66,11 +67,12 @@ def bench(
     what: str, peers: str | None, quick: bool, t_end: str | None, rounds: str | None,
     base: str | None, out: Path | None, as_json: bool,
 ) -> int:
-    """Measure WHAT: peers (default), step, ensemble, drift or sweeps of the fast top, bodies, all.
+    """Measure WHAT: peers (default), step, ensemble, drift, store, sweeps (fast top), bodies, all.
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
-    bodies, and the chain of 8 and a four-bar beside exudyn, 1 s of motion. sweeps: what a sweep
+    bodies, and the chain of 8 and a four-bar beside exudyn, 1 s of motion. store: what streaming
+    a run to a store adds, beside what the disk takes. sweeps: what a sweep
     costs beside its bare kernel, with steps, cells, stored states, threads and Dask workers.
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
@@ -85,6 +87,7 @@ def bench(
     gyrospark bench step --quick
     gyrospark bench drift --t-end 100 --out bench
     gyrospark bench bodies --rounds 3 --out bench
+    gyrospark bench store --rounds 5
     gyrospark bench sweeps --out bench
     """
     if what not in (*_WHAT, "all"):
@@ -186,6 +189,14 @@ def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[B
                           choice.limits(1.0).least, quick=choice.quick, watch=watch)
 
 
+def _measure_store(choice: _Choice, watch: Callable[[str], None]) -> Sequence[StoreRow]:
+    from ..benchmarks.storing import CASES, QUICK, compare_stores
+
+    if "gyrospark" not in choice.peers:
+        return []
+    return compare_stores(QUICK if choice.quick else CASES, choice.rounds, watch)
+
+
 def _measure_sweeps(choice: _Choice, watch: Callable[[str], None]) -> Sequence[SweepRow]:
     from ..benchmarks.sweeping import CASES, QUICK, SCHEMES, compare_sweeps
 
@@ -198,7 +209,7 @@ def _measure_sweeps(choice: _Choice, watch: Callable[[str], None]) -> Sequence[S
 _MEASURE: dict[str, Callable[[_Choice, Callable[[str], None]], Sequence[Any]]] = {
     "peers": _measure_peers, "step": _measure_step, "ensemble": _measure_ensemble,
     "drift": _measure_drift, "growth": _measure_growth, "bodies": _measure_bodies,
-    "sweeps": _measure_sweeps,
+    "store": _measure_store, "sweeps": _measure_sweeps,
 }
 
 

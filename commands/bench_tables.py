@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.growth import Size
     from ..benchmarks.steps import Cell
+    from ..benchmarks.storing import StoreRow
     from ..benchmarks.sweeping import SweepRow
 
 __all__ = ["PRINT"]
@@ -142,6 +143,24 @@ def _print_accuracies(rows: Sequence[BodyRow]) -> None:
     _show(grid)
 
 
+def _print_store(rows: Sequence[StoreRow]) -> None:
+    if not rows:
+        return
+    grid = _grid("A run in memory and in a store; bytes a second to the store, and what the disk "
+                 "takes of one forced file and of many",
+                 ["every", "steps"],
+                 ["memory ns", "stored ns", "added", "CPU added", "MB/s", "disk", "of files",
+                  "B/state"])
+    for row in rows:
+        states = -(-row.steps // row.every) + 1
+        grid.add_row(
+            f"{row.every:,}", f"{row.steps:,}", *(f"{ns:,.0f}" for ns in row.ns),
+            f"{row.overhead:+.1%}", f"{row.cpu_overhead:+.1%}",
+            *(f"{x / 1e6:,.0f}" for x in (row.rate, row.disk, row.disk_files)),
+            f"{row.stored_bytes / states:,.0f}")
+    _show(grid)
+
+
 def _print_sweeps(rows: Sequence[SweepRow]) -> None:
     from ..benchmarks.sweeping import WAYS
 
@@ -170,7 +189,7 @@ def _print_sweeps(rows: Sequence[SweepRow]) -> None:
 PRINT: dict[str, Callable[[Any], None]] = {
     "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
     "drift": _print_drift, "growth": _print_growth, "bodies": _print_bodies,
-    "sweeps": _print_sweeps,
+    "store": _print_store, "sweeps": _print_sweeps,
 }
 
 

@@ -20,6 +20,7 @@ from gyrospark.benchmarks import (
     pictures,
     reference,
     steps,
+    storing,
     sweeping,
     timing,
     tops,
@@ -324,6 +325,29 @@ def test_bodies_without_exudyn_are_a_row(monkeypatch):
     assert not row.failed
 
 
+# ---------------------------------------------------------------- stores
+
+
+def test_stores_are_rows(tmp_path):
+    said = []
+    row, = storing.compare_stores([(7, 500)], 2, said.append, tmp_path)
+    assert said == ["the disk", "500 steps, every 7"]
+    assert (row.every, row.steps, row.failed) == (7, 500, False)
+    assert len(row.store_wall) == len(row.memory_cpu) == 2
+    assert row.stored_bytes > 73 * 132  # the states, and what describes them
+    assert min(row.disk, row.disk_files) > 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_storing_adds_is_that_of_a_round():
+    row = storing.StoreRow(1, 10, (1.0, 2.0, 4.0), (1.5, 2.2, 6.0), (1.0,) * 3, (3.0,) * 3, 60,
+                           1.0, 1.0)
+    assert row.overhead == 0.5
+    assert row.cpu_overhead == 2
+    assert row.rate == 60 / 2.2
+    assert row.as_dict()["ns_per_step"] == (2e8, pytest.approx(2.2e8))
+
+
 # ---------------------------------------------------------------- sweeps
 
 
@@ -401,7 +425,7 @@ def test_command_writes_json_and_pictures(bench, tmp_path):
     document = json.loads(out)
     assert document == json.loads((tmp_path / "new/bench/bench.json").read_text(encoding="utf-8"))
     assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
-                               "growth_laws", "sweeps"}
+                               "growth_laws", "store", "sweeps"}
     assert {"gyrospark", "compiler", "processor", "packages"} <= document["about"].keys()
     assert document["peers"][0]["samples"]
     for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png"):
@@ -410,8 +434,8 @@ def test_command_writes_json_and_pictures(bench, tmp_path):
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["nonsense"],
-     "Unknown benchmark 'nonsense'; choose peers, step, ensemble, drift, bodies, sweeps or "
-     "all."),
+     "Unknown benchmark 'nonsense'; choose peers, step, ensemble, drift, bodies, store, "
+     "sweeps or all."),
     (["--peers", "gyrospark,matlab"], "Unknown peer 'matlab'; choose gyrospark, "),
     (["--t-end", "3"], "There is no reference at t = 3 s; choose --t-end 1, 10, 100 or 1000."),
     (["--t-end", "soon"], "--t-end 'soon' is not a number"),
