@@ -182,6 +182,7 @@ class _Formulas:
             for term in sp.Add.make_args(arguments[0].expression):
                 factor, logarithm = term.as_coeff_Mul()
                 if logarithm.func is sp.log:
+                    self.check_exponent(_constant(rational(factor)))
                     _refuse_long_root(logarithm.args[0], factor)
         if len(known) < len(arguments):
             return _formula(arguments, 1, sum(a.terms for a in arguments), make)
