@@ -192,6 +192,8 @@ def halves(memory: Memory, choices: Choices) -> str:
         q1, p1 = memory.new(binding.n), memory.new(binding.n)
         multipliers = memory.new(max(binding.multipliers, 1))
         status = memory.call("T2", par, dt, q, p, x, q1, p1, multipliers, work)
+        if not np.isfinite(memory.result(2)).all():  # T1 hands over no such x
+            return "computed"
         return judged(status, memory.result(5), memory.result(6))
     return "computed"
 
