@@ -19,8 +19,7 @@ from fuzz.judging import CORPUS, corpus, judge, random_input, shrunk
 from processes import ROOT, environment
 
 #: Entrances that are known to leak other errors than ours, and which.
-OPEN = {"store": "damaged Zarr stores end in Zarr's own errors",
-        "study": "starts and counts of any kind end in NumPy's own errors"}
+OPEN = {"study": "starts and counts of any kind end in NumPy's own errors"}
 every_entrance = pytest.mark.parametrize("name", [
     pytest.param(name, marks=pytest.mark.xfail(name in OPEN, reason=OPEN.get(name, ""),
                                                strict=False))
