@@ -51,9 +51,9 @@ def test_seeded_inputs(name):
     """The same inputs in every run, as many of them as there is time for; both kinds of end."""
     try_one(name, b"")  # what is compiled and imported first is not counted
     end, outcomes = time.perf_counter() + SECONDS, set()
-    for number in range(100_000):
+    for number in range(20_000):
         outcomes.add(try_one(name, random_input(name, 0, number)))
-        if time.perf_counter() > end:
+        if time.perf_counter() > end and len(outcomes) > 1:  # stores are slow: a second kind is met
             break
     assert len(outcomes) > 1
 
