@@ -1969,6 +1969,8 @@ void heavy_top_ims_alpha_integrate_lanes(int count, const parameters_t *paramete
     batch_t *b = batch_of(batch);
     mean_t *run = &b->run;
     int alive[W], most[W] = { 0 }, living = 0;
+    if (count <= 0)
+        return;
     if (reports[0].steps == 0 && status[0] == OK) {
         begin_batch(b, count, parameters, dt, q, p);
         for (int i = 0; i < count; ++i) {

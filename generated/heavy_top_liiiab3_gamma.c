@@ -736,7 +736,7 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
     const int status = project_momentum(&w->constants, q1, w->G[P], p1, multipliers + P*M);
     for (int mu = 0; mu < M; ++mu)
         multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
-    return status;
+    return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
 }
 
 /* ---------------------------------------------------------------- T1: full Newton */
@@ -2618,6 +2618,8 @@ void heavy_top_liiiab3_gamma_integrate_lanes(int count, const parameters_t *para
     batch_t *b = batch_of(batch);
     trajectories_t *run = &b->run;
     int alive[W], most[W] = { 0 }, living = 0;
+    if (count <= 0)
+        return;
     if (reports[0].steps == 0 && status[0] == OK) {
         begin_batch(b, count, parameters, dt, q, p);
         for (int i = 0; i < count; ++i) {

@@ -20,10 +20,10 @@ MAX_DOTS = 64
 SYMBOL = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
 
 
-def load_toml(text: str, path: Path) -> Table:
+def load_toml(text: str, path: Path, kind: str = "model file") -> Table:
     """Return the outermost table of a TOML text."""
     def error(reason: str) -> InputError:
-        return InputError(f"The model file {str(path)!r} is not usable: {reason}")
+        return InputError(f"The {kind} {str(path)!r} is not usable: {reason}")
 
     for number, line in enumerate(text.splitlines(), 1):
         if line.count(".") > MAX_DOTS:

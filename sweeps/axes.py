@@ -10,14 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..runtime.checks import as_positive_count
 
-__all__ = ["START", "Axis", "list_axis", "random_axis", "start_axis", "value_axis"]
+__all__ = ["SCHEME", "START", "Axis", "as_rows", "list_axis", "random_axis", "start_axis",
+           "value_axis"]
 
 Array = NDArray[Any]
 
 #: Columns that are no numbers of a cell but its scheme, or its state at the start.
 SCHEME, START = "scheme", "start"
 _SPACINGS = ("linear", "log")
+#: Values along an axis, which are kept in memory.
+_MOST_VALUES = 10**8
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +83,7 @@ def list_axis(name: str, columns: Mapping[str, Any]) -> Axis:
     return Axis(name, found)
 
 
-def random_axis(name: str, ranges: Mapping[str, Any], count: int, seed: int) -> Axis:
+def random_axis(name: str, ranges: Mapping[str, Any], count: Any, seed: int) -> Axis:
     """Return points drawn at random, each column evenly in its range, or in that of its logarithm.
 
     A range is a table with ``from``, ``to`` and ``spacing``. The same seed gives the same points.
@@ -91,6 +95,7 @@ def random_axis(name: str, ranges: Mapping[str, Any], count: int, seed: int) -> 
     if not ranges:
         raise InputError("A random list has no column; give each quantity a range, for example "
                          "gamma = { from = 1e-4, to = 1e-3 }.")
+    count = _count(name, count)
     numbers = np.random.default_rng(seed)
     columns = {}
     for key, table in ranges.items():
@@ -108,8 +113,8 @@ def start_axis(q: Any, p: Any) -> Axis:
     ------
     InputError
     """
-    states = [np.array(x, dtype=float) for x in (q, p)]
-    if states[0].ndim != 2 or states[0].shape != states[1].shape or not len(states[0]):
+    states = [as_rows(letter, x) for letter, x in (("q", q), ("p", p))]
+    if states[0].shape != states[1].shape:
         raise InputError(f"The starts have q and p of shapes {states[0].shape} and "
                          f"{states[1].shape}; give a row of numbers for each start, both alike.")
     return Axis(START, {"q": states[0], "p": states[1]})
@@ -139,10 +144,42 @@ def _numbers(name: str, values: Any) -> Array:
     return array
 
 
+def as_rows(name: str, values: Any, width: int | None = None) -> Array:
+    """Return a table of numbers, of any width or of this one.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        rows = np.array(values, dtype=float)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(f"{name} = {_short(values)} is no table of numbers; give a row of them "
+                         "for each start.") from error
+    if not np.isfinite(rows).all():
+        raise InputError(f"{name} = {_short(values)} is not finite; mend it.")
+    if rows.ndim != 2 or not rows.size or (width is not None and rows.shape[1] != width):
+        raise InputError(f"{name} has shape {rows.shape}; give rows of "
+                         f"{'equally many' if width is None else width} numbers.")
+    return rows
+
+
+def _count(name: str, count: Any) -> int:
+    """Return a number of values along an axis.
+
+    Raises
+    ------
+    InputError
+    """
+    number = as_positive_count(f"{name}: count", count, least=1)
+    if number > _MOST_VALUES:
+        raise InputError(f"{name}: count = {number} is too large; an axis has at most "
+                         f"{_MOST_VALUES} values.")
+    return number
+
+
 def _spaced(name: str, table: Mapping[str, Any]) -> Array:
-    count = table.get("count")
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise InputError(f"{name}: count = {count!r} is no number of values; give 1 or more.")
+    count = _count(name, table.get("count"))
     low, high, spacing = _range(name, {k: v for k, v in table.items() if k != "count"})
     if spacing == "log":
         return np.geomspace(low, high, count)

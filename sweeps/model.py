@@ -15,7 +15,7 @@ from ..runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
 from ..runtime.problems import PROBLEMS, Problem
 from ..runtime.quaternion import momentum
 from ..runtime.start import Start
-from .axes import Axis, start_axis
+from .axes import Axis, as_rows, start_axis
 
 if TYPE_CHECKING:
     from ..runtime.stepper import Stepper
@@ -134,11 +134,20 @@ def starts(table: Any, start: Start, varied: set[str]) -> Axis:
         raise InputError("angular_velocity is for one rigid body whose moments of inertia do not "
                          "vary; give the states as q and p.")
     inertia = next(iter(start.bodies.values()))
-    omega = np.array(table["angular_velocity"], dtype=float)
-    q = np.array(table.get("quaternion", start.q0), dtype=float)
-    if omega.ndim != 2 or q.shape not in ((4,), (len(omega), 4)):
-        raise InputError(f"The starts have angular_velocity and quaternion of shapes {omega.shape} "
-                         f"and {q.shape}; give rows of 3 and of 4 numbers.")
+    omega = as_rows("angular_velocity", table["angular_velocity"], 3)
+    q = _quaternions(table.get("quaternion", start.q0))
+    if len(q) not in (1, len(omega)):
+        raise InputError(f"{len(q)} quaternions are given for {len(omega)} angular velocities; "
+                         "give one, or one for each.")
     size = np.linalg.norm(q, axis=-1, keepdims=True)
     q = np.broadcast_to(q / np.where(size > 0, size, 1.0), (len(omega), 4))
-    return start_axis(q, momentum(q, omega, inertia))
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused later
+        p = momentum(q, omega, inertia)
+    return start_axis(q, p)
+
+
+def _quaternions(given: Any) -> Array:
+    """Return rows of four numbers from one row or several."""
+    several = (list, tuple, np.ndarray)
+    one = isinstance(given, several) and len(given) > 0 and not isinstance(given[0], several)
+    return as_rows("quaternion", [given] if one else given, 4)

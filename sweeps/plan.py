@@ -66,10 +66,9 @@ def _points(name: str, table: Any) -> tuple[Axis, int | None]:
                          "is a dict with a column for each quantity.")
     if "count" not in table:
         return list_axis(name, table), None
-    count = as_positive_count(f"{name}: count", table["count"], least=1)
     seed = as_positive_count(f"{name}: seed", table.get("seed", 0))
     ranges = {key: value for key, value in table.items() if key not in ("count", "seed")}
-    return random_axis(name, ranges, count, seed), seed
+    return random_axis(name, ranges, table["count"], seed), seed
 
 
 def _on_constraints(study: Study) -> Study:

@@ -21,12 +21,12 @@ Also: stages, rep, real, dt, every, solver, tolerance, max_iterations.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..generator.model_table import load_toml
 from ..generator.spec import is_model_file
 from ..generator.text_file import UnusableFileError, read_text
 from .plan import plan
@@ -74,10 +74,7 @@ def parse_study(text: str, path: Path) -> StudyFile:
     InputError
     """
     where = f"The study file {str(path)!r}"
-    try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{where} is no TOML: {error}; mend it.") from error
+    content = dict(load_toml(text, path, "study file").content)
     for key in content:
         if key not in _KEYS:
             raise InputError(f"{where} has the unknown key {key!r}; it may have "

@@ -223,11 +223,8 @@ static void halves_of_a_step(void)
     NAME_jacobian(par, dt, q, p, x, J, work);
     (void)NAME_increment_size(dt, q, p, x, r);
     const int second = NAME_T2(par, dt, q, p, x, q1, p1, l, work);
-    int sound = 1; /* T1 hands over no x that is not finite */
-    for (int i = 0; i < U; ++i)
-        sound = sound && isfinite(x[i]);
-    judge("T2", second, sound ? N : 0, q1);
-    judge("T2", second, sound ? N : 0, p1);
+    judge("T2", second, N, q1);
+    judge("T2", second, N, p1);
     NAME_guess(par, dt, q, p, x, work);
     judge("T1", NAME_T1(par, &how, dt, q, p, x, &taken, work), U, x);
     free(par); free(work); free(q); free(p); free(x); free(r); free(J); free(l); free(q1);

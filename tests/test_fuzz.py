@@ -18,12 +18,7 @@ from fuzz.entrances import ENTRANCES
 from fuzz.judging import CORPUS, corpus, judge, random_input, shrunk
 from processes import ROOT, environment
 
-#: Entrances that are known to leak other errors than ours, and which.
-OPEN = {"study": "starts and counts of any kind end in NumPy's own errors"}
-every_entrance = pytest.mark.parametrize("name", [
-    pytest.param(name, marks=pytest.mark.xfail(name in OPEN, reason=OPEN.get(name, ""),
-                                               strict=False))
-    for name in ENTRANCES])
+every_entrance = pytest.mark.parametrize("name", list(ENTRANCES))
 INPUTS = [(name, path) for name in ENTRANCES for path in corpus(name)]
 #: Of seeded inputs, for each entrance; the slow ones get fewer of them.
 SECONDS = 3.0

@@ -421,7 +421,7 @@ def test_dry_run_computes_nothing_and_is_about_right(tmp_path):
 
 
 @pytest.mark.parametrize(("text", "fragments"), [
-    ("", ["model"]), ("x = ", ["no TOML"]), ("model = 3", ["model = 3"]),
+    ("", ["model"]), ("x = ", ["not TOML"]), ("model = 3", ["model = 3"]),
     (STUDY + "\n[extra]\n", ["'extra'"]),
     (STUDY.replace("steps = 400", 'steps = "many"'), ["steps", "many"]),
     (STUDY.replace("steps = 400", "steps = true"), ["steps"]),
