@@ -54,10 +54,10 @@ def estimate(study: Study, fields: list[Field]) -> Estimate:
     mean = float(np.mean(samples))
     spread = 2 * float(np.std(samples, ddof=1)) / math.sqrt(len(samples))
     row = sum(field.row_bytes for field in fields)
+    whole = row * math.prod(tile_shape(study))  # the last tile of an axis is padded
     return Estimate(
         study.size, tiles, steps, steps * mean, steps * max(mean - spread, 0.0),
-        steps * (mean + spread), study.size * row, tiles * len(fields),
-        2 * row * math.prod(tile_shape(study)),
+        steps * (mean + spread), tiles * whole, tiles * len(fields), 2 * whole,
     )
 
 

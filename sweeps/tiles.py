@@ -68,11 +68,16 @@ class Cells:
 
 
 def tile_shape(study: Study) -> tuple[int, ...]:
-    """Return the shape of a whole tile: long in the last axes, one scheme each."""
+    """Return the shape of a whole tile: long in the last axes, one scheme each.
+
+    An axis is cut into equal parts: a short last one would be padded on the disk to the length of
+    the others, and they would take the longer.
+    """
     cells = _cells_of_a_tile(study)
     shape = []
     for axis in reversed(study.axes):
-        taken = 1 if SCHEME in axis.columns else min(len(axis), cells)
+        parts = len(axis) if SCHEME in axis.columns else -(-len(axis) // cells)
+        taken = -(-len(axis) // parts)
         shape.append(taken)
         cells = max(1, cells // taken)
     return tuple(reversed(shape))
