@@ -150,7 +150,10 @@ class Store:
     async def _write(self, tile: Tile, arrays: dict[str, Array]) -> None:
         if not self._arrays:
             group = await asynchronous.open_group(store=DurableStore(self.path), mode="r+")
-            self._arrays = {name: await group.getitem(name) for name in arrays}
+            found: dict[str, Any] = {name: await group.getitem(name) for name in arrays}
+            # Zarr would leave out a chunk of zeros or NaN, like one that is not done.
+            self._arrays = {name: array.with_config({"write_empty_chunks": True})
+                            for name, array in found.items()}
         writes = [self._arrays[name].setitem(tile.slices, values)
                   for name, values in arrays.items() if name != STATUS]
         for end in await asyncio.gather(*writes, return_exceptions=True):  # none is left behind

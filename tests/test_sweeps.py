@@ -374,6 +374,21 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
     assert differences(path, tmp_path / "whole.zarr") == []
 
 
+def test_every_tile_has_a_file_of_every_result(tmp_path, small_tiles):
+    """Zeros and NaN too: the dry run counts them, and what is missing is lost, not zero."""
+    path = tmp_path / "s.zarr"
+    over = {"gamma": [1.6e-3] * 40, "dt": [50.0, 60.0]}  # no cell gets anywhere
+    result = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3, out=path)
+    assert (result.status != 0).all()
+    study = plan(TOP, over, scheme="G-L", stages=2, steps=3)
+    fields = fields_of(study)
+    said = estimate(study, fields)
+    files = [file for field in fields for file in (path / field.name / "c").rglob("*")
+             if file.is_file()]
+    assert len(files) == said.files == len(fields) * said.tiles > len(fields)
+    assert sum(file.stat().st_size - 4 for file in files) == said.disk_bytes  # a checksum each
+
+
 def test_keep_keeps_what_it_names(tmp_path):
     result = gs.sweep(TOP, OVER, scheme="EMS", steps=5, keep=["energy_error_max"],
                       out=tmp_path / "s.zarr")
