@@ -101,8 +101,9 @@ def momentum(q: ArrayLike, omega: ArrayLike, inertia: Sequence[float]) -> Array:
     InputError
         Unless q has shape (..., 4), Ω has shape (..., 3) and the moments are finite and above 0.
     """
-    l = np.array(principal_moments(inertia)) * _vectors(omega, 3, "angular velocity")  # noqa: E741
-    p: Array = 2 * np.einsum("...ij,...i->...j", left_matrix(q), l)
+    moments, turning = np.array(principal_moments(inertia)), _vectors(omega, 3, "angular velocity")
+    with np.errstate(over="ignore", invalid="ignore"):  # states that are not finite are refused
+        p: Array = 2 * np.einsum("...ij,...i->...j", left_matrix(q), moments * turning)
     return p
 
 

@@ -141,9 +141,7 @@ def starts(table: Any, start: Start, varied: set[str]) -> Axis:
                          "give one, or one for each.")
     size = np.linalg.norm(q, axis=-1, keepdims=True)
     q = np.broadcast_to(q / np.where(size > 0, size, 1.0), (len(omega), 4))
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused later
-        p = momentum(q, omega, inertia)
-    return start_axis(q, p)
+    return start_axis(q, momentum(q, omega, inertia))
 
 
 def _quaternions(given: Any) -> Array:
