@@ -21,7 +21,7 @@ from processes import ROOT, environment
 every_entrance = pytest.mark.parametrize("name", list(ENTRANCES))
 INPUTS = [(name, path) for name in ENTRANCES for path in corpus(name)]
 #: Of seeded inputs, for each entrance; the slow ones get fewer of them.
-SECONDS = 3.0
+SECONDS = 1.0
 DRIVER = ROOT / "tests" / "fuzz" / "run.py"
 
 
@@ -107,6 +107,7 @@ def test_driver_counts_what_it_tries(tmp_path):
     assert "300" in done.stdout
 
 
+@pytest.mark.slow
 def test_driver_survives_a_crash(tmp_path, monkeypatch):
     """An input that kills the process is noted with its bytes; the others are done."""
     (tmp_path / "sitecustomize.py").write_text(

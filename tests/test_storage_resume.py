@@ -171,7 +171,8 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
             assert not found.dataset["q"].isnull().any()
 
 
-@pytest.mark.parametrize(("scheme", "real"), [("G-L", "double"), ("EMS", "long-double")])
+@pytest.mark.parametrize(("scheme", "real"), [
+    ("G-L", "double"), pytest.param("EMS", "long-double", marks=pytest.mark.slow)])
 def test_store_after_each_file_that_is_written(scheme, real, tmp_path, monkeypatch):
     """A process may end between any two of them: what the store says of itself fits its arrays."""
     monkeypatch.setattr("gyrospark.runtime.integration._CHUNK", 9)

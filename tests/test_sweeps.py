@@ -601,6 +601,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_tile_that_kills_every_worker_is_left_and_done_later(tmp_path):
     """All others are done, whatever the scheduler blames for the deaths."""
     path = study_file(tmp_path, STUDY.replace("count = 40", "count = 400"))
