@@ -47,10 +47,10 @@ def sweep(
     """Integrate a model for every cell of a grid; the axes are in STUDY.toml.
 
     \b
-    gyrospark sweep examples/gamma_dt.toml --dry-run
-    gyrospark sweep examples/gamma_dt.toml --plot gamma_dt.png
-    gyrospark sweep examples/gamma_dt.toml --out big.zarr --resume
-    gyrospark sweep examples/gamma_dt.toml --dask tcp://192.168.0.7:8786 --out /shared/big.zarr
+    gyrospark sweep examples/studies/gamma_dt.toml --dry-run
+    gyrospark sweep examples/studies/gamma_dt.toml --plot gamma_dt.png
+    gyrospark sweep examples/studies/gamma_dt.toml --out big.zarr --resume
+    gyrospark sweep examples/studies/gamma_dt.toml --dask tcp://192.168.0.7:8786 --out /share/b.zarr
     """
     from ..sweeps.results import fields_of
     from ..sweeps.study_file import load_study

@@ -34,6 +34,7 @@ from gyrospark.sweeps.study_file import parse_study
 from killing import differences
 from processes import ROOT, call, cli, environment, gyrospark_command
 
+EXAMPLES = sorted((ROOT / "examples" / "studies").glob("*.toml"))
 TOP = gs.problems.fast_top()
 GAMMAS, STEPS = [8e-4, 1.2e-3, 1.6e-3], [1e-3, 2e-3]
 OVER = {"gamma": GAMMAS, "dt": STEPS}
@@ -465,9 +466,20 @@ def test_wrong_options_end_in_one_sentence(arguments, tmp_path):
     assert len(done.stderr.splitlines()) == 1, done.stderr
 
 
-def test_the_readmes_example_is_a_study():
-    text = (ROOT / "examples" / "gamma_dt.toml").read_text(encoding="utf-8")
-    study = parse_study(text, ROOT / "examples" / "gamma_dt.toml").study
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_examples_are_studies_and_say_how_to_begin(path):
+    text = path.read_text(encoding="utf-8")
+    assert parse_study(text, path).study.size > 1
+    header = [line for line in text.splitlines() if line.startswith("#   gyrospark sweep ")]
+    words = header[0].removeprefix("#").split()
+    assert words[3:] == ["--dry-run"]
+    done = cli(*words[1:], cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_readmes_example_has_a_million_cells():
+    path = ROOT / "examples" / "studies" / "gamma_dt.toml"
+    study = parse_study(path.read_text(encoding="utf-8"), path).study
     assert (study.size, study.steps) == (10**6, 1000)
 
 

@@ -92,8 +92,7 @@ NAMES = ("x", "y", "px", "m", "g", "l", "q0", "R33", "omega1", "I1", "t", "mass"
 def examples() -> tuple[str, ...]:
     from processes import ROOT
 
-    files = sorted(set((ROOT / "examples").glob("*.toml"))
-                   - {ROOT / "examples" / "gamma_dt.toml"})  # a study
+    files = sorted((ROOT / "examples").glob("*.toml"))
     return (*(path.read_text(encoding="utf-8") for path in files), *MORE)
 
 
