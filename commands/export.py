@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ..errors import InputError
+from .options import check_writable
 
 __all__ = ["export"]
 
@@ -26,9 +26,7 @@ def export(store: Path, target: Path) -> int:
     from ..storage.recording import open_recording
 
     check_export(target)
-    if not target.parent.is_dir() or target.is_dir():
-        raise InputError(f"{str(target)!r} cannot be written: its folder is not there, or it is a "
-                         "folder itself; choose another file.")
+    check_writable("FILE", target)
     recording = open_recording(store)
     recording.export(target)
     click.echo(f"{target}: {recording.states:,} states of {recording.steps_done:,} steps "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,8 @@ import click
 from ..errors import InputError
 from ..generator.spec import Spec
 
-__all__ = ["spec_from", "stepper_options"]
+__all__ = ["check_picture", "check_writable", "real_number", "spec_from", "stepper_options",
+           "whole_number"]
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -61,3 +63,20 @@ def real_number(name: str, text: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.") from None
+
+
+def check_writable(option: str, path: Path, *, folder: bool = False) -> None:
+    """Refuse a file, or a folder, that cannot be written: before a long run, not after it."""
+    if not path.name or (path.is_dir() and not folder):
+        raise InputError(f"{option} {str(path)!r} is no file name; give one.")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise InputError(f"{option} {str(path)!r}: the folder {str(path.parent)!r} is not there or "
+                         "cannot be written; make it or choose another.")
+
+
+def check_picture(path: Path) -> None:
+    """Refuse a file of --plot that no picture can be written to."""
+    from ..runtime.plots import check_target
+
+    check_writable("--plot", path)
+    check_target(path)

@@ -14,6 +14,7 @@ import click
 
 from ..errors import GyrosparkError, InputError, Stopped
 from ..generator.spec import is_model_file
+from ..runtime.start import Start
 from .options import real_number, spec_from, stepper_options, whole_number
 from .run_outputs import check_targets, integrate_to
 from .run_report import about_choice, as_text, axis_errors, json_text, result_of
@@ -21,7 +22,6 @@ from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 if TYPE_CHECKING:
     from ..runtime.gamma_choice import GammaChoice
     from ..runtime.problems import Problem
-    from ..runtime.start import Start
     from ..runtime.stepper import Stepper
 
 __all__ = ["run"]
@@ -88,7 +88,7 @@ def run(
     if chosen is None:
         step, start = _model(problem, settings, reference, choice)
     else:
-        step, start = _stepper(chosen, choice), _start(chosen)
+        step, start = _stepper(chosen, choice), Start.of_problem(chosen)
     if not as_json:  # before a step is taken
         for remark in step.remarks:
             click.echo(f"tableau: {remark}")
@@ -138,12 +138,9 @@ def run(
 
 def _problem(name: str, settings: tuple[str, ...]) -> Problem:
     """Return the named problem with the settings as its arguments."""
-    from ..runtime.problems import PROBLEMS
+    from ..runtime.problems import problem_maker
 
-    if name not in PROBLEMS:
-        raise InputError(f"Unknown problem {name!r}; choose {', '.join(PROBLEMS)} or a model file "
-                         "ending in .toml.")
-    make: Callable[..., Problem] = PROBLEMS[name]
+    make = problem_maker(name)
     allowed = list(inspect.signature(make).parameters)
     arguments: dict[str, Any] = {}
     for setting in settings:
@@ -168,15 +165,6 @@ def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
                          f"{problem.name}.")
     return make_stepper(spec.scheme if spec.tableau is None else None, spec.stages, spec.rep,
                         system=spec.system, tableau=spec.tableau, real=spec.real)
-
-
-def _start(problem: Problem) -> Start:
-    """Return a built-in problem's numbers in the form that model files have."""
-    from ..runtime.start import Start
-
-    inertia = list(problem.inertia)
-    return Start(problem.name, problem.description, problem.parameters, problem.q0.tolist(),
-                 problem.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
 
 
 def _model(
@@ -288,11 +276,10 @@ def _fast_gamma(step: Stepper, start: Start) -> float:
 
 def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
     """Return γ or α from m, h, mt, ht or a number."""
-    from ..runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+    from ..runtime.inertia import MEANS
 
-    rules = {"m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde}
-    if text in rules:
-        return rules[text](inertia)
+    if text in MEANS:
+        return MEANS[text](inertia)
     try:
         value = float(text)
     except ValueError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
 from collections.abc import Callable
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
+from .options import check_picture, check_writable
 
 if TYPE_CHECKING:
     from ..runtime.stepper import Stepper
@@ -53,15 +53,10 @@ class Done:
 
 def check_targets(out: Path | None, plot: Path | None, *, resume: bool) -> None:
     """Refuse what cannot be written before a long run, not after it."""
-    for option, path in (("--out", out), ("--plot", plot)):
-        if path is None:
-            continue
-        folder = path.parent
-        if not path.name or (path.is_dir() and not (option == "--out" and _is_store(path))):
-            raise InputError(f"{option} {str(path)!r} is no file name; give one.")
-        if not folder.is_dir() or not os.access(folder, os.W_OK):
-            raise InputError(f"{option} {str(path)!r}: the folder {str(folder)!r} is not there or "
-                             "cannot be written; make it or choose another.")
+    if out is not None:
+        check_writable("--out", out, folder=_is_store(out))
+    if plot is not None:
+        check_picture(plot)
     if resume and (out is None or not (_is_store(out) or out.suffix in _EXPORTED)):
         raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
                          "the file that it shall become, NAME.csv or NAME.nc.")
@@ -69,10 +64,6 @@ def check_targets(out: Path | None, plot: Path | None, *, resume: bool) -> None:
         from ..storage.export import check_export
 
         check_export(out)
-    if plot is not None:
-        from ..runtime.plots import check_target
-
-        check_target(plot)
 
 
 def _is_store(out: Path | None) -> bool:

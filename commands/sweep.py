@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import GyrosparkError, InputError, Stopped
-from .options import whole_number
+from .options import check_picture, check_writable, whole_number
 
 if TYPE_CHECKING:
     from ..sweeps.estimate import Estimate
@@ -57,7 +57,9 @@ def sweep(
     from ..sweeps.sweep import run_study
 
     store = out if out is not None else Path(f"{study.stem}.zarr")
-    _check_targets(store, plot)
+    check_writable("--out", store, folder=True)
+    if plot is not None:
+        check_picture(plot)
     loaded = load_study(study)
     fields = fields_of(loaded.study, loaded.keep)
     names = [f.name for f in fields if not f.inner]
@@ -96,19 +98,6 @@ def sweep(
     return 0
 
 
-def _check_targets(store: Path, plot: Path | None) -> None:
-    for option, path in (("--out", store), ("--plot", plot)):
-        if path is None:
-            continue
-        if not path.name or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-            raise InputError(f"{option} {str(path)!r}: its folder is not there or cannot be "
-                             "written; make it or choose another.")
-    if plot is not None:
-        from ..runtime.plots import check_target
-
-        check_target(plot)
-
-
 @contextmanager
 def _progress(*, quiet: bool) -> Iterator[Progress | None]:
     """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
@@ -143,14 +132,14 @@ def _progress(*, quiet: bool) -> Iterator[Progress | None]:
 def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, Any]:
     from ..sweeps.results import count_statuses, meanings, summary
 
-    said = meanings()
+    said, counts = meanings(), count_statuses(study, store)
     return {
         "sweep": study.name,
         "steppers": [s.name for s in study.steppers],
         "axes": {axis.name: len(axis) for axis in study.axes},
         "cells": study.size,
         "seconds": seconds,
-        "statuses": {said[code]: count for code, count in sorted(count_statuses(store).items())},
+        "statuses": {said[code]: count for code, count in sorted(counts.items())},
         "shown": show,
         **summary(study, store, show),
         "out": str(store),

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, StepFailed
 from .checks import as_positive_count, as_step
-from .inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde, principal_moments
+from .inertia import MEANS_BY_SYMBOL, gamma_m, principal_moments
 
 if TYPE_CHECKING:
     from .stepper import Stepper
@@ -41,7 +41,6 @@ Quantity = Literal["energy", "motion"]
 
 #: Steps of a pilot run, unless the run itself is shorter.
 PILOT_STEPS = 1000
-_RULES = {"γ_m": gamma_m, "γ_h": gamma_h, "γ̃_m": gamma_m_tilde, "γ̃_h": gamma_h_tilde}
 #: By how much a pilot changes 1/γ: large against round-off, small against the law's curvature.
 _CHANGE = 0.2
 #: A zero farther than this from the body's moments is an extrapolation no pilot supports.
@@ -257,7 +256,7 @@ class _Pilots:
 
     def measure_rules(self) -> None:
         """Run the paper's four recommendations; raises if the steps converge with none."""
-        for label, rule in _RULES.items():
+        for label, rule in MEANS_BY_SYMBOL.items():
             self.measure(label, np.array([rule(moments) for moments in self.bodies.values()]))
         self.rules = len(self.done)
         if self.failure is not None and self.best_rule_error == math.inf:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from ..errors import InputError
 
 __all__ = [
-    "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m", "gamma_m_tilde", "principal_moments",
+    "MEANS", "MEANS_BY_SYMBOL", "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m",
+    "gamma_m_tilde", "principal_moments",
 ]
 
 
@@ -58,6 +59,12 @@ def gamma_h_tilde(inertia: Sequence[float]) -> float:
         Unless there are three finite moments, the smallest at least 0, the others above 0.
     """
     return 2 / sum(1 / moment for moment in _without_smallest(inertia))
+
+
+#: The four by the names that options and files give them, and by the paper's symbols.
+MEANS: dict[str, Callable[[Sequence[float]], float]] = {
+    "m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde}
+MEANS_BY_SYMBOL = dict(zip(("γ_m", "γ_h", "γ̃_m", "γ̃_h"), MEANS.values(), strict=True))
 
 
 def gamma_fast(inertia: Sequence[float], omega: Sequence[float]) -> float:

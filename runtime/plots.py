@@ -13,7 +13,7 @@ from ..errors import GyrosparkError, InputError, MissingDependencyError
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["check_target", "draw", "figure_class"]
+__all__ = ["check_target", "draw", "figure_class", "save"]
 
 _INK = "#1f4e79"
 _ACCENT = "#c0392b"
@@ -54,12 +54,7 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     figure.suptitle(f"{trajectory.manifest['name']}, Δt = {trajectory.dt:g} s, "
                     f"{trajectory.report.steps:,} steps", fontsize=11)
     if target is not None:
-        try:
-            figure.savefig(target, dpi=150)
-        except OSError as error:
-            raise GyrosparkError(
-                f"The picture cannot be written to {str(target)!r}: {error.strerror or error}."
-            ) from error
+        save(figure, target)
     return figure
 
 
@@ -79,6 +74,22 @@ def check_target(path: str | os.PathLike[str]) -> Path:
                          f"{', '.join(_FORMATS)}.")
     figure_class()
     return target
+
+
+def save(figure: Any, target: Path) -> None:
+    """Write a picture.
+
+    Raises
+    ------
+    GyrosparkError
+        If it cannot be written.
+    """
+    try:
+        figure.savefig(target, dpi=150)
+    except OSError as error:
+        raise GyrosparkError(
+            f"The picture cannot be written to {str(target)!r}: {error.strerror or error}."
+        ) from error
 
 
 def figure_class() -> Any:

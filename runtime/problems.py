@@ -28,6 +28,7 @@ __all__ = [
     "cone_mass",
     "fast_top",
     "free_body",
+    "problem_maker",
     "regular_precession",
 ]
 
@@ -202,11 +203,25 @@ def free_body(
     )
 
 
-PROBLEMS: dict[str, Callable[[], Problem]] = {
+PROBLEMS: dict[str, Callable[..., Problem]] = {
     "fast-top": fast_top,
     "regular-precession": regular_precession,
     "free-body": free_body,
 }
+
+
+def problem_maker(name: str) -> Callable[..., Problem]:
+    """Return the function that makes a problem, by its name on the command line.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if name not in PROBLEMS:
+        raise InputError(f"Unknown problem {name!r}; choose {', '.join(PROBLEMS)} or a model file "
+                         "ending in .toml.")
+    return PROBLEMS[name]
 
 
 def _heavy_top(

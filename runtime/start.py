@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .problems import Problem
 
 __all__ = ["Start"]
 
@@ -35,6 +38,13 @@ class Start:
     bodies: Mapping[str, list[float]]
     dt: float | None
     steps: int | None
+
+    @classmethod
+    def of_problem(cls, problem: Problem) -> Start:
+        """Return the numbers of a built-in problem, one rigid body."""
+        inertia = list(problem.inertia)
+        return cls(problem.name, problem.description, problem.parameters, problem.q0.tolist(),
+                   problem.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
 
     @classmethod
     def of(cls, model: Any) -> Start:

@@ -20,7 +20,7 @@ from zarr.storage import LocalStore
 from ..errors import InputError, StorageError
 
 __all__ = ["DurableStore", "finished", "one_line", "remove_parts", "storage_errors", "store_path",
-           "write_durably"]
+           "sync_folder", "write_durably"]
 
 #: How the names of unfinished files end.
 _PART = ".part"
@@ -87,7 +87,7 @@ def finished(path: Path, workshop: Path | None = None) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             part.unlink()
         raise
-    _sync_folder(path.parent)
+    sync_folder(path.parent)
 
 
 def _make_folder(folder: Path) -> None:
@@ -95,10 +95,10 @@ def _make_folder(folder: Path) -> None:
         return
     _make_folder(folder.parent)
     folder.mkdir(exist_ok=True)
-    _sync_folder(folder.parent)
+    sync_folder(folder.parent)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Force to the disk which names a folder has; Windows has no such call, and needs none."""
     if os.name == "nt":
         return

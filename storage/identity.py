@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import zarr
 
 from .._version import __version__
 from ..errors import InputError
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from ..runtime.integration import Run
     from ..runtime.stepper import Stepper
 
-__all__ = ["identity_of", "number_text", "refuse_if_different"]
+__all__ = ["identity_of", "number_text", "refuse_if_different", "versions"]
 
 #: Of the layout of stores; another one is refused.
 FORMAT = 1
@@ -47,6 +49,12 @@ def number_text(value: Any) -> Any:
     if isinstance(value, np.floating):
         return str(value)
     return repr(value).removeprefix("mpf('").removesuffix("')")  # str would leave out the last
+
+
+def versions() -> dict[str, str]:
+    """Return with what a store was made; for people, and not compared."""
+    return {"gyrospark": __version__, "numpy": np.__version__, "zarr": zarr.__version__,
+            "python": platform.python_version()}
 
 
 def refuse_if_different(kept: Mapping[str, Any], now: Mapping[str, Any], where: str) -> None:

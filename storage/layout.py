@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from ..runtime.stepper import Stepper
 
 __all__ = ["CHECKPOINT", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
-           "block_rows", "consolidate", "create", "fields_of", "open_group", "wide_name",
-           "writable_arrays"]
+           "block_rows", "consolidate", "create", "create_array", "fields_of", "open_group",
+           "wide_name", "writable_arrays"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
@@ -141,28 +141,28 @@ def create(
     block = block_rows(fields, rows)
     for one in fields:
         inner = [name for name, _ in one.inner]
-        _create_array(group, one.name, (rows, *one.shape), block, one.dtype, one.fill,
-                      ["time", *inner], one.attributes)
+        create_array(group, one.name, (rows, *one.shape), (block, *one.shape), one.dtype, one.fill,
+                     ["time", *inner], one.attributes)
         if one.wide:
             said = {"long_name": f"{one.name} with all its digits, {WIDE_BYTES} bytes a number"}
-            _create_array(group, wide_name(one.name), (rows, *one.wide_shape), block, "u1",
-                          WIDE_FILL, ["time", *inner, "byte"], said)
-    _create_array(group, CHECKPOINT, (checkpoint_bytes,), checkpoint_bytes, "u1", 0,
-                  ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
+            create_array(group, wide_name(one.name), (rows, *one.wide_shape),
+                         (block, *one.wide_shape), "u1", WIDE_FILL, ["time", *inner, "byte"], said)
+    create_array(group, CHECKPOINT, (checkpoint_bytes,), (checkpoint_bytes,), "u1", 0,
+                 ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
     consolidate(path)
 
 
-def _create_array(
-    group: zarr.Group, name: str, shape: tuple[int, ...], block: int, dtype: str, fill: float,
-    dimensions: list[str], attributes: dict[str, Any],
-) -> None:
-    """Create an array in blocks of rows; a checksum beside each block finds damage.
+def create_array(
+    group: zarr.Group, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], dtype: Any,
+    fill: float, dimensions: list[str], attributes: dict[str, Any],
+) -> zarr.Array[Any]:
+    """Create an array; a checksum beside each chunk finds damage.
 
     No compression: the last bits of a motion are noise, and a tenth is all it saves.
     """
-    group.create_array(name, shape=shape, chunks=(block, *shape[1:]), dtype=dtype,
-                       fill_value=fill, filters=None, compressors=[Crc32cCodec()],
-                       dimension_names=dimensions, attributes=attributes)
+    return group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill,
+                              filters=None, compressors=[Crc32cCodec()],
+                              dimension_names=dimensions, attributes=attributes)
 
 
 def consolidate(path: Path) -> None:

@@ -8,9 +8,6 @@ recorded is what ``Stepper.integrate`` returns, to the bit, however often a run 
 from __future__ import annotations
 
 import operator
-import os
-import platform
-import shutil
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -22,7 +19,6 @@ import numpy as np
 import zarr
 from numpy.typing import ArrayLike
 
-from .._version import __version__
 from ..errors import InputError, Stopped
 from ..runtime.binding import REASONS
 from ..runtime.gamma_choice import with_choice
@@ -30,7 +26,8 @@ from ..runtime.integration import Rows, Run, advance, next_chunk
 from ..runtime.trajectory import Report
 from .checkpoint import State, pack, room, unpack
 from .durable import remove_parts, storage_errors, store_path
-from .identity import identity_of, refuse_if_different
+from .fresh import appearing, is_new
+from .identity import identity_of, refuse_if_different, versions
 from .interrupts import Interrupts, watched
 from .layout import (
     CHECKPOINT,
@@ -127,10 +124,7 @@ def _opened(
 ) -> zarr.Group:
     """Return the store's group: the one that is there, or a new one."""
     identity = identity_of(stepper, run)
-    if path.exists():
-        if not resume:
-            raise InputError(f"The store {str(path)!r} is there already; --resume (resume=True) "
-                             "goes on with its run, another name begins a new one.")
+    if not is_new(path, resume, "run"):
         return _begun_earlier(stepper, run, path, identity)
     about = {
         "title": f"{stepper.name}: {run.steps} steps of {run.dt:g} s",
@@ -139,18 +133,12 @@ def _opened(
         "states": 0,
         "run": identity,
         "seed": seed,
-        "versions": {"gyrospark": __version__, "numpy": np.__version__, "zarr": zarr.__version__,
-                     "python": platform.python_version()},
+        "versions": versions(),
         "manifest": stepper.manifest,
     }
-    # Where a link leads to; appears under its name when it is whole.
-    real = Path(os.path.realpath(path))
-    fresh = real.with_name(f".{real.name}.new")
     with storage_errors(path, _NEW):
-        if fresh.exists():
-            shutil.rmtree(fresh)
-        create(fresh, fields_of(stepper), run.rows + 1, room(stepper.binding), about)
-        fresh.rename(real)
+        with appearing(path) as fresh:
+            create(fresh, fields_of(stepper), run.rows + 1, room(stepper.binding), about)
         return open_group(path, write=True)
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..facade import stepper
 from ..reference import reference_axis
-from ..runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+from ..runtime.inertia import MEANS
 from ..runtime.problems import PROBLEMS, Problem
 from ..runtime.stepper import Stepper
 from ..runtime.trajectory import Trajectory
@@ -33,11 +33,6 @@ __all__ = ["Case", "Engine", "Quantity", "parameter_value", "scheme_of"]
 Array = NDArray[Any]
 Quantity = Literal["H", "l3", "x", "z", "g", "qp"]
 _Value = TypeVar("_Value")
-
-#: Rule → the mean of the principal moments; a number may stand before it: "100m".
-_RULES: dict[str, Callable[[Sequence[float]], float]] = {
-    "m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde,
-}
 
 @dataclass(frozen=True)
 class Case:
@@ -203,4 +198,4 @@ def parameter_value(parameter: float | str, inertia: Sequence[float]) -> float:
         raise InputError(f"Unknown parameter rule {parameter!r}; write m, h, mt or ht, with a "
                          "factor before it if need be, as in 100m.")
     factor, rule = match.groups()
-    return float(factor or 1) * _RULES[rule](inertia)
+    return float(factor or 1) * MEANS[rule](inertia)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..facade import stepper
 from ..runtime.gamma_choice import GammaChoice, choose_gamma
-from ..runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+from ..runtime.inertia import MEANS_BY_SYMBOL, gamma_m
 from ..runtime.problems import Problem, fast_top, free_body, regular_precession
 from ..runtime.quaternion import euler_quaternion, momentum
 from ..runtime.trajectory import Trajectory
@@ -29,9 +29,6 @@ __all__ = ["BODIES", "METHODS", "Body", "Trial", "asymmetric_top", "study"]
 
 Array = NDArray[Any]
 
-RULES: dict[str, Callable[[tuple[float, float, float]], float]] = {
-    "γ_m": gamma_m, "γ_h": gamma_h, "γ̃_m": gamma_m_tilde, "γ̃_h": gamma_h_tilde,
-}
 METHODS = (("IMS", None), ("EMS", None), ("G-L", 1), ("G-L", 2), ("G-L", 3), ("LIIIA-B", 2),
            ("LIIIA-B", 3), ("LIIIA-B", 4))
 #: A run of the tables times this: does the choice still hold?
@@ -113,8 +110,8 @@ class Trial:
     def gain(self, rule: str | None = None, times: int = 1) -> float:
         """Return the error with a rule, or with the best of them, over that with the choice."""
         inertia = self.body.make().inertia
-        names = list(RULES) if rule is None else [rule]
-        best = min(self.error(RULES[name](inertia), times) for name in names)
+        names = list(MEANS_BY_SYMBOL) if rule is None else [rule]
+        best = min(self.error(MEANS_BY_SYMBOL[name](inertia), times) for name in names)
         return best / self.error(self.choice.gamma, times)
 
     def at_round_off(self, times: int = 1) -> bool:
@@ -122,7 +119,7 @@ class Trial:
         problem = self.body.make()
         size = abs(self.run(gamma_m(problem.inertia)).energies[0])
         epsilon = 2.0**-52 * float(np.sqrt(times * self.body.steps))
-        errors = [self.error(rule(problem.inertia), times) for rule in RULES.values()]
+        errors = [self.error(rule(problem.inertia), times) for rule in MEANS_BY_SYMBOL.values()]
         return self.scheme != "EMS" and min(errors) < 4 * epsilon * size
 
 
@@ -205,7 +202,7 @@ def kinetic_line(trial: Trial) -> Line:
 
 def idle_claim(trial: Trial) -> Claim:
     """Claim that γ does nothing to the energy of a free body under IMS."""
-    errors = [trial.error(rule(trial.body.make().inertia)) for rule in RULES.values()]
+    errors = [trial.error(rule(trial.body.make().inertia)) for rule in MEANS_BY_SYMBOL.values()]
     spread = max(errors) / min(errors) - 1
     return Claim("IMS-γ, free body: γ has no part in the energy error; change of its mean over "
                  "the four recommendations.",
@@ -262,7 +259,8 @@ def _panel(trial: Trial) -> Panel:
     inertia = trial.body.make().inertia
     mean = gamma_m(inertia)
     x = np.linspace(0.4, 2.2, 19)
-    marks = {**{name: rule(inertia) for name, rule in RULES.items()}, "auto": trial.choice.gamma}
+    marks = {**{name: rule(inertia) for name, rule in MEANS_BY_SYMBOL.items()},
+             "auto": trial.choice.gamma}
     return Panel(
         f"{trial.body.name}, {trial.method}-γ", "γ_m/γ", "mean |ΔH| in J",
         [Series("mean error", x.tolist(), [trial.error(mean / u) for u in x.tolist()], "-"),

@@ -63,9 +63,8 @@ def estimate(study: Study, fields: list[Field]) -> Estimate:
 
 def _counts(study: Study) -> tuple[int, int]:
     """Return the number of tiles, and of steps of all cells."""
-    column = next((a.columns["dt"] for a in study.axes if "dt" in a.columns), None)
-    dt = np.array([study.dt] if column is None else column, dtype=float)
-    return math.prod(tile_counts(study)), int(study.steps_of(dt).sum()) * (study.size // len(dt))
+    steps = study.steps_of(study.time_steps)
+    return math.prod(tile_counts(study)), int(steps.sum()) * (study.size // len(steps))
 
 
 def _sample(study: Study, number: int) -> Tile:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..generator.spec import Spec, is_model_file
-from ..runtime.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
-from ..runtime.problems import PROBLEMS, Problem
+from ..runtime.inertia import MEANS, gamma_m
+from ..runtime.problems import Problem, problem_maker
 from ..runtime.quaternion import momentum
 from ..runtime.start import Start
 from .axes import Axis, as_rows, start_axis
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["base_parameters", "resolve", "starts"]
 
 Array = NDArray[Any]
-
-_MEANS = {"m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde}
 
 
 def resolve(
@@ -49,15 +47,11 @@ def resolve(
 
 
 def _problem(name: str, settings: Mapping[str, Any]) -> Problem:
-    if name not in PROBLEMS:
-        raise InputError(f"Unknown problem {name!r}; choose {', '.join(PROBLEMS)} or a model file "
-                         "ending in .toml.")
     try:
-        made: Problem = PROBLEMS[name](**settings)
+        return problem_maker(name)(**settings)
     except TypeError as error:
         raise InputError(f"The settings {', '.join(settings)} do not fit {name}: {error}."
                          ) from error
-    return made
 
 
 def _stepper(
@@ -69,10 +63,8 @@ def _stepper(
     if isinstance(model, (str, Path)):
         return model_stepper(Spec.checked(scheme, stages, rep, str(model), real))
     if isinstance(model, Problem):
-        inertia = list(model.inertia)
-        start = Start(model.name, model.description, model.parameters, model.q0.tolist(),
-                      model.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
-        return stepper(scheme, stages, rep, system=model.system, real=real or "double"), start
+        made = stepper(scheme, stages, rep, system=model.system, real=real or "double")
+        return made, Start.of_problem(model)
     if not hasattr(model, "system") or not hasattr(model, "q0"):
         raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a model or a "
                          "file.")
@@ -102,10 +94,10 @@ def base_parameters(
             found[name] = gamma_m(inertia)
     for name, value in given.items():
         if isinstance(value, str):
-            if name not in start.bodies or value not in _MEANS:
+            if name not in start.bodies or value not in MEANS:
                 raise InputError(f"Parameter {name} = {value!r} is no number; m, h, mt and ht are "
                                  "for gamma and alpha.")
-            found[name] = _MEANS[value](start.bodies[name])
+            found[name] = MEANS[value](start.bodies[name])
         else:
             found[name] = value
     return found

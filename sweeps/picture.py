@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import GyrosparkError, InputError
-from ..runtime.plots import check_target, figure_class
+from ..errors import InputError
+from ..runtime.plots import check_target, figure_class, save
 
 if TYPE_CHECKING:
     import xarray
@@ -60,12 +60,7 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     (_line if len(shown) == 1 else _colours)(figure, axes, array, [str(d) for d in shown])
     axes.set_title(f"{dataset.attrs.get('title', '')}", fontsize=11)
     if target is not None:
-        try:
-            figure.savefig(target, dpi=150)
-        except OSError as error:
-            raise GyrosparkError(
-                f"The picture cannot be written to {str(target)!r}: {error.strerror or error}."
-            ) from error
+        save(figure, target)
     return figure
 
 

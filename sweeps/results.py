@@ -7,8 +7,8 @@ chunk is there, the tile is done and on the disk, and is never computed again.
 from __future__ import annotations
 
 import asyncio
-import itertools
 import os
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -17,13 +17,20 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 from zarr.api import asynchronous
-from zarr.codecs import Crc32cCodec
 from zarr.core.sync import sync
 
 from ..errors import InputError
 from ..runtime.binding import REASONS
 from ..storage.durable import DurableStore, storage_errors
-from ..storage.layout import QUANTITY, Field, array_of, attributes_of, consolidate
+from ..storage.layout import (
+    QUANTITY,
+    Field,
+    array_of,
+    attributes_of,
+    consolidate,
+    create_array,
+    open_group,
+)
 from .axes import SCHEME
 from .study import Study
 from .tiles import Tile, tile_shape, tiles_of
@@ -32,7 +39,7 @@ if TYPE_CHECKING:
     import xarray
 
 __all__ = ["BAD_START", "CURE", "NOT_COMPUTED", "STATUS", "Memory", "Sink", "Store",
-           "count_statuses", "create_store", "dataset_of", "done_tiles", "fields_of", "meanings",
+           "count_statuses", "create_store", "done_tiles", "fields_of", "meanings",
            "open_sweep", "summary"]
 
 Array = NDArray[Any]
@@ -118,6 +125,7 @@ class Memory:
     """Arrays in memory."""
 
     def __init__(self, study: Study, fields: list[Field]) -> None:
+        self._study, self._fields = study, fields
         try:
             self.arrays = {f.name: np.full((*study.shape, *f.shape), _fill(f), dtype=f.dtype)
                            for f in fields}
@@ -129,6 +137,17 @@ class Memory:
         """Keep the arrays of a tile."""
         for name, whole in self.arrays.items():
             whole[tile.slices] = arrays[name]
+
+    def dataset(self, attributes: dict[str, Any]) -> xarray.Dataset:
+        """Return what is kept as an xarray Dataset."""
+        import xarray
+
+        dimensions = [axis.name for axis in self._study.axes]
+        results = {f.name: ([*dimensions, *(name for name, _ in f.inner)], self.arrays[f.name],
+                            f.attributes) for f in self._fields}
+        coordinates = {name: (inner, _labelled(name, values, said))
+                       for name, (inner, values, said) in _coordinates(self._study).items()}
+        return xarray.Dataset(results, coordinates, attributes)
 
 
 class Store:
@@ -173,14 +192,12 @@ def create_store(
     group = zarr.create_group(DurableStore(path), attributes=attributes)
     dimensions, chunks = [axis.name for axis in study.axes], tile_shape(study)
     for field in fields:
-        group.create_array(
-            field.name, shape=(*study.shape, *field.shape), chunks=(*chunks, *field.shape),
-            dtype=field.dtype, fill_value=_fill(field), filters=None, compressors=[Crc32cCodec()],
-            dimension_names=[*dimensions, *(name for name, _ in field.inner)],
-            attributes=field.attributes, config={"write_empty_chunks": True})
+        create_array(group, field.name, (*study.shape, *field.shape), (*chunks, *field.shape),
+                     field.dtype, _fill(field),
+                     [*dimensions, *(name for name, _ in field.inner)], field.attributes)
     for name, (inner, values, said) in _coordinates(study).items():
-        group.create_array(name, data=values, chunks=values.shape, filters=None,
-                           compressors=[Crc32cCodec()], dimension_names=inner, attributes=said)
+        create_array(group, name, values.shape, values.shape, values.dtype, 0, inner,
+                     said)[...] = values
     consolidate(path)
 
 
@@ -197,6 +214,11 @@ def _coordinates(study: Study) -> dict[str, tuple[list[str], Array, dict[str, An
     return found
 
 
+def _labelled(name: str, values: Array, attributes: dict[str, Any]) -> Array:
+    """Return what people see along an axis: the names of schemes, not their numbers."""
+    return values if name != SCHEME else np.array(attributes["labels"])[values]
+
+
 def done_tiles(path: Path) -> set[tuple[int, ...]]:
     """Return the places of the tiles whose last array is on the disk."""
     root = path / STATUS / "c"
@@ -208,36 +230,14 @@ def _files(root: Path) -> Iterable[Path]:
     return (Path(folder) / name for folder, _, names in os.walk(root) for name in names)
 
 
-def dataset_of(
-    study: Study, fields: list[Field], attributes: dict[str, Any], source: Memory | Path
-) -> xarray.Dataset:
-    """Return the result as an xarray Dataset; a store's values are read when they are used."""
-    import xarray
-
-    if isinstance(source, Path):
-        found: xarray.Dataset = xarray.open_zarr(source)
-        found = found[[f.name for f in fields]]
-    else:
-        dimensions = [axis.name for axis in study.axes]
-        found = xarray.Dataset(
-            {f.name: ([*dimensions, *(name for name, _ in f.inner)], source.arrays[f.name],
-                      f.attributes) for f in fields}, attrs=attributes)
-    named = {name: (inner, values if name != SCHEME else np.array(said["labels"])[values])
-             for name, (inner, values, said) in _coordinates(study).items()}
-    return found.drop_vars(set(named) & set(found.coords)).assign_coords(named)
-
-
-def count_statuses(path: Path) -> dict[int, int]:
-    """Return how many cells of a store ended in which way, a chunk at a time."""
-    array = array_of(zarr.open_group(DurableStore(path, read_only=True), mode="r"), STATUS)
-    counts: dict[int, int] = {}
-    grid = [range(0, length, size) for length, size in zip(array.shape, array.chunks, strict=True)]
-    for corner in itertools.product(*grid):
-        part = np.asarray(array[tuple(slice(i, i + size) for i, size in
-                                      zip(corner, array.chunks, strict=True))])
-        for value, count in zip(*np.unique(part, return_counts=True), strict=True):
-            counts[int(value)] = counts.get(int(value), 0) + int(count)
-    return counts
+def count_statuses(study: Study, path: Path) -> dict[int, int]:
+    """Return how many cells of a store ended in which way, a tile at a time."""
+    array = array_of(open_group(path), STATUS)
+    counts: Counter[int] = Counter()
+    for tile in tiles_of(study):
+        values, number = np.unique(np.asarray(array[tile.slices]), return_counts=True)
+        counts.update(dict(zip(values.tolist(), number.tolist(), strict=True)))
+    return dict(counts)
 
 
 def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
@@ -252,12 +252,13 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     root = Path(path)
     try:
-        about = attributes_of(zarr.open_group(DurableStore(root, read_only=True), mode="r"))
+        about = attributes_of(open_group(root))
         names = about["sweep"]["results"]
         found: xarray.Dataset = xarray.open_zarr(root)
-        labels = found[SCHEME].attrs.get("labels") if SCHEME in found else None
-        if labels is not None:
-            found = found.assign_coords({SCHEME: np.array(labels)[np.asarray(found[SCHEME])]})
+        if SCHEME in found:
+            scheme = found[SCHEME]
+            found = found.assign_coords({SCHEME: (scheme.dims, _labelled(
+                SCHEME, np.asarray(scheme), scheme.attrs))})
         axes = [name for name in found.variables if name not in names]
         kept: xarray.Dataset = found.set_coords(axes)[names]
         return kept
@@ -270,7 +271,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
 
 def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
     """Return the least and the largest value of a result and where they are, a tile at a time."""
-    array = array_of(zarr.open_group(DurableStore(path, read_only=True), mode="r"), name)
+    array = array_of(open_group(path), name)
     ends: dict[str, tuple[float, tuple[int, ...]]] = {}
     for tile in tiles_of(study):
         part = np.asarray(array[tile.slices], dtype=float)

@@ -94,11 +94,15 @@ class Study:
         return np.maximum(np.rint(abs((self.duration or 0.0) / dt)), 1).astype(np.int64)
 
     @property
+    def time_steps(self) -> Array:
+        """Δt of the cells: of the axis that varies it, or the one of all."""
+        column = next((a.columns["dt"] for a in self.axes if "dt" in a.columns), [self.dt])
+        return np.array(column, dtype=float)
+
+    @property
     def most_steps(self) -> int:
         """Most steps of a cell."""
-        column = next((a.columns["dt"] for a in self.axes if "dt" in a.columns), None)
-        dt = np.array([self.dt]) if column is None else column
-        return int(self.steps_of(dt.astype(float)).max())
+        return int(self.steps_of(self.time_steps).max())
 
 
 def checked_study(study: Study) -> Study:

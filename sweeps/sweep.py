@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import os
-import platform
-import shutil
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zarr
 
 from .._version import __version__
 from ..errors import InputError, Stopped, StorageError
 from ..runtime.checks import as_positive_count
 from ..storage.durable import remove_parts, storage_errors
-from ..storage.identity import number_text, refuse_if_different
+from ..storage.fresh import appearing, is_new
+from ..storage.identity import number_text, refuse_if_different, versions
 from ..storage.interrupts import Interrupts, watched
 from ..storage.layout import Field, attributes_of, open_group
 from ..storage.lock import claim
@@ -30,9 +28,9 @@ from .results import (
     Sink,
     Store,
     create_store,
-    dataset_of,
     done_tiles,
     fields_of,
+    open_sweep,
 )
 from .study import Study
 from .tiles import Tile, tiles_of
@@ -147,7 +145,7 @@ def run_study(
             raise InputError("resume goes on with a store; give out.")
         memory = Memory(study, fields)
         _compute(study, fields, set(), memory, threads, client, progress, None)
-        return dataset_of(study, fields, attributes, memory)
+        return memory.dataset(attributes)
     path = Path(out)
     with claim(path):
         with storage_errors(path, CURE):
@@ -156,30 +154,24 @@ def run_study(
                  progress, path)
         with storage_errors(path, CURE):
             remove_parts(path)
-    return dataset_of(study, fields, attributes, path)
+    return open_sweep(path)
 
 
 def _prepare(
     study: Study, fields: list[Field], path: Path, attributes: dict[str, Any], resume: bool
 ) -> None:
     """Make the store, or see that the one that is there belongs to this study."""
-    if path.exists():
-        if not resume:
-            raise InputError(f"The store {str(path)!r} is there already; --resume (resume=True) "
-                             "goes on with its sweep, another name begins a new one.")
-        try:
-            kept = attributes_of(open_group(path))["sweep"]
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise StorageError(f"{str(path)!r} is no sweep that gyrospark stored, or damaged; "
-                               "choose another store.") from error
-        refuse_if_different(kept, attributes["sweep"], f"The store {str(path)!r}")
-        remove_parts(path)
+    if is_new(path, resume, "sweep"):
+        with appearing(path) as fresh:
+            create_store(fresh, study, fields, attributes)
         return
-    fresh = path.with_name(f".{path.name}.new")  # appears under its name when it is whole
-    if fresh.exists():
-        shutil.rmtree(fresh)
-    create_store(fresh, study, fields, attributes)
-    fresh.rename(path)
+    try:
+        kept = attributes_of(open_group(path))["sweep"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StorageError(f"{str(path)!r} is no sweep that gyrospark stored, or damaged; choose "
+                           "another store.") from error
+    refuse_if_different(kept, attributes["sweep"], f"The store {str(path)!r}")
+    remove_parts(path)
 
 
 def _compute(
@@ -250,8 +242,7 @@ def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
             "max_iterations": study.max_iterations, "results": [f.name for f in fields],
         },
         "seed": study.seed,
-        "versions": {"gyrospark": __version__, "numpy": np.__version__, "zarr": zarr.__version__,
-                     "python": platform.python_version()},
+        "versions": versions(),
         "manifests": {s.name: s.manifest for s in study.steppers},
     }
 

@@ -15,7 +15,8 @@ import gyrospark as gs
 from calls import refused
 from gyrospark.generator.rigid_body import gamma, gravity_potential, kinetic_energy, mgl
 from gyrospark.runtime.gamma_choice import PILOT_STEPS, known_inertia, smallest_sum
-from gyrospark.studies.gamma_auto import BODIES, LONGER, METHODS, RULES, Trial, asymmetric_top
+from gyrospark.runtime.inertia import MEANS_BY_SYMBOL
+from gyrospark.studies.gamma_auto import BODIES, LONGER, METHODS, Trial, asymmetric_top
 
 TOP = gs.problems.fast_top()
 GAMMA = {"gamma": TOP.inertia}
@@ -39,7 +40,7 @@ def test_never_worse_than_the_best_recommendation(body, method):
     trial = Trial(body, *method)
     choice, inertia = trial.choice, body.make().inertia
     assert min(inertia) / 10 <= choice.gamma <= 10 * max(inertia)
-    best = min(pilot.error for pilot in choice.pilots if pilot.label in RULES)
+    best = min(pilot.error for pilot in choice.pilots if pilot.label in MEANS_BY_SYMBOL)
     assert choice.pilots[0].error / choice.measured_gain <= 1.05 * best
     if not trial.at_round_off(LONGER):
         assert trial.gain(times=LONGER) >= 1 / 1.05
@@ -167,7 +168,7 @@ def test_each_body_has_its_own_gamma():
     with refused("There are 2 values"):
         _ = choice.gamma
     pilots = [p.values for p in choice.pilots if p.label.startswith("pilot")]
-    rules = [p for p in choice.pilots if p.label in RULES]
+    rules = [p for p in choice.pilots if p.label in MEANS_BY_SYMBOL]
     base = min(rules, key=lambda p: p.error).values
     assert [sum(values[name] != base[name] for name in base) for values in pilots] == [1, 1]
     least = min(rule.error for rule in rules)

@@ -1,0 +1,107 @@
+"""``gyrospark sweep``: studies, estimates, pictures, and wrong files that end in one sentence."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import gyrospark as gs
+from gyrospark.sweeps import tiles
+from gyrospark.sweeps.estimate import estimate
+from gyrospark.sweeps.picture import draw
+from gyrospark.sweeps.results import fields_of
+from gyrospark.sweeps.study_file import parse_study
+from processes import ROOT, cli
+from sweeping import GAMMAS, OVER, STUDY, TOP, study_file
+
+EXAMPLES = sorted((ROOT / "examples" / "studies").glob("*.toml"))
+
+
+def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path):
+    study_file(tmp_path)
+    done = cli("sweep", "study.toml", "--plot", "s.png", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["statuses"] == {"done": 1280}
+    result = gs.open_sweep(tmp_path / "study.zarr")
+    assert said["least"] == float(result.energy_error_max.min())
+    at = result.sel(gamma=said["least_at"]["gamma"], dt=said["least_at"]["dt"])
+    assert at.energy_error_max == said["least"]
+    assert (tmp_path / "s.png").stat().st_size > 5000
+    again = cli("sweep", "study.toml", "--resume", cwd=tmp_path)
+    assert again.returncode == 0
+    assert "1,280 cells (40 gamma × 32 dt)" in again.stdout
+    assert cli("sweep", "study.toml", cwd=tmp_path).returncode == 2
+
+
+def test_dry_run_computes_nothing_and_is_about_right(tmp_path):
+    path = study_file(tmp_path)
+    done = cli("sweep", "study.toml", "--dry-run", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert (said["cells"], said["steps"]) == (1280, 1280 * 400)
+    assert not (tmp_path / "study.zarr").exists()
+    loaded = parse_study(STUDY, path)
+    assert said["disk_bytes"] == 1280 * sum(f.row_bytes for f in fields_of(loaded.study))
+    found = estimate(loaded.study, fields_of(loaded.study))
+    assert 0 < found.low <= found.cpu_seconds <= found.high < 60
+    assert found.tiles == len(list(tiles.tiles_of(loaded.study)))
+
+
+@pytest.mark.parametrize(("text", "fragments"), [
+    ("", ["model"]), ("x = ", ["not TOML"]), ("model = 3", ["model = 3"]),
+    (STUDY + "\n[extra]\n", ["'extra'"]),
+    (STUDY.replace("steps = 400", 'steps = "many"'), ["steps", "many"]),
+    (STUDY.replace("steps = 400", "steps = true"), ["steps"]),
+    (STUDY.replace("fast-top", "slow-top"), ["slow-top"]),
+    (STUDY.replace("fast-top", "nothing.toml"), ["nothing.toml"]),
+    (STUDY.replace("steps", "keep = 3\nsteps"), ["keep"]),
+    (STUDY.replace("steps", "settings = { x = 1 }\nsteps"), ["settings", "x"]),
+    (STUDY.replace("steps", "name = 1\nsteps"), ["name"]),
+    (STUDY.replace("[grid]", "[grid]\nstart = { q = 1 }"), ["start"]),
+])
+def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path):
+    study_file(tmp_path, text)
+    done = cli("sweep", "study.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert all(fragment in done.stderr for fragment in [*fragments, "study.toml"]), done.stderr
+
+
+@pytest.mark.parametrize("arguments", [
+    ["--out", "none/s.zarr"], ["--workers", "x"], ["--show", "q"], ["--plot", "s.txt"],
+    ["--dask", "tcp://127.0.0.1:1"]])
+def test_wrong_options_end_in_one_sentence(arguments, tmp_path):
+    study_file(tmp_path)
+    done = cli("sweep", "study.toml", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_examples_are_studies_and_say_how_to_begin(path):
+    text = path.read_text(encoding="utf-8")
+    assert parse_study(text, path).study.size > 1
+    header = [line for line in text.splitlines() if line.startswith("#   gyrospark sweep ")]
+    words = header[0].removeprefix("#").split()
+    assert words[3:] == ["--dry-run"]
+    done = cli(*words[1:], cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_readmes_example_has_a_million_cells():
+    path = ROOT / "examples" / "studies" / "gamma_dt.toml"
+    study = parse_study(path.read_text(encoding="utf-8"), path).study
+    assert (study.size, study.steps) == (10**6, 1000)
+
+
+def test_pictures_of_one_and_three_axes_and_what_cannot_be_drawn(tmp_path):
+    one = gs.sweep(TOP, {"gamma": GAMMAS}, scheme="EMS", dt=1e-3, steps=5)
+    draw(one, "energy_error_max", tmp_path / "one.svg")
+    three = gs.sweep(TOP, {"scheme": ["EMS", "IMS"], **OVER}, steps=5)
+    draw(three, "iterations_mean", tmp_path / "three.pdf")
+    with pytest.raises(gs.InputError, match="cannot be drawn"):
+        draw(one, "q")
+    lost = gs.sweep(TOP, {"gamma": GAMMAS, "dt": [50.0, 60.0]}, scheme="EMS", steps=5)
+    draw(lost, "energy_error_max", tmp_path / "lost.png")

@@ -1,0 +1,96 @@
+"""Sweeps that are ended: killed, interrupted, on clusters that lose their workers."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import gyrospark as gs
+from gyrospark.sweeps import tiles
+from gyrospark.sweeps.results import done_tiles
+from gyrospark.sweeps.study_file import load_study
+from gyrospark.sweeps.sweep import run_study
+from killing import differences
+from processes import ROOT, call, environment, gyrospark_command
+from sweeping import STUDY, study_file
+
+
+def killed(folder, kills, seed):
+    path = study_file(folder, STUDY.replace("count = 40", "count = 240"))
+    done = call([sys.executable, ROOT / "tests" / "killing.py", folder, str(kills), str(seed),
+                 "sweep", path, "--out", "{store}"])
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["kills"] == kills
+    assert said["completed"] == said["same"] >= 1, said
+
+
+def test_killed_sweeps_end_in_the_same_bytes(tmp_path):
+    killed(tmp_path, 5, 1)
+
+
+@pytest.mark.slow
+def test_two_hundred_kills(tmp_path, monkeypatch):
+    monkeypatch.setattr("processes.PATIENCE", 3600)
+    killed(tmp_path, 200, 2)
+
+
+def test_ctrl_c_keeps_every_finished_cell(tmp_path):
+    study_file(tmp_path, STUDY.replace("count = 40", "count = 4000"))
+    command = gyrospark_command("sweep", "study.toml")
+    process = subprocess.Popen(command, cwd=tmp_path, env=environment(), text=True,
+                               stderr=subprocess.PIPE, stdout=subprocess.PIPE)
+    store = tmp_path / "study.zarr"
+    while not done_tiles(store):
+        time.sleep(0.02)
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "--resume" in said
+    cells = int(said.split("Stopped with ")[1].split(" ")[0].replace(",", ""))
+    assert cells == int((gs.open_sweep(store).status == 0).sum()) > 0
+
+
+def on_a_cluster(folder, what):
+    """Run the folder's study on a cluster that loses workers; return what is printed."""
+    done = call([sys.executable, ROOT / "tests" / "clusters.py", what], cwd=folder,
+                PYTHONWARNINGS=None)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(tmp_path):
+    path = study_file(tmp_path, STUDY.replace("count = 40", "count = 120"))
+    run_study(load_study(path).study, out=tmp_path / "threads.zarr")
+    assert on_a_cluster(tmp_path, "lose").split() == ["True"]
+    assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
+
+
+@pytest.mark.slow
+def test_a_tile_that_kills_every_worker_is_left_and_done_later(tmp_path):
+    """All others are done, whatever the scheduler blames for the deaths."""
+    path = study_file(tmp_path, STUDY.replace("count = 40", "count = 400"))
+    study = load_study(path).study
+    run_study(study, out=tmp_path / "threads.zarr")
+    said = on_a_cluster(tmp_path, "deadly")
+    assert "not computed: 1. Workers died" in said
+    assert "--resume" in said
+    every = {tile.place for tile in tiles.tiles_of(study)}
+    assert every - done_tiles(tmp_path / "cluster.zarr") == {(1, 0)}
+    run_study(study, out=tmp_path / "cluster.zarr", resume=True)
+    assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
+
+
+@pytest.mark.parametrize(("how", "words"), [
+    ("signal", "Stopped with 0 of 1,280 cells done"), ("gone", "has had no worker for 2 s")])
+def test_a_sweep_does_not_hang_where_no_worker_is(how, words, tmp_path):
+    study_file(tmp_path)
+    said = on_a_cluster(tmp_path, how)
+    assert words in said
+    assert "--resume" in said
