@@ -98,12 +98,16 @@ def _headings(name: str, array: xarray.DataArray) -> Iterator[str]:
 
 
 def _write_netcdf(dataset: xarray.Dataset, path: Path) -> None:
+    import dask
+
     plain = dataset.assign_attrs({name: _plain(value) for name, value in dataset.attrs.items()})
     for name in (*plain.data_vars, *plain.coords):
         array = plain[name]
         array.attrs = {key: _plain(value) for key, value in array.attrs.items()}
         array.encoding = {}  # Zarr's chunks and codecs mean nothing there
-    plain.to_netcdf(path, engine="h5netcdf")
+    # In this thread: after an error others would go on, and open the removed file anew.
+    with dask.config.set(scheduler="synchronous"):
+        plain.to_netcdf(path, engine="h5netcdf")
 
 
 def _plain(value: Any) -> Any:

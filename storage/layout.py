@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
-from zarr.codecs import Crc32cCodec
 
+from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CHECKPOINT", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
            "block_rows", "consolidate", "create", "create_array", "fields_of", "open_group",
-           "wide_name", "writable_arrays"]
+           "wide_name"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
@@ -156,12 +156,10 @@ def create_array(
     group: zarr.Group, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], dtype: Any,
     fill: float, dimensions: list[str], attributes: dict[str, Any],
 ) -> zarr.Array[Any]:
-    """Create an array; a checksum beside each chunk finds damage.
-
-    No compression: the last bits of a motion are noise, and a tenth is all it saves.
-    """
+    """Create an array, whose chunks ``write_chunks`` writes."""
+    numbers, checksum = codecs_of(dtype)
     return group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill,
-                              filters=None, compressors=[Crc32cCodec()],
+                              filters=None, serializer=numbers, compressors=[checksum],
                               dimension_names=dimensions, attributes=attributes)
 
 
@@ -201,12 +199,3 @@ def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
     if not isinstance(found, zarr.Array):
         raise KeyError(name)
     return found
-
-
-def writable_arrays(group: zarr.Group) -> dict[str, zarr.Array[Any]]:
-    """Return the arrays of a store by name, to write; also blocks that have no number yet.
-
-    Zarr leaves such blocks out, and then no one could tell them from those that were lost.
-    """
-    return {name: array_of(group, name).with_config({"write_empty_chunks": True})
-            for name in (*attributes_of(group)["arrays"], CHECKPOINT)}

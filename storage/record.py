@@ -11,7 +11,7 @@ import operator
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -278,8 +278,9 @@ class _Course:
         unfinished = state.steps < run.steps and state.steps % run.every
         most = int(self.rows.iterations[count]) if unfinished else 0
         kept = State(state.q, state.p, state.report, state.work, most, state.status)
-        rows = Rows(*(getattr(self.rows, name)[:count].copy()
-                      for name in ("q", "p", "multipliers", "iterations", "work")))
+        rows = self.rows
+        if count < self.block:  # more rows come into it while these are written
+            rows = Rows(*(getattr(rows, field.name)[:count].copy() for field in fields(Rows)))
         writer.put(Batch(self.first, count, rows, pack(self.binding, kept), self._said(kept)))
 
     def _said(self, state: State) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["WIDE_BYTES", "as_bytes", "as_doubles", "from_bytes"]
+__all__ = ["WIDE_BYTES", "as_bytes", "from_bytes"]
 
 Array = NDArray[Any]
 
@@ -37,8 +37,3 @@ def from_bytes(data: Array, dtype: Any) -> Array:
         return quads(data)
     values: Array = np.ascontiguousarray(data).view(dtype)
     return values.reshape(data.shape[:-1])
-
-
-def as_doubles(array: Array) -> Array:
-    """Return an array's numbers rounded to double; narrower ones as they are."""
-    return array if array.dtype == np.float32 else array.astype(np.float64)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import queue
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -15,9 +14,10 @@ import zarr
 from numpy.typing import NDArray
 
 from ..runtime.integration import Rows, Run, defect_sizes
+from .chunks import Chunk, write_chunks
 from .durable import storage_errors
-from .layout import CHECKPOINT, QUANTITY, WIDE_FILL, Field, wide_name, writable_arrays
-from .wide import as_bytes, as_doubles
+from .layout import CHECKPOINT, QUANTITY, Field, array_of, attributes_of, wide_name
+from .wide import as_bytes
 
 if TYPE_CHECKING:
     from ..runtime.binding import Binding
@@ -55,7 +55,8 @@ class Writer:
     def __init__(self, path: Path, group: zarr.Group, fields: list[Field], binding: Binding,
                  run: Run, block: int) -> None:
         self._path, self._group, self._fields = path, group, fields
-        self._arrays = writable_arrays(group)
+        self._arrays = {name: array_of(group, name)
+                        for name in (*attributes_of(group)["arrays"], CHECKPOINT)}
         self._binding, self._run, self._block = binding, run, block
         # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)
@@ -100,33 +101,19 @@ class Writer:
     def _commit(self, batch: Batch) -> None:
         """Write the rows, then the checkpoint, then what it says: never more than is there."""
         if batch.count:
-            self._write_rows(batch)
-        self._arrays[CHECKPOINT][:] = batch.checkpoint
+            write_chunks(self._path, self._chunks(batch))
+        write_chunks(self._path, [Chunk(self._arrays[CHECKPOINT], (0,), batch.checkpoint)])
         # In one go: ``attrs.update`` would write the file once an attribute.
         self._group.update_attributes(batch.attributes)
 
-    def _write_rows(self, batch: Batch) -> None:
-        """Write all arrays at once: each waits for the disk, and the disk takes them together."""
-        block = slice(batch.first, batch.first + self._block)
-        arrays = stored_arrays(self._binding, self._run, self._parameters, batch)
-        parts: list[tuple[str, Array, float]] = []
-        for one in self._fields:
-            values = arrays[one.name]
-            plain = values if one.name == "iterations" else as_doubles(values)
-            parts.append((one.name, plain, one.fill))
-            if one.wide:
-                parts.append((wide_name(one.name), as_bytes(values), WIDE_FILL))
-        with ThreadPoolExecutor(len(parts), "gyrospark-files") as pool:
-            for done in [pool.submit(self._write, block, *part) for part in parts]:
-                done.result()
-
-    def _write(self, block: slice, name: str, values: Array, fill: float) -> None:
-        """Write a block whole, filled up behind the last row: nothing needs to be read for that."""
-        array = self._arrays[name]
-        whole = np.full((self._block, *values.shape[1:]), fill, dtype=array.dtype)
-        whole[: len(values)] = values
-        end = min(block.stop, array.shape[0])
-        array[block.start : end] = whole[: end - block.start]
+    def _chunks(self, batch: Batch) -> list[Chunk]:
+        """Return the batch as the chunks of all arrays."""
+        number = batch.first // self._block
+        values = stored_arrays(self._binding, self._run, self._parameters, batch)
+        values |= {wide_name(one.name): as_bytes(values[one.name])
+                   for one in self._fields if one.wide}
+        return [Chunk(self._arrays[name], (number, *(0 for _ in rows.shape[1:])), rows)
+                for name, rows in values.items() if name in self._arrays]
 
 
 def stored_arrays(binding: Binding, run: Run, parameters: Any, batch: Batch) -> dict[str, Array]:

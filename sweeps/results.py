@@ -6,7 +6,6 @@ chunk is there, the tile is done and on the disk, and is never computed again.
 
 from __future__ import annotations
 
-import asyncio
 import os
 from collections import Counter
 from collections.abc import Iterable
@@ -16,11 +15,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from zarr.api import asynchronous
-from zarr.core.sync import sync
 
 from ..errors import InputError
 from ..runtime.binding import REASONS
+from ..storage.chunks import Chunk, write_chunks
 from ..storage.durable import DurableStore, storage_errors
 from ..storage.layout import (
     QUANTITY,
@@ -155,7 +153,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._arrays: dict[str, Any] = {}
+        self._arrays: dict[str, zarr.Array[Any]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """Travel to a worker as a path."""
@@ -164,21 +162,19 @@ class Store:
     def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
         """Write a tile; when this returns it is on the disk."""
         with storage_errors(self.path, CURE):
-            sync(self._write(tile, arrays))
+            if not self._arrays:
+                group = open_group(self.path)
+                self._arrays = {name: array_of(group, name) for name in arrays}
+            chunks = {name: Chunk(self._arrays[name], self._place(name, tile), values)
+                      for name, values in arrays.items()}
+            last = chunks.pop(STATUS)
+            if chunks:
+                write_chunks(self.path, list(chunks.values()))
+            write_chunks(self.path, [last])
 
-    async def _write(self, tile: Tile, arrays: dict[str, Array]) -> None:
-        if not self._arrays:
-            group = await asynchronous.open_group(store=DurableStore(self.path), mode="r+")
-            found: dict[str, Any] = {name: await group.getitem(name) for name in arrays}
-            # Zarr would leave out a chunk of zeros or NaN, like one that is not done.
-            self._arrays = {name: array.with_config({"write_empty_chunks": True})
-                            for name, array in found.items()}
-        writes = [self._arrays[name].setitem(tile.slices, values)
-                  for name, values in arrays.items() if name != STATUS]
-        for end in await asyncio.gather(*writes, return_exceptions=True):  # none is left behind
-            if end is not None:
-                raise end
-        await self._arrays[STATUS].setitem(tile.slices, arrays[STATUS])
+    def _place(self, name: str, tile: Tile) -> tuple[int, ...]:
+        """Return the place of a tile's chunk: a tile has all numbers of its cells."""
+        return tile.place + (0,) * (self._arrays[name].ndim - len(tile.place))
 
 
 def _fill(field: Field) -> float:

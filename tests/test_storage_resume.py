@@ -191,7 +191,7 @@ def test_store_after_each_file_that_is_written(scheme, real, tmp_path, monkeypat
                 shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("gyrospark.storage.durable._sync_folder", copy)
+        patch.setattr("gyrospark.storage.durable.sync_folder", copy)
         gs.record(step, out=out, **arguments)
     for path in copies:
         found = gs.open_recording(path)
