@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["EXPORTS", "check_export", "export"]
 
 EXPORTS = (".npz", ".csv", ".nc")
-#: Rows of a CSV file that are in memory at a time.
+#: Rows of a CSV file that are in memory as Python's numbers.
 _ROWS = 2**13
 
 
@@ -83,12 +83,15 @@ def _write_csv(dataset: xarray.Dataset, path: Path) -> None:
         lines = csv.writer(file)
         lines.writerow([heading for name, array in table.items()
                         for heading in _headings(name, array)])
-        for start in range(0, dataset.sizes["time"], _ROWS):
-            rows = slice(start, start + _ROWS)
-            parts = [np.asarray(array[rows]).reshape(len(array[rows]), -1).tolist()
+        begin = 0
+        for length in dataset.chunksizes["time"]:  # each block is read once
+            block = [np.asarray(array[begin : begin + length]).reshape(length, -1)
                      for array in table.values()]
-            lines.writerows([number for part in row for number in part]
-                            for row in zip(*parts, strict=True))
+            for start in range(0, length, _ROWS):
+                parts = [numbers[start : start + _ROWS].tolist() for numbers in block]
+                lines.writerows([number for part in row for number in part]
+                                for row in zip(*parts, strict=True))
+            begin += length
 
 
 def _headings(name: str, array: xarray.DataArray) -> Iterator[str]:

@@ -7,8 +7,8 @@ fork of a process that has imported everything, so that an instant is one of the
 Python's start. After each kill the store is opened as a user would; each time the command comes to
 its end, the store's bytes are compared with those of an uninterrupted run. Prints a JSON document.
 
-KILLING_SECONDS in the environment is the time between two commits; KILLING_ALOUD lets the
-commands say on stderr what they have to say.
+KILLING_SECONDS in the environment is the time between two commits, KILLING_ROWS the states of a
+block; KILLING_ALOUD lets the commands say on stderr what they have to say.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
     instants = random.Random(seed)
     killed = readable = completed = same = 0
     wrong: list[str] = []
-    while killed < kills or store.exists():
+    while killed < kills or store.exists() or not completed:
         number, code = start(lambda: run([*arguments(store), "--resume"])), None
         if killed < kills:
             time.sleep(instants.uniform(0, seconds))
@@ -129,6 +129,7 @@ def main() -> None:
     folder, kills, seed, *command = sys.argv[1:]
     import gyrospark.storage.record  # before the forks
 
+    gyrospark.storage.layout._MOST_ROWS = int(os.environ.get("KILLING_ROWS", 2**14))
     if "KILLING_SECONDS" in os.environ:
         gyrospark.storage.record.COMMIT_SECONDS = float(os.environ["KILLING_SECONDS"])
     with contextlib.suppress(ImportError):

@@ -169,11 +169,11 @@ def test_part_of_a_recording(first, thin, gl3, tmp_path):
 
 
 def test_rows_of_a_block():
-    """A power of two, of 8 MB at most, and of the run if that is shorter."""
+    """A power of two, of 32 MB at most, and of the run if that is shorter."""
     for scheme in (("IMS", None), ("G-L", 3)):
         fields = fields_of(gs.stepper(*scheme))
         rows = block_rows(fields, 10**9)
         row = sum(field.row_bytes for field in fields)
         assert rows & (rows - 1) == 0
-        assert rows * row <= 8 * 2**20 < 4 * rows * row
+        assert rows * row <= 32 * 2**20 < 4 * rows * row
         assert block_rows(fields, 5) == 5
