@@ -24,6 +24,8 @@ __all__ = ["client_of", "run_tiles"]
 _RETRIES = 5
 #: Tiles at the scheduler for each thread of the workers.
 _TILES_A_THREAD = 4
+#: Seconds that a scheduler may take to answer.
+_DOOR = 10
 #: Seconds between two looks at the cluster, and how long it may be without workers.
 _LOOK, _PATIENCE = 1.0, 600
 
@@ -47,7 +49,7 @@ def client_of(where: Any) -> Client:
     if isinstance(where, Client):
         return where
     try:
-        return Client(where, timeout=10)
+        return Client(where, timeout=_DOOR)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"No Dask scheduler answers at {where!r}: {error or 'no connection'}. "
                          "Start one with `dask scheduler`, and write its address, "

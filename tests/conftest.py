@@ -6,6 +6,7 @@ import os
 import signal
 
 import pytest
+from hypothesis import settings
 
 import gyrospark as gs
 from calls import SCHEMES, identify, late_failures
@@ -13,6 +14,12 @@ from calls import SCHEMES, identify, late_failures
 # Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
 # itself. Set another level to test its code.
 os.environ.setdefault("GYROSPARK_OPTIMISE", "1")
+
+# The same examples in every run, so that what fails is what was changed. Look for others now and
+# then: pytest --hypothesis-profile=random.
+settings.register_profile("same", derandomize=True)
+settings.register_profile("random", derandomize=False)
+settings.load_profile("same")
 
 # A shell that starts the run in the background has SIGINT ignored, and so would every process
 # that a test starts and interrupts.

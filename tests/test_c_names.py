@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from itertools import product
 
 import cffi
 import numpy as np
@@ -88,7 +89,8 @@ def accepted(suspicious):
     return [name for name in suspicious if name not in ("p", "q") and is_accepted(name)]
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 1), ("EMS", None)])
+@pytest.mark.parametrize(("scheme", "stages"), [
+    ("G-L", 1), pytest.param("EMS", None, marks=pytest.mark.slow)])
 def test_every_accepted_name_compiles_and_runs(scheme, stages, accepted):
     assert {"I", "none", "real", "constants", "isnan", "N", "OK", "k0", "size_t"} <= set(accepted)
     values = {name: (i % 7) / 100 for i, name in enumerate(accepted)}
@@ -102,12 +104,11 @@ def test_every_accepted_name_compiles_and_runs(scheme, stages, accepted):
         run.q[-1], np.cos(np.sqrt(inverse_mass * stiffness) * 0.5), rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize("edition", EDITIONS)
-def test_every_accepted_name_suits_every_edition_of_c(edition, accepted, tmp_path):
+def test_every_accepted_name_suits_every_edition_of_c(accepted, tmp_path):
     made = generate(Spec("G-L", 1), system=odd_system(accepted)).source
     for name, text in made.files().items():
         (tmp_path / name).write_text(text, encoding="utf-8")
-    for name in compilers():
+    for name, edition in product(compilers(), EDITIONS):
         done = call([name, f"-std={edition}", "-fsyntax-only", f"{made.name}.c"], cwd=tmp_path)
         assert done.returncode == 0, done.stderr
 

@@ -192,6 +192,7 @@ def test_table_8_with_the_inexact_jacobian():
     assert largest_step("LIIIA-B", 4, "alpha", "100m", 1e-4, 160, False) > 0.004
 
 
+@pytest.mark.slow
 def test_table_8_in_short():
     table = table_8(Engine(short=True))
     assert len(table.cells) == 12 + 2 * 48

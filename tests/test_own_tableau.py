@@ -280,7 +280,7 @@ def test_claims_of_a_method_that_is_not_symplectic(
 # ---------------------------------------------------------------- any nodes
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=8)
 @given(
     st.lists(st.fractions(0, 1, max_denominator=9), min_size=2, max_size=4, unique=True),
     st.lists(st.fractions("1/9", "8/9", max_denominator=9), max_size=2, unique=True),
@@ -296,7 +296,12 @@ def test_symplectic_by_construction_or_no_step(c: Any, inner: Any) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "any.json"
         path.write_text(script.text(on_nodes("any_nodes", nodes, c_tilde)), encoding="utf-8")
-        broken, tableau = failed(path), read_tableau(path)
+        try:
+            tableau = read_tableau(path)
+        except TableauError as error:
+            assert "the last b_tilde is 0" in str(error)  # noqa: PT017 (on most nodes it is not)
+            return
+        broken = failed(path)
     if 0 in tableau.b_tilde[:-1] or tableau.p > tableau.s:
         assert "multipliers" in broken
     else:

@@ -117,7 +117,7 @@ def test_runs_that_fail(failures, every, tmp_path, monkeypatch):
 @given(steps=st.integers(0, 300), every=st.integers(1, 40), rows=st.sampled_from([1, 2, 4, 16, 64]),
        chunk=st.integers(1, 60), seconds=st.sampled_from([0.0, 1e9]),
        calls=st.lists(st.integers(0, 12), max_size=8), scheme=st.sampled_from(["EMS", "G-L"]))
-@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
 def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, scheme, tmp_path):
     """Also with commits at the ends of blocks alone: then the store is behind the run."""
     step = gs.stepper(scheme, 3 if scheme == "G-L" else None)

@@ -93,7 +93,9 @@ def made(scheme: str, stages: int | None, structured: bool, driven: bool, real: 
 
 
 @pytest.mark.parametrize(("scheme", "stages", "driven"),
-                         [*((*method, True) for method in METHODS), ("G-L", 2, False)])
+                         [("G-L", 2, False), ("G-L", 2, True), ("EMS", None, True),
+                          pytest.param("LIIIA-B", 3, True, marks=pytest.mark.slow),
+                          pytest.param("IMS", None, True, marks=pytest.mark.slow)])
 def test_structured_code_computes_what_dense_code_does(scheme, stages, driven):
     """Residual, Jacobian and projection to round-off of their largest entries; so trajectories."""
     loops, dense = (made(scheme, stages, kind, driven) for kind in (True, False))

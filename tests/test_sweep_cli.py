@@ -71,7 +71,7 @@ def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path):
 
 @pytest.mark.parametrize("arguments", [
     ["--out", "none/s.zarr"], ["--workers", "x"], ["--show", "q"], ["--plot", "s.txt"],
-    ["--dask", "tcp://127.0.0.1:1"]])
+    pytest.param(["--dask", "tcp://127.0.0.1:1"], marks=pytest.mark.slow)])
 def test_wrong_options_end_in_one_sentence(arguments, tmp_path):
     study_file(tmp_path)
     done = cli("sweep", "study.toml", *arguments, cwd=tmp_path)

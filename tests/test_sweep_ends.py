@@ -11,7 +11,7 @@ import time
 import pytest
 
 import gyrospark as gs
-from gyrospark.sweeps import tiles
+from gyrospark.sweeps import cluster, tiles
 from gyrospark.sweeps.results import done_tiles
 from gyrospark.sweeps.study_file import load_study
 from gyrospark.sweeps.sweep import run_study
@@ -31,7 +31,7 @@ def killed(folder, kills, seed):
 
 
 def test_killed_sweeps_end_in_the_same_bytes(tmp_path):
-    killed(tmp_path, 5, 1)
+    killed(tmp_path, 3, 1)
 
 
 @pytest.mark.slow
@@ -70,6 +70,12 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(tmp_path):
     run_study(load_study(path).study, out=tmp_path / "threads.zarr")
     assert on_a_cluster(tmp_path, "lose").split() == ["True"]
     assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
+
+
+def test_no_scheduler_answers(monkeypatch):
+    monkeypatch.setattr(cluster, "_DOOR", 0.5)
+    with pytest.raises(gs.InputError, match="No Dask scheduler answers"):
+        cluster.client_of("tcp://127.0.0.1:1")
 
 
 @pytest.mark.slow
