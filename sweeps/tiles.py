@@ -21,9 +21,9 @@ __all__ = ["Cells", "Tile", "cells_of", "tile_counts", "tile_shape", "tiles_of"]
 
 Array = NDArray[Any]
 
-#: Steps times unknowns of a tile: some tenths of a second to some seconds of one core, so that
+#: Steps times unknowns of a tile: a tenth of a second to some seconds of one core, so that
 #: neither writing it nor losing it matters.
-_LEAST_WORK, _MOST_WORK = 4 * 10**7, 4 * 10**8
+_LEAST_WORK, _MOST_WORK = 10**7, 4 * 10**8
 _MOST_CELLS = 2**16
 #: Tiles of a study, where its work allows: for that many cores.
 _TILES = 32
