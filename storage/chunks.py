@@ -25,6 +25,8 @@ __all__ = ["Chunk", "codecs_of", "write_chunks"]
 Bytes = NDArray[np.uint8]
 
 _CHECKSUM = 4
+#: Files that are written at once; more threads only take each other's time.
+_AT_ONCE = 4
 
 
 def codecs_of(dtype: Any) -> tuple[BytesCodec, Crc32cCodec]:
@@ -57,7 +59,7 @@ def write_chunks(root: Path, chunks: Sequence[Chunk]) -> None:
     OSError
         If one cannot be written; the others are.
     """
-    with ThreadPoolExecutor(len(chunks), "gyrospark-files") as pool:
+    with ThreadPoolExecutor(_AT_ONCE, "gyrospark-files") as pool:
         writes = [pool.submit(_write, root, chunk) for chunk in chunks]
     for done in writes:
         done.result()
