@@ -179,8 +179,9 @@ def _compute(
     client: Any, progress: Progress | None, path: Path | None,
 ) -> None:
     """Compute the tiles that are not done."""
-    cells = sum(_size(tile) for tile in tiles_of(study) if tile.place in done)
-    left = (tile for tile in tiles_of(study) if tile.place not in done)
+    stored = path is not None
+    cells = sum(_size(tile) for tile in tiles_of(study, stored) if tile.place in done)
+    left = (tile for tile in tiles_of(study, stored) if tile.place not in done)
     counted = _Count(cells, study.size, progress)
     counted.tell()
     with watched() as interrupts:

@@ -21,9 +21,9 @@ __all__ = ["Cells", "Tile", "cells_of", "tile_counts", "tile_shape", "tiles_of"]
 
 Array = NDArray[Any]
 
-#: Steps times unknowns of a tile: a tenth of a second to some seconds of one core, so that
-#: neither writing it nor losing it matters.
-_LEAST_WORK, _MOST_WORK = 10**7, 4 * 10**8
+#: Steps times unknowns of a tile: some tenths of a second to some seconds of one core, so that
+#: neither writing it nor losing it matters; what stays in memory costs nothing to write.
+_LEAST_STORED, _LEAST_KEPT, _MOST_WORK = 4 * 10**7, 10**7, 4 * 10**8
 _MOST_CELLS = 2**16
 #: Tiles of a study, where its work allows: for that many cores.
 _TILES = 32
@@ -67,13 +67,13 @@ class Cells:
         return len(self.dt)
 
 
-def tile_shape(study: Study) -> tuple[int, ...]:
+def tile_shape(study: Study, stored: bool = True) -> tuple[int, ...]:
     """Return the shape of a whole tile: long in the last axes, one scheme each.
 
     An axis is cut into equal parts: a short last one would be padded on the disk to the length of
     the others, and they would take the longer.
     """
-    cells = _cells_of_a_tile(study)
+    cells = _cells_of_a_tile(study, stored)
     shape = []
     for axis in reversed(study.axes):
         parts = len(axis) if SCHEME in axis.columns else -(-len(axis) // cells)
@@ -83,25 +83,26 @@ def tile_shape(study: Study) -> tuple[int, ...]:
     return tuple(reversed(shape))
 
 
-def _cells_of_a_tile(study: Study) -> int:
+def _cells_of_a_tile(study: Study, stored: bool) -> int:
     work = study.most_steps * max(s.unknowns for s in study.steppers)
-    cells = min(max(study.size // _TILES, _LEAST_WORK // work), _MOST_WORK // work, _MOST_CELLS)
+    least = _LEAST_STORED if stored else _LEAST_KEPT
+    cells = min(max(study.size // _TILES, least // work), _MOST_WORK // work, _MOST_CELLS)
     if study.every is not None:
         numbers = 2 * study.steppers[0].n * (study.most_steps // study.every + 1)
         cells = min(cells, _MOST_NUMBERS // numbers)
     return max(cells, 16)  # the lanes of a register of any width
 
 
-def tile_counts(study: Study) -> tuple[int, ...]:
+def tile_counts(study: Study, stored: bool = True) -> tuple[int, ...]:
     """Return the number of tiles along each axis."""
     return tuple(-(-length // size)
-                 for length, size in zip(study.shape, tile_shape(study), strict=True))
+                 for length, size in zip(study.shape, tile_shape(study, stored), strict=True))
 
 
-def tiles_of(study: Study) -> Iterator[Tile]:
-    """Yield the tiles of a study in order."""
-    shape = tile_shape(study)
-    for place in itertools.product(*map(range, tile_counts(study))):
+def tiles_of(study: Study, stored: bool = True) -> Iterator[Tile]:
+    """Yield the tiles of a study in order: those of a store, or those for a result in memory."""
+    shape = tile_shape(study, stored)
+    for place in itertools.product(*map(range, tile_counts(study, stored))):
         yield Tile(place, tuple(
             slice(i * size, min((i + 1) * size, length))
             for i, size, length in zip(place, shape, study.shape, strict=True)))

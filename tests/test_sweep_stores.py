@@ -20,7 +20,7 @@ from sweeping import OVER, TOP
 @pytest.fixture
 def small_tiles(monkeypatch):
     """Tiles of 64 cells: several even of a small sweep."""
-    monkeypatch.setattr(tiles, "_LEAST_WORK", 1)
+    monkeypatch.setattr(tiles, "_LEAST_STORED", 1)
     monkeypatch.setattr(tiles, "_TILES", 2**30)
 
 
