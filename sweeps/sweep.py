@@ -33,7 +33,7 @@ from .results import (
     open_sweep,
 )
 from .study import Study
-from .tiles import Tile, tiles_of
+from .tiles import Tile, tile_shape, tiles_of
 
 if TYPE_CHECKING:
     import xarray
@@ -233,6 +233,7 @@ def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
                      | ({"labels": list(axis.labels)} if axis.labels else {})
                      for axis in study.axes},
             "shape": list(study.shape),
+            "tile": list(tile_shape(study)),
             "parameters": {name: value for name, value in study.parameters.items()
                            if not study.varied(name)},
             "q": None if study.varied("q") else [number_text(x) for x in study.q],

@@ -110,7 +110,7 @@ def test_dependencies_are_those_imported():
     """What the package imports is declared: as a dependency, or as an extra."""
     declared = [*PROJECT["project"]["dependencies"],
                 *(d for e in PROJECT["project"]["optional-dependencies"].values() for d in e)]
-    names = {re.split(r"[>=\[<]", line)[0].lower() for line in declared}
+    names = {re.split(r"[>=\[<]", line)[0].lower().replace("-", "_") for line in declared}
     imported = {name.partition(".")[0] for path in SOURCES for name in imports_of(path)}
     foreign = imported - set(sys.stdlib_module_names) - {"gyrospark", ""}
     assert foreign <= names

@@ -100,6 +100,15 @@ def test_another_sweep_is_not_gone_on_with(change, fragment, tmp_path):
     assert fragment in str(error.value)
 
 
+def test_a_store_in_other_tiles_is_not_gone_on_with(tmp_path, monkeypatch):
+    """A tile is a chunk: what is one depends on the version."""
+    arguments = {"over": OVER, "scheme": "EMS", "steps": 5, "out": tmp_path / "s.zarr"}
+    gs.sweep(TOP, **arguments)
+    monkeypatch.setattr(tiles, "_cells_of_a_tile", lambda study, stored: 1)
+    with pytest.raises(gs.InputError, match=r"tile was \[3, 2\] and is \[1, 1\]"):
+        gs.sweep(TOP, **arguments, resume=True)
+
+
 def test_what_is_no_sweep_is_refused(tmp_path):
     (tmp_path / "s.zarr").mkdir()
     with pytest.raises(gs.StorageError, match="no sweep"):
