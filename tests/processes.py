@@ -59,6 +59,16 @@ def cli(
     return call(gyrospark_command(*arguments), cwd=cwd, **changes)
 
 
+def catches(process: subprocess.Popen[str], number: int) -> bool:
+    """Whether a process has a handler of its own for a signal, as far as the system tells."""
+    try:
+        status = Path(f"/proc/{process.pid}/status").read_text(encoding="ascii")
+    except FileNotFoundError:  # no Linux, or it is over
+        return True
+    (caught,) = (line.split()[1] for line in status.splitlines() if line.startswith("SigCgt"))
+    return bool(int(caught, 16) >> (number - 1) & 1)
+
+
 def installed(names: Mapping[str, str] | Sequence[str]) -> list[str]:
     """Return those programs that are on PATH."""
     return [name for name in names if shutil.which(name)]

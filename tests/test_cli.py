@@ -854,6 +854,18 @@ def test_interrupt_ends_a_long_run(every, tmp_path):
     assert b"Traceback" not in said
 
 
+@pytest.mark.parametrize(("entry", "name"), [("main", "gyrospark"), ("main_generate", "generate")])
+def test_interrupt_of_the_imports(entry, name):
+    """Ctrl-C before there is anything to interrupt: the same short end."""
+    code = (f"import sys\nfrom gyrospark.__main__ import {entry}\n"
+            "class Interrupted:\n"
+            "    def find_spec(self, name, *rest):\n"
+            "        if name == 'gyrospark.commands': raise KeyboardInterrupt\n"
+            f"sys.meta_path.insert(0, Interrupted())\n{entry}()")
+    done = call([sys.executable, "-c", code])
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", f"{name}: Interrupted.\n")
+
+
 def test_bar_on_a_terminal_leaves_stdout_clean(tmp_path):
     arguments = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-5", "--steps", "60000"]
     process, terminal = on_terminal(arguments, tmp_path)
