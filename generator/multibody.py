@@ -23,7 +23,7 @@ from .bodies import GROUND, Body, Frame, Vector, cross, dot
 from .joints import Align, Equation, Joint, Link, Revolute, Rod, Spring, named_vector
 from .model import Model
 from .numeric_system import NumericConstraints, NumericSystem
-from .poses import Pose, attitude, finite, rotation, settle, three
+from .poses import Pose, attitude, finite, in_range, rotation, settle, three, unit
 from .redundancy import refuse_redundant
 from .rigid_body import Rep
 from .system import System, as_expression
@@ -312,11 +312,12 @@ class Multibody:
         if not self._bodies:
             raise InputError(f"Multibody {self.name!r} has no body; add one with body(...).")
         links = [replace(link) for link in self._links]  # placing completes them
-        poses = self._poses(links)
         store = dict(self._values)
         store |= self._body_values()
-        equations = self._equations(links, poses, store, set(without))
-        q0, p0 = self._state(poses)
+        with in_range(f"Multibody {self.name!r}"):
+            poses = self._poses(links)
+            equations = self._equations(links, poses, store, set(without))
+            q0, p0 = self._state(poses)
         coordinates = [x for body in self._bodies for x in body.coordinates]
         refuse_redundant(self.name, NumericConstraints(
             coordinates, [e.expression for e in equations], [e.name for e in equations], store), q0)
@@ -445,7 +446,7 @@ class Multibody:
         direction = three(f"axis of {name!r}", axis)
         if not direction.any():
             raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
-        return Align(name, a, b, direction / np.linalg.norm(direction),
+        return Align(name, a, b, unit(direction),
                      float(finite(f"rate of {name!r}", rate, ())))
 
     def _join(self, link: Link | Align) -> None:

@@ -43,9 +43,10 @@ class NumericConstraints:
         return evaluate(self.expressions, self._at(q))
 
     def G(self, q: Array) -> Array:
-        """Return g_q, shape (m, n)."""
+        """Return g_q, shape (m, n); as with g, callers judge what is not finite."""
         directions = q[:, None] + 1j * TINY * np.eye(len(q))
-        slopes: Array = evaluate(self.expressions, self._at(directions)).imag / TINY
+        with np.errstate(over="ignore"):
+            slopes: Array = evaluate(self.expressions, self._at(directions)).imag / TINY
         return slopes
 
     def _at(self, q: Array) -> dict[sp.Symbol, Any]:

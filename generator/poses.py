@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .rigid_body import left_matrix, rotation_matrix
 
-__all__ = ["Pose", "attitude", "finite", "rotation", "settle", "three"]
+__all__ = ["Pose", "attitude", "finite", "in_range", "rotation", "settle", "three", "unit"]
 
 Array = NDArray[Any]
 
@@ -86,12 +87,9 @@ def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
     if quaternion is None:
         return np.array([1.0, 0.0, 0.0, 0.0])
     q = finite(f"quaternion of {what}", quaternion, (4,))
-    size = np.abs(q).max()
-    if size == 0:
+    if not q.any():
         raise InputError(f"The quaternion of {what} is zero; take (1, 0, 0, 0) for no turn.")
-    q = q / size
-    unit: Array = q / np.linalg.norm(q)
-    return unit
+    return unit(q)
 
 
 def _from_matrix(what: str, matrix: Any) -> Array:
@@ -112,6 +110,29 @@ def _from_matrix(what: str, matrix: Any) -> Array:
     q: Array = K[int(np.argmax(np.diag(K)))]
     q = q / np.linalg.norm(q)
     return q if q[0] >= 0 else -q
+
+
+def unit(v: Array) -> Array:
+    """Return a vector's direction; its length may be any but zero."""
+    v = v / np.abs(v).max()  # so that no square leaves the range of doubles
+    direction: Array = v / np.linalg.norm(v)
+    return direction
+
+
+@contextmanager
+def in_range(what: str) -> Iterator[None]:
+    """Refuse what leads out of the range of doubles.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        with np.errstate(over="raise", invalid="raise"):
+            yield
+    except FloatingPointError:
+        raise InputError(f"The start of {what} leads out of the range of doubles: positions, "
+                         "velocities or rates are too large; take other units.") from None
 
 
 def three(what: str, value: Any) -> Array:

@@ -179,6 +179,26 @@ def test_errors_name_value_and_cure(wrong, message):
         wrong(build, body)
 
 
+@pytest.mark.parametrize("length", [5e-324, 1e-200, 1e300])
+def test_length_of_an_axis_does_not_matter(length):
+    """Its square may be beyond the doubles."""
+    starts = []
+    for axis in ((0, 3, 4), (0, 3 * length, 4 * length)):
+        build = gs.Multibody("door")
+        body = build.body("a", mass=1, inertia=INERTIA, position=(1, 0, 0))
+        build.revolute("hinge", build.ground, body, at=(0, 0, 0), axis=axis, rate=2.0)
+        starts.append(build.model().p0)
+    np.testing.assert_allclose(starts[1], starts[0], rtol=4 * EPS, atol=4 * EPS)
+
+
+def test_start_beyond_the_doubles_is_refused():
+    build = gs.Multibody("comet")
+    body = build.body("a", mass=1, inertia=INERTIA, position=(1e200, 0, 0))
+    build.revolute("hinge", build.ground, body, at=(0, 0, 0), axis=(0, 0, 1), rate=1e200)
+    with pytest.raises(gs.InputError, match="'comet' leads out of the range of doubles"):
+        build.model()
+
+
 def test_empty_builder_is_refused():
     with pytest.raises(gs.InputError, match="has no body"):
         gs.Multibody("empty").model()
