@@ -33,8 +33,11 @@ MAX_LEVEL = 5
 #: Of the argument of a function of a constant.
 MAX_ARGUMENT = 1000
 #: Bits of the integers into which SymPy turns a fractional power of a number: 12**(7/9) becomes
-#: 2**(5/9)*18**(1/3), and 12**0.7777777777 would need a number of 10^10 bits.
-MAX_ROOT_BITS = 2_000_000
+#: 2**(5/9)*18**(1/3), and 12**0.7777777777 would need a number of 10^10 bits. It then looks for
+#: their factors, which takes seconds from 20,000 bits on unless division by small primes finds all.
+MAX_ROOT_BITS = 10_000
+MAX_SMOOTH_ROOT_BITS = 1_000_000
+_SMALL_PRIMES = 1000
 
 #: Name → SymPy's function and its number of arguments.
 FUNCTIONS: Mapping[str, tuple[Callable[..., sp.Expr], int]] = MappingProxyType({
@@ -281,14 +284,24 @@ def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
         if not factor.is_number:
             continue
         roots = [e.exp.q for e in factor.atoms(sp.Pow) if e.exp.is_Rational]
-        bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) if x not in (1, -1) else 0
-                   for x in factor.atoms(sp.Rational))
-        if bits * exponent.q * math.prod(roots) > MAX_ROOT_BITS:
+        found = [x for x in factor.atoms(sp.Rational) if x not in (1, -1)]
+        bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) for x in found)
+        most = MAX_SMOOTH_ROOT_BITS if all(map(_is_smooth, found)) else MAX_ROOT_BITS
+        if bits * exponent.q * math.prod(roots) > most:
             raise RefusedError(
                 f"The exponent {shorten(str(sp.N(exponent, 10)), 20)} of the number "
                 f"{shorten(str(factor), 30)} has too many digits; work the number out, or round "
                 "the exponent"
             )
+
+
+def _is_smooth(x: sp.Rational) -> bool:
+    """Whether a number is made of small primes."""
+    rest = abs(int(x.p)) * int(x.q)
+    for divisor in range(2, _SMALL_PRIMES):
+        while rest and rest % divisor == 0:
+            rest //= divisor
+    return rest <= 1
 
 
 def _refuse_rough(result: sp.Expr) -> None:

@@ -276,6 +276,7 @@ class Trajectory:
         counts = [report["steps"], report["iterations"], self.every]
         if (not all(type(x) in (int, float) for x in numbers)
                 or not all(type(x) is int for x in counts)
+                or not all(abs(x) < 2**63 for x in numbers if type(x) is int)
                 or self.parameters.keys() != self.manifest["system"]["parameters"].keys()):
             raise ValueError("a number is of another type")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -182,7 +183,8 @@ def _spaced(name: str, table: Mapping[str, Any]) -> Array:
     count = _count(name, table.get("count"))
     low, high, spacing = _range(name, {k: v for k, v in table.items() if k != "count"})
     if spacing == "log":
-        return np.geomspace(low, high, count)
+        with np.errstate(over="ignore"):  # next to the largest double, where round-off is clipped
+            return np.clip(np.geomspace(low, high, count), min(low, high), max(low, high))
     return np.linspace(low, high, count)
 
 
@@ -196,9 +198,13 @@ def _range(name: str, table: Any) -> tuple[float, float, str]:
     if spacing not in _SPACINGS:
         raise InputError(f"{name}: spacing = {spacing!r} is unknown; choose "
                          f"{' or '.join(_SPACINGS)}.")
-    if spacing == "log" and low * high <= 0:
+    if spacing == "log" and min(low, high) <= 0 <= max(low, high):
         raise InputError(f"{name}: a range from {low} to {high} has no logarithm; choose ends of "
                          "one sign, or linear spacing.")
+    width = high - low if spacing == "linear" else high / low
+    if not math.isfinite(width) or (spacing == "log" and width == 0):
+        raise InputError(f"{name}: a range from {low} to {high} is wider than a double can say; "
+                         "choose nearer ends.")
     return low, high, spacing
 
 

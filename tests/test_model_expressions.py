@@ -100,6 +100,8 @@ REFUSED = [
     ("1/(x + 1/(" * 5 + "x" + "))" * 5, "inside one another"),
     ("(" * 60 + "x" + ")" * 60, "nested deeper"),
     ("x+" * 2000 + "x", "4001 characters"),
+    ("((12*k)*90.777*12)**0.7777", "too many digits"),
+    ("(30259*x)**0.997", "too many digits"),
     ("9" * 101, "101 digits"),
 ]
 

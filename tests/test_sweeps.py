@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.sweeps import compute, local, tiles
+from gyrospark.sweeps.axes import value_axis
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import BAD_START, Store, fields_of, meanings
 from sweeping import GAMMAS, OVER, STEPS, TOP
@@ -177,6 +178,15 @@ def test_a_start_is_judged_with_the_parameters_of_its_cell():
     assert result.status.values.tolist() == [[0, 0], [BAD_START, BAD_START]]
 
 
+@pytest.mark.parametrize("count", [2, 3, 50])
+def test_logarithmic_range_ends_at_the_largest_double(count):
+    largest = np.finfo(float).max
+    values = value_axis("gamma", {"from": 1e300, "to": largest, "count": count,
+                                  "spacing": "log"}).columns["gamma"]
+    assert (values[0], values[-1]) == (1e300, largest)
+    assert (np.diff(values) > 0).all()
+
+
 # ---------------------------------------------------------------- what cannot be swept
 
 
@@ -191,6 +201,10 @@ def test_a_start_is_judged_with_the_parameters_of_its_cell():
     ({"gama": [1e-3]}, {}, ["gama"]),
     ({"dt": [0.0, 1e-3]}, {"dt": None}, ["dt"]),
     ({"gamma": {"from": 0, "to": 1, "count": 3, "spacing": "log"}}, {}, ["logarithm"]),
+    ({"gamma": {"from": -1e-200, "to": 1e-200, "count": 3, "spacing": "log"}}, {}, ["logarithm"]),
+    ({"gamma": {"from": 1e-200, "to": 1e200, "count": 3, "spacing": "log"}}, {}, ["wider"]),
+    ({"gamma": {"from": 1e200, "to": 1e-200, "count": 3, "spacing": "log"}}, {}, ["wider"]),
+    ({"gamma": {"from": -1e308, "to": 1e308, "count": 3}}, {}, ["wider"]),
     ({"gamma": {"from": 1e-3, "to": 1e-2}}, {}, ["count"]),
     ({"gamma": {"from": 1e-3, "to": 1e-2, "count": 2, "spacing": "cubic"}}, {}, ["cubic"]),
     ({"gamma": {"from": 1e-3, "to": 1e-2, "count": 2, "step": 1}}, {}, ["range"]),

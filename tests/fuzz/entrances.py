@@ -39,7 +39,7 @@ class Entrance:
 
 ENTRANCES = {entrance.name: entrance for entrance in (
     Entrance("command", "the command line, every command and option",
-             command_line.check, 90, 0.025),
+             command_line.check, 300, 0.025),
     Entrance("store", "stored runs (Zarr), exported or gone on with", command_line.check_store,
              30, 0.002),
     Entrance("trajectory", "trajectory files (.npz), and what is asked of them",
