@@ -28,7 +28,7 @@ def main_generate() -> NoReturn:
 
 
 def _interrupted(name: str) -> NoReturn:
-    sys.stderr.write(f"{name}: Interrupted.\n")
+    sys.stderr.write(f"\n{name}: Interrupted.\n")  # below the terminal's ^C, as click does
     sys.exit(130)
 
 
