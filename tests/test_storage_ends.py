@@ -24,8 +24,8 @@ from stores import START, assert_same_bytes
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
 TOP = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3"]
-#: A second or two, a hundred pieces: there is time to end it in the middle.
-LONG = [*TOP, "--steps", "2000000", "--every", "50"]
+#: Three seconds, a thousand pieces: there is time to end it in the middle.
+LONG = [*TOP, "--steps", "5000000", "--every", "50"]
 #: Ten seconds, with half a second from one look at the signals to the next.
 SLOW = [*TOP, "--steps", "40960", "--every", "10", "--solver", "python"]
 OUT = ["--out", "run.zarr", "--resume"]
@@ -75,10 +75,10 @@ def test_signal_ends_a_run_at_a_commit(number, code, whole, tmp_path):
     assert found == code
     stored = gs.open_recording(tmp_path / "run.zarr")
     assert stored.status == "running"
-    assert stored.steps_done < 2_000_000
+    assert stored.steps_done < 5_000_000
     assert stored.states == stored.steps_done // 50 + 1
     assert stderr.count("\n") == 1
-    assert f"Stopped at step {stored.steps_done:,} of 2,000,000" in stderr
+    assert f"Stopped at step {stored.steps_done:,} of 5,000,000" in stderr
     assert "--resume goes on" in stderr
     assert f"{stored.steps_done:,} steps of 0.001 s" in stdout
     again = cli(*LONG, *OUT, "--json", cwd=tmp_path)
