@@ -6,30 +6,26 @@ Ctrl-C in the tenth of a second that the imports take ends the program as any la
 from __future__ import annotations
 
 import sys
-from typing import NoReturn
+from types import ModuleType
 
 
-def main() -> NoReturn:
+def main() -> None:
     """Begin ``gyrospark``."""
-    try:
-        from .commands import main
-    except KeyboardInterrupt:
-        _interrupted("gyrospark")
-    main()
+    _commands("gyrospark").main()
 
 
-def main_generate() -> NoReturn:
+def main_generate() -> None:
     """Begin ``generate``, the same as ``gyrospark generate``."""
+    _commands("generate").main_generate()
+
+
+def _commands(name: str) -> ModuleType:
     try:
-        from .commands import main_generate
+        from . import commands
     except KeyboardInterrupt:
-        _interrupted("generate")
-    main_generate()
-
-
-def _interrupted(name: str) -> NoReturn:
-    sys.stderr.write(f"\n{name}: Interrupted.\n")  # below the terminal's ^C, as click does
-    sys.exit(130)
+        sys.stderr.write(f"\n{name}: Interrupted.\n")  # below the terminal's ^C, as click does
+        sys.exit(130)
+    return commands
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import gyrospark
@@ -67,6 +68,15 @@ def catches(process: subprocess.Popen[str], number: int) -> bool:
         return True
     (caught,) = (line.split()[1] for line in status.splitlines() if line.startswith("SigCgt"))
     return bool(int(caught, 16) >> (number - 1) & 1)
+
+
+def wait_for(process: subprocess.Popen[str], seen: Callable[[], object]) -> None:
+    """Wait until a process that runs has brought something about."""
+    give_up = time.monotonic() + PATIENCE
+    while not seen():
+        assert process.poll() is None
+        assert time.monotonic() < give_up
+        time.sleep(0.01)
 
 
 def installed(names: Mapping[str, str] | Sequence[str]) -> list[str]:

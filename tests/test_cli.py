@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
-import pty
 import re
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +12,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.commands import main, main_generate
-from processes import PATIENCE, ROOT, call, cli, environment, gyrospark_command
+from processes import ROOT, call, cli
 
 EXAMPLE = ROOT / "examples" / "tableaux" / "gauss_lobatto_2.json"
 RUN = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "20"]
@@ -731,166 +726,3 @@ def test_cache_is_listed_and_cleared(gyrospark, monkeypatch, tmp_path):
     answer = gyrospark("cache", "clear")
     assert re.fullmatch(r"[1-9] files removed from .*\n", answer.stdout)
     assert [p.name for p in (tmp_path / "cache").iterdir()] == ["thesis.tex"]
-
-
-# ---------------------------------------------------------------- as processes
-
-
-def test_exit_codes_of_processes(tmp_path):
-    """The same through real processes: silence on the right stream, no traceback."""
-    good = cli(*IMS, "--json", cwd=tmp_path)
-    assert (good.returncode, good.stderr) == (0, "")
-    assert json.loads(good.stdout)["steps"] == 5
-    bad = cli("run", "fast-top", "--scheme", "RK4", "--dt", "1", "--steps", "1", cwd=tmp_path)
-    assert (bad.returncode, bad.stdout, bad.stderr.count("\n")) == (2, "", 1)
-    failed = cli(*FAILS, "--max-iterations", "1", "--json", cwd=tmp_path)
-    assert (failed.returncode, failed.stderr.count("\n")) == (1, 1)
-    assert json.loads(failed.stdout)["failed"]["step"] == 1
-
-
-def test_console_scripts(tmp_path):
-    folder = Path(sys.executable).parent
-    if not (folder / "generate").is_file():
-        pytest.skip("the package is not installed, so there are no console scripts")
-    done = call([folder / "generate", "--scheme", "IMS", "--no-compile"], cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (tmp_path / "generated" / "heavy_top_ims_gamma.c").is_file()
-    done = call([folder / "generate", "--scheme", "RK4"], cwd=tmp_path)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert done.stderr.startswith("generate: ")
-    assert call([folder / "gyrospark", "--version"]).returncode == 0
-
-
-@pytest.mark.parametrize("setting", [
-    {"PYTHONIOENCODING": "ascii"},
-    {"PYTHONIOENCODING": "latin-1"},
-    {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": None},
-    {"LC_ALL": "C", "LANG": "C", "TERM": "dumb", "PYTHONIOENCODING": None},
-], ids=str)
-def test_terminals_that_know_no_greek(setting, tmp_path):
-    for arguments in (IMS, ["run", "--help"], ["verify", "--scheme", "G-L", "--stages", "1"]):
-        done = cli(*arguments, cwd=tmp_path, **setting)
-        assert done.returncode == 0, done.stderr
-        assert not done.stderr
-    done = cli(*IMS, "--gamma", "γ_m", cwd=tmp_path, **setting)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-
-
-@pytest.mark.parametrize("arguments", [
-    IMS, ["verify", "heavy_top_ims_gamma"], ["run", "--help"], ["cache", "list"],
-    ["generate", "--scheme", "IMS", "--check", "--out", "none"],
-    ["verify", "heavy_top_ims_gamma", "--json"],
-], ids=lambda words: " ".join(words[:3]))
-def test_reader_that_goes_away(arguments, tmp_path):
-    """``gyrospark ... | head``: no traceback, no complaint at the end of Python."""
-    process = subprocess.Popen(gyrospark_command(*arguments), stdout=subprocess.PIPE, cwd=tmp_path,
-                               stderr=subprocess.PIPE, env=environment(), text=True)
-    process.stdout.close()
-    _, stderr = process.stdout, process.stderr.read()
-    process.stderr.close()
-    assert process.wait(PATIENCE) >= 0
-    for word in ("Traceback", "Exception ignored", "Errno"):
-        assert word not in stderr
-
-
-@pytest.mark.parametrize("arguments", [[*IMS, "--json"], ["verify", "heavy_top_ims_gamma"], IMS])
-def test_full_disk_behind_stdout(arguments, tmp_path):
-    if not Path("/dev/full").exists():
-        pytest.skip("there is no /dev/full")
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(gyrospark_command(*arguments), stdout=full, stderr=subprocess.PIPE,
-                              cwd=tmp_path, env=environment(), text=True, timeout=PATIENCE,
-                              check=False)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "No space left" in done.stderr
-
-
-def on_terminal(arguments, cwd):
-    """Start a command whose stderr is a terminal; return the process and the terminal."""
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(gyrospark_command(*arguments), stdout=subprocess.PIPE, stderr=theirs,
-                               cwd=cwd, env=environment(TERM="xterm", COLUMNS="100"))
-    os.close(theirs)
-    return process, ours
-
-
-def read_until(terminal, wanted, seconds=120):
-    """Read from a terminal until a word has appeared or it is closed."""
-    text, end = b"", time.monotonic() + seconds
-    while wanted not in text and time.monotonic() < end:
-        try:
-            more = os.read(terminal, 4096)
-        except OSError:  # the other side is closed
-            break
-        if not more:
-            break
-        text += more
-    return text
-
-
-@pytest.mark.parametrize("every", ["1000", "999999999"])
-def test_interrupt_ends_a_long_run(every, tmp_path):
-    """The bar shows that steps are being done; Ctrl-C then ends it at once, with code 130."""
-    arguments = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-5", "--steps", "999999999",
-                 "--every", every]
-    process, terminal = on_terminal(arguments, tmp_path)
-    try:
-        text = read_until(terminal, b" steps")
-        assert b"of 999,999,999" in text
-        time.sleep(0.3)
-        asked = time.monotonic()
-        process.send_signal(signal.SIGINT)
-        said = read_until(terminal, b"Interrupted")
-        code = process.wait(60)
-        assert time.monotonic() - asked < 30
-    finally:
-        process.kill()
-        process.wait()
-        os.close(terminal)
-        process.stdout.close()
-    assert code == 130
-    assert b"Interrupted" in said
-    assert b"Traceback" not in said
-
-
-@pytest.mark.parametrize(("entry", "name"), [("main", "gyrospark"), ("main_generate", "generate")])
-def test_interrupt_of_the_imports(entry, name):
-    """Ctrl-C before there is anything to interrupt: the same short end."""
-    code = (f"import sys\nfrom gyrospark.__main__ import {entry}\n"
-            "class Interrupted:\n"
-            "    def find_spec(self, name, *rest):\n"
-            "        if name == 'gyrospark.commands': raise KeyboardInterrupt\n"
-            f"sys.meta_path.insert(0, Interrupted())\n{entry}()")
-    done = call([sys.executable, "-c", code])
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", f"\n{name}: Interrupted.\n")
-
-
-def test_bar_on_a_terminal_leaves_stdout_clean(tmp_path):
-    arguments = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-5", "--steps", "60000"]
-    process, terminal = on_terminal(arguments, tmp_path)
-    with process.stdout as stream:
-        shown = read_until(terminal, b"no such word", 60)
-        printed = stream.read()
-    os.close(terminal)
-    assert process.wait(PATIENCE) == 0
-    assert b"60,000" in shown
-    assert printed.startswith(b"fast-top with")
-    assert b"\x1b" not in printed
-
-
-def test_interrupt_of_derivation(tmp_path):
-    """Ctrl-C while SymPy works: the same short end, and no file that is not whole."""
-    process = subprocess.Popen(  # ten seconds of deriving after the first file
-        gyrospark_command("generate", "--all", "--no-compile", "--out", "made"),
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=tmp_path, env=environment(),
-        text=True)
-    give_up = time.monotonic() + PATIENCE
-    while not list(tmp_path.glob("made/*.h")) and process.poll() is None:
-        assert time.monotonic() < give_up
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, stderr.strip()) == (130, "gyrospark: Interrupted.")
-    for path in (tmp_path / "made").iterdir():
-        assert path.read_bytes() == (ROOT / "generated" / path.name).read_bytes()

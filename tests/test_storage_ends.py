@@ -18,7 +18,16 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from processes import PATIENCE, ROOT, call, catches, cli, environment, gyrospark_command
+from processes import (
+    PATIENCE,
+    ROOT,
+    call,
+    catches,
+    cli,
+    environment,
+    gyrospark_command,
+    wait_for,
+)
 from stores import START, assert_same_bytes
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
@@ -46,11 +55,7 @@ def begin(command, folder, ignored=()):
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         preexec_fn=lambda: [signal.signal(number, signal.SIG_IGN) for number in ignored],
     )
-    give_up = time.monotonic() + PATIENCE
-    while process.poll() is None and not (
-            (folder / "run.zarr").exists() and catches(process, signal.SIGTERM)):
-        assert time.monotonic() < give_up
-        time.sleep(0.01)
+    wait_for(process, lambda: (folder / "run.zarr").exists() and catches(process, signal.SIGTERM))
     time.sleep(0.1)  # from there to the first step
     return process
 

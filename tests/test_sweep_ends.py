@@ -6,7 +6,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -16,7 +15,7 @@ from gyrospark.sweeps.results import done_tiles
 from gyrospark.sweeps.study_file import load_study
 from gyrospark.sweeps.sweep import run_study
 from killing import differences
-from processes import ROOT, call, environment, gyrospark_command
+from processes import ROOT, call, environment, gyrospark_command, wait_for
 from sweeping import STUDY, study_file
 
 
@@ -46,9 +45,7 @@ def test_ctrl_c_keeps_every_finished_cell(tmp_path):
     process = subprocess.Popen(command, cwd=tmp_path, env=environment(), text=True,
                                stderr=subprocess.PIPE, stdout=subprocess.PIPE)
     store = tmp_path / "study.zarr"
-    while not done_tiles(store):
-        time.sleep(0.02)
-        assert process.poll() is None
+    wait_for(process, lambda: done_tiles(store))
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=120)
     assert process.returncode == 130
