@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import sys
 from typing import NoReturn
@@ -70,6 +71,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
     except click.ClickException as error:
         _fail(name, _one_line(error.format_message()), 2)
     except (click.Abort, KeyboardInterrupt):
+        logging.getLogger("asyncio").disabled = True  # it would name the reads that Zarr had begun
         _fail(name, "Interrupted.", 130)
     except StepFailed as error:
         _fail(name, f"Step {error.step} at t = {error.t:.9g} s failed: {error.reason}. A smaller "

@@ -149,6 +149,23 @@ def test_interrupt_of_the_imports(entry, name):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", f"\n{name}: Interrupted.\n")
 
 
+def test_interrupt_of_a_read_from_a_store():
+    """Zarr reads in a loop of its own; what is pending there says nothing."""
+    code = ("import asyncio, os, signal, sys, threading\n"
+            "from gyrospark import commands\n"
+            "from zarr.core.sync import sync\n"
+            "async def read(): await asyncio.gather(asyncio.sleep(99), asyncio.sleep(99))\n"
+            "def export(**options):\n"
+            "    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+            "    sync(read())\n"
+            "commands.gyrospark.commands['export'].callback = export\n"
+            "sys.argv = ['gyrospark', 'export', 'run.zarr', 'run.csv']\n"
+            "commands.main()")
+    done = call([sys.executable, "-c", code])
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (
+        130, "", "gyrospark: Interrupted.")
+
+
 def test_bar_on_a_terminal_leaves_stdout_clean(tmp_path):
     arguments = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-5", "--steps", "60000"]
     process, terminal = on_terminal(arguments, tmp_path)
