@@ -14,6 +14,7 @@ import click
 
 from ..errors import GyrosparkError, InputError, Stopped
 from ..generator.spec import is_model_file
+from ..runtime.inertia import AIMS
 from ..runtime.start import Start
 from .options import real_number, spec_from, stepper_options, whole_number
 from .run_outputs import check_targets, integrate_to
@@ -21,6 +22,7 @@ from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 
 if TYPE_CHECKING:
     from ..runtime.gamma_choice import GammaChoice
+    from ..runtime.inertia import Aim
     from ..runtime.problems import Problem
     from ..runtime.stepper import Stepper
 
@@ -33,11 +35,13 @@ _BAR_FROM = 20_000
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM")
 @stepper_options
-@click.option("--gamma", metavar="{m,h,mt,ht,auto,fast,NUMBER}",
+@click.option("--gamma", metavar="{m,h,mt,ht,auto,auto-energy,fast,NUMBER}",
               help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); auto: "
-                   "smallest energy error in short pilot runs; fast: fewest sweeps, from 6 stages "
+                   "smallest error of the motion in short pilot runs, γ_m if any axis would get "
+                   "worse; auto-energy: smallest energy error; fast: fewest sweeps, from 6 stages "
                    "on.")
-@click.option("--alpha", metavar="{m,h,mt,ht,auto,NUMBER}", help="The same for --rep alpha.")
+@click.option("--alpha", metavar="{m,h,mt,ht,auto,auto-energy,NUMBER}",
+              help="The same for --rep alpha.")
 @click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--every", metavar="K", default="1", show_default=True,
@@ -100,8 +104,8 @@ def run(
     if is_model or choice["real"] in ("long-double", "float128"):
         # The problem's start is on the constraints to double only, a file's to its own digits.
         q0, p0, moved = _projected(step, start, parameters)
-    made_choice = _choice(step, start, q0, p0, step_size, count, parameters,
-                          auto="auto" in (gamma, alpha))
+    aim = next((AIMS[option] for option in (gamma, alpha) if option in AIMS), None)
+    made_choice = _choice(step, start, q0, p0, step_size, count, parameters, aim)
     if made_choice is not None:
         parameters |= made_choice.values
     arguments: dict[str, Any] = {
@@ -238,23 +242,23 @@ def _parameters(
         if option == "fast":
             known[name] = _fast_gamma(step, start)
         elif option is not None or name not in known:
-            rule = "m" if option in (None, "auto") else option
+            rule = "m" if option is None or option in AIMS else option
             known[name] = inertia_parameter(kinds[name], rule, inertia)
     return known
 
 
 def _choice(
     step: Stepper, start: Start, q0: Any, p0: Any, dt: float, steps: int,
-    parameters: dict[str, float], *, auto: bool,
+    parameters: dict[str, float], aim: Aim | None,
 ) -> GammaChoice | None:
-    """Return the choice of γ or α for "auto", made on pilot runs no longer than the run."""
+    """Return the choice of γ or α with this aim, made on pilot runs no longer than the run."""
     from ..runtime.gamma_choice import PILOT_STEPS, choose_gamma
 
-    if not auto:
+    if aim is None:
         return None
     bodies = {name: inertia for name, inertia in start.bodies.items() if name in parameters}
-    return choose_gamma(step, q0, p0, dt=dt, parameters=parameters, bodies=bodies,
-                        steps=min(max(steps, 2), PILOT_STEPS))
+    return choose_gamma(step, q0, p0, dt=dt, parameters=parameters, bodies=bodies, aim=aim,
+                        steps=min(max(steps, 2), PILOT_STEPS), run_steps=steps)
 
 
 def _fast_gamma(step: Stepper, start: Start) -> float:
@@ -283,7 +287,8 @@ def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"--{name} {text!r} is neither m, h, mt, ht, auto nor a number.") from None
+        raise InputError(f"--{name} {text!r} is neither m, h, mt, ht, auto, auto-energy nor a "
+                         "number.") from None
     if not math.isfinite(value) or value == 0:
         raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")
     return value

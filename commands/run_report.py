@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ..errors import StepFailed
+from ..runtime.inertia import AIMS
 
 if TYPE_CHECKING:
     from ..runtime.gamma_choice import GammaChoice
@@ -34,7 +35,8 @@ def about_choice(choice: GammaChoice) -> dict[str, Any]:
         f"{name}_chosen": choice.values,
         f"{name}_expected_gain": choice.expected_gain,
         f"{name}_measured_gain": choice.measured_gain,
-        f"{name}_quantity": choice.quantity,
+        f"{name}_aim": choice.aim,
+        **{f"{name}_{aim}_gain": gain for aim, gain in choice.gains.items()},
         f"{name}_reason": choice.reason,
     }
 
@@ -141,8 +143,10 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
 
 def _choice_line(result: dict[str, Any], name: str) -> str:
     sign = {"gamma": "γ", "alpha": "α"}[name]
-    reason, expected, gain = (result[f"{name}_{end}"]
-                              for end in ("reason", "expected_gain", "measured_gain"))
+    reason, expected, aim = (result[f"{name}_{end}"]
+                             for end in ("reason", "expected_gain", "aim"))
     values = ", ".join(f"{value:.6g}" for value in result[f"{name}_chosen"].values())
-    return (f"  {sign} chosen                {values} kg m², {reason}; error {gain:.3g} "
-            f"times smaller than with γ_m (expected {expected:.3g})")
+    told = ", ".join(f"{what} {result[f'{name}_{what}_gain']:.3g}"
+                     + (f" (expected {expected:.3g})" if what == aim else "")
+                     for what in AIMS.values())
+    return f"  {sign} chosen                {values} kg m², {reason}; gain over {sign}_m: {told}"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .inertia import AIMS
 
 __all__ = ["all_finite", "as_array", "as_numbers", "as_parameters", "as_positive_count",
            "as_real", "as_step", "refuse_auto", "shown"]
@@ -140,8 +141,8 @@ def as_parameters(given: Any, domains: Mapping[str, str]) -> dict[str, float]:
 
 def refuse_auto(name: str, value: Any) -> None:
     """Refuse the value "auto" where nothing chooses."""
-    if isinstance(value, str) and value == "auto":
-        raise InputError(f"Parameter {name} = 'auto' is chosen by integrate alone; call "
+    if isinstance(value, str) and value in AIMS:
+        raise InputError(f"Parameter {name} = {value!r} is chosen by integrate alone; call "
                          "choose_gamma once and give its number.")
 
 

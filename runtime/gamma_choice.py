@@ -1,19 +1,13 @@
-"""γ chosen by measurement: short pilot runs, the linear law of the error, its zero.
+"""γ chosen by measurement: short pilot runs, the law of the error, its minimum, and a verdict.
 
-To leading order in the step the error of a run is linear in 1/γ of each body b (paper, (34)):
+What is aimed at is the motion or the energy, and one is not the other: on a symmetric top the γ
+that cancels the energy error of 2-stage LIIIA-B triples the error of the axis. By default it is
+the motion, and γ_m is left only where every path (each body's three axes in space, every point)
+was measured to be nearer to the true one by 5 % or more. Where pilots cannot tell, γ_m stays.
 
-    e_k(γ) = d_k + Σ_b K_kb / γ_b,    k = 1..N
-
-for the energy (e_k = H_k − H_0) as for the motion (e_k = q_k − q(t_k)). Odd-stage LIIIA-B has the
-same law in γ in place of 1/γ (its slope in 1/γ is of higher order). Two values of each γ give d and
-K: one run to start from, and one more a body, with that body's γ changed alone. The slope of a
-body does not depend on the γ of another, so they need not be varied together. The zero of the law
-is the γ with the smallest Σ_k |e_k|, found by least squares with weights 1/|e_k|.
-
-The law is straight to leading order only. The zero is therefore measured, and as long as a
-measurement improves on the one before it, the slope is corrected (Broyden; for one body the secant
-through the last two runs) and the zero sought again. γ_m, γ_h, γ̃_m and γ̃_h are measured too, and
-what is best by measurement is returned: on the pilots' length never worse than any of these.
+    gamma_pilots    the runs and what they are measured by
+    gamma_law       the law in 1/γ and its minimum
+    gamma_choice    the call and the verdict
 """
 
 from __future__ import annotations
@@ -21,48 +15,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..errors import InputError, StepFailed
+from ..errors import InputError
 from .checks import as_positive_count, as_step
-from .inertia import MEANS_BY_SYMBOL, gamma_m, principal_moments
+from .gamma_law import REACH, Search
+from .gamma_pilots import WORTHWHILE, Pilot, Pilots
+from .inertia import AIMS, Aim, principal_moments
 
 if TYPE_CHECKING:
     from .stepper import Stepper
 
-__all__ = ["PILOT_STEPS", "GammaChoice", "Pilot", "choose_gamma", "known_inertia", "with_choice"]
-
-Array = NDArray[Any]
-Quantity = Literal["energy", "motion"]
+__all__ = ["PILOT_STEPS", "GammaChoice", "choose_gamma", "known_inertia", "with_choice"]
 
 #: Steps of a pilot run, unless the run itself is shorter.
 PILOT_STEPS = 1000
-#: By how much a pilot changes 1/γ: large against round-off, small against the law's curvature.
-_CHANGE = 0.2
-#: A zero farther than this from the body's moments is an extrapolation no pilot supports.
-_REACH = 10.0
-#: Corrections of the slope; at small steps the first zero stands.
-_ROUNDS = 4
-#: A recommended value is left only for an error smaller than this part of its own.
-_WORTHWHILE = 1 / 1.05
-
-
-@dataclass(frozen=True)
-class Pilot:
-    """One short run: why it was made, γ of each body in kg m², the mean |error|.
-
-    ``error`` is infinite where a step did not converge, ``expected`` what the law said before the
-    run, or None.
-    """
-
-    label: str
-    values: dict[str, float]
-    error: float
-    expected: float | None = None
+_ERRORS: dict[Aim, str] = {"motion": "error of the motion", "energy": "energy error"}
 
 
 @dataclass(frozen=True)
@@ -73,12 +44,16 @@ class GammaChoice:
     ----------
     values : dict
         Name of each inertia parameter → its value in kg m².
-    quantity : {"energy", "motion"}
-        Whose mean error was made small: |H_k − H_0| in the units of H, or |q_k − q(t_k)|.
+    aim : {"motion", "energy"}
+        Whose error was made small.
     expected_gain : float
-        Error with γ_m (that of ``pilots[0]``) over the error that the law expects at its zero.
+        Error with γ_m (the first of ``pilots``) over the error that the law expects at its
+        minimum, of what was aimed at.
     measured_gain : float
-        Error with γ_m over the error measured with ``values``.
+        Error with γ_m over the error measured with ``values``: ``gains[aim]``.
+    gains : dict
+        The measured gain of both: below 1 where the error grew. That of the motion is the mean
+        over the paths, none of which grew if the motion was aimed at.
     law : {"1/γ", "γ"}
         The variable in which the law was used (α for α).
     reason : str
@@ -88,12 +63,17 @@ class GammaChoice:
     """
 
     values: dict[str, float]
-    quantity: Quantity
+    aim: Aim
     expected_gain: float
-    measured_gain: float
+    gains: dict[Aim, float]
     law: str
     reason: str
     pilots: tuple[Pilot, ...]
+
+    @property
+    def measured_gain(self) -> float:
+        """The measured gain of what was aimed at."""
+        return self.gains[self.aim]
 
     @property
     def gamma(self) -> float:
@@ -110,11 +90,18 @@ class GammaChoice:
         return next(iter(self.values.values()))
 
     def __str__(self) -> str:
-        rows = [self.reason, f"{'error':>10}  {'expected':>10}  values"]
+        """Return the reason and a table of the pilots with both errors, that aimed at first."""
+        columns: list[tuple[str, str]] = [("motion", "motion"), ("worst", "worst path"),
+                                          ("energy", "energy")]
+        if self.aim == "energy":
+            columns = [columns[2], *columns[:2]]
+        columns.append(("expected", "expected"))
+        rows = [self.reason, "  ".join(f"{head:>10}" for _, head in columns) + "  values"]
         for pilot in self.pilots:
-            expected = "" if pilot.expected is None else f"{pilot.expected:.3e}"
+            numbers = (getattr(pilot, name) for name, _ in columns)
+            cells = "  ".join(" " * 10 if x is None else f"{x:10.3e}" for x in numbers)
             values = ", ".join(f"{name} = {x:.6g}" for name, x in pilot.values.items())
-            rows.append(f"{pilot.error:10.3e}  {expected:>10}  {values} ({pilot.label})")
+            rows.append(f"{cells}  {values} ({pilot.label})")
         return "\n".join(rows)
 
 
@@ -126,8 +113,9 @@ def choose_gamma(
     dt: float,
     parameters: Mapping[str, Any],
     bodies: Mapping[str, Sequence[float]] | None = None,
+    aim: Aim | None = None,
     steps: int = PILOT_STEPS,
-    quantity: Quantity | None = None,
+    run_steps: int | None = None,
     t0: float = 0.0,
 ) -> GammaChoice:
     """Return the γ of each body that makes the error of runs from (q, p) smallest.
@@ -144,13 +132,19 @@ def choose_gamma(
         The stepper's other parameters; values given for ``bodies`` are not looked at.
     bodies : mapping of str to three floats, optional
         Name of each parameter to choose → I₁, I₂, I₃ of its body in kg m². By default the
-        parameters whose value is ``"auto"``, with the moments that stand beside them.
+        parameters whose value is ``"auto"`` or ``"auto-energy"``, with the moments that stand
+        beside them.
+    aim : {"motion", "energy"}, optional
+        What to make small: the distance of every path from the true one, or |H_k − H_0| (with
+        forces |H_k − H_0 − W_k|). By default the motion, or what the parameters say. For the
+        motion γ_m is left only if no path of any body gets worse; for the energy the motion is
+        not looked at, only reported.
     steps : int
         Length of the pilot runs, at least 2. They should see the motion's slowest period.
-    quantity : {"energy", "motion"}, optional
-        What to make small. By default the energy; the motion for EMS, which keeps the energy by
-        itself, and for systems with forces, which change it. The motion is compared with a run at
-        Δt/4 (Δt/8 up to order 2).
+    run_steps : int, optional
+        Length of the run that the choice is for, if it is no longer than the pilots: then they
+        have seen all of it, whereas for a longer one the motion's error must be seen to grow
+        like t.
     t0 : float
         Time at the start, for forces that depend on it.
 
@@ -168,20 +162,23 @@ def choose_gamma(
     ...                                 bodies={"gamma": top.inertia})  # doctest: +SKIP
     >>> parameters = top.parameters | choice.values  # doctest: +SKIP
     """
-    if quantity not in (None, "energy", "motion"):
-        raise InputError(f"quantity = {quantity!r} is unknown; choose energy or motion.")
+    if aim is not None and aim not in get_args(Aim):
+        raise InputError(f"aim = {aim!r} is unknown; choose motion or energy.")
     known = _checked_bodies(stepper, parameters, bodies)
-    pilots = _Pilots(
-        stepper, q, p, as_step(dt), as_positive_count("steps", steps, least=2),
+    count = as_positive_count("steps", steps, least=2)
+    pilots = Pilots(
+        stepper, q, p, as_step(dt), count,
         {name: value for name, value in parameters.items() if name not in known},
-        known, quantity or _default_quantity(stepper), t0,
+        known, aim or _aim_said(parameters), t0,
+        longer=run_steps is None or as_positive_count("run_steps", run_steps) > count,
     )
-    pilots.measure_rules()
-    searches = [_Search(pilots, f"1/{pilots.letter}")]
-    searches[0].run()
-    if searches[0].clipped is not None or pilots.best() < pilots.rules:
-        searches.append(_Search(pilots, pilots.letter))
-        searches[1].run()
+    searches = [Search(pilots, f"1/{pilots.letter}")]
+    if pilots.silence is None:
+        searches[0].run()
+        unsettled = pilots.best() < pilots.rules and not searches[0].right
+        if searches[0].clipped is not None or unsettled:
+            searches.append(Search(pilots, pilots.letter))
+            searches[1].run()
     choice = _judged(pilots, searches)
     if any(name.endswith("alpha") for name in known):
         _refuse_idle_alpha(stepper, pilots)
@@ -193,12 +190,11 @@ def with_choice(
     parameters: Mapping[str, Any], t0: float = 0.0,
 ) -> Mapping[str, Any]:
     """Return the parameters of a run with every ``"auto"`` replaced by its choice."""
-    if not isinstance(parameters, Mapping) or "auto" not in [
-            value for value in parameters.values() if isinstance(value, str)]:
+    if not isinstance(parameters, Mapping) or not any(map(_is_auto, parameters.values())):
         return parameters
-    count = min(max(as_positive_count("steps", steps), 2), PILOT_STEPS)
-    choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters, steps=count,
-                          t0=t0)
+    run = as_positive_count("steps", steps)
+    choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters,
+                          steps=min(max(run, 2), PILOT_STEPS), run_steps=run, t0=t0)
     return {**parameters, **choice.values}
 
 
@@ -221,222 +217,80 @@ def known_inertia(name: str, parameters: Mapping[str, Any]) -> tuple[float, floa
     return principal_moments([parameters[moment] for moment in wanted])
 
 
-# ---------------------------------------------------------------- the runs
-
-
-class _Pilots:
-    """Makes short runs and remembers them; γ of all bodies as an array in kg m²."""
-
-    def __init__(
-        self, stepper: Stepper, q: ArrayLike, p: ArrayLike, dt: float, steps: int,
-        parameters: dict[str, Any], bodies: dict[str, tuple[float, float, float]],
-        quantity: Quantity, t0: float,
-    ) -> None:
-        self.stepper, self.q, self.p, self.dt, self.steps = stepper, q, p, dt, steps
-        self.parameters, self.bodies, self.quantity, self.t0 = parameters, bodies, quantity, t0
-        self.letter = "α" if all(name.endswith("alpha") for name in bodies) else "γ"
-        self.done: list[Pilot] = []
-        self.errors: list[Array | None] = []
-        self.failure: StepFailed | None = None
-
-    def measure(self, label: str, gammas: Array, expected: float | None = None) -> int:
-        """Run with these γ and return the number of the run; what is known is not run again."""
-        values = {name: float(x) for name, x in zip(self.bodies, gammas, strict=True)}
-        for number, pilot in enumerate(self.done):
-            if pilot.values == values:
-                return number
-        try:
-            errors: Array | None = self._errors(values)
-        except StepFailed as failure:
-            errors, self.failure = None, self.failure or failure
-        size = math.inf if errors is None else float(np.abs(errors).mean())
-        self.done.append(Pilot(label, values, size, expected))
-        self.errors.append(errors)
-        return len(self.done) - 1
-
-    def measure_rules(self) -> None:
-        """Run the paper's four recommendations; raises if the steps converge with none."""
-        for label, rule in MEANS_BY_SYMBOL.items():
-            self.measure(label, np.array([rule(moments) for moments in self.bodies.values()]))
-        self.rules = len(self.done)
-        if self.failure is not None and self.best_rule_error == math.inf:
-            raise self.failure
-
-    @property
-    def best_rule_error(self) -> float:
-        """The smallest error of the recommendations."""
-        return min(pilot.error for pilot in self.done[: self.rules])
-
-    def gammas(self, number: int) -> Array:
-        """Return the γ of a run."""
-        return np.array(list(self.done[number].values.values()))
-
-    def best(self) -> int:
-        """Return the number of the best run."""
-        return min(range(len(self.done)), key=lambda number: self.done[number].error)
-
-    def _errors(self, values: dict[str, float]) -> Array:
-        run = self.stepper.integrate(self.q, self.p, dt=self.dt, steps=self.steps, t0=self.t0,
-                                     parameters=self.parameters | values)
-        if self.quantity == "energy":
-            errors = run.energy_error()[1:]
-        else:
-            errors = (run.q[1:] - self.reference).ravel()
-        return np.asarray(errors, dtype=float)
-
-    @cached_property
-    def reference(self) -> Array:
-        """The motion at the pilots' times, by the same stepper with γ_m and smaller steps."""
-        finer = 8 if self.stepper.order <= 2 else 4
-        values = {name: gamma_m(moments) for name, moments in self.bodies.items()}
-        run = self.stepper.integrate(self.q, self.p, dt=self.dt / finer, steps=self.steps * finer,
-                                     every=finer, t0=self.t0, parameters=self.parameters | values)
-        return np.asarray(run.q[1:])
-
-
-# ---------------------------------------------------------------- the law and its zero
-
-
-class _Search:
-    """The law in one variable: u_b = γ_m/γ_b or γ_b/γ_m, near 1 for every body."""
-
-    def __init__(self, pilots: _Pilots, law: str) -> None:
-        self.pilots, self.law, self.inverse = pilots, law, law.startswith("1/")
-        self.scale = np.array([gamma_m(moments) for moments in pilots.bodies.values()])
-        bounds = [(min(moments) / _REACH, max(moments) * _REACH)
-                  for moments in pilots.bodies.values()]
-        ends = np.array([[self._one(x, scale) for x in pair]
-                         for pair, scale in zip(bounds, self.scale, strict=True)])
-        self.low, self.high = ends.min(axis=1), ends.max(axis=1)
-        self.runs: list[int] = []
-        self.clipped: Array | None = None  # the γ the law asked for beyond the bounds
-        self.stayed: int | None = None  # the run that the law has its zero at already
-
-    def _one(self, gamma: float, scale: float) -> float:
-        return scale / gamma if self.inverse else gamma / scale
-
-    def variable(self, gammas: Array) -> Array:
-        """Return u of these γ."""
-        return self.scale / gammas if self.inverse else gammas / self.scale
-
-    def gammas(self, u: Array) -> Array:
-        """Return γ of this u."""
-        return self.scale / u if self.inverse else u * self.scale
-
-    def run(self) -> None:
-        """Fit the law, measure its zero, correct the slope and go on while it helps."""
-        pilots = self.pilots
-        at = pilots.best()
-        slopes = self._slopes(at)
-        for _ in range(_ROUNDS):
-            errors = pilots.errors[at]
-            assert errors is not None
-            u = self.variable(pilots.gammas(at))
-            wanted = u + smallest_sum(slopes, errors)
-            new = np.clip(wanted, self.low, self.high)
-            if not self.runs and np.any(new != wanted):
-                self.clipped = self.gammas(wanted)
-            if np.abs(new - u).max() < 1e-6 * np.abs(u).max():
-                self.stayed = at
-                return
-            predicted = errors + slopes @ (new - u)
-            number = pilots.measure(f"zero of the law in {self.law}", self.gammas(new),
-                                    float(np.abs(predicted).mean()))
-            self.runs.append(number)
-            found = pilots.errors[number]
-            if found is None or pilots.done[number].error > 0.9 * pilots.done[at].error:
-                return
-            change = new - u
-            slopes = slopes + np.outer(found - predicted, change) / (change @ change)
-            at = number
-
-    def _slopes(self, at: int) -> Array:
-        """Return K from one more run a body; a column of zeros where these do not converge."""
-        pilots, base = self.pilots, self.pilots.errors[at]
-        assert base is not None
-        columns = []
-        for body, name in enumerate(pilots.bodies):
-            column = np.zeros_like(base)
-            for factor in (1 + _CHANGE, 1 / (1 + _CHANGE)):
-                gammas = pilots.gammas(at)
-                gammas[body] /= factor
-                number = pilots.measure(f"pilot for {name}", gammas)
-                errors = pilots.errors[number]
-                if errors is not None:
-                    change = self.variable(gammas)[body] - self.variable(pilots.gammas(at))[body]
-                    column = (errors - base) / change
-                    break
-            columns.append(column)
-        return np.array(columns).T
-
-
-def smallest_sum(slopes: Array, errors: Array) -> Array:
-    """Return the x with the smallest Σ_k |errors_k + (slopes x)_k|.
-
-    Least squares with weights 1/|e_k| of the solution before (Lawson); the weights stay bounded.
-    The sum comes within a hundredth of the least one: it is measured afterwards anyway.
-    """
-    x: Array = np.linalg.lstsq(slopes, -errors, rcond=None)[0]
-    for _ in range(100):
-        left = np.abs(errors + slopes @ x)
-        weights = 1 / np.sqrt(np.maximum(left, 1e-6 * left.max() or 1.0))
-        before, x = x, np.linalg.lstsq(slopes * weights[:, None], -errors * weights, rcond=None)[0]
-        if np.abs(x - before).max() <= 1e-6 * np.abs(x).max():
-            break
-    return x
-
-
 # ---------------------------------------------------------------- the verdict
 
 
-def _judged(pilots: _Pilots, searches: list[_Search]) -> GammaChoice:
-    """Return the best run as the choice; a zero must beat the recommendations to be taken."""
-    rules = pilots.done[: pilots.rules]
-    best = pilots.best()
-    if pilots.done[best].error > _WORTHWHILE * pilots.best_rule_error:
-        best = next(number for number, pilot in enumerate(rules)
-                    if _WORTHWHILE * pilot.error <= pilots.best_rule_error)
+def _judged(pilots: Pilots, searches: list[Search]) -> GammaChoice:
+    """Return the best run as the choice; a recommendation nearly as good is preferred."""
+    best = pilots.base if pilots.silence else pilots.best()
+    least_rule = min(range(pilots.rules), key=pilots.score)
+    if not pilots.silence and WORTHWHILE * pilots.score(least_rule) <= pilots.score(best):
+        best = least_rule
     used = next((s for s in searches if best in s.runs), searches[0])
     promised = [pilots.done[n].expected for n in used.runs[:1]]
-    expected = next((x for x in promised if x is not None), pilots.done[best].error)
-    start = rules[0].error if math.isfinite(rules[0].error) else pilots.best_rule_error
+    chosen, base = pilots.done[best], pilots.done[pilots.base]
+    expected = next((x for x in promised if x is not None), chosen.error(pilots.aim))
     return GammaChoice(
-        dict(pilots.done[best].values), pilots.quantity, _ratio(start, expected),
-        _ratio(start, pilots.done[best].error), used.law,
-        _reason(pilots, best, used), tuple(pilots.done),
+        values=dict(chosen.values), aim=pilots.aim,
+        expected_gain=_ratio(base.error(pilots.aim), expected),
+        gains={aim: _ratio(base.error(aim), chosen.error(aim)) for aim in _ERRORS},
+        law=used.law, reason=_reason(pilots, best, used), pilots=tuple(pilots.done),
     )
 
 
 def _ratio(start: float, end: float) -> float:
-    if end == 0:
-        return 1.0 if start == 0 else math.inf
-    return start / end
+    if start == end or math.isnan(start):  # NaN: round-off in every path
+        return 1.0
+    return math.inf if end == 0 else start / end
 
 
-def _reason(pilots: _Pilots, best: int, used: _Search) -> str:
-    what = {"energy": "energy error", "motion": "error of the motion"}[pilots.quantity]
-    chosen = pilots.done[best]
-    limits = ""
-    if used.clipped is not None:
-        asked = ", ".join(f"{x:.3g}" for x in used.clipped)
-        limits = (f"; the law asked for {asked} kg m², more than {_REACH:g} times beyond the "
-                  "moments, and was held there")
-    if best >= pilots.rules and chosen.expected is None:
-        return f"{chosen.label}, better than the zero of the law of the {what}{limits}"
-    if best >= pilots.rules:
-        return f"{chosen.label} of the {what}{limits}"
-    errors = [p.error for p in pilots.done if math.isfinite(p.error)]
-    if max(errors) < 1.05 * min(errors):
-        return f"{chosen.label}: the {what} hardly depends on it{limits}"
+def _reason(pilots: Pilots, best: int, used: Search) -> str:
+    what, chosen = _ERRORS[pilots.aim], pilots.done[best]
+    if pilots.silence is not None:
+        return f"{chosen.label}: {pilots.silence}"
+    if best < pilots.rules:
+        return f"{chosen.label}{_reason_of_rule(pilots, best, used)}"
+    name = chosen.label if chosen.expected is not None else \
+        f"{chosen.label}, better than the minimum of the law"
+    return f"{name} of the {what}{_price(pilots, chosen)}{_limits(used)}"
+
+
+def _reason_of_rule(pilots: Pilots, best: int, used: Search) -> str:
+    """Return why a recommendation is chosen: what the law's minimum lacks."""
+    what = _ERRORS[pilots.aim]
+    ratios = [pilots.yardstick.ratios(e) for e in map(pilots.aimed, range(len(pilots.done)))
+              if e is not None]
+    if np.max(ratios) < 1 / WORTHWHILE * np.min(ratios):
+        return f": the {what} hardly depends on it"
     if used.stayed == best:
-        return f"{chosen.label}: it is the zero of the law of the {what}"
-    return f"{chosen.label}: the zero of the law does not make the {what} smaller{limits}"
+        return f": it is the minimum of the law of the {what}{_price(pilots, pilots.done[best])}"
+    if best != pilots.base:
+        return f": no other γ found makes the {what} smaller{_price(pilots, pilots.done[best])}"
+    if pilots.aim == "motion":
+        return ": no γ found makes every path's error smaller by 5 %"
+    return f": no γ found makes the {what} smaller by 5 %"
 
 
-def _refuse_idle_alpha(stepper: Stepper, pilots: _Pilots) -> None:
+def _price(pilots: Pilots, chosen: Pilot) -> str:
+    """Return what the motion pays for the energy, if it does."""
+    if pilots.aim == "motion" or not chosen.worst > 1 / WORTHWHILE:
+        return ""
+    return f"; the error of the motion grows up to {chosen.worst:.3g} times"
+
+
+def _limits(used: Search) -> str:
+    if used.clipped is None:
+        return ""
+    asked = ", ".join(f"{x:.3g}" for x in used.clipped)
+    return (f"; the law asked for {asked} kg m², more than {REACH:g} times beyond the moments, and "
+            "was held there")
+
+
+def _refuse_idle_alpha(stepper: Stepper, pilots: Pilots) -> None:
     """Refuse to choose α where the measured errors do not depend on it (paper, (39))."""
-    errors = [pilot.error for pilot in pilots.done if math.isfinite(pilot.error)]
-    if max(errors) <= 1.05 * min(errors):
+    errors = [error for pilot in pilots.done
+              if math.isfinite(error := pilot.error(pilots.aim))]
+    if errors and max(errors) <= min(errors) / WORTHWHILE:
         values = [x for pilot in pilots.done for x in pilot.values.values()]
         raise InputError(
             f"alpha cannot be chosen for {stepper.name}: its error is the same to "
@@ -448,9 +302,17 @@ def _refuse_idle_alpha(stepper: Stepper, pilots: _Pilots) -> None:
 # ---------------------------------------------------------------- what is chosen
 
 
-def _default_quantity(stepper: Stepper) -> Quantity:
-    keeps_energy = stepper.manifest["scheme"]["method"] == "EMS"
-    return "motion" if keeps_energy or stepper.manifest["system"].get("forces") else "energy"
+def _is_auto(value: Any) -> bool:
+    return isinstance(value, str) and value in AIMS
+
+
+def _aim_said(parameters: Mapping[str, Any]) -> Aim:
+    """Return the aim that "auto" or "auto-energy" among the parameters names."""
+    said = {value for value in parameters.values() if _is_auto(value)}
+    if len(said) > 1:
+        raise InputError("The parameters ask for auto and for auto-energy; all bodies have one "
+                         "aim, write one of them.")
+    return AIMS[said.pop()] if said else "motion"
 
 
 def _checked_bodies(
@@ -458,8 +320,7 @@ def _checked_bodies(
 ) -> dict[str, tuple[float, float, float]]:
     """Return the bodies with their moments as floats."""
     if bodies is None:
-        asked = [name for name, value in parameters.items()
-                 if isinstance(value, str) and value == "auto"]
+        asked = [name for name, value in parameters.items() if _is_auto(value)]
         bodies = {name: known_inertia(name, parameters) for name in asked}
     for name in bodies:
         if name not in stepper.parameter_domains:

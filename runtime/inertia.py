@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 from ..errors import InputError
 
 __all__ = [
-    "MEANS", "MEANS_BY_SYMBOL", "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m",
+    "AIMS", "MEANS", "MEANS_BY_SYMBOL", "Aim", "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m",
     "gamma_m_tilde", "principal_moments",
 ]
 
@@ -65,6 +66,10 @@ def gamma_h_tilde(inertia: Sequence[float]) -> float:
 MEANS: dict[str, Callable[[Sequence[float]], float]] = {
     "m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde}
 MEANS_BY_SYMBOL = dict(zip(("γ_m", "γ_h", "γ̃_m", "γ̃_h"), MEANS.values(), strict=True))
+
+#: What a chosen value is to make small, by the names that stand for "choose it".
+Aim = Literal["motion", "energy"]
+AIMS: dict[str, Aim] = {"auto": "motion", "auto-energy": "energy"}
 
 
 def gamma_fast(inertia: Sequence[float], omega: Sequence[float]) -> float:

@@ -123,8 +123,9 @@ class Stepper:
             Number of steps, 0 or more.
         parameters : mapping
             Exactly the parameters in ``parameter_domains``. The value ``"auto"`` for ``gamma`` or
-            ``alpha`` is replaced by what ``gyrospark.choose_gamma`` finds for this start and dt;
-            ``Trajectory.parameters`` has the number.
+            ``alpha`` is replaced by what ``gyrospark.choose_gamma`` finds for this start and dt,
+            ``"auto-energy"`` by the same with its aim at the energy; ``Trajectory.parameters`` has
+            the number.
         t0 : float
             Time at the start, in seconds: for forces and quantities that depend on time. Step k
             starts at t0 + k dt, counted, not summed up.

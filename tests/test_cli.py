@@ -666,23 +666,31 @@ def test_verify_model_refuses(gyrospark, arguments, fragments):
     refused(gyrospark("verify", *arguments), *fragments)
 
 
-def test_gamma_auto_reports_its_gain(gyrospark):
-    """The contract's fields; the choice is that of Python, and the run has its error."""
-    run = ("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "320")
-    auto = gyrospark(*run, "--gamma", "auto", "--json").document
+def test_gamma_auto_reports_its_gains(gyrospark):
+    """What was aimed at and what was not; the run has the error."""
+    run = ("run", "fast-top", "--scheme", "LIIIA-B", "--stages", "2", "--dt", "1e-3", "--steps",
+           "320")
     mean = gyrospark(*run, "--json").document
-    assert auto["gamma"] == auto["parameters"]["gamma"]
-    assert auto["gamma_measured_gain"] == pytest.approx(
-        mean["energy_error_mean"] / auto["energy_error_mean"], rel=1e-9)
-    assert auto["gamma_expected_gain"] == pytest.approx(auto["gamma_measured_gain"], rel=0.05)
-    assert "γ chosen" in gyrospark(*run, "--gamma", "auto").stdout
+    for word, aim in (("auto", "motion"), ("auto-energy", "energy")):
+        auto = gyrospark(*run, "--gamma", word, "--json").document
+        assert auto["gamma"] == auto["parameters"]["gamma"]
+        assert auto["gamma_aim"] == aim
+        assert auto["gamma_measured_gain"] == auto[f"gamma_{aim}_gain"] > 1.2
+        assert auto["gamma_expected_gain"] == pytest.approx(auto["gamma_measured_gain"], rel=0.05)
+        other = "energy" if aim == "motion" else "motion"
+        assert auto[f"gamma_{other}_gain"] < 1
+        assert auto["gamma_energy_gain"] == pytest.approx(
+            mean["energy_error_mean"] / auto["energy_error_mean"], rel=1e-9)
+        text = gyrospark(*run, "--gamma", word).stdout
+        assert "γ chosen" in text
+        assert "gain over γ_m: motion" in text
     assert "γ chosen" not in gyrospark(*run).stdout
 
 
 def test_gamma_auto_in_long_double(gyrospark):
     """The start is made consistent first."""
     answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--real", "long-double", "--dt",
-                       "1e-3", "--steps", "50", "--gamma", "auto", "--json")
+                       "1e-3", "--steps", "50", "--gamma", "auto-energy", "--json")
     assert answer.document["gamma_measured_gain"] > 1e6
 
 

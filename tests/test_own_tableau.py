@@ -23,7 +23,7 @@ from gyrospark.generator.observed_order import observed_order
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.tableau import FIELDS
 from gyrospark.generator.tableau_file import read_tableau
-from gyrospark.studies.gamma_auto import asymmetric_top
+from gyrospark.studies.gamma_trials import asymmetric_top
 from gyrospark.verification import verify_stepper
 
 FOLDER = Path(gs.__file__).parent / "examples" / "tableaux"

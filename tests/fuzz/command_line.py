@@ -41,7 +41,7 @@ VALUES: dict[str, Sequence[str]] = {
                   "radau_plain_2.json"),
     "--real": ("double", "double", "half", "", "float32", "Double"),
     "--gamma": ("m", "h", "mt", "ht", "fast", "0.001", "-1", "0", "nan", "inf", "1e-320", "1e308",
-                "auto", "m,h", "", "γ", "1_0"),
+                "auto", "auto-energy", "m,h", "", "γ", "1_0"),
     "--alpha": ("m", "h", "0.001", "0", "nan", "x"),
     "--dt": ("1e-3", "-1e-3", "0", "nan", "inf", "1e308", "5e-324", "1e999", "1_0", "٣", "",
              "0x1p3", "1e-3 "),

@@ -1,0 +1,187 @@
+"""Motions, methods and the runs by which a chosen γ is judged.
+
+A motion is judged path by path (``runtime.motion_error``): the mean distance of each of the body's
+axes, in space, from where 6-stage Gauss-Lobatto with half the step, order 12, has it. Distances
+with the chosen γ are told in units of those with a recommendation; where the latter is off by more
+than 0.3 rad both runs have lost the motion, and the ratio says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..facade import stepper
+from ..runtime.gamma_choice import GammaChoice, choose_gamma
+from ..runtime.inertia import MEANS_BY_SYMBOL, Aim, gamma_m
+from ..runtime.motion_error import MotionError, sizes
+from ..runtime.problems import Problem, fast_top, free_body, regular_precession
+from ..runtime.quaternion import euler_quaternion, momentum
+from ..runtime.trajectory import Trajectory
+
+__all__ = ["BODIES", "METHODS", "TIMES", "Body", "Trial", "asymmetric_top"]
+
+Array = NDArray[Any]
+
+METHODS = (("IMS", None), ("EMS", None), ("G-L", 1), ("G-L", 2), ("G-L", 3), ("LIIIA-B", 2),
+           ("LIIIA-B", 3), ("LIIIA-B", 4))
+#: When motions are compared, in s.
+TIMES = (1.0, 10.0, 100.0)
+#: From this error on the motion is lost, in rad.
+_LOST = 0.3
+#: States kept of a run that motions are compared on.
+_KEPT = 10
+
+
+def asymmetric_top(
+    inertia: tuple[float, float, float], mgl: float, theta: float, omega: list[float]
+) -> Problem:
+    """Return a heavy top with any moments; there is no closed form of its motion."""
+    q0 = euler_quaternion(0.3, theta, 0.2)
+    parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {"mgl": mgl}
+    return Problem("asymmetric-top", parameters, q0, momentum(q0, omega, inertia), inertia)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A problem with Δt and the number of steps of its pilot runs for the energy."""
+
+    name: str
+    make: Callable[[], Problem]
+    dt: float
+    steps: int
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether I₁ = I₂."""
+        return self.make().inertia[0] == self.make().inertia[1]
+
+
+def _top(inertia: tuple[float, float, float], mgl: float, theta: float, *omega: float
+         ) -> Callable[[], Problem]:
+    return lambda: asymmetric_top(inertia, mgl, theta, list(omega))
+
+
+BODIES = (
+    Body("fast top", fast_top, 0.001, 320),
+    Body("precession, r = h/2", regular_precession, 0.005, 80),
+    Body("precession, r = 3h/2", lambda: regular_precession(1.5), 0.01, 80),
+    Body("free body", free_body, 0.001, 500),
+    Body("fast asymmetric top", _top((0.002, 0.0013, 0.0008), 0.3924, math.pi / 6, 0, 0, 126),
+         0.001, 500),
+    Body("heavy asymmetric top", _top((3, 2, 1), 10, 0.5, 0, 0.5, 20), 0.005, 500),
+    Body("Lagrange's top", _top((0.004, 0.004, 0.001), 0.3924, 0.6, 0, 0, 60), 0.002, 500),
+    Body("slow top", _top((0.002, 0.002, 0.0008), 0.3924, 1, 1, 2, 20), 0.001, 500),
+    Body("sleeping top", _top((0.002, 0.002, 0.0008), 0.3924, 0.05, 0.5, 0, 150), 0.001, 500),
+    Body("flat top", _top((0.001, 0.001, 0.0018), 0.3924, 0.7, 2, -3, 60), 0.001, 500),
+    Body("free symmetric body", lambda: free_body((0.002, 0.002, 0.0008)), 0.001, 500),
+)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One body and one method, with the γ chosen for it."""
+
+    body: Body
+    scheme: str
+    stages: int | None
+
+    @property
+    def method(self) -> str:
+        """As the paper writes it."""
+        return self.scheme if self.stages is None else f"{self.stages}-{self.scheme}"
+
+    @cached_property
+    def for_motion(self) -> GammaChoice:
+        """What is chosen by default."""
+        return self._choice("motion", {})
+
+    @cached_property
+    def for_energy(self) -> GammaChoice:
+        """What is chosen for the energy on pilots as long as the paper's tables."""
+        return self._choice("energy", {"steps": self.body.steps})
+
+    def _choice(self, aim: Aim, options: dict[str, int]) -> GammaChoice:
+        problem = self.body.make()
+        return choose_gamma(stepper(self.scheme, self.stages), problem.q0, problem.p0,
+                            dt=self.body.dt, parameters=problem.parameters,
+                            bodies={"gamma": problem.inertia}, aim=aim, **options)
+
+    def rule(self, name: str) -> float:
+        """Return a recommendation, "γ_m" for example, for this body."""
+        return MEANS_BY_SYMBOL[name](self.body.make().inertia)
+
+    def run(self, gamma: float, steps: int, every: int = 1) -> Trajectory:
+        """Return the run with this γ."""
+        problem = self.body.make()
+        return stepper(self.scheme, self.stages).integrate(
+            problem.q0, problem.p0, dt=self.body.dt, steps=steps, every=every,
+            parameters=problem.parameters | {"gamma": gamma})
+
+    # ------------------------------------------------------------ the motion
+
+    def distances(self, gamma: float, times: tuple[float, ...] = TIMES) -> Array:
+        """Return the mean distance of each axis up to each time, shape (times, 3), in rad."""
+        steps = _steps(self.body, times)
+        exact, every = _exact(self.body, steps[-1])
+        errors = exact(self.run(gamma, steps[-1], every).q)[1:]
+        return np.array([sizes(errors[: count // every], exact.paths) for count in steps])
+
+    def ratios(self, rule: str = "γ_m", times: tuple[float, ...] = TIMES) -> Array:
+        """Return the distances with the γ chosen for the motion over those with a rule.
+
+        Shape (times, 3); NaN where the rule has lost the motion.
+        """
+        return self._over(self.for_motion.gamma, rule, times)
+
+    def price(self, times: tuple[float, ...] = TIMES) -> Array:
+        """Return the same for the γ chosen for the energy, over γ_m."""
+        return self._over(self.for_energy.gamma, "γ_m", times)
+
+    def _over(self, gamma: float, rule: str, times: tuple[float, ...]) -> Array:
+        other = self.rule(rule)
+        if gamma == other:
+            return np.ones((len(times), 3))
+        with_rule = self.distances(other, times)
+        lost = with_rule.max(axis=1, keepdims=True) > _LOST
+        return np.where(lost, np.nan, self.distances(gamma, times) / with_rule)
+
+    # ------------------------------------------------------------ the energy
+
+    def energy_error(self, gamma: float, times: int = 1) -> float:
+        """Return mean |H_k − H_0| over so many times the pilots' steps."""
+        return self.run(gamma, times * self.body.steps).report.energy_error_mean
+
+    def energy_gain(self, rule: str | None = None, times: int = 1) -> float:
+        """Return the error with a rule, or with the best of them, over that with the choice."""
+        names = list(MEANS_BY_SYMBOL) if rule is None else [rule]
+        best = min(self.energy_error(self.rule(name), times) for name in names)
+        return best / self.energy_error(self.for_energy.gamma, times)
+
+    def at_round_off(self, times: int = 1) -> bool:
+        """Whether a rule's energy error is round-off, where no ratio means anything."""
+        size = abs(float(self.run(self.rule("γ_m"), 1).energies[0]))
+        epsilon = 2.0**-52 * float(np.sqrt(times * self.body.steps))
+        errors = [self.energy_error(self.rule(name), times) for name in MEANS_BY_SYMBOL]
+        return min(errors) < 4 * epsilon * size
+
+
+def _steps(body: Body, times: tuple[float, ...]) -> list[int]:
+    return [round(t / body.dt) for t in times]
+
+
+@cache
+def _exact(body: Body, steps: int) -> tuple[MotionError, int]:
+    """Return what compares with the true motion, every so many steps."""
+    problem = body.make()
+    every = _KEPT if steps > 2000 else 1
+    run = stepper("G-L", 6).integrate(
+        problem.q0, problem.p0, dt=body.dt / 2, steps=2 * steps, every=2 * every,
+        parameters=problem.parameters | {"gamma": gamma_m(problem.inertia)})
+    return MotionError(run.q, run.q), every
