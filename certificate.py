@@ -483,9 +483,13 @@ class _Examination:
     def _order(self) -> Line:
         quantity, wanted = "order", self.step.order
         seen = order_seen(self.step, self.run.q[0], self.run.p[0], self.run.dt, self.parameters)
-        if seen is None or seen.spread > 0.2:
-            return told(quantity, "no two slopes agree", str(wanted),
-                        "errors are round-off, or steps are too long for the order to show")
+        if seen is None:
+            return told(quantity, "errors are round-off", str(wanted),
+                        "fewer than three errors |y_h − y_(h/2)| stand out of it")
+        if not seen.agrees:
+            slopes = ", ".join(f"{slope:.2f}" for slope in seen.slopes)
+            return told(quantity, f"slopes {slopes}", str(wanted),
+                        "no two neighbours agree to 0.2: steps are too long for the order to show")
         lacking = wanted - seen.order  # a run may happen to be better than its method
         return judged(quantity, f"{seen.order:.2f} at Δt = {seen.dt:.2g}", str(wanted),
                       "|y_h − y_(h/2)| over halved steps lacks at most 0.3", lacking, 0.3)

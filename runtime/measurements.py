@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,10 @@ Array = NDArray[Any]
 
 #: Errors below this, relative to the state, are too near round-off to show an order.
 _MEASURABLE = 1e-11
+#: How often a step is halved to see slopes.
+_HALVINGS = 6
+#: A slope below this is that of round-off: it stays where it is, or grows as steps shrink.
+_NO_ORDER = 0.5
 
 
 @dataclass(frozen=True)
@@ -121,11 +125,21 @@ def constraint_scales(
 
 @dataclass(frozen=True)
 class OrderSeen:
-    """log2 of successive errors' ratio for halved steps, and how much two such slopes differ."""
+    """log2 of successive errors' ratio for halved steps, and how much two such slopes differ.
+
+    ``slopes`` are all that were seen from one longest step on; ``order`` is the second of the two
+    neighbours among them that differ least, and ``dt`` the shortest step it was seen at.
+    """
 
     order: float
     spread: float
     dt: float
+    slopes: tuple[float, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the two slopes tell one order."""
+        return self.spread <= 0.2
 
 
 def order_seen(
@@ -133,46 +147,65 @@ def order_seen(
 ) -> OrderSeen | None:
     """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight steps of the longest.
 
-    The longest step is dt, doubled until the errors stand out of round-off or halved while they
-    do; of these measurements the one whose two slopes differ least. None if there is none.
+    The longest step is dt, doubled until three errors stand out of round-off, or halved until two
+    neighbouring slopes agree. None if there are no two.
     """
     sizes = [_largest(x) or 1.0 for x in (q, p)]
     found: list[OrderSeen] = []
-    h, direction = dt, 0
+    h, doubled = dt, False
     for _ in range(14):
         errors = _halving_errors(stepper, q, p, h, sizes, parameters)
-        if errors is None or (errors[-1] < _MEASURABLE and direction < 0):
+        seen = None if errors is None else _agreeing(errors, h)
+        if errors is None or (seen is None and found):
             break
-        if errors[-1] < _MEASURABLE:
-            h, direction = 2 * h, 1
+        if seen is None:
+            h, doubled = 2 * h, True
             continue
-        slopes = [math.log2(a / b) for a, b in pairwise(errors)]
-        if found and slopes[-1] < found[-1].order - 0.3:
-            break  # round-off that grows like 1/h, as of multipliers, has taken over
-        found.append(OrderSeen(slopes[-1], abs(slopes[-1] - slopes[-2]), h / 8))
-        if direction > 0:
+        found.append(seen)
+        if doubled or seen.agrees:
             break
-        h, direction = h / 2, -1
+        h = h / 2
     return min(found, key=lambda seen: seen.spread, default=None)
+
+
+def _agreeing(errors: list[float], h: float) -> OrderSeen | None:
+    """Return the two neighbouring slopes from step h on that differ least; None if there are none.
+
+    After two that agree the first that falls ends them: there round-off, which may grow like 1/h
+    as that of multipliers does, takes over.
+    """
+    slopes = list(takewhile(lambda slope: slope > _NO_ORDER,
+                            (math.log2(a / b) for a, b in pairwise(errors))))
+    best: OrderSeen | None = None
+    for k, (one, other) in enumerate(pairwise(slopes)):
+        if best is not None and best.agrees and other < one - 0.3:
+            break
+        seen = OrderSeen(other, abs(other - one), h / 2 ** (k + 3), tuple(slopes))
+        best = seen if best is None or seen.spread < best.spread else best
+    return best
 
 
 def _halving_errors(
     stepper: Stepper, q: Array, p: Array, h: float, sizes: list[float],
     parameters: Mapping[str, float],
 ) -> list[float] | None:
-    """Return e(h), e(h/2), e(h/4), each relative to the sizes; None if a step fails."""
-    ends = []
-    for k in range(4):
+    """Return e(h), e(h/2), … relative to the sizes, down to round-off; None if a step fails."""
+    ends: list[tuple[Array, Array]] = []
+    errors: list[float] = []
+    for k in range(_HALVINGS + 1):
         try:
             run = stepper.integrate(q, p, dt=h / 2**k, steps=8 * 2**k, parameters=parameters,
                                     every=8 * 2**k)
         except StepFailed:
             return None
         ends.append((run.q[-1], run.p[-1]))
-    return [
-        max(_largest(a - b) / size for a, b, size in zip(one, other, sizes, strict=True))
-        for one, other in pairwise(ends)
-    ]
+        if k == 0:
+            continue
+        error = max(_largest(a - b) / size for a, b, size in zip(*ends[-2:], sizes, strict=True))
+        if error < _MEASURABLE:
+            break
+        errors.append(error)
+    return errors
 
 
 # ---------------------------------------------------------------- trend

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.runtime.measurements import constraint_scales, order_seen, reversal, trend
+from gyrospark import certificate
+from gyrospark.runtime.measurements import (
+    OrderSeen,
+    constraint_scales,
+    order_seen,
+    reversal,
+    trend,
+)
 from strategies import EPS
 from test_cli import EXAMPLE
 from test_generic_system import EXAMPLES
@@ -197,6 +206,47 @@ def test_order_of_each_scheme():
         step = gs.stepper(scheme, stages)
         seen = order_seen(step, TOP.q0, TOP.p0, 1e-3, parameters)
         assert abs(seen.order - step.order) < 0.1, (scheme, stages, seen)
+
+
+class Ladder:
+    """A stepper whose end, after T, is off by a given law of the step and T."""
+
+    def __init__(self, law):
+        self.law = law
+
+    def integrate(self, q, p, *, dt, steps, **_):
+        return SimpleNamespace(q=np.array([[1.0 + self.law(dt, steps * dt)]]), p=np.array([[1.0]]))
+
+
+@pytest.mark.parametrize(("law", "dt", "order"), [
+    (lambda h, T: h**6 + 0.1 * h**8, 0.2, 6),
+    # A double pendulum's 3-G-L: slopes 6.4, 6.01, 6.00 at long steps, round-off at shorter ones.
+    (lambda h, T: (T / 0.53) ** 6 * 60 * h**6 * (1 + 1.1e6 * h**6), 0.01, 6),
+    (lambda h, T: 60 * h**6 - 4.6e7 * h**12, 0.4, 6),
+    (lambda h, T: 1e3 * h**8 + 1e5 * h**12, 0.4, 8),
+    # The error of multipliers' round-off, 1/h, is no order, nor is a plateau.
+    (lambda h, T: h**2 + 1e-9 / h * math.sin(1e5 * h), 0.1, 2),
+    (lambda h, T: h**4 + 1e-10 * math.sin(1e6 * h), 0.1, 4),
+])
+def test_two_slopes_that_agree_are_found(law, dt, order):
+    seen = order_seen(Ladder(law), np.ones(1), np.ones(1), dt, {})
+    assert seen.spread <= 0.2
+    assert seen.order == pytest.approx(order, abs=0.1)
+
+
+@pytest.mark.parametrize(("seen", "found"), [
+    (OrderSeen(6.19, 4.02, 0.02, (10.21, 6.19)), "slopes 10.21, 6.19"),
+    (None, "errors are round-off"),
+    (OrderSeen(5.95, 0.11, 0.02, (6.4, 5.84, 5.95)), "5.95 at Δt = 0.02"),
+])
+def test_what_is_said_of_the_slopes(monkeypatch, seen, found):
+    """All that were seen, where no two agree; nothing is said against the method."""
+    monkeypatch.setattr(certificate, "order_seen", lambda *_: seen)
+    run = SimpleNamespace(q=[0], p=[0], dt=0.1)
+    measured = SimpleNamespace(step=SimpleNamespace(order=6), run=run, parameters={})
+    line = certificate._Examination._order(measured)
+    assert line.found == found
+    assert line.holds in (None, True)
 
 
 def test_scale_of_the_constraint():
