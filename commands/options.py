@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,10 @@ import click
 
 from ..errors import InputError
 from ..generator.spec import Spec
+from ..runtime.endings import ending_of
 
-__all__ = ["check_picture", "check_writable", "real_number", "spec_from", "stepper_options",
-           "whole_number"]
+__all__ = ["check_ending", "check_folder", "check_picture", "check_writable", "real_number",
+           "spec_from", "stepper_options", "whole_number"]
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -72,6 +73,21 @@ def check_writable(option: str, path: Path, *, folder: bool = False) -> None:
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise InputError(f"{option} {str(path)!r}: the folder {str(path.parent)!r} is not there or "
                          "cannot be written; make it or choose another.")
+
+
+def check_folder(option: str, folder: Path) -> None:
+    """Refuse a folder to write to that cannot be made or written, before long work."""
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        raise InputError(f"{option} {str(folder)!r}: {str(there)!r} is no folder that can be "
+                         "written; choose another.")
+
+
+def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
+    """Refuse a name whose ending says something else than what can be written."""
+    if ending_of(path) not in allowed:
+        raise InputError(f"{option} {path.name!r} ends in {path.suffix!r}, which cannot be "
+                         f"written; end it in {', '.join(filter(None, allowed))}.")
 
 
 def check_picture(path: Path) -> None:

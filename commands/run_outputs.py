@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
-from .options import check_picture, check_writable
+from ..runtime.endings import ENDINGS, ending_of
+from .options import check_ending, check_picture, check_writable
 
 if TYPE_CHECKING:
     from ..runtime.stepper import Stepper
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Done", "check_targets", "integrate_to"]
 
-#: Endings of --out that are exported from a store; what is neither these nor a store is .npz.
-_EXPORTED = (".csv", ".nc")
 #: States in memory for pictures and errors of a stored run: more cannot be told apart.
 _SHOWN = 20_000
 
@@ -55,19 +54,25 @@ def check_targets(out: Path | None, plot: Path | None, *, resume: bool) -> None:
     """Refuse what cannot be written before a long run, not after it."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
+        check_ending("--out", out, ("", *ENDINGS, ".zarr"))
     if plot is not None:
         check_picture(plot)
-    if resume and (out is None or not (_is_store(out) or out.suffix in _EXPORTED)):
+    if resume and (out is None or not (_is_store(out) or _is_exported(out))):
         raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
                          "the file that it shall become, NAME.csv or NAME.nc.")
-    if out is not None and out.suffix in _EXPORTED:
+    if out is not None and _is_exported(out):
         from ..storage.export import check_export
 
         check_export(out)
 
 
 def _is_store(out: Path | None) -> bool:
-    return out is not None and out.suffix == ".zarr"
+    return out is not None and ending_of(out) == ".zarr"
+
+
+def _is_exported(out: Path) -> bool:
+    """Whether a file is made of a store that the run streams to."""
+    return ending_of(out) in (".csv", ".nc")
 
 
 def integrate_to(
@@ -75,7 +80,7 @@ def integrate_to(
     progress: Callable[[int], None] | None,
 ) -> Done:
     """Integrate and write the states; what goes wrong on the way comes with all before it."""
-    if out is None or not (_is_store(out) or out.suffix in _EXPORTED):
+    if out is None or not (_is_store(out) or _is_exported(out)):
         return _in_memory(step, out, arguments, progress)
     if _is_store(out):
         return _stored(step, out, str(out), arguments, progress, resume=resume, seed=seed)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import GyrosparkError, InputError, Stopped
-from .options import check_picture, check_writable, whole_number
+from .options import check_ending, check_picture, check_writable, whole_number
 
 if TYPE_CHECKING:
     from ..sweeps.estimate import Estimate
@@ -58,6 +58,7 @@ def sweep(
 
     store = out if out is not None else Path(f"{study.stem}.zarr")
     check_writable("--out", store, folder=True)
+    check_ending("--out", store, ("", ".zarr"))
     if plot is not None:
         check_picture(plot)
     loaded = load_study(study)

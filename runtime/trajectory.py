@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import GyrosparkError, InputError
 from . import quaternion
+from .endings import ENDINGS, ending_of
 from .manifest import sizes_of
 
 __all__ = ["Report", "Trajectory"]
@@ -24,6 +25,8 @@ _FORMAT = 2
 _QUADS = ("q", "p", "multipliers", "energies", "g_errors", "f_errors", "work", "quantity_values")
 _ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
            "quantity_values")
+#: Names of the columns of q, p and quantity_values, for other readers of the file.
+_NAMES = ("coordinates", "momenta", "quantities")
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,16 @@ class Trajectory:
         return error
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The name of each coordinate, of a column of ``q``."""
+        return tuple(self.manifest["system"]["coordinates"])
+
+    @property
+    def momenta(self) -> tuple[str, ...]:
+        """The name of each momentum, of a column of ``p``."""
+        return tuple(self.manifest["system"]["momenta"])
+
+    @property
     def quantities(self) -> tuple[str, ...]:
         """The names that ``quantity`` takes."""
         return tuple(self.manifest["system"].get("quantities", ()))
@@ -188,16 +201,35 @@ class Trajectory:
     # ------------------------------------------------------------ file
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a compressed .npz with all arrays, parameters, report and manifest.
+        """Write the states to a file, which appears complete or not at all; return its path.
 
-        The file appears complete or not at all. Returns the path, with ``.npz`` appended if it
-        was missing.
+        - .npz (also where the name has no ending): all arrays with all their digits, the names of
+          their columns, parameters, report and manifest: what ``load`` reads.
+        - .csv: a column a number, under the names of coordinates, momenta and quantities.
+        - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (``pip install gyrospark[netcdf]``).
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        GyrosparkError
+            If the file cannot be written.
         """
         target = Path(path)
         if not target.name:
             raise InputError(f"{str(path)!r} is no file name; give one ending in .npz.")
-        if target.suffix != ".npz":
+        if ending_of(target) == "":
             target = target.with_name(target.name + ".npz")
+        if ending_of(target) not in ENDINGS:
+            raise InputError(f"A trajectory cannot be written as {target.name!r}; end it in "
+                             f"{', '.join(ENDINGS)}.")
+        if ending_of(target) == ".npz":
+            return self._save_npz(target)
+        from ..storage.export import save_table  # Zarr and its like cost time
+
+        return save_table(self, target)
+
+    def _save_npz(self, target: Path) -> Path:
         about = {
             "format": _FORMAT,
             "dt": self.dt,
@@ -209,8 +241,10 @@ class Trajectory:
         part = target.with_name(f".{target.name}.{os.getpid()}.part")
         try:
             with part.open("wb") as file:
-                np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(about)),
-                                    **{name: _storable(getattr(self, name)) for name in _ARRAYS})
+                np.savez_compressed(
+                    file, allow_pickle=False, about=np.array(json.dumps(about)),
+                    **{name: np.array(getattr(self, name), dtype=str) for name in _NAMES},
+                    **{name: _storable(getattr(self, name)) for name in _ARRAYS})
             part.replace(target)
         except OSError as error:
             with contextlib.suppress(OSError):
@@ -281,7 +315,10 @@ class Trajectory:
             raise ValueError("a number is of another type")
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw axis trace, energy error and constraint errors; see ``plots.draw``."""
+        """Draw axis trace, energy error and constraint errors; write them where a path is given.
+
+        Returns a matplotlib figure, which Jupyter shows; see ``plots.draw``.
+        """
         from .plots import draw  # matplotlib is optional
 
         return draw(self, path)

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import zarr
@@ -25,12 +26,9 @@ from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
 
-if TYPE_CHECKING:
-    from ..runtime.stepper import Stepper
-
 __all__ = ["CHECKPOINT", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
-           "block_rows", "consolidate", "create", "create_array", "fields_of", "open_group",
-           "wide_name"]
+           "block_rows", "consolidate", "create", "create_array", "fields_of", "labels_of",
+           "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
@@ -93,12 +91,13 @@ def wide_name(name: str) -> str:
     return f"{name}_bytes"
 
 
-def fields_of(stepper: Stepper) -> list[Field]:
-    """Return the arrays of a run of this stepper."""
-    system, real = stepper.manifest["system"], stepper.manifest["real"]
+def fields_of(manifest: dict[str, Any]) -> list[Field]:
+    """Return the arrays of a run of the stepper with this manifest."""
+    system, real = manifest["system"], manifest["real"]
     wide = real in ("long-double", "float128")
     dtype = "f4" if real == "float" else "f8"
     body = system["rigid_body"]
+    n, m = len(system["coordinates"]), len(system["constraints"])
 
     def numbers(name: str, long_name: str, *inner: tuple[str, int], units: str = "",
                 **more: Any) -> Field:
@@ -107,23 +106,36 @@ def fields_of(stepper: Stepper) -> list[Field]:
 
     found = [
         Field("time", (), {"long_name": "time", "units": "s"}),
-        numbers("q", "coordinates", ("coordinate", stepper.n), units="1" if body else "",
+        numbers("q", "coordinates", ("coordinate", n), units="1" if body else "",
                 components=list(system["coordinates"])),
-        numbers("p", "momenta", ("coordinate", stepper.n), units="kg m2 s-1" if body else ""),
+        numbers("p", "momenta", ("coordinate", n), units="kg m2 s-1" if body else "",
+                components=list(system["momenta"])),
         numbers("energy", "Hamiltonian of the stepper's own form", units="J" if body else ""),
         numbers("g_error", "largest |g(q)|"),
         numbers("f_error", "largest |g_q H_p|; |q.p| of a body"),
         Field("iterations", (), {"long_name": "most iterations of a step since the last state"},
               "i4"),
     ]
-    if stepper.binding.multipliers:
-        nodes = stepper.binding.multipliers // stepper.m
-        inner = (("node", nodes), *([("constraint", stepper.m)] if stepper.m > 1 else []))
+    if m:
+        inner = (("node", manifest["scheme"]["multipliers"]),
+                 *([("constraint", m)] if m > 1 else []))
         found.append(numbers("multipliers", "multipliers of the step that ends here", *inner))
-    if stepper.binding.has_forces:
+    if "forces" in system:
         found.append(numbers("work", "work of the forces since the start"))
     found += [numbers(QUANTITY + name, f"quantity {name} of the system")
-              for name in stepper.binding.quantity_names]
+              for name in system.get("quantities", ())]
+    return found
+
+
+def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
+    """Return the names along each dimension that has some, and what they are.
+
+    A momentum stands where the coordinate does to which it belongs.
+    """
+    found = {"coordinate": (list(system["coordinates"]), "name of the coordinate")}
+    names = list(system.get("constraint_names", ()))
+    if len(names) > 1:
+        found["constraint"] = names, "name of the constraint"
     return found
 
 

@@ -25,7 +25,7 @@ from ..runtime.gamma_choice import with_choice
 from ..runtime.integration import Rows, Run, advance, next_chunk
 from ..runtime.trajectory import Report
 from .checkpoint import State, pack, room, unpack
-from .durable import remove_parts, storage_errors, store_path
+from .durable import new_store_path, remove_parts, storage_errors
 from .fresh import appearing, is_new
 from .identity import identity_of, refuse_if_different, versions
 from .interrupts import Interrupts, watched
@@ -49,6 +49,8 @@ __all__ = ["record"]
 
 #: What helps where a store cannot be made.
 _NEW = "Nothing is stored yet: free some space, or choose another place."
+#: What makes a file of a stored run.
+_AS_FILE = "What record(...) returns is then written by .export('run.csv')."
 #: Seconds between two commits: what a killed run computes again, at most.
 COMMIT_SECONDS = 5.0
 
@@ -108,7 +110,7 @@ def record(
     parameters = with_choice(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
     run = stepper.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-    path, drawn = store_path(out), _as_seed(seed)
+    path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
     with claim(path):
         group = _opened(stepper, run, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
@@ -138,7 +140,7 @@ def _opened(
     }
     with storage_errors(path, _NEW):
         with appearing(path) as fresh:
-            create(fresh, fields_of(stepper), run.rows + 1, room(stepper.binding), about)
+            create(fresh, fields_of(stepper.manifest), run.rows + 1, room(stepper.binding), about)
         return open_group(path, write=True)
 
 
@@ -149,7 +151,7 @@ def _begun_earlier(
     kept = Recording(path)
     refuse_if_different(kept.attributes["run"], identity, f"The store {str(path)!r}")
     with storage_errors(path, CURE):
-        refuse_other_arrays(path, kept.group(), fields_of(stepper), run.rows + 1,
+        refuse_other_arrays(path, kept.group(), fields_of(stepper.manifest), run.rows + 1,
                             room(stepper.binding))
         remove_parts(path)
         return kept.group(write=True)
@@ -169,7 +171,7 @@ class _Course:
 
     def __init__(self, stepper: Stepper, run: Run, path: Path, group: zarr.Group) -> None:
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
-        self.fields = fields_of(stepper)
+        self.fields = fields_of(stepper.manifest)
         self.block = array_of(group, "time").chunks[0]
         self.parameters = self.binding.parameters(run.parameters, run.t0)
         self.state, self.first, self.rows = self._begun()

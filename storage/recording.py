@@ -14,7 +14,7 @@ from ..errors import InputError, StepFailed
 from ..runtime.binding import DTYPES
 from ..runtime.trajectory import Report, Trajectory
 from .durable import one_line, store_path
-from .layout import QUANTITY, array_of, open_group, wide_name
+from .layout import QUANTITY, array_of, labels_of, open_group, wide_name
 from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, sound_attributes
 from .wide import from_bytes
 
@@ -86,7 +86,11 @@ class Recording:
 
     @property
     def dataset(self) -> xarray.Dataset:
-        """The states as an xarray Dataset along ``time``; values are read when they are used."""
+        """The states as an xarray Dataset along ``time``; values are read when they are used.
+
+        Coordinates go by their names: ``dataset.q.sel(coordinate="x")``, and so does the momentum
+        that belongs to one.
+        """
         import xarray
 
         refuse_missing_blocks(self.path, self.group(), 0, self.states)
@@ -95,7 +99,10 @@ class Recording:
         except UNREADABLE as error:
             raise InputError(f"{str(self.path)!r} is damaged: {one_line(error)}.") from error
         kept: xarray.Dataset = whole[self.attributes["arrays"]].isel(time=slice(0, self.states))
-        return kept
+        return kept.assign_coords({
+            dimension: (dimension, names, {"long_name": meaning})
+            for dimension, (names, meaning) in labels_of(self.attributes["manifest"]["system"])
+            .items() if dimension in kept.dims})
 
     def failure(self) -> StepFailed:
         """Return the error of a failed run; its trajectory has the last states."""

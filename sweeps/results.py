@@ -27,6 +27,7 @@ from ..storage.layout import (
     attributes_of,
     consolidate,
     create_array,
+    labels_of,
     open_group,
 )
 from .axes import SCHEME
@@ -145,7 +146,7 @@ class Memory:
                             f.attributes) for f in self._fields}
         coordinates = {name: (inner, _labelled(name, values, said))
                        for name, (inner, values, said) in _coordinates(self._study).items()}
-        return xarray.Dataset(results, coordinates, attributes)
+        return _named(xarray.Dataset(results, coordinates, attributes))
 
 
 class Store:
@@ -215,6 +216,15 @@ def _labelled(name: str, values: Array, attributes: dict[str, Any]) -> Array:
     return values if name != SCHEME else np.array(attributes["labels"])[values]
 
 
+def _named(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Return a result whose coordinates go by the names that the system gives them."""
+    system = next(iter(dataset.attrs["manifests"].values()))["system"]
+    found: xarray.Dataset = dataset.assign_coords({
+        dimension: (dimension, names, {"long_name": meaning})
+        for dimension, (names, meaning) in labels_of(system).items() if dimension in dataset.dims})
+    return found
+
+
 def done_tiles(path: Path) -> set[tuple[int, ...]]:
     """Return the places of the tiles whose last array is on the disk."""
     root = path / STATUS / "c"
@@ -256,8 +266,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
             found = found.assign_coords({SCHEME: (scheme.dims, _labelled(
                 SCHEME, np.asarray(scheme), scheme.attrs))})
         axes = [name for name in found.variables if name not in names]
-        kept: xarray.Dataset = found.set_coords(axes)[names]
-        return kept
+        return _named(found.set_coords(axes)[names])
     except PermissionError as error:
         raise InputError(f"{str(root)!r} cannot be read: {error.strerror}.") from error
     except (OSError, ValueError, KeyError, TypeError, IndexError) as error:

@@ -13,7 +13,7 @@ import numpy as np
 from .._version import __version__
 from ..errors import InputError, Stopped, StorageError
 from ..runtime.checks import as_positive_count
-from ..storage.durable import remove_parts, storage_errors
+from ..storage.durable import new_store_path, remove_parts, storage_errors
 from ..storage.fresh import appearing, is_new
 from ..storage.identity import number_text, refuse_if_different, versions
 from ..storage.interrupts import Interrupts, watched
@@ -42,6 +42,8 @@ __all__ = ["Progress", "run_study", "sweep"]
 
 #: Of the layout of stores; another one is refused.
 _FORMAT = 1
+#: What makes a file of a sweep.
+_AS_FILE = "xarray writes the dataset that sweep(...) returns: .to_netcdf('sweep.nc')."
 #: Called with the number of cells that are done, and how many there are.
 Progress = Callable[[int, int], None]
 
@@ -146,7 +148,7 @@ def run_study(
         memory = Memory(study, fields)
         _compute(study, fields, set(), memory, threads, client, progress, None)
         return memory.dataset(attributes)
-    path = Path(out)
+    path = new_store_path(out, _AS_FILE)
     with claim(path):
         with storage_errors(path, CURE):
             _prepare(study, fields, path, attributes, resume)

@@ -70,7 +70,8 @@ def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path):
 
 
 @pytest.mark.parametrize("arguments", [
-    ["--out", "none/s.zarr"], ["--workers", "x"], ["--show", "q"], ["--plot", "s.txt"],
+    ["--out", "none/s.zarr"], ["--out", "s.csv"], ["--workers", "x"], ["--show", "q"],
+    ["--plot", "s.txt"],
     pytest.param(["--dask", "tcp://127.0.0.1:1"], marks=pytest.mark.slow)])
 def test_wrong_options_end_in_one_sentence(arguments, tmp_path):
     study_file(tmp_path)
