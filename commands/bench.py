@@ -15,7 +15,7 @@ import click
 from ..errors import InputError
 from .bench_tables import PRINT
 from .generate import write_files
-from .options import real_number, whole_number
+from .options import check_folder, real_number, whole_number
 
 if TYPE_CHECKING:
     from ..benchmarks.bodies import BodyRow
@@ -93,6 +93,11 @@ def bench(
     if what not in (*_WHAT, "all"):
         raise InputError(f"Unknown benchmark {what!r}; choose {', '.join(_WHAT)} or all.")
     choice = _checked(peers, quick, t_end, rounds, base)
+    if out is not None:  # before hours of work
+        from ..runtime.plots import figure_class
+
+        check_folder("--out", out)
+        figure_class()
     names = [part for name in (_WHAT if what == "all" else (what,))
              for part in _PARTS.get(name, (name,))]
     results: dict[str, Any] = {}
