@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..runtime.trajectory import Trajectory
     from ..storage.recording import Recording
 
-__all__ = ["Done", "check_targets", "integrate_to"]
+__all__ = ["Done", "check_targets", "integrate_to", "where_it_is"]
 
 #: States in memory for pictures and errors of a stored run: more cannot be told apart.
 _SHOWN = 20_000
@@ -95,7 +95,7 @@ def _exported(
 
     Whatever ends the process, --resume goes on.
     """
-    store = out.with_name(f".{out.name}.zarr")
+    store = store_beside(out)
     if not resume:
         _remove(store)
     done = _stored(step, store, str(out), arguments, progress, resume=resume, seed=seed)
@@ -105,9 +105,28 @@ def _exported(
         saved = StorageError(f"{error} The states are in {str(store)!r}: the same command with "
                              "--resume, or gyrospark export, writes them.")
         return replace(done, out=None, trouble=done.trouble or saved)
-    if not isinstance(done.trouble, Stopped):
-        _remove(store)
+    except Exception as error:
+        error.add_note(f"The states are in {str(store)!r}; gyrospark export writes them.")
+        raise
+    if isinstance(done.trouble, Stopped) and done.last.report.steps < arguments["steps"]:
+        return done  # the store goes on
+    _remove(store)
     return done
+
+
+def store_beside(out: Path) -> Path:
+    """Return the store in which a run waits that becomes a file of another kind."""
+    return out.with_name(f".{out.name}.zarr")
+
+
+def where_it_is(out: Path | None) -> str:
+    """Return a sentence on what a run that ended at once has left; empty if that is nothing."""
+    if out is None or not (_is_store(out) or _is_exported(out)):
+        return ""
+    store = out if _is_store(out) else store_beside(out)
+    if not store.exists():
+        return ""
+    return f"What is stored in {str(store)!r} is whole: the same command with --resume goes on."
 
 
 def _remove(store: Path) -> None:
@@ -123,12 +142,14 @@ def _in_memory(
     step: Stepper, out: Path | None, arguments: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> Done:
-    trouble: GyrosparkError | None = None
+    trouble: GyrosparkError | Stopped | None = None
     written = None
     started = time.perf_counter()
     try:
         trajectory = step.integrate(**arguments, progress=progress)
-    except StepFailed as error:
+    except (StepFailed, Stopped) as error:
+        if error.trajectory is None:  # a pilot run was stopped, and none of this one is done
+            raise
         trouble, trajectory = error, error.trajectory
     seconds = time.perf_counter() - started
     try:
@@ -136,7 +157,19 @@ def _in_memory(
             written = str(trajectory.save(out))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = trouble or error
+    if isinstance(trouble, Stopped):
+        trouble = _told(trouble, trajectory.report.steps, arguments["steps"], written)
     return Done(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble)
+
+
+def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
+    """Return what a signal has ended with where its states are, for people."""
+    from ..runtime.integration import ended_at
+
+    where = "--out would keep its states." if written is None else f"It is in {written!r}."
+    if done < steps and written is not None:
+        where = f"Everything up to there is in {written!r}."
+    return Stopped(f"{ended_at(done, steps)} {where}", stopped.signal)
 
 
 def _stored(

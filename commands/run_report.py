@@ -6,7 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from ..errors import StepFailed
+from ..errors import StepFailed, Stopped
 from ..runtime.inertia import AIMS
 
 if TYPE_CHECKING:
@@ -79,6 +79,8 @@ def result_of(start: Start, step: Stepper, done: Done) -> dict[str, Any]:
     if isinstance(done.trouble, StepFailed):
         failure = done.trouble
         result["failed"] = {"step": failure.step, "t": failure.t, "reason": failure.reason}
+    if isinstance(done.trouble, Stopped):
+        result["stopped"] = {"step": report.steps, "signal": done.trouble.signal}
     if done.out is not None:
         result["out"] = done.out
     return result

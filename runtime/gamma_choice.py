@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError
+from ..errors import InputError, Stopped
 from .checks import as_positive_count, as_step
 from .gamma_law import REACH, Search
 from .gamma_pilots import WORTHWHILE, Pilot, Pilots
@@ -193,8 +193,12 @@ def with_choice(
     if not isinstance(parameters, Mapping) or not any(map(_is_auto, parameters.values())):
         return parameters
     run = as_positive_count("steps", steps)
-    choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters,
-                          steps=min(max(run, 2), PILOT_STEPS), run_steps=run, t0=t0)
+    try:
+        choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters,
+                              steps=min(max(run, 2), PILOT_STEPS), run_steps=run, t0=t0)
+    except Stopped as stopped:  # its trajectory is a pilot's
+        raise Stopped("Stopped before the first step, while γ was chosen.", stopped.signal
+                      ) from None
     return {**parameters, **choice.values}
 
 

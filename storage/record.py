@@ -22,13 +22,13 @@ from numpy.typing import ArrayLike
 from ..errors import InputError, Stopped
 from ..runtime.binding import REASONS
 from ..runtime.gamma_choice import with_choice
-from ..runtime.integration import Rows, Run, advance, next_chunk
+from ..runtime.integration import Pace, Rows, Run, advance, ended_at, next_chunk
+from ..runtime.interrupts import Interrupts, watched
 from ..runtime.trajectory import Report
 from .checkpoint import State, pack, room, unpack
 from .durable import new_store_path, remove_parts, storage_errors
 from .fresh import appearing, is_new
 from .identity import identity_of, refuse_if_different, versions
-from .interrupts import Interrupts, watched
 from .layout import (
     CHECKPOINT,
     array_of,
@@ -175,6 +175,7 @@ class _Course:
         self.block = array_of(group, "time").chunks[0]
         self.parameters = self.binding.parameters(run.parameters, run.t0)
         self.state, self.first, self.rows = self._begun()
+        self.pace = Pace()
 
     # ------------------------------------------------------------ where it stands
 
@@ -239,11 +240,11 @@ class _Course:
                                                 self.run, self.block))
             self._compute(writer, interrupts, progress)
             self._commit(writer)
-        if interrupts.asked and self.state.steps < self.run.steps and not self.state.status:
-            raise Stopped(
-                f"Stopped at step {self.state.steps:,} of {self.run.steps:,}; everything up to "
-                f"there is in {str(self.path)!r}. The same command with --resume goes on.",
-                interrupts.signal)
+        if interrupts.asked and not self.state.status:
+            rest = ("It is" if self.state.steps == self.run.steps else
+                    "The same command with --resume goes on: everything up to there is")
+            raise Stopped(f"{ended_at(self.state.steps, self.run.steps)} {rest} in "
+                          f"{str(self.path)!r}.", interrupts.signal)
 
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
@@ -264,11 +265,12 @@ class _Course:
     def _advance(self, place: int) -> None:
         """Compute the next piece into the block, from that row on."""
         state, rows = self.state, self.rows
-        count, every = next_chunk(self.run, state.steps, self.block - place)
+        count, every = next_chunk(self.run, state.steps, self.pace.begin(), self.block - place)
         most = rows.iterations[place]  # of the pieces before, where a row takes several
         status = advance(self.binding, self.run, self.parameters, count, every, state.q, state.p,
                          _out(rows, place), state.report, state.work)
         rows.iterations[place] = max(most, rows.iterations[place])
+        self.pace.end(count)
         self.state = State(state.q, state.p, state.report, state.work, status=status)
 
     # ------------------------------------------------------------ committing

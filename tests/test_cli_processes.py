@@ -124,7 +124,7 @@ def test_interrupt_ends_a_long_run(every, tmp_path):
         time.sleep(0.3)
         asked = time.monotonic()
         process.send_signal(signal.SIGINT)
-        said = read_until(terminal, b"Interrupted")
+        said = read_until(terminal, b"Stopped at step")
         code = process.wait(60)
         assert time.monotonic() - asked < 30
     finally:
@@ -133,7 +133,7 @@ def test_interrupt_ends_a_long_run(every, tmp_path):
         os.close(terminal)
         process.stdout.close()
     assert code == 130
-    assert b"Interrupted" in said
+    assert b"Stopped at step" in said
     assert b"Traceback" not in said
 
 

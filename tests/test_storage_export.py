@@ -296,7 +296,7 @@ def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):  # noqa: 
 
 def test_stopped_export_goes_on(gl3, gyrospark, monkeypatch, tmp_path):  # noqa: F811
     """A signal: the file has the states so far, the store beside it goes on."""
-    from gyrospark.storage.interrupts import Interrupts
+    from gyrospark.runtime.interrupts import Interrupts
 
     long = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
             "20000", "--every", "10", "--out", "x.csv"]
