@@ -13,9 +13,10 @@ import click
 from ..errors import InputError
 from ..generator.spec import Spec
 from ..runtime.endings import ending_of
+from ..runtime.notices import hush
 
-__all__ = ["check_ending", "check_folder", "check_picture", "check_writable", "real_number",
-           "spec_from", "stepper_options", "whole_number"]
+__all__ = ["check_ending", "check_folder", "check_picture", "check_writable", "json_option",
+           "real_number", "spec_from", "stepper_options", "whole_number"]
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -34,6 +35,18 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --json, with which nothing is said on the way."""
+
+    def choose(context: click.Context, parameter: click.Parameter, value: bool) -> bool:
+        if value:
+            hush()
+        return value
+
+    return click.option("--json", "as_json", is_flag=True, callback=choose,
+                        help="Print one JSON document and nothing else.")(function)
 
 
 def spec_from(

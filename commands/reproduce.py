@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import MissingDependencyError
+from ..runtime.notices import hushed
 from .generate import write_files
-from .options import check_folder, check_writable
+from .options import check_folder, check_writable, json_option
 
 if TYPE_CHECKING:
     from ..studies.model import Claim, Result, Table
@@ -28,7 +29,7 @@ _COLOURS = {"agrees": "green", "round-off": "blue", "misprint": "yellow", "diffe
 @click.argument("name")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
               help="Write DIR/index.html with JSON, CSV and SVG beside it (for all: report).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 @click.option("--summary", type=click.Path(path_type=Path), metavar="FILE",
               help="Write what was found as Markdown; docs/paper.md is made like this.")
 def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) -> int:
@@ -117,7 +118,7 @@ def _progress(
     columns = (TextColumn("{task.fields[result]:>14}"), BarColumn(),
                TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeElapsedColumn(),
                TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with hushed(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, result="")
         yield (lambda name, done: bar.update(task, completed=done, result=name, description=""),
                lambda text: bar.update(task, description=text))

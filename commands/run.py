@@ -17,7 +17,7 @@ from ..generator.spec import is_model_file
 from ..runtime.inertia import AIMS
 from ..runtime.interrupts import watched
 from ..runtime.start import Start
-from .options import real_number, spec_from, stepper_options, whole_number
+from .options import json_option, real_number, spec_from, stepper_options, whole_number
 from .run_outputs import check_targets, integrate_to, where_it_is
 from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 
@@ -65,7 +65,7 @@ _BAR_FROM = 20_000
               help="Kept with a stored run: of the random numbers that made its start.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 def run(
     problem: str, gamma: str | None, alpha: str | None, dt: str | None, steps: str | None,
     every: str, solver: str, tolerance: str | None, max_iterations: str, settings: tuple[str, ...],

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import GyrosparkError, InputError, Stopped
-from .options import check_ending, check_picture, check_writable, whole_number
+from .options import check_ending, check_picture, check_writable, json_option, whole_number
 
 if TYPE_CHECKING:
     from ..sweeps.estimate import Estimate
@@ -39,7 +39,7 @@ __all__ = ["sweep"]
               help="Draw a result over the axes (.png, .svg, .pdf).")
 @click.option("--show", metavar="RESULT", default="energy_error_max", show_default=True,
               help="The result to draw and to summarise.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 def sweep(
     study: Path, out: Path | None, resume: bool, workers: str | None, dask: str | None,
     dry_run: bool, plot: Path | None, show: str, as_json: bool,
