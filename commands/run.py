@@ -59,8 +59,8 @@ _BAR_FROM = 20_000
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
               help="Write the states: .zarr (streamed, for runs of any length), .npz, .csv, .nc.")
 @click.option("--resume", is_flag=True,
-              help="Go on with the run in --out NAME.zarr (.csv, .nc), to the same bits; begin it "
-                   "if there is none.")
+              help="Go on with the run in --out NAME.zarr (.csv, .nc), to the same bits; also to "
+                   "more --steps. Begin it if there is none.")
 @click.option("--seed", metavar="N",
               help="Kept with a stored run: of the random numbers that made its start.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",

@@ -5,19 +5,21 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._version import __version__
 from ..errors import GyrosparkError, InputError
 from . import quaternion
 from .endings import ENDINGS, ending_of
 from .manifest import sizes_of
 
-__all__ = ["Report", "Trajectory"]
+__all__ = ["Report", "Trajectory", "known_fields"]
 
 Array = NDArray[Any]
 _FORMAT = 2
@@ -267,13 +269,15 @@ class Trajectory:
             # Opened here because np.load leaves a damaged file open.
             with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 about = json.loads(str(file["about"]))
+                if about["format"] != _FORMAT:
+                    raise InputError(
+                        f"{str(path)!r} was written by gyrospark {about['manifest']['generator']} "
+                        f"in format {about['format']}; this is gyrospark {__version__}, which "
+                        f"reads format {_FORMAT}.")
                 arrays = {name: file[name] for name in _ARRAYS}
-            if about["format"] != _FORMAT:
-                raise InputError(f"{str(path)!r} has format {about['format']}; this version "
-                                 f"reads {_FORMAT}.")
             if about["manifest"]["real"] == "float128":
                 arrays |= {name: _from_bytes(arrays[name]) for name in _QUADS}
-            report = about["report"]
+            report = known_fields(Report, about["report"])
             report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
             loaded = cls(**arrays, dt=about["dt"], every=about["every"],
                          parameters=about["parameters"], report=Report(**report),
@@ -322,6 +326,11 @@ class Trajectory:
         from .plots import draw  # matplotlib is optional
 
         return draw(self, path)
+
+
+def known_fields(kind: type, kept: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries for a dataclass's fields: a later version may have written more."""
+    return {field.name: kept[field.name] for field in fields(kind) if field.name in kept}
 
 
 def _storable(array: Array) -> Array:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,12 +26,14 @@ from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
 
-__all__ = ["CHECKPOINT", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
-           "block_rows", "consolidate", "create", "create_array", "fields_of", "labels_of",
-           "open_group", "wide_name"]
+__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
+           "block_rows", "consolidate", "create", "create_array", "extend", "fields_of",
+           "labels_of", "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
+#: The attribute with the rows that the arrays are about to have.
+EXTENDS = "extends_to_rows"
 #: What the names of a system's own quantities begin with.
 QUANTITY = "quantity_"
 #: A block is written whole, and forcing it to the disk takes some ten times 1 ms however small it
@@ -165,6 +167,20 @@ def create(
     consolidate(path)
 
 
+def extend(path: Path, names: Iterable[str], rows: int, attributes: Mapping[str, Any]) -> None:
+    """Give the arrays of a store so many rows, and then the store these attributes.
+
+    A process may end between any two files: until all is done the store says ``EXTENDS``, and its
+    arrays have their old number of rows or the new one.
+    """
+    group = open_group(path, write=True)
+    group.update_attributes({EXTENDS: rows})
+    for name in names:
+        array = array_of(group, name)
+        array.resize((rows, *array.shape[1:]))
+    consolidate(path, {**attributes, EXTENDS: None})
+
+
 def create_array(
     group: zarr.Group, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], dtype: Any,
     fill: float, dimensions: list[str], attributes: dict[str, Any],
@@ -176,12 +192,13 @@ def create_array(
                               dimension_names=dimensions, attributes=attributes)
 
 
-def consolidate(path: Path) -> None:
+def consolidate(path: Path, attributes: Mapping[str, Any] | None = None) -> None:
     """Repeat what each array says of itself in the group: readers then open one file, not ten.
 
-    xarray warns where it does not find it. Arrays never change once they are made.
+    xarray warns where it does not find it. ``attributes`` of the group change at the same instant.
     """
     root = json.loads((path / _METADATA).read_bytes())
+    root["attributes"] |= attributes or {}
     arrays = {file.parent.name: json.loads(file.read_bytes())
               for file in sorted(path.glob(f"*/{_METADATA}"))}
     root["consolidated_metadata"] = {"kind": "inline", "must_understand": False,

@@ -31,8 +31,10 @@ from .fresh import appearing, is_new
 from .identity import identity_of, refuse_if_different, versions
 from .layout import (
     CHECKPOINT,
+    EXTENDS,
     array_of,
     create,
+    extend,
     fields_of,
     open_group,
     wide_name,
@@ -88,7 +90,8 @@ def record(
     out : path
         The store, a folder; by custom its name ends in ``.zarr``.
     resume : bool
-        Go on with the run in ``out``; begins it if there is none.
+        Go on with the run in ``out``; begins it if there is none. With more steps than it began
+        with it goes on to these, finished or not.
     seed : int, optional
         Of the random numbers that made this start, if it was drawn: kept with the run, not used.
 
@@ -128,12 +131,8 @@ def _opened(
     identity = identity_of(stepper, run)
     if not is_new(path, resume, "run"):
         return _begun_earlier(stepper, run, path, identity)
-    about = {
-        "title": f"{stepper.name}: {run.steps} steps of {run.dt:g} s",
-        "status": RUNNING,
+    about = _course(stepper, run, identity) | {
         "steps_done": 0,
-        "states": 0,
-        "run": identity,
         "seed": seed,
         "versions": versions(),
         "manifest": stepper.manifest,
@@ -147,14 +146,36 @@ def _opened(
 def _begun_earlier(
     stepper: Stepper, run: Run, path: Path, identity: dict[str, Any]
 ) -> zarr.Group:
-    """Return the group of a store that is there, and holds this run."""
+    """Return the group of a store that is there, and holds this run, or its first steps."""
     kept = Recording(path)
-    refuse_if_different(kept.attributes["run"], identity, f"The store {str(path)!r}")
+    begun = kept.attributes["run"]
+    longer = run.steps > begun["steps"] and not kept.status.startswith(FAILED)
+    refuse_if_different(begun | ({"steps": run.steps} if longer else {}), identity,
+                        f"The store {str(path)!r}")
     with storage_errors(path, CURE):
+        if longer or kept.attributes.get(EXTENDS) is not None:
+            extend(path, kept.attributes["arrays"], run.rows + 1,
+                   _course(stepper, run, identity, kept) if longer else {})
         refuse_other_arrays(path, kept.group(), fields_of(stepper.manifest), run.rows + 1,
                             room(stepper.binding))
         remove_parts(path)
         return kept.group(write=True)
+
+
+def _course(
+    stepper: Stepper, run: Run, identity: dict[str, Any], kept: Recording | None = None
+) -> dict[str, Any]:
+    """Return what a store says of a run that is begun, or that has more steps than it ``kept``.
+
+    A last state between two that are stored is none of the longer run's.
+    """
+    begun = kept is not None and kept.report is not None
+    return {
+        "title": f"{stepper.name}: {run.steps} steps of {run.dt:g} s",
+        "status": RUNNING,
+        "states": kept.steps_done // run.every + 1 if kept is not None and begun else 0,
+        "run": identity,
+    }
 
 
 def _as_seed(seed: Any) -> int | None:
@@ -279,8 +300,8 @@ class _Course:
         """Hand over the block as far as it is filled, and where the run stands."""
         state, run = self.state, self.run
         count = self._states(state) - self.first
-        unfinished = state.steps < run.steps and state.steps % run.every
-        most = int(self.rows.iterations[count]) if unfinished else 0
+        place = state.steps // run.every + 1 - self.first  # of a row that is begun
+        most = int(self.rows.iterations[place]) if state.steps % run.every else 0
         kept = State(state.q, state.p, state.report, state.work, most, state.status)
         rows = self.rows
         if count < self.block:  # more rows come into it while these are written

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, StepFailed
 from ..runtime.binding import DTYPES
-from ..runtime.trajectory import Report, Trajectory
+from ..runtime.trajectory import Report, Trajectory, known_fields
 from .durable import one_line, store_path
 from .layout import QUANTITY, array_of, labels_of, open_group, wide_name
 from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, sound_attributes
@@ -180,7 +180,7 @@ def stored_values(
 
 
 def _report(kept: dict[str, Any]) -> Report:
-    """Return a report from JSON, which knows no tuples."""
+    """Return a report from JSON, which knows no tuples, and may have more fields than we know."""
     report: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
-                              for name, value in kept.items()}
+                              for name, value in known_fields(Report, kept).items()}
     return Report(**report)

@@ -7,18 +7,19 @@ would otherwise be an error somewhere else, or a wrong number.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
 
+from .._version import __version__
 from ..errors import InputError
 from ..runtime.binding import DTYPES
-from ..runtime.trajectory import Report
-from .identity import FORMAT
-from .layout import CHECKPOINT, Field, array_of, attributes_of, wide_name
+from ..runtime.trajectory import Report, known_fields
+from .identity import FORMAT, written_by
+from .layout import CHECKPOINT, EXTENDS, Field, array_of, attributes_of, wide_name
 
 __all__ = ["COMPLETE", "FAILED", "RUNNING", "UNREADABLE", "refuse_missing_blocks",
            "refuse_other_arrays", "sound_attributes"]
@@ -48,14 +49,24 @@ def sound_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
         raise InputError(f"{str(path)!r} is not a run that gyrospark stored, or damaged: what it "
                          "says of itself is missing; give a folder that `gyrospark run --out "
                          "X.zarr` made.")
+    writer = run.get("gyrospark")
     if run["format"] != FORMAT:
-        raise InputError(f"{str(path)!r} has format {run['format']}; this version reads {FORMAT}. "
-                         "Use the version of gyrospark that wrote it.")
-    for complaint in (*_about_run(run), *_about_manifest(about)):
-        raise _damaged(path, complaint)
-    for complaint in (*_about_course(about, run), *_about_arrays(about, group)):
-        raise _damaged(path, complaint)
+        raise written_by(path, writer, f"its format is {run['format']}, and {FORMAT} is known here")
+    for complaint in _complaints(about, run, group):
+        raise (_damaged(path, complaint) if writer in (None, __version__) else
+               written_by(path, writer, complaint))
     return about
+
+
+def _complaints(
+    about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
+) -> Iterator[str]:
+    """Yield what is wrong, as long as what is looked at makes sense."""
+    first = [*_about_run(run), *_about_manifest(about)]
+    yield from first
+    if not first:
+        yield from _about_course(about, run)
+        yield from _about_arrays(about, group)
 
 
 def _damaged(path: Path, complaint: str) -> InputError:
@@ -119,10 +130,11 @@ def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[
 def _about_report(report: Any) -> Iterator[str]:
     if report is None:
         return
-    if not isinstance(report, Mapping) or report.keys() != {f.name for f in fields(Report)}:
+    needed = {f.name for f in fields(Report) if f.default is MISSING}
+    if not isinstance(report, Mapping) or not needed <= report.keys():
         yield "its report is not complete"
         return
-    for name, value in report.items():
+    for name, value in known_fields(Report, report).items():
         numbers = value if name in ("q", "p") and isinstance(value, list) else [value]
         if not all(map(_is_number, numbers)):
             yield f"report.{name} is {value!r}"
@@ -135,7 +147,7 @@ def _rows(run: Mapping[str, Any]) -> int:
 
 def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
     """Yield what is wrong with the arrays that every run has, and those that it names."""
-    names, rows = about.get("arrays"), _rows(about["run"])
+    names, rows = about.get("arrays"), {_rows(about["run"]), about.get(EXTENDS)}
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         yield f"arrays are {names!r}"
         return
@@ -146,8 +158,8 @@ def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
         except UNREADABLE:
             yield f"array {name!r} is missing or cannot be read"
             return
-        if array.ndim == 0 or array.shape[0] != rows:
-            yield f"array {name!r} has not {rows} rows"
+        if array.ndim == 0 or array.shape[0] not in rows:
+            yield f"array {name!r} has not {_rows(about['run'])} rows"
             return
         blocks.add(array.chunks[0])
     if len(blocks) > 1:

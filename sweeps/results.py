@@ -20,6 +20,7 @@ from ..errors import InputError
 from ..runtime.binding import REASONS
 from ..storage.chunks import Chunk, write_chunks
 from ..storage.durable import DurableStore, storage_errors
+from ..storage.identity import written_by
 from ..storage.layout import (
     QUANTITY,
     Field,
@@ -37,12 +38,14 @@ from .tiles import Tile, tile_shape, tiles_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["BAD_START", "CURE", "NOT_COMPUTED", "STATUS", "Memory", "Sink", "Store",
+__all__ = ["BAD_START", "CURE", "FORMAT", "NOT_COMPUTED", "STATUS", "Memory", "Sink", "Store",
            "count_statuses", "create_store", "done_tiles", "fields_of", "meanings",
            "open_sweep", "summary"]
 
 Array = NDArray[Any]
 
+#: Of the layout of stores; another one is refused.
+FORMAT = 1
 STATUS = "status"
 NOT_COMPUTED = -1
 BAD_START = 4
@@ -259,6 +262,9 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     root = Path(path)
     try:
         about = attributes_of(open_group(root))
+        if about["sweep"]["format"] != FORMAT:
+            raise written_by(root, about["sweep"]["gyrospark"], f"its format is "
+                             f"{about['sweep']['format']}, and {FORMAT} is known here")
         names = about["sweep"]["results"]
         found: xarray.Dataset = xarray.open_zarr(root)
         if SCHEME in found:
@@ -267,6 +273,8 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
                 SCHEME, np.asarray(scheme), scheme.attrs))})
         axes = [name for name in found.variables if name not in names]
         return _named(found.set_coords(axes)[names])
+    except InputError:
+        raise
     except PermissionError as error:
         raise InputError(f"{str(root)!r} cannot be read: {error.strerror}.") from error
     except (OSError, ValueError, KeyError, TypeError, IndexError) as error:

@@ -24,6 +24,7 @@ from . import cluster, local
 from .plan import plan
 from .results import (
     CURE,
+    FORMAT,
     Memory,
     Sink,
     Store,
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Progress", "run_study", "sweep"]
 
-#: Of the layout of stores; another one is refused.
-_FORMAT = 1
 #: What makes a file of a sweep.
 _AS_FILE = "xarray writes the dataset that sweep(...) returns: .to_netcdf('sweep.nc')."
 #: Called with the number of cells that are done, and how many there are.
@@ -236,7 +235,7 @@ def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
     return {
         "title": study.name,
         "sweep": {
-            "format": _FORMAT,
+            "format": FORMAT,
             "gyrospark": __version__,
             "steppers": {s.name: s.provenance for s in study.steppers},
             "axes": {axis.name: {name: _digest(values) for name, values in axis.columns.items()}

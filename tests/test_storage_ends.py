@@ -162,6 +162,23 @@ def test_runs_in_threads(gl3, tmp_path):
         assert_same_bytes(stores[0], store)
 
 
+def test_run_that_was_done_before_says_so(tmp_path):
+    """No step is left, so there is no time of one; the numbers are those of the store."""
+    command = [*TOP, "--steps", "50", *OUT]
+    first, second = (cli(*command, "--json", cwd=tmp_path) for _ in range(2))
+    said = json.loads(second.stdout)
+    assert (said["ns_per_step"], said["done_before"], said["resumed_at"]) == (None, True, 50)
+    assert "done_before" not in json.loads(first.stdout)
+    for key in json.loads(first.stdout).keys() - {"seconds", "ns_per_step"}:
+        assert said[key] == json.loads(first.stdout)[key]
+    text = cli(*command, cwd=tmp_path).stdout
+    assert "  done before: no step was left to take, and the numbers are the store's\n" in text
+    assert "a step" not in text
+    more = cli(*TOP, "--steps", "80", *OUT, cwd=tmp_path).stdout
+    assert "  gone on with at step 50\n" in more
+    assert "µs a step" in more
+
+
 # ---------------------------------------------------------------- two on one store
 
 
