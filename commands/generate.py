@@ -15,7 +15,7 @@ import click
 from ..errors import InputError
 from ..generator.spec import PAPER_SPECS, Spec
 from ..runtime.notices import doing
-from .options import spec_from, stepper_options
+from .options import check_no_file, spec_from, stepper_options
 
 if TYPE_CHECKING:
     from ..generator.pipeline import Generated
@@ -52,6 +52,7 @@ def generate(
         specs = list(PAPER_SPECS)
     else:
         specs = [spec_from(**choice)]
+    check_no_file("--out", out)
     if check:
         return max(check_files(spec, out, allow_invalid) for spec in specs)
     for spec in specs:

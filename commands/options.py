@@ -12,11 +12,15 @@ import click
 
 from ..errors import InputError
 from ..generator.spec import Spec
-from ..runtime.endings import ending_of
+from ..runtime.endings import PICTURES, ending_of
 from ..runtime.notices import hush
 
-__all__ = ["check_ending", "check_folder", "check_picture", "check_writable", "json_option",
-           "real_number", "spec_from", "stepper_options", "whole_number"]
+__all__ = ["check_ending", "check_folder", "check_no_file", "check_picture", "check_writable",
+           "json_option", "real_number", "spec_from", "stepper_options", "whole_number"]
+
+
+#: Endings of what is written to folders.
+_FILES = (".c", ".h", ".json", ".html", ".csv", *PICTURES)
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -90,10 +94,18 @@ def check_writable(option: str, path: Path, *, folder: bool = False) -> None:
 
 def check_folder(option: str, folder: Path) -> None:
     """Refuse a folder to write to that cannot be made or written, before long work."""
+    check_no_file(option, folder)
     there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
     if not there.is_dir() or not os.access(there, os.W_OK):
         raise InputError(f"{option} {str(folder)!r}: {str(there)!r} is no folder that can be "
                          "written; choose another.")
+
+
+def check_no_file(option: str, folder: Path) -> None:
+    """Refuse a name that says that it is a file, where a folder of files is written."""
+    if ending_of(folder) in _FILES and not folder.is_dir():
+        raise InputError(f"{option} {str(folder)!r} names a file, and several are written; give a "
+                         "folder.")
 
 
 def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:

@@ -54,6 +54,11 @@ class Ensemble:
     def __len__(self) -> int:
         return len(self.members)
 
+    def __repr__(self) -> str:
+        name, states = self.members[0].manifest["name"], self.t.shape[1]
+        return (f"<Ensemble of {name}: {len(self):,} trajectories of {states:,} states, "
+                f"{len(self.failures):,} failed>")
+
 
 def integrate_members(
     stepper: Stepper,

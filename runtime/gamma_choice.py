@@ -89,6 +89,12 @@ class GammaChoice:
                              "read them from .values.")
         return next(iter(self.values.values()))
 
+    def __repr__(self) -> str:
+        values = [f"{name} = {value:.6g}" for name, value in self.values.items()]
+        shown = ", ".join([*values[:4], *(["…"] if len(values) > 4 else [])])
+        return (f"<GammaChoice {shown}: mean error of the {self.aim} {self.measured_gain:.3g} "
+                f"times smaller than with γ_m, {len(self.pilots)} pilots>")
+
     def __str__(self) -> str:
         """Return the reason and a table of the pilots with both errors, that aimed at first."""
         columns: list[tuple[str, str]] = [("motion", "motion"), ("worst", "worst path"),

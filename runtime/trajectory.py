@@ -58,6 +58,13 @@ class Report:
     p: tuple[float, ...]
     work: float = 0.0
 
+    def __repr__(self) -> str:
+        return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each\n"
+                f"  largest errors: energy {self.energy_error_max:.2e}, constraint "
+                f"{self.constraint_max:.2e}, momentum {self.momentum_constraint_max:.2e}\n"
+                f"  mean errors: energy {self.energy_error_mean:.2e}, constraint "
+                f"{self.constraint_mean:.2e}, momentum {self.momentum_constraint_mean:.2e}>")
+
     @classmethod
     def read(cls, record: Any, q: Array, p: Array, *, forced: bool) -> Report:
         """Return the report of a compiled running record and the final state."""
@@ -130,6 +137,13 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        report = self.report
+        return (f"<Trajectory of {self.manifest['name']}: {len(self):,} states of {report.steps:,} "
+                f"steps, t = {self.t[0]:.6g} to {self.t[-1]:.6g} s\n"
+                f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
+                f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
 
     def energy(self) -> Array:
         """Return H of each stored state, shape (N+1,), in joules for SI input."""

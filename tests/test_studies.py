@@ -388,7 +388,7 @@ def test_what_is_known_of_table_10_is_bounded(what, met):
     assert (found.holds, bool(found.known)) == (what == "holds", what == "known")
 
 
-@pytest.mark.parametrize("folder", ["/dev/null/report", "file/report", "file"])
+@pytest.mark.parametrize("folder", ["/dev/null/report", "file/report", "file", "page.html"])
 def test_report_that_cannot_be_written_is_refused_at_once(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("mine")
