@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, StepFailed, Stopped
 from .binding import REASONS, Binding
-from .interrupts import ctrl_c
+from .interrupts import Interrupts, ctrl_c
 from .newton import newton_step
 from .trajectory import Report, Trajectory
 
@@ -120,7 +121,8 @@ def integrate(
     Stopped
         After Ctrl-C, with everything computed until then.
     """
-    with ctrl_c() as interrupts:
+    # One step is done or not: there is nothing to lose.
+    with ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
         trajectory, status = course(binding, manifest, run, lambda: interrupts.asked, progress)
     if status:
         raise failure_of(run, trajectory, status)

@@ -34,7 +34,7 @@ def small_system():
 def shown(gl3, tmp_path_factory):
     """Objects of every public class, and of those that their attributes and calls return."""
     run = gl3.integrate(TOP.q0, TOP.p0, steps=300, **RUN)
-    chain, tableau = gs.models.chain(30), gs.tableau("G-L", stages=3)
+    chain, tableau = gs.models.chain(10), gs.tableau("G-L", stages=3)
     choice = gs.choose_gamma(gl3, TOP.q0, TOP.p0, dt=1e-3, parameters=TOP.parameters, steps=20,
                              bodies={"gamma": TOP.inertia})
     certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
