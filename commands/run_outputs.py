@@ -6,6 +6,7 @@ import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,21 +58,27 @@ def check_targets(out: Path | None, plot: Path | None, *, resume: bool) -> None:
         check_ending("--out", out, ("", *ENDINGS, ".zarr"))
     if plot is not None:
         check_picture(plot)
-    if resume and (out is None or not (_is_store(out) or _is_exported(out))):
+    if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
         raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
                          "the file that it shall become, NAME.csv or NAME.nc.")
-    if out is not None and _is_exported(out):
-        from ..storage.export import check_export
+    if out is not None and (_is_store(out) or _is_exported(out, resume=resume)):
+        from ..storage.export import check_export  # says which package is missing
 
-        check_export(out)
+        if not _is_store(out):
+            check_export(out)
 
 
 def _is_store(out: Path | None) -> bool:
     return out is not None and ending_of(out) == ".zarr"
 
 
-def _is_exported(out: Path) -> bool:
-    """Whether a file is made of a store that the run streams to."""
+def _is_exported(out: Path, *, resume: bool) -> bool:
+    """Whether a file is made of a store that the run streams to.
+
+    CSV needs none: where stores cannot be written it is made of what is in memory.
+    """
+    if ending_of(out) == ".csv" and not resume:
+        return all(find_spec(package) is not None for package in ("zarr", "filelock"))
     return ending_of(out) in (".csv", ".nc")
 
 
@@ -80,7 +87,7 @@ def integrate_to(
     progress: Callable[[int], None] | None,
 ) -> Done:
     """Integrate and write the states; what goes wrong on the way comes with all before it."""
-    if out is None or not (_is_store(out) or _is_exported(out)):
+    if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
         return _in_memory(step, out, arguments, progress)
     if _is_store(out):
         return _stored(step, out, str(out), arguments, progress, resume=resume, seed=seed)
@@ -121,7 +128,7 @@ def store_beside(out: Path) -> Path:
 
 def where_it_is(out: Path | None) -> str:
     """Return a sentence on what a run that ended at once has left; empty if that is nothing."""
-    if out is None or not (_is_store(out) or _is_exported(out)):
+    if out is None:
         return ""
     store = out if _is_store(out) else store_beside(out)
     if not store.exists():

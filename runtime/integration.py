@@ -166,7 +166,7 @@ def course(
 def failure_of(run: Run, trajectory: Trajectory, status: int) -> StepFailed:
     """Return the error of a run whose next step has no solution."""
     done = trajectory.report.steps
-    return StepFailed(step=done + 1, t=run.t0 + done * run.dt, reason=REASONS[status],
+    return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), reason=REASONS[status],
                       trajectory=trajectory)
 
 

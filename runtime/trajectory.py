@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 from collections.abc import Mapping
@@ -18,6 +17,7 @@ from ..errors import GyrosparkError, InputError
 from . import quaternion
 from .endings import ENDINGS, ending_of
 from .manifest import sizes_of
+from .states import finished, save_csv
 
 __all__ = ["Report", "Trajectory", "known_fields"]
 
@@ -141,7 +141,7 @@ class Trajectory:
     def __repr__(self) -> str:
         report = self.report
         return (f"<Trajectory of {self.manifest['name']}: {len(self):,} states of {report.steps:,} "
-                f"steps, t = {self.t[0]:.6g} to {self.t[-1]:.6g} s\n"
+                f"steps, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
 
@@ -239,13 +239,22 @@ class Trajectory:
         if ending_of(target) not in ENDINGS:
             raise InputError(f"A trajectory cannot be written as {target.name!r}; end it in "
                              f"{', '.join(ENDINGS)}.")
-        if ending_of(target) == ".npz":
-            return self._save_npz(target)
-        from ..storage.export import save_table  # Zarr and its like cost time
+        if ending_of(target) == ".nc":
+            from ..storage.export import save_table  # costs time, and Zarr may not be installed
 
-        return save_table(self, target)
+            return save_table(self, target)
+        try:
+            if ending_of(target) == ".csv":
+                save_csv(self, target)
+            else:
+                self._save_npz(target)
+        except OSError as error:
+            raise GyrosparkError(
+                f"The trajectory cannot be written to {str(target)!r}: {error.strerror or error}."
+            ) from error
+        return target
 
-    def _save_npz(self, target: Path) -> Path:
+    def _save_npz(self, target: Path) -> None:
         about = {
             "format": _FORMAT,
             "dt": self.dt,
@@ -254,21 +263,11 @@ class Trajectory:
             "report": asdict(self.report),
             "manifest": self.manifest,
         }
-        part = target.with_name(f".{target.name}.{os.getpid()}.part")
-        try:
-            with part.open("wb") as file:
-                np.savez_compressed(
-                    file, allow_pickle=False, about=np.array(json.dumps(about)),
-                    **{name: np.array(getattr(self, name), dtype=str) for name in _NAMES},
-                    **{name: _storable(getattr(self, name)) for name in _ARRAYS})
-            part.replace(target)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                part.unlink()
-            raise GyrosparkError(
-                f"The trajectory cannot be written to {str(target)!r}: {error.strerror or error}."
-            ) from error
-        return target
+        with finished(target) as part, part.open("wb") as file:
+            np.savez_compressed(
+                file, allow_pickle=False, about=np.array(json.dumps(about)),
+                **{name: np.array(getattr(self, name), dtype=str) for name in _NAMES},
+                **{name: _storable(getattr(self, name)) for name in _ARRAYS})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
@@ -289,6 +288,7 @@ class Trajectory:
                         f"in format {about['format']}; this is gyrospark {__version__}, which "
                         f"reads format {_FORMAT}.")
                 arrays = {name: file[name] for name in _ARRAYS}
+                names = {name: tuple(file[name].tolist()) for name in _NAMES if name in file}
             if about["manifest"]["real"] == "float128":
                 arrays |= {name: _from_bytes(arrays[name]) for name in _QUADS}
             report = known_fields(Report, about["report"])
@@ -297,6 +297,8 @@ class Trajectory:
                          parameters=about["parameters"], report=Report(**report),
                          manifest=about["manifest"])
             loaded._refuse_unless_sound()
+            if any(getattr(loaded, name) != found for name, found in names.items()):
+                raise ValueError("a column has two names")
             return loaded
         except InputError:
             raise

@@ -5,7 +5,6 @@ A stored run and a trajectory give the same file.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -13,19 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, MissingDependencyError, StorageError
 from ..runtime.endings import ENDINGS, ending_of
+from ..runtime.states import headings, write_csv
 from .durable import finished
 from .layout import labels_of
-from .table import Column, Table, headings, stored_table, table_of
+from .table import Column, Table, stored_table, table_of
 
 if TYPE_CHECKING:
     from ..runtime.trajectory import Trajectory
     from .recording import Recording
 
 __all__ = ["check_export", "export", "save_table"]
-
-#: Rows of a CSV file that are in memory as Python's numbers.
-_ROWS = 2**13
-
 
 def check_export(path: Path) -> None:
     """Refuse what no run can be exported to.
@@ -70,7 +66,7 @@ def export(recording: Recording, path: Path) -> Path:
 
 
 def save_table(trajectory: Trajectory, path: Path) -> Path:
-    """Write a trajectory as .csv or .nc, as if it had been stored and exported.
+    """Write a trajectory as .nc, as if it had been stored and exported.
 
     Raises
     ------
@@ -95,15 +91,8 @@ def _write(table: Table, path: Path) -> Path:
 
 def _write_csv(table: Table, path: Path) -> None:
     columns = [column for column in table.columns if not column.is_bytes]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        lines = csv.writer(file)
-        lines.writerow(headings(table, columns))
-        for _, arrays in table.blocks(columns):
-            flat = [array.reshape(len(array), -1) for array in arrays]
-            for start in range(0, len(arrays[0]), _ROWS):
-                parts = [numbers[start : start + _ROWS].tolist() for numbers in flat]
-                lines.writerows([number for part in row for number in part]
-                                for row in zip(*parts, strict=True))
+    titles = headings(table.system, {column.name: column.shape for column in columns})
+    write_csv(path, titles, (arrays for _, arrays in table.blocks(columns)))
 
 
 def _write_netcdf(table: Table, path: Path) -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import zarr
 
+from ..runtime.states import QUANTITY
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
@@ -34,8 +35,6 @@ CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
 #: The attribute with the rows that the arrays are about to have.
 EXTENDS = "extends_to_rows"
-#: What the names of a system's own quantities begin with.
-QUANTITY = "quantity_"
 #: A block is written whole, and forcing it to the disk takes some ten times 1 ms however small it
 #: is: large enough for that not to count, small enough for a few to be in memory.
 _BLOCK_BYTES = 32 * 2**20
@@ -167,7 +166,7 @@ def create(
     consolidate(path)
 
 
-def extend(path: Path, names: Iterable[str], rows: int, attributes: Mapping[str, Any]) -> None:
+def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str, Any]) -> None:
     """Give the arrays of a store so many rows, and then the store these attributes.
 
     A process may end between any two files: until all is done the store says ``EXTENDS``, and its
@@ -178,7 +177,7 @@ def extend(path: Path, names: Iterable[str], rows: int, attributes: Mapping[str,
     for name in names:
         array = array_of(group, name)
         array.resize((rows, *array.shape[1:]))
-    consolidate(path, {**attributes, EXTENDS: None})
+    consolidate(path, [*names, CHECKPOINT], {**attributes, EXTENDS: None})
 
 
 def create_array(
@@ -192,15 +191,19 @@ def create_array(
                               dimension_names=dimensions, attributes=attributes)
 
 
-def consolidate(path: Path, attributes: Mapping[str, Any] | None = None) -> None:
+def consolidate(
+    path: Path, names: Iterable[str] | None = None, attributes: Mapping[str, Any] | None = None
+) -> None:
     """Repeat what each array says of itself in the group: readers then open one file, not ten.
 
-    xarray warns where it does not find it. ``attributes`` of the group change at the same instant.
+    xarray warns where it does not find it. ``names`` are all arrays if none are given;
+    ``attributes`` of the group change at the same instant.
     """
+    if names is None:
+        names = [file.parent.name for file in path.glob(f"*/{_METADATA}")]
     root = json.loads((path / _METADATA).read_bytes())
     root["attributes"] |= attributes or {}
-    arrays = {file.parent.name: json.loads(file.read_bytes())
-              for file in sorted(path.glob(f"*/{_METADATA}"))}
+    arrays = {name: json.loads((path / name / _METADATA).read_bytes()) for name in sorted(names)}
     root["consolidated_metadata"] = {"kind": "inline", "must_understand": False,
                                      "metadata": arrays}
     write_durably(path / _METADATA, json.dumps(root, indent=2).encode())

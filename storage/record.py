@@ -152,12 +152,13 @@ def _begun_earlier(
     longer = run.steps > begun["steps"] and not kept.status.startswith(FAILED)
     refuse_if_different(begun | ({"steps": run.steps} if longer else {}), identity,
                         f"The store {str(path)!r}")
+    fields, checkpoint = fields_of(stepper.manifest), room(stepper.binding)
+    rows, coming = kept.rows, kept.attributes.get(EXTENDS)
     with storage_errors(path, CURE):
-        if longer or kept.attributes.get(EXTENDS) is not None:
+        refuse_other_arrays(path, kept.group(), fields, {rows, coming or rows}, checkpoint)
+        if longer or coming is not None:
             extend(path, kept.attributes["arrays"], run.rows + 1,
                    _course(stepper, run, identity, kept) if longer else {})
-        refuse_other_arrays(path, kept.group(), fields_of(stepper.manifest), run.rows + 1,
-                            room(stepper.binding))
         remove_parts(path)
         return kept.group(write=True)
 
@@ -171,7 +172,7 @@ def _course(
     """
     begun = kept is not None and kept.report is not None
     return {
-        "title": f"{stepper.name}: {run.steps} steps of {run.dt:g} s",
+        "title": f"{stepper.name}: {run.steps} steps of {float(run.dt):g} s",
         "status": RUNNING,
         "states": kept.steps_done // run.every + 1 if kept is not None and begun else 0,
         "run": identity,

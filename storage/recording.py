@@ -15,7 +15,7 @@ from ..runtime.binding import DTYPES
 from ..runtime.trajectory import Report, Trajectory, known_fields
 from .durable import one_line, store_path
 from .layout import QUANTITY, array_of, labels_of, open_group, wide_name
-from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, sound_attributes
+from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, rows_of, sound_attributes
 from .wide import from_bytes
 
 if TYPE_CHECKING:
@@ -73,6 +73,11 @@ class Recording:
 
     def __len__(self) -> int:
         return self.states
+
+    @property
+    def rows(self) -> int:
+        """How many states the whole run has, with the start."""
+        return rows_of(self.attributes["run"])
 
     def group(self, *, write: bool = False) -> zarr.Group:
         """Return the Zarr group."""

@@ -6,7 +6,7 @@ would otherwise be an error somewhere else, or a wrong number.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from .identity import FORMAT, written_by
 from .layout import CHECKPOINT, EXTENDS, Field, array_of, attributes_of, wide_name
 
 __all__ = ["COMPLETE", "FAILED", "RUNNING", "UNREADABLE", "refuse_missing_blocks",
-           "refuse_other_arrays", "sound_attributes"]
+           "refuse_other_arrays", "rows_of", "sound_attributes"]
 
 RUNNING = "running"
 COMPLETE = "complete"
@@ -119,7 +119,7 @@ def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[
     if about.get("report") is None:
         expected = done  # nothing is
     elif done == run["steps"]:
-        expected = _rows(run)
+        expected = rows_of(run)
     else:
         expected = done // run["every"] + 1
     if type(states) is not int or states != expected:
@@ -140,14 +140,14 @@ def _about_report(report: Any) -> Iterator[str]:
             yield f"report.{name} is {value!r}"
 
 
-def _rows(run: Mapping[str, Any]) -> int:
+def rows_of(run: Mapping[str, Any]) -> int:
     """Return how many states the whole run has."""
     return -(-int(run["steps"]) // int(run["every"])) + 1
 
 
 def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
     """Yield what is wrong with the arrays that every run has, and those that it names."""
-    names, rows = about.get("arrays"), {_rows(about["run"]), about.get(EXTENDS)}
+    names, rows = about.get("arrays"), {rows_of(about["run"]), about.get(EXTENDS)}
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         yield f"arrays are {names!r}"
         return
@@ -159,7 +159,7 @@ def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
             yield f"array {name!r} is missing or cannot be read"
             return
         if array.ndim == 0 or array.shape[0] not in rows:
-            yield f"array {name!r} has not {_rows(about['run'])} rows"
+            yield f"array {name!r} has not {rows_of(about['run'])} rows"
             return
         blocks.add(array.chunks[0])
     if len(blocks) > 1:
@@ -167,9 +167,9 @@ def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
 
 
 def refuse_other_arrays(
-    path: Path, group: zarr.Group, fields: list[Field], rows: int, checkpoint_bytes: int
+    path: Path, group: zarr.Group, fields: list[Field], rows: Iterable[int], checkpoint_bytes: int
 ) -> None:
-    """Refuse to go on with a store whose arrays are not those of the run.
+    """Refuse to go on with a store whose arrays are not those of a run of so many rows.
 
     Raises
     ------
@@ -177,18 +177,19 @@ def refuse_other_arrays(
     """
     block = array_of(group, "time").chunks[0]
     expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
-        CHECKPOINT: ((checkpoint_bytes,), (checkpoint_bytes,), np.dtype("u1"))}
+        CHECKPOINT: ((), (checkpoint_bytes,), np.dtype("u1"))}
     for one in fields:
-        expected[one.name] = (rows, *one.shape), (block, *one.shape), np.dtype(one.dtype)
+        expected[one.name] = one.shape, (block, *one.shape), np.dtype(one.dtype)
         if one.wide:
-            expected[wide_name(one.name)] = ((rows, *one.wide_shape), (block, *one.wide_shape),
-                                             np.dtype("u1"))
-    for name, about in expected.items():
+            expected[wide_name(one.name)] = one.wide_shape, (block, *one.wide_shape), np.dtype("u1")
+    for name, (inner, chunks, dtype) in expected.items():
+        lengths = {checkpoint_bytes} if name == CHECKPOINT else set(rows)
         try:
             array = array_of(group, name)
         except UNREADABLE:
             raise _damaged(path, f"array {name!r} is missing or cannot be read") from None
-        if (array.shape, array.chunks, array.dtype) != about:
+        if (array.shape[:1] not in {(length,) for length in lengths}
+                or (array.shape[1:], array.chunks, array.dtype) != (inner, chunks, dtype)):
             raise _damaged(path, f"array {name!r} has not the form of this run's")
 
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .layout import QUANTITY, Field, array_of, fields_of, wide_name
+from ..runtime.states import states_of
+from .layout import Field, array_of, fields_of, wide_name
 from .recording import Recording, stored_values
 from .soundness import refuse_missing_blocks
 from .wide import as_bytes
@@ -20,7 +21,7 @@ from .wide import as_bytes
 if TYPE_CHECKING:
     from ..runtime.trajectory import Trajectory
 
-__all__ = ["Column", "Table", "headings", "stored_table", "table_of"]
+__all__ = ["Column", "Table", "stored_table", "table_of"]
 
 Array = NDArray[Any]
 
@@ -85,28 +86,6 @@ class Table:
             yield begin, [column.read(begin, end) for column in columns]
 
 
-def headings(table: Table, columns: list[Column]) -> list[str]:
-    """Return a heading for each number of a state, all of them different.
-
-    Coordinates, momenta and quantities go by the names that the system gives them, unless a name
-    is taken: by the time, the energy, … or by another one of these.
-    """
-    own = {"q": ("q", table.system["coordinates"]), "p": ("p", table.system["momenta"])}
-    own |= {QUANTITY + name: ("quantity", [name]) for name in table.system.get("quantities", ())}
-    counted = {column.name: [column.name + "_".join(map(str, index))
-                             for index in np.ndindex(*column.shape)] for column in columns}
-    taken = {label for name, labels in counted.items() if name not in own for label in labels}
-    found = []
-    for name, labels in counted.items():
-        kind, labels = own.get(name, ("", labels))
-        for label in labels:
-            while kind and label in taken:
-                label = f"{kind}_{label}"
-            taken.add(label)
-            found.append(label)
-    return found
-
-
 def stored_table(recording: Recording) -> Table:
     """Return a stored run, as far as it is."""
     group = recording.group()
@@ -127,33 +106,19 @@ def stored_table(recording: Recording) -> Table:
 
 def table_of(trajectory: Trajectory) -> Table:
     """Return a trajectory as it would be stored."""
-    values = _values_of(trajectory)
+    values = states_of(trajectory)
     columns = [column for field in fields_of(trajectory.manifest)
                for column in _columns_of(field, values[field.name])]
     about = {
         "title": f"{trajectory.manifest['name']}: {trajectory.report.steps} steps of "
-                 f"{trajectory.dt:g} s",
-        "run": {"parameters": trajectory.parameters, "dt": trajectory.dt,
-                "every": trajectory.every, "steps": trajectory.report.steps},
+                 f"{float(trajectory.dt):g} s",
+        "run": {"parameters": {name: float(x) for name, x in trajectory.parameters.items()},
+                "dt": float(trajectory.dt), "every": trajectory.every,
+                "steps": trajectory.report.steps},
         "report": asdict(trajectory.report),
         "manifest": trajectory.manifest,
     }
     return Table(columns, len(trajectory), _ROWS, about)
-
-
-def _values_of(trajectory: Trajectory) -> dict[str, Array]:
-    """Return the array of each field; what belongs to steps has nothing at the start."""
-    multipliers = trajectory.multipliers
-    none = 0 * trajectory.q[0, 0] + np.nan  # of the stepper's own type
-    found = {
-        "time": trajectory.t, "q": trajectory.q, "p": trajectory.p,
-        "energy": trajectory.energies, "g_error": trajectory.g_errors,
-        "f_error": trajectory.f_errors, "work": trajectory.work,
-        "iterations": np.concatenate([[0], trajectory.iterations]),
-        "multipliers": np.concatenate(
-            [np.full((1, *multipliers.shape[1:]), none, dtype=multipliers.dtype), multipliers]),
-    }
-    return found | {QUANTITY + name: trajectory.quantity(name) for name in trajectory.quantities}
 
 
 def _columns_of(field: Field, values: Array) -> Iterator[Column]:

@@ -6,6 +6,7 @@ chunk is there, the tile is done and on the disk, and is never computed again.
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
 from collections.abc import Iterable
@@ -33,13 +34,13 @@ from ..storage.layout import (
 )
 from .axes import SCHEME
 from .study import Study
-from .tiles import Tile, tile_shape, tiles_of
+from .tiles import Tile, tile_counts, tile_shape, tiles_of
 
 if TYPE_CHECKING:
     import xarray
 
 __all__ = ["BAD_START", "CURE", "FORMAT", "NOT_COMPUTED", "STATUS", "Memory", "Sink", "Store",
-           "count_statuses", "create_store", "done_tiles", "fields_of", "meanings",
+           "count_statuses", "create_store", "done_tiles", "fields_of", "is_complete", "meanings",
            "open_sweep", "summary"]
 
 Array = NDArray[Any]
@@ -233,6 +234,11 @@ def done_tiles(path: Path) -> set[tuple[int, ...]]:
     root = path / STATUS / "c"
     return {tuple(map(int, p.relative_to(root).parts)) for p in _files(root)
             if all(part.isdigit() for part in p.relative_to(root).parts)}
+
+
+def is_complete(study: Study, path: Path) -> bool:
+    """Whether all tiles of a study are in its store."""
+    return len(done_tiles(path)) == math.prod(tile_counts(study))
 
 
 def _files(root: Path) -> Iterable[Path]:

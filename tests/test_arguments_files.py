@@ -49,7 +49,10 @@ def test_failed_trajectory_is_saved_too(failures, tmp_path):
 def test_names_of_files(saved, tmp_path, monkeypatch):
     made, _ = saved
     monkeypatch.chdir(tmp_path)
-    assert made.save("a.b") == Path("a.b.npz")
+    for bad in ("a.b", "a.xlsx", "top.npz.zip"):
+        with refused(r"end it in \.npz, \.csv, \.nc"):
+            made.save(bad)
+    assert made.save("a.NPZ") == Path("a.NPZ")
     assert made.save(str(tmp_path / "c")) == tmp_path / "c.npz"
     for bad in ("", ".", "/"):
         with refused("no file name"):

@@ -1,23 +1,18 @@
-"""What works with the declared dependencies alone: nothing needs a package that happens to be here.
+"""What works with few packages: nothing needs one that happens to be installed.
 
-The optional ones are hidden from processes of their own; what needs one says so before it computes.
+Optional ones are hidden from processes of their own; what needs one says so before it computes.
 """
 
 from __future__ import annotations
 
 import json
-import re
-import tomllib
 
-from processes import FAST_TOP, ROOT, python
+from processes import FAST_TOP, python
 from sweeping import STUDY, study_file
 
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-#: Packages of the extras, as they are imported.
-OPTIONAL = sorted(
-    {re.split(r"[>=\[<; ]", line)[0] for extra in PROJECT["optional-dependencies"].values()
-     for line in extra} - {"gyrospark", "pytest", "hypothesis"})
-HIDE = f"import sys\nsys.modules.update(dict.fromkeys({OPTIONAL}))\n"
+OPTIONAL = ["dask", "distributed", "h5netcdf", "h5py", "matplotlib", "scipy"]
+#: What stores are made with.
+STORES = ["filelock", "google_crc32c", "xarray", "zarr"]
 COMMANDS = """
 import contextlib, io, json
 from gyrospark.commands import main
@@ -34,15 +29,16 @@ RUN = "run fast-top --scheme EMS --dt 1e-3 --steps 20 "
 """
 
 
-def test_optional_packages_are_those_of_the_extras():
-    assert {"dask", "matplotlib", "scipy", "h5netcdf", "h5py", "distributed"} <= set(OPTIONAL)
+def without(packages):
+    """Return code after which some packages cannot be imported."""
+    return f"import sys\nsys.modules.update(dict.fromkeys({packages}))\n"
 
 
 def test_commands(tmp_path):
     """Each ends well, or names what is missing; no folder has anything hidden afterwards."""
     study_file(tmp_path, STUDY.replace("count = 40", "count = 4").replace("count = 32",
                                                                          "count = 3"))
-    said = json.loads(python(HIDE + COMMANDS + """
+    said = json.loads(python(without(OPTIONAL) + COMMANDS + """
 print(json.dumps({text: command(text) for text in (
     RUN, RUN + "--out a.csv", RUN + "--out a.npz", RUN + "--out a.zarr",
     "export a.zarr b.csv", "export a.zarr b.npz", "sweep study.toml", "verify --scheme EMS",
@@ -56,13 +52,30 @@ print(json.dumps({text: command(text) for text in (
         ".study.zarr.lock"}
 
 
+def test_csv_needs_no_store(tmp_path):
+    """Where none can be written it is made of what is in memory, and is the same."""
+    code = COMMANDS + """
+answer = command(RUN + "--every 3 --out a.csv")
+assert answer[0] == 0 and not answer[2], answer
+"""
+    for folder, packages in (("bare", [*OPTIONAL, *STORES]), ("whole", [])):
+        (tmp_path / folder).mkdir()
+        python(without(packages) + code, cwd=tmp_path / folder)
+        assert [path.name for path in (tmp_path / folder).iterdir()] == ["a.csv"]
+    assert (tmp_path / "bare" / "a.csv").read_bytes() == (
+        tmp_path / "whole" / "a.csv").read_bytes()
+
+
 def test_what_needs_an_extra_says_so_before_it_computes(tmp_path):
     study_file(tmp_path)
-    said = json.loads(python(HIDE + COMMANDS + """
+    said = json.loads(python(without(OPTIONAL) + COMMANDS + """
 print(json.dumps({text: command(text) for text in (
     RUN + "--out a.nc", RUN + "--plot a.png", "sweep study.toml --plot a.png",
     "sweep study.toml --dask tcp://127.0.0.1:1", "reproduce figure-5 --out report",
     "reproduce all --out report", "bench peers --out bench")}))
+from gyrospark.commands.reproduce import _report_folder
+assert _report_folder("all", None, as_json=False)[0] is None
+assert "pip install matplotlib" in _report_folder("all", None, as_json=False)[1]
 """, cwd=tmp_path))
     for text, (code, stdout, stderr) in said.items():
         assert (code, stdout, stderr.count("\n")) == (2, "", 1), text
@@ -72,7 +85,7 @@ print(json.dumps({text: command(text) for text in (
 
 def test_python_calls(tmp_path):
     """Stores are read by xarray, which without Dask has no chunks."""
-    python(HIDE + FAST_TOP + """
+    python(without(OPTIONAL) + FAST_TOP + """
 import numpy as np
 step = gs.stepper("EMS")
 stored = gs.record(step, top.q0, top.p0, dt=1e-3, steps=20, parameters=parameters, out="a.zarr")

@@ -11,6 +11,7 @@ import sympy as sp
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP
 from gyrospark.generator.spec import Spec
+from gyrospark.runtime.start import Start
 from gyrospark.verification import verify_stepper
 
 
@@ -41,10 +42,11 @@ def shown(gl3, tmp_path_factory):
     many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
-        gl3, TOP, run, run.report, many, tableau, tableau.stages, tableau.numeric(digits=50),
-        gs.tableau("G-L", stages=7).stages, choice, *choice.pilots, certificate,
-        *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain, chain.system,
-        small_system(), gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS), *built(),
+        gl3, TOP, Start.of_problem(TOP), run, run.report, many, tableau, tableau.stages,
+        tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages, choice, *choice.pilots,
+        certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
+        chain.system, small_system(), *built(),
+        gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
         gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
     ]
 

@@ -13,7 +13,7 @@ import xarray
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.storage.table import Column, Table, headings
+from gyrospark.runtime.states import headings
 from stores import START, Interrupted, assert_same, ends_after, small_blocks
 from test_cli import FAILS, RUN, gyrospark, refused  # noqa: F401 (the fixture)
 from test_forces import PARAMETERS as FORCED
@@ -101,14 +101,9 @@ def test_headings_differ_whatever_the_names():
     system = {"coordinates": ["energy", "work"], "momenta": ["p", "q0"],
               "quantities": ["energy", "q_energy", "spin"]}
 
-    def column(name, *inner):
-        return Column(name, inner, np.dtype("f8"), {}, lambda begin, end: np.zeros((0, *inner)))
-
-    pair = ("coordinate", 2)
-    columns = [column("time"), column("q", pair), column("p", pair), column("energy"),
-               column("work"), *(column(f"quantity_{q}") for q in system["quantities"])]
-    table = Table(columns, 0, 1, {"manifest": {"system": system}})
-    assert headings(table, columns) == [
+    shapes = {"time": (), "q": (2,), "p": (2,), "energy": (), "work": (),
+              **{f"quantity_{name}": () for name in system["quantities"]}}
+    assert headings(system, shapes) == [
         "time", "q_energy", "q_work", "p", "q0", "energy", "work", "quantity_energy",
         "quantity_q_energy", "spin"]
 

@@ -388,6 +388,16 @@ def test_missing_checkpoint(store, gl3):
         gs.record(gl3, **ARGUMENTS, out=store, resume=True)
 
 
+@pytest.mark.parametrize("name", ["checkpoint", "q", "multipliers"])
+def test_damaged_array_is_not_extended(name, store, gl3):
+    """Nothing is written before all is looked at."""
+    (store / name / "zarr.json").write_text("{")
+    before = as_files(store)
+    with pytest.raises(gs.InputError, match=f"array '{name}' is missing or cannot be read"):
+        gs.record(gl3, **ARGUMENTS | {"steps": 200}, out=store, resume=True)
+    assert as_files(store) == before
+
+
 @pytest.mark.parametrize("block", [0, 1, 2])
 @pytest.mark.parametrize("name", ["q", "time", "iterations"])
 def test_missing_block(name, block, store, tmp_path):
