@@ -45,13 +45,18 @@ class _Terminal:
 
             self.status = Console(stderr=True, highlight=False).status("")
             self.status.start()
-        self.status.update(f"{text} …")
+        self._show()
+
+    def _show(self) -> None:
+        from rich.text import Text  # a path may have brackets, which are no style
+
+        self.status.update(Text(f"{self.texts[-1]} …"))
 
     def end(self, line: str) -> None:
         """Show again what it was a part of; else nothing, and on the command line what was done."""
         self.texts.pop()
         if self.texts:
-            self.status.update(f"{self.texts[-1]} …")
+            self._show()
             return
         self.status.stop()
         if line and self.commands:
