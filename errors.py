@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import xarray
@@ -89,25 +89,45 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
     t : float
         Time at the start of the failed step, in seconds.
     reason : str
-        ``"not converged"``, ``"singular matrix"`` or ``"not finite"``.
+        ``"not converged"`` (iterations ran out while increments still shrank), ``"stagnated"``
+        (increments stopped shrinking above what rounding explains), ``"diverged"``,
+        ``"singular matrix"`` or ``"not finite"``.
     trajectory : Trajectory
         Everything computed before the failed step.
+    increment : float or None
+        Size of Newton's last increment relative to the state, where it was looked for.
+    dt : float or None
+        A time step that was tried from there and succeeds, where one was looked for and found.
+    detail, cure : str
+        The reason with its figures, and what helps.
     """
 
-    def __init__(self, *, step: int, t: float, reason: str, trajectory: Trajectory) -> None:
-        super().__init__(
-            f"Step {step} at t = {t:.9g} s failed: {reason}. "
-            "A smaller time step usually cures it; everything before it is in .trajectory."
-        )
+    def __init__(
+        self, *, step: int, t: float, reason: str, trajectory: Trajectory,
+        increment: float | None = None, dt: float | None = None, detail: str = "",
+        cure: str = "A smaller time step usually cures it",
+    ) -> None:
         self.step = step
         self.t = t
         self.reason = reason
         self.trajectory = trajectory
+        self.increment = increment
+        self.dt = dt
+        self.detail = detail or reason
+        self.cure = cure
+        super().__init__(f"{self.told}; everything before it is in .trajectory.")
+
+    @property
+    def told(self) -> str:
+        """What failed, where, why, and what helps."""
+        return f"Step {self.step} at t = {self.t:.9g} s failed: {self.detail}. {self.cure}"
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by arguments: worker processes hand failures over."""
-        return _step_failed, (self.step, self.t, self.reason, self.trajectory)
+        return _step_failed, ({
+            name: getattr(self, name) for name in
+            ("step", "t", "reason", "trajectory", "increment", "dt", "detail", "cure")},)
 
 
-def _step_failed(step: int, t: float, reason: str, trajectory: Trajectory) -> StepFailed:
-    return StepFailed(step=step, t=t, reason=reason, trajectory=trajectory)
+def _step_failed(arguments: dict[str, Any]) -> StepFailed:
+    return StepFailed(**arguments)

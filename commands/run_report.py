@@ -79,7 +79,8 @@ def result_of(start: Start, step: Stepper, done: Done) -> dict[str, Any]:
         result["done_before"] = not done.steps and done.trouble is None
     if isinstance(done.trouble, StepFailed):
         failure = done.trouble
-        result["failed"] = {"step": failure.step, "t": failure.t, "reason": failure.reason}
+        result["failed"] = {name: getattr(failure, name) for name in
+                            ("step", "t", "reason", "increment", "dt")}
     if isinstance(done.trouble, Stopped):
         result["stopped"] = {"step": report.steps, "signal": done.trouble.signal}
     if done.out is not None:

@@ -27,9 +27,11 @@ extern "C" {
 /* What a call returns. */
 enum heavy_top_ems_gamma_status {
     HEAVY_TOP_EMS_GAMMA_OK = 0,
-    HEAVY_TOP_EMS_GAMMA_NOT_CONVERGED = 1,
+    HEAVY_TOP_EMS_GAMMA_NOT_CONVERGED = 1, /* max_iterations were too few: increments still shrank */
     HEAVY_TOP_EMS_GAMMA_SINGULAR = 2,
-    HEAVY_TOP_EMS_GAMMA_NOT_FINITE = 3
+    HEAVY_TOP_EMS_GAMMA_NOT_FINITE = 3,
+    HEAVY_TOP_EMS_GAMMA_STAGNATED = 4, /* increments stopped shrinking above what rounding explains */
+    HEAVY_TOP_EMS_GAMMA_DIVERGED = 5   /* they never became small */
 };
 
 typedef struct {
@@ -58,7 +60,7 @@ typedef struct {
     long steps;              /* steps done */
     long iterations;         /* sweeps and Newton iterations, all steps together */
     int iterations_max;      /* most of one step */
-    long newton_steps;       /* steps that only Newton could do (solver AUTO) */
+    long newton_steps;       /* steps done by Newton (solver AUTO): sweeps failed, or cost more */
     double energy_start;     /* H_0 */
     double energy_error_max; /* max |H_k - H_0| over all steps, and the sum */
     double energy_error_sum;
@@ -82,13 +84,17 @@ typedef struct {
     heavy_top_ems_gamma_constants constants;
     double x[9];
     double r[9];
+    double x_near[9], r_near[9]; /* moved by rounding, to see what it is worth */
+    double increment; /* the last one of Newton, relative to the state */
+    long products; /* of the last factorisation of J */
+    long effort;   /* of Newton, in additions: counted up */
     double J[81];
     int exponents[9]; /* scales of the rows of J, and the order of its pivots */
     int pivots[9];
     double q_mean[4];
     double p_mean[4];
     double G[1][1][4];
-    unsigned char memory[77376]; /* of the fast path, kept from step to step */
+    unsigned char memory[77504]; /* of the fast path, kept from step to step */
 } heavy_top_ems_gamma_work;
 
 /*
@@ -112,7 +118,7 @@ int heavy_top_ems_gamma_integrate(const heavy_top_ems_gamma_parameters *paramete
 
 /* Memory of heavy_top_ems_gamma_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[76864];
+    unsigned char memory[76992];
 } heavy_top_ems_gamma_batch;
 
 /* How many trajectories heavy_top_ems_gamma_integrate_lanes takes at a time: the lanes of a vector register. */
@@ -154,9 +160,13 @@ void heavy_top_ems_gamma_residual(const heavy_top_ems_gamma_parameters *paramete
     const double p[4], const double x[9], double r[9], heavy_top_ems_gamma_work *work);
 void heavy_top_ems_gamma_jacobian(const heavy_top_ems_gamma_parameters *parameters, double dt, const double q[4],
     const double p[4], const double x[9], double J[81], heavy_top_ems_gamma_work *work);
-/* The size by which the iteration judges an increment dx of the unknowns. */
+/* The size by which the iteration judges an increment dx; work is that of the last residual. */
 double heavy_top_ems_gamma_increment_size(double dt, const double q[4], const double p[4], const double x[9],
-    const double dx[9]);
+    const double dx[9], const heavy_top_ems_gamma_work *work);
+/* Whether the unknowns x end the step on the constraints; work is that of the last residual. */
+int heavy_top_ems_gamma_lands(double dt, const double q[4], const double x[9], heavy_top_ems_gamma_work *work);
+/* The size of the last increment that full Newton made with this work memory. */
+double heavy_top_ems_gamma_last_increment(const heavy_top_ems_gamma_work *work);
 
 /* H of `count` states. */
 void heavy_top_ems_gamma_hamiltonian(const heavy_top_ems_gamma_parameters *parameters, long count, const double *q,

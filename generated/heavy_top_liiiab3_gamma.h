@@ -27,9 +27,11 @@ extern "C" {
 /* What a call returns. */
 enum heavy_top_liiiab3_gamma_status {
     HEAVY_TOP_LIIIAB3_GAMMA_OK = 0,
-    HEAVY_TOP_LIIIAB3_GAMMA_NOT_CONVERGED = 1,
+    HEAVY_TOP_LIIIAB3_GAMMA_NOT_CONVERGED = 1, /* max_iterations were too few: increments still shrank */
     HEAVY_TOP_LIIIAB3_GAMMA_SINGULAR = 2,
-    HEAVY_TOP_LIIIAB3_GAMMA_NOT_FINITE = 3
+    HEAVY_TOP_LIIIAB3_GAMMA_NOT_FINITE = 3,
+    HEAVY_TOP_LIIIAB3_GAMMA_STAGNATED = 4, /* increments stopped shrinking above what rounding explains */
+    HEAVY_TOP_LIIIAB3_GAMMA_DIVERGED = 5   /* they never became small */
 };
 
 typedef struct {
@@ -58,7 +60,7 @@ typedef struct {
     long steps;              /* steps done */
     long iterations;         /* sweeps and Newton iterations, all steps together */
     int iterations_max;      /* most of one step */
-    long newton_steps;       /* steps that only Newton could do (solver AUTO) */
+    long newton_steps;       /* steps done by Newton (solver AUTO): sweeps failed, or cost more */
     double energy_start;     /* H_0 */
     double energy_error_max; /* max |H_k - H_0| over all steps, and the sum */
     double energy_error_sum;
@@ -95,6 +97,10 @@ typedef struct {
     heavy_top_liiiab3_gamma_constants constants;
     double x[26];
     double r[26];
+    double x_near[26], r_near[26]; /* moved by rounding, to see what it is worth */
+    double increment; /* the last one of Newton, relative to the state */
+    long products; /* of the last factorisation of J */
+    long effort;   /* of Newton, in additions: counted up */
     double J[676];
     int exponents[26]; /* scales of the rows of J, and the order of its pivots */
     int pivots[26];
@@ -104,7 +110,7 @@ typedef struct {
     double G[3][1][4];
     double force[2][4]; /* G_l^T Lambda_l */
     double K[2][4][4];
-    unsigned char memory[78080]; /* of the fast path, kept from step to step */
+    unsigned char memory[78208]; /* of the fast path, kept from step to step */
 } heavy_top_liiiab3_gamma_work;
 
 /*
@@ -128,7 +134,7 @@ int heavy_top_liiiab3_gamma_integrate(const heavy_top_liiiab3_gamma_parameters *
 
 /* Memory of heavy_top_liiiab3_gamma_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[99968];
+    unsigned char memory[100096];
 } heavy_top_liiiab3_gamma_batch;
 
 /* How many trajectories heavy_top_liiiab3_gamma_integrate_lanes takes at a time: the lanes of a vector register. */
@@ -170,9 +176,13 @@ void heavy_top_liiiab3_gamma_residual(const heavy_top_liiiab3_gamma_parameters *
     const double p[4], const double x[26], double r[26], heavy_top_liiiab3_gamma_work *work);
 void heavy_top_liiiab3_gamma_jacobian(const heavy_top_liiiab3_gamma_parameters *parameters, double dt, const double q[4],
     const double p[4], const double x[26], double J[676], heavy_top_liiiab3_gamma_work *work);
-/* The size by which the iteration judges an increment dx of the unknowns. */
+/* The size by which the iteration judges an increment dx; work is that of the last residual. */
 double heavy_top_liiiab3_gamma_increment_size(double dt, const double q[4], const double p[4], const double x[26],
-    const double dx[26]);
+    const double dx[26], const heavy_top_liiiab3_gamma_work *work);
+/* Whether the unknowns x end the step on the constraints; work is that of the last residual. */
+int heavy_top_liiiab3_gamma_lands(double dt, const double q[4], const double x[26], heavy_top_liiiab3_gamma_work *work);
+/* The size of the last increment that full Newton made with this work memory. */
+double heavy_top_liiiab3_gamma_last_increment(const heavy_top_liiiab3_gamma_work *work);
 
 /* H of `count` states. */
 void heavy_top_liiiab3_gamma_hamiltonian(const heavy_top_liiiab3_gamma_parameters *parameters, long count, const double *q,

@@ -27,9 +27,11 @@ extern "C" {
 /* What a call returns. */
 enum heavy_top_liiiab4_alpha_status {
     HEAVY_TOP_LIIIAB4_ALPHA_OK = 0,
-    HEAVY_TOP_LIIIAB4_ALPHA_NOT_CONVERGED = 1,
+    HEAVY_TOP_LIIIAB4_ALPHA_NOT_CONVERGED = 1, /* max_iterations were too few: increments still shrank */
     HEAVY_TOP_LIIIAB4_ALPHA_SINGULAR = 2,
-    HEAVY_TOP_LIIIAB4_ALPHA_NOT_FINITE = 3
+    HEAVY_TOP_LIIIAB4_ALPHA_NOT_FINITE = 3,
+    HEAVY_TOP_LIIIAB4_ALPHA_STAGNATED = 4, /* increments stopped shrinking above what rounding explains */
+    HEAVY_TOP_LIIIAB4_ALPHA_DIVERGED = 5   /* they never became small */
 };
 
 typedef struct {
@@ -58,7 +60,7 @@ typedef struct {
     long steps;              /* steps done */
     long iterations;         /* sweeps and Newton iterations, all steps together */
     int iterations_max;      /* most of one step */
-    long newton_steps;       /* steps that only Newton could do (solver AUTO) */
+    long newton_steps;       /* steps done by Newton (solver AUTO): sweeps failed, or cost more */
     double energy_start;     /* H_0 */
     double energy_error_max; /* max |H_k - H_0| over all steps, and the sum */
     double energy_error_sum;
@@ -95,6 +97,10 @@ typedef struct {
     heavy_top_liiiab4_alpha_constants constants;
     double x[35];
     double r[35];
+    double x_near[35], r_near[35]; /* moved by rounding, to see what it is worth */
+    double increment; /* the last one of Newton, relative to the state */
+    long products; /* of the last factorisation of J */
+    long effort;   /* of Newton, in additions: counted up */
     double J[1225];
     int exponents[35]; /* scales of the rows of J, and the order of its pivots */
     int pivots[35];
@@ -104,7 +110,7 @@ typedef struct {
     double G[4][1][4];
     double force[3][4]; /* G_l^T Lambda_l */
     double K[3][4][4];
-    unsigned char memory[78528]; /* of the fast path, kept from step to step */
+    unsigned char memory[78656]; /* of the fast path, kept from step to step */
 } heavy_top_liiiab4_alpha_work;
 
 /*
@@ -128,7 +134,7 @@ int heavy_top_liiiab4_alpha_integrate(const heavy_top_liiiab4_alpha_parameters *
 
 /* Memory of heavy_top_liiiab4_alpha_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[112704];
+    unsigned char memory[112832];
 } heavy_top_liiiab4_alpha_batch;
 
 /* How many trajectories heavy_top_liiiab4_alpha_integrate_lanes takes at a time: the lanes of a vector register. */
@@ -170,9 +176,13 @@ void heavy_top_liiiab4_alpha_residual(const heavy_top_liiiab4_alpha_parameters *
     const double p[4], const double x[35], double r[35], heavy_top_liiiab4_alpha_work *work);
 void heavy_top_liiiab4_alpha_jacobian(const heavy_top_liiiab4_alpha_parameters *parameters, double dt, const double q[4],
     const double p[4], const double x[35], double J[1225], heavy_top_liiiab4_alpha_work *work);
-/* The size by which the iteration judges an increment dx of the unknowns. */
+/* The size by which the iteration judges an increment dx; work is that of the last residual. */
 double heavy_top_liiiab4_alpha_increment_size(double dt, const double q[4], const double p[4], const double x[35],
-    const double dx[35]);
+    const double dx[35], const heavy_top_liiiab4_alpha_work *work);
+/* Whether the unknowns x end the step on the constraints; work is that of the last residual. */
+int heavy_top_liiiab4_alpha_lands(double dt, const double q[4], const double x[35], heavy_top_liiiab4_alpha_work *work);
+/* The size of the last increment that full Newton made with this work memory. */
+double heavy_top_liiiab4_alpha_last_increment(const heavy_top_liiiab4_alpha_work *work);
 
 /* H of `count` states. */
 void heavy_top_liiiab4_alpha_hamiltonian(const heavy_top_liiiab4_alpha_parameters *parameters, long count, const double *q,

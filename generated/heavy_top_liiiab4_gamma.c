@@ -38,7 +38,9 @@ enum {
     OK = HEAVY_TOP_LIIIAB4_GAMMA_OK,
     NOT_CONVERGED = HEAVY_TOP_LIIIAB4_GAMMA_NOT_CONVERGED,
     SINGULAR = HEAVY_TOP_LIIIAB4_GAMMA_SINGULAR,
-    NOT_FINITE = HEAVY_TOP_LIIIAB4_GAMMA_NOT_FINITE
+    NOT_FINITE = HEAVY_TOP_LIIIAB4_GAMMA_NOT_FINITE,
+    STAGNATED = HEAVY_TOP_LIIIAB4_GAMMA_STAGNATED,
+    DIVERGED = HEAVY_TOP_LIIIAB4_GAMMA_DIVERGED
 };
 enum {
     NEWTON = HEAVY_TOP_LIIIAB4_GAMMA_NEWTON,
@@ -46,6 +48,13 @@ enum {
 };
 
 static const real epsilon = DBL_EPSILON;
+
+/* Two units in the last place of 1, up or down by chance: to see what rounding is worth. */
+static real nudge(unsigned *chance)
+{
+    *chance = *chance*1664525u + 1013904223u;
+    return *chance >> 31 ? 2*epsilon : -2*epsilon;
+}
 
 /* ---------------------------------------------------------------- kernels: expressions only */
 
@@ -326,10 +335,12 @@ static real norm(int n, const real *x)
 
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
- * powers of two, which is exact, so that the choice of pivots does not depend on units.
+ * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
+ * are counted: how many there are depends on the zeros.
  */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots)
+static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots, long *products)
 {
+    *products = 0;
     for (int i = 0; i < n; ++i) {
         const real size = norm(n, A + i*n);
         if (!isfinite(size))
@@ -359,6 +370,7 @@ static int factorise(int n, real *restrict A, int *restrict exponents, int *rest
             A[i*n + k] = factor;
             if (factor == 0) /* most rows: stages couple through few entries */
                 continue;
+            *products += n - k;
             for (int j = k + 1; j < n; ++j)
                 A[i*n + j] -= factor*A[k*n + j];
         }
@@ -399,7 +411,8 @@ static int substitute(int n, const real *restrict A, const int *restrict exponen
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)
 {
-    const int status = factorise(n, A, exponents, pivots);
+    long products;
+    const int status = factorise(n, A, exponents, pivots, &products);
     return status == OK ? substitute(n, A, exponents, pivots, b) : status;
 }
 
@@ -699,18 +712,37 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
                         dt*tableau.A_bar[l][j]*w->G[l][mu][b];
 }
 
+/* q1 - q (A.3) */
+static void displacement(real dt, const real x[U], real d[N])
+{
+    for (int a = 0; a < N; ++a) {
+        real sum = 0;
+        for (int j = 0; j < S; ++j)
+            sum += tableau.b[j]*x[j*N + a];
+        d[a] = dt*sum;
+    }
+}
+
 /*
- * The increment's effect on the state: max of dt|dk| relative to q and dt|dk^| relative to p.
+ * The increment's effect on the state: max of dt|dk| relative to q and dt|dk^| relative to p, which
+ * is that of the stages of the last residual too: a body at rest has no other.
  * Multipliers do not count: their round-off grows like 1/dt^2 and does not reach the state.
  */
-static real increment_size(real dt, const real q[N], const real p[N], const real x[U],
-    const real dx[U])
+static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real dx[U])
 {
     const real step = fabs(dt);
     const real q_size = larger(norm(N, q), step*norm(K_HAT, x));
-    const real p_size = larger(norm(N, p), step*norm(K_HAT, x + K_HAT));
+    const real p_size = larger(norm(N, p), larger(norm(S*N, &w->P[0][0]), step*norm(K_HAT, x + K_HAT)));
     const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
     return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
+}
+
+/* The same of a residual; what is left of the constraints does not count. */
+static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real r[U])
+{
+    return increment_size(w, dt, q, p, x, r);
 }
 
 /*
@@ -730,15 +762,6 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
         q1[a] = q[a] + w->D[P][a];
         p1[a] = p[a] + dt*force;
     }
-    real g[M], dg[M]; /* small increments of huge unknowns are no solution: the constraint tells */
-    constraint(&w->constants, q, g);
-    constraint_increment(&w->constants, q, w->D[P], dg);
-    for (int mu = 0; mu < M; ++mu) {
-        const real way = norm(N, w->D[P])/1000 + 64*epsilon*norm(N, q);
-        const real allowed = fabs(g[mu]) + norm(N, w->G[P][mu])*way;
-        if (!(fabs(g[mu] + dg[mu]) <= allowed))
-            return isfinite(allowed) ? NOT_CONVERGED : NOT_FINITE;
-    }
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];
     const int status = project_momentum(&w->constants, q1, w->G[P], p1, multipliers + P*M);
@@ -749,42 +772,112 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
 
 /* ---------------------------------------------------------------- T1: full Newton */
 
+/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
+enum {
+    RESIDUAL_COST = 96*S + 19*P + U*U,
+    JACOBIAN_COST = 295*S + 1*P + S*S*N*N*(2*N + 4)
+};
+
+/*
+ * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
+ * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small momentum:
+ * states and guesses two units in the last place away tell by how much the residual is uncertain.
+ * They are those at the start of the step, for an iteration that has gone astray proves nothing.
+ */
+static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
+{
+    real q_near[N], p_near[N], rounding = 0;
+    unsigned chance = 1;
+    if (size <= 64*epsilon)
+        return 1;
+    guess(w, dt, q, p, w->x_near);
+    residual(w, dt, q, p, w->x_near, w->r_near);
+    size = increment_size(w, dt, q, p, w->x_near, w->r);
+    for (int e = 0; e < U; ++e)
+        w->r[e] = w->r_near[e];
+    for (int attempt = 0; attempt < 4; ++attempt) {
+        for (int a = 0; a < N; ++a) {
+            q_near[a] = q[a] + nudge(&chance)*q[a];
+            p_near[a] = p[a] + nudge(&chance)*p[a];
+        }
+        for (int e = 0; e < U; ++e)
+            w->x_near[e] += nudge(&chance)*w->x_near[e];
+        residual(w, dt, q_near, p_near, w->x_near, w->r_near);
+        for (int e = 0; e < U; ++e)
+            w->r_near[e] -= w->r[e];
+        guess(w, dt, q, p, w->x_near);
+        rounding = larger(rounding, residual_size(w, dt, q, p, w->x_near, w->r_near));
+    }
+    return size <= 16*rounding;
+}
+
+/* Small increments of huge unknowns are no solution: the constraints at the end of the step tell. */
+static int lands(work_t *w, real dt, const real q[N], const real x[U])
+{
+    real d[N], q1[N], g[M], dg[M], G[M][N];
+    displacement(dt, x, d);
+    for (int a = 0; a < N; ++a)
+        q1[a] = q[a] + d[a];
+    constraint(&w->constants, q, g);
+    constraint_increment(&w->constants, q, d, dg);
+    constraint_jacobian(&w->constants, q1, G);
+    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
+    for (int mu = 0; mu < M; ++mu) {
+        const real allowed = fabs(g[mu]) + norm(N, G[mu])*way;
+        if (!(fabs(g[mu] + dg[mu]) <= allowed))
+            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
+    }
+    return OK;
+}
+
+/* Why iterations end without a solution, by their last increment and its ratio to the one before. */
+static int failure(real size, real ratio)
+{
+    if (!isfinite(size))
+        return NOT_FINITE;
+    return ratio < (real)0.5 ? NOT_CONVERGED : size < (real)0.001 ? STAGNATED : DIVERGED;
+}
+
 /*
  * Iterates x <- x - J^-1 r from the guess in x. It ends when the increment is below the
  * tolerance, when the next one would be below round-off (quadratic convergence: about
- * size (size/previous)^2), or when increments near round-off have stopped shrinking.
+ * size (size/previous)^2), or when increments have stopped shrinking where rounding stops them.
  */
 static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real x[U], int *iterations)
 {
-    const real near_floor = 65536*epsilon; /* floors seen: 1e-16 (s = 2) to 2e-14 (s = 9) */
-    real previous = 0;
+    real size = 0, ratio = 0;
     *iterations = 0;
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
-        const int status = solve(U, w->J, w->r, w->exponents, w->pivots);
+        int status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+        if (status == OK)
+            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
         if (status != OK)
             return status;
         ++*iterations;
-        const real size = increment_size(dt, q, p, x, w->r);
+        w->effort += RESIDUAL_COST + JACOBIAN_COST + w->products/2;
+        const real previous = size;
+        size = increment_size(w, dt, q, p, x, w->r);
+        w->increment = size;
         for (int e = 0; e < U; ++e)
             x[e] -= w->r[e];
-        if (!isfinite(size))
+        if (!isfinite(norm(U, w->r))) /* the size is infinite where a body at rest begins to move */
             return NOT_FINITE;
         if (size <= options->tolerance)
-            return OK;
-        if (*iterations > 1) {
-            const real ratio = size/previous;
-            if (size < near_floor && ratio >= (real)0.5)
-                return OK;
-            if (!(options->tolerance > 0) && size < (real)0.001 && ratio < (real)0.1
-                && size*ratio*ratio < epsilon/64)
-                return OK;
-        }
-        previous = size;
+            return lands(w, dt, q, x);
+        if (*iterations == 1)
+            continue;
+        const int shrinks = ratio < (real)0.5; /* a small increment after one that stalled is chance */
+        ratio = size/previous;
+        if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
+            return lands(w, dt, q, x);
+        if (!(options->tolerance > 0) && shrinks && size < (real)0.001 && ratio < (real)0.1
+            && size*ratio*ratio < epsilon/64)
+            return lands(w, dt, q, x);
     }
-    return NOT_CONVERGED;
+    return failure(size, ratio);
 }
 
 /*
@@ -795,7 +888,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
 static int simplified_newton(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real x[U], int *iterations)
 {
-    const real near_floor = 65536*epsilon, far = (real)0.02, slow = (real)0.1;
+    const real far = (real)0.02, slow = (real)0.1;
     real previous = 0;
     int stale = 1;
     *iterations = 0;
@@ -804,26 +897,30 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         int status = OK;
         if (stale) {
             jacobian(w, dt, q, p, x, w->J);
-            status = factorise(U, w->J, w->exponents, w->pivots);
+            status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+            w->effort += JACOBIAN_COST + w->products/2;
         }
         if (status == OK)
             status = substitute(U, w->J, w->exponents, w->pivots, w->r);
         if (status != OK)
             return status;
         ++*iterations;
-        const real size = increment_size(dt, q, p, x, w->r);
+        w->effort += RESIDUAL_COST;
+        const real size = increment_size(w, dt, q, p, x, w->r);
         if (!(size < far))
             return NOT_CONVERGED;
         for (int e = 0; e < U; ++e)
             x[e] -= w->r[e];
         if (size <= options->tolerance)
-            return OK;
+            return lands(w, dt, q, x);
         const real ratio = *iterations > 1 ? size/previous : 1;
-        if (*iterations > 1 && size < near_floor && ratio >= (real)0.5)
-            return OK;
+        if (*iterations > 1 && ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
+            return lands(w, dt, q, x);
+        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5 && size*ratio < epsilon/64)
+            return lands(w, dt, q, x);
         if (*iterations > 2 && ratio > 1)
             return NOT_CONVERGED;
-        stale = *iterations > 1 && ratio > slow && size > near_floor;
+        stale = *iterations > 1 && ratio > slow;
         previous = size;
     }
     return NOT_CONVERGED;
@@ -950,6 +1047,7 @@ typedef struct {
     lanes f2; /* 0.25*k2 */
     lanes f3; /* 0.25*k3 */
     lanes f4; /* 2.0*mgl */
+    int LANES_USED; /* lanes that differ; the others repeat lane 0 */
 } lane_constants;
 
 /* Lane i of the constants. */
@@ -1070,14 +1168,19 @@ INLINE lanes lanes_correction(const lane_constants *c)
 
 /* ---------------------------------------------------------------- when a sweep has converged */
 
-/* What is known of the sweeps of one step, of one trajectory. */
+/* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {
     int sweeps;
     int calm;    /* sweeps near round-off that brought nothing more */
+    int idle;    /* sweeps that brought the constraints no nearer */
+    int looked;  /* whether the floor is what rounding was seen to be worth */
+    real floor;  /* changes below it may be rounding: a size, no square */
     real change; /* of the last sweep: the sum of its squared increments relative to the state */
     real before; /* of the sweep before it */
     real first;  /* of the first */
     real least;  /* of all sweeps */
+    real defect; /* of the constraints in the last sweep, relative to the state */
+    real least_defect;
     real rate;   /* mean ratio of two changes far from round-off, in this step or an earlier one */
 } progress_t;
 
@@ -1085,20 +1188,50 @@ enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 
 static progress_t start_of_sweeps(real rate)
 {
-    const progress_t start = { 0, 0, 0, 0, 0, (real)HUGE_VAL, rate };
+    const progress_t start = { .floor = 16*epsilon, .least = (real)HUGE_VAL, .defect = (real)HUGE_VAL,
+        .least_defect = (real)HUGE_VAL, .rate = rate };
     return start;
 }
 
 /*
- * Ends the sweeps when the next change would be far below round-off, or when changes near
- * round-off have stopped shrinking; gives up when they grow, or would not get there in time.
- * Modes may alternate: rates are those of the last two sweeps together.
+ * Whether a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
+ * a stiff spring k rounds its force by epsilon k |q|, whatever the momentum.
  */
-static enum verdict judge(progress_t *s, real change, real tolerance, int most)
+static int calls_for_look(const progress_t *s, real change)
 {
-    const real near_floor = 4096*epsilon, beyond = epsilon/4096, fast = (real)0.05;
+    return !s->looked && s->sweeps >= 2 && change > s->change/4 && !(change < s->floor*s->floor);
+}
+
+/* `noise` is what stages some units in the last place away change in a sweep, squared. */
+static void look(progress_t *s, real noise)
+{
+    s->looked = 1;
+    s->floor = larger(s->floor, 16*sqrt(noise));
+}
+
+/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
+static int is_met(progress_t *s, real defect)
+{
+    const real next = defect*larger(defect/s->defect, (real)0.0001);
+    s->idle = defect < (real)0.8*s->least_defect ? 0 : s->idle + 1;
+    s->defect = defect;
+    if (defect < s->least_defect)
+        s->least_defect = defect;
+    const real floor = 4*epsilon*epsilon, low = 4096*epsilon; /* above that, constraints that idle are not met */
+    return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
+}
+
+/*
+ * Ends the sweeps when the next change would be far below round-off, or when changes near
+ * round-off have stopped shrinking, unless the constraints are still coming nearer; gives up when
+ * changes grow, or would not get there in time. Modes may alternate: rates are those of the last
+ * two sweeps together.
+ */
+static enum verdict judge(progress_t *s, real change, real defect, real tolerance, int most)
+{
+    const real beyond = epsilon/4096, fast = (real)0.05, low = 4096*epsilon;
     const real ratio = change/s->change, of_two = change/s->before;
-    const int near = change < near_floor*near_floor, least = change < s->least;
+    const int near = change < s->floor*s->floor, least = change < s->least, met = is_met(s, defect);
     s->before = s->change;
     s->change = change;
     if (least)
@@ -1111,24 +1244,32 @@ static enum verdict judge(progress_t *s, real change, real tolerance, int most)
     }
     if (!(change < 9))
         return GIVE_UP;
-    if (near && s->sweeps > 3 && !(s->before < near_floor*near_floor))
+    if (change < low*low && s->sweeps > 3 && !(s->before < low*low))
         s->rate = pow(s->before/s->first, 1/(real)(s->sweeps - 2));
+    if (change <= tolerance*tolerance)
+        return CONVERGED;
     /* Two sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
     const real next = larger(ratio, s->sweeps == 2 ? (real)0.0001 : sqrt(of_two));
-    if (change <= tolerance*tolerance || change*next < beyond*beyond)
+    if (met && change*next < beyond*beyond)
         return CONVERGED;
     const int stalled = near && (s->rate < fast ? ratio > 4*fast : !least);
     s->calm = stalled ? s->calm + 1 : s->rate < fast ? s->calm : 0;
-    if (stalled && (s->calm == (s->rate < fast ? 2 : 4) || change < epsilon*epsilon))
+    if (met && stalled && (s->calm >= (s->rate < fast ? 2 : 4) || change < epsilon*epsilon))
         return CONVERGED;
     if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
         return GIVE_UP;
     if (s->sweeps % 8 == 0 && !near) { /* at the rate of all sweeps so far: would it get there? */
         const real left = (real)(most - s->sweeps)/(real)(s->sweeps - 1);
-        if (change*pow(change/s->first, left) > near_floor*near_floor)
+        if (change*pow(change/s->first, left) > s->floor*s->floor)
             return GIVE_UP;
     }
     return SWEEP_AGAIN;
+}
+
+/* Why the sweeps of a step were given up. */
+static int why(const progress_t *s)
+{
+    return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
 }
 
 /* ---------------------------------------------------------------- starting values from the past */
@@ -1413,7 +1554,9 @@ typedef struct {
     lanes hb[STAGE_ITEMS], hb_hat[STAGE_ITEMS];
     lanes mu[S*STAGE_ITEMS], mu_hat[S*STAGE_ITEMS];
     stages_iterate now;
-    lanes change;
+    lanes change, noise; /* of the last sweep; what rounding is worth in one */
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
     lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
     lanes nu[S*NODE_ITEMS], nu_tilde[P*STAGE_ITEMS], inverse[P*NODE_ITEMS], moves[NODE_ITEMS]; /* 0 at node 0 */
     lanes last[M]; /* the last impulse, h b~_P Lambda_P */
@@ -1505,16 +1648,20 @@ static void stages_fill(lanes *to, int rows, int columns, const real *from)
             set_part(&to[j*items + i/W], i % W, i < rows ? from[i*columns + j] : 0);
 }
 
-/* g at the state, with what rounding left of q. */
+/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
 INLINE void stages_look(stages_t *w)
 {
     lanes G[M][N];
     lanes_constraint(&w->constants, w->q, w->g_rounded);
     lanes_constraint_jacobian(&w->constants, w->q, G);
     for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(DBL_MIN);
         w->g[mu] = w->g_rounded[mu];
-        for (int a = 0; a < N; ++a)
+        for (int a = 0; a < N; ++a) {
             w->g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->shortness[mu] = 1/square;
     }
 }
 
@@ -1560,7 +1707,10 @@ INLINE void stages_guess(stages_t *w)
         w->now.x[e] = splat(0);
 }
 
-/* One sweep; w->change is the sum of squares of what it changed, relative to the state. */
+/*
+ * One sweep; w->change is the sum of squares of what it changed, relative to the state, w->defect that
+ * of how far from g = 0 the nodes were, before the impulses were corrected
+ */
 INLINE void stages_sweep(stages_t *w)
 {
     lanes *L = w->now.x, *L_hat = w->now.x + STAGES_X_HAT;
@@ -1583,6 +1733,14 @@ INLINE void stages_sweep(stages_t *w)
         for (int mu = 0; mu < M; ++mu)
             g[l*M + mu] = w->g[mu] + increment[mu];
     }
+    w->defect = splat(0);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(0);
+        for (int l = 0; l < NODE_ITEMS; ++l)
+            square += g[l*M + mu]*g[l*M + mu];
+        w->defect += square*w->shortness[mu];
+    }
+    w->defect *= w->q_size;
     lanes defect[NODE_ITEMS*M];
     stages_nodes_of_nodes(w->zero, 0, w->inverse, g, defect);
     for (int j = 0; j < NODE_ITEMS; ++j) {
@@ -1614,13 +1772,44 @@ INLINE void stages_sweep(stages_t *w)
     w->change = q_change*w->q_size + p_change*w->p_size;
 }
 
-/* The change of the last sweep, over all stages. */
-INLINE real stages_change(const stages_t *w)
+/* H_p and H_q of stages i at given places and momenta. */
+INLINE void stages_rates(const stages_t *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p, lanes *H_q)
 {
-    real change = part(&w->change, 0);
-    for (int i = 1; i < W; ++i)
-        change += part(&w->change, i);
-    return change;
+    lanes shared[3];
+    (void)i;
+    lanes_velocity(&w->constants, Q, momentum, H_p, shared);
+    lanes_force(&w->constants, Q, momentum, shared, H_q);
+}
+
+/*
+ * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that it
+ * makes to the rates when a state is moved by two units in the last place, the mean of four times, and
+ * what rounding the rates makes. The state is that at the start of the step, for sweeps that have gone
+ * astray prove nothing.
+ */
+NOINLINE void stages_noise(stages_t *w)
+{
+    w->noise = splat(0);
+    for (int i = 0; i < STAGE_ITEMS; ++i) {
+        lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
+        unsigned chance = 1;
+        stages_rates(w, i, w->q, w->p, H_p, H_q);
+        for (int attempt = 0; attempt < 4; ++attempt) {
+            lanes place[N], push[N], H_p_near[N], H_q_near[N];
+            for (int a = 0; a < N; ++a) {
+                place[a] = w->q[a] + nudge(&chance)*w->q[a];
+                push[a] = w->p[a] + nudge(&chance)*w->p[a];
+            }
+            stages_rates(w, i, place, push, H_p_near, H_q_near);
+            for (int a = 0; a < N; ++a) {
+                const lanes by_p = H_p_near[a] - H_p[a] + nudge(&chance)*H_p[a];
+                const lanes by_q = H_q_near[a] - H_q[a] + nudge(&chance)*H_q[a];
+                dq += by_p*by_p;
+                dp += by_q*by_q;
+            }
+        }
+        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
+    }
 }
 
 /* T2: the end of the step from the converged stages, in compensated sums. */
@@ -1697,6 +1886,20 @@ static void stages_set_up(stages_t *w)
     stages_look(w);
 }
 
+/* What changes are relative to: the state and the step's own length. */
+INLINE void stages_sizes(stages_t *w)
+{
+    lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
+    stages_total(S, N, w->now.x, dq);
+    stages_total(S, N, w->now.x + STAGES_X_HAT, dp);
+    for (int a = 0; a < N; ++a) {
+        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
+        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+    }
+    w->q_size = 1/q_square;
+    w->p_size = 1/p_square;
+}
+
 /* Starting values of the next step. */
 INLINE void stages_start(stages_t *w, int predicted)
 {
@@ -1712,15 +1915,7 @@ INLINE void stages_start(stages_t *w, int predicted)
         predict(&w->predictor, w->past, STAGES_X, stages_ends, w->through, w->now.x);
     } else
         stages_guess(w);
-    lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
-    stages_total(S, N, w->now.x, dq);
-    stages_total(S, N, w->now.x + STAGES_X_HAT, dp);
-    for (int a = 0; a < N; ++a) {
-        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
-        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
-    }
-    w->q_size = 1/q_square;
-    w->p_size = 1/p_square;
+    stages_sizes(w);
     stages_begin(w);
 }
 
@@ -1792,7 +1987,9 @@ typedef struct {
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
     lanes hb[S], hb_hat[S];
     trajectories_iterate now;
-    lanes change;
+    lanes change, noise; /* of the last sweep; what rounding is worth in one */
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
     lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
     lanes last[M]; /* the last impulse, h b~_P Lambda_P */
     lanes W_inverse[M][M];
@@ -1877,16 +2074,20 @@ INLINE void trajectories_total(int count, int width, const lanes *x, lanes *tota
     }
 }
 
-/* g at the state, with what rounding left of q. */
+/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
 INLINE void trajectories_look(trajectories_t *w)
 {
     lanes G[M][N];
     lanes_constraint(&w->constants, w->q, w->g_rounded);
     lanes_constraint_jacobian(&w->constants, w->q, G);
     for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(DBL_MIN);
         w->g[mu] = w->g_rounded[mu];
-        for (int a = 0; a < N; ++a)
+        for (int a = 0; a < N; ++a) {
             w->g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->shortness[mu] = 1/square;
     }
 }
 
@@ -1932,7 +2133,10 @@ INLINE void trajectories_guess(trajectories_t *w)
         w->now.x[e] = splat(0);
 }
 
-/* One sweep; w->change is the sum of squares of what it changed, relative to the state. */
+/*
+ * One sweep; w->change is the sum of squares of what it changed, relative to the state, w->defect that
+ * of how far from g = 0 the nodes were, before the impulses were corrected
+ */
 INLINE void trajectories_sweep(trajectories_t *w)
 {
     lanes *L = w->now.x, *L_hat = w->now.x + TRAJECTORIES_X_HAT;
@@ -1955,6 +2159,14 @@ INLINE void trajectories_sweep(trajectories_t *w)
         for (int mu = 0; mu < M; ++mu)
             g[l*M + mu] = w->g[mu] + increment[mu];
     }
+    w->defect = splat(0);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(0);
+        for (int l = 0; l < P; ++l)
+            square += g[l*M + mu]*g[l*M + mu];
+        w->defect += square*w->shortness[mu];
+    }
+    w->defect *= w->q_size;
     lanes defect[P*M];
     trajectories_nodes_of_nodes(w->zero, 0, &fast_inverse[0][0], g, defect);
     for (int j = 0; j < P; ++j) {
@@ -1984,6 +2196,46 @@ INLINE void trajectories_sweep(trajectories_t *w)
         }
     }
     w->change = q_change*w->q_size + p_change*w->p_size;
+}
+
+/* H_p and H_q of stage i at given places and momenta. */
+INLINE void trajectories_rates(const trajectories_t *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p, lanes *H_q)
+{
+    lanes shared[3];
+    (void)i;
+    lanes_velocity(&w->constants, Q, momentum, H_p, shared);
+    lanes_force(&w->constants, Q, momentum, shared, H_q);
+}
+
+/*
+ * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that it
+ * makes to the rates when a state is moved by two units in the last place, the mean of four times, and
+ * what rounding the rates makes. The state is that at the start of the step, for sweeps that have gone
+ * astray prove nothing.
+ */
+NOINLINE void trajectories_noise(trajectories_t *w)
+{
+    w->noise = splat(0);
+    for (int i = 0; i < S; ++i) {
+        lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
+        unsigned chance = 1;
+        trajectories_rates(w, i, w->q, w->p, H_p, H_q);
+        for (int attempt = 0; attempt < 4; ++attempt) {
+            lanes place[N], push[N], H_p_near[N], H_q_near[N];
+            for (int a = 0; a < N; ++a) {
+                place[a] = w->q[a] + nudge(&chance)*w->q[a];
+                push[a] = w->p[a] + nudge(&chance)*w->p[a];
+            }
+            trajectories_rates(w, i, place, push, H_p_near, H_q_near);
+            for (int a = 0; a < N; ++a) {
+                const lanes by_p = H_p_near[a] - H_p[a] + nudge(&chance)*H_p[a];
+                const lanes by_q = H_q_near[a] - H_q[a] + nudge(&chance)*H_q[a];
+                dq += by_p*by_p;
+                dp += by_q*by_q;
+            }
+        }
+        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
+    }
 }
 
 /* T2: the end of the step from the converged stages, in compensated sums. */
@@ -2051,6 +2303,20 @@ static void trajectories_set_up(trajectories_t *w)
     trajectories_look(w);
 }
 
+/* What changes are relative to: the state and the step's own length. */
+INLINE void trajectories_sizes(trajectories_t *w)
+{
+    lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
+    trajectories_total(S, N, w->now.x, dq);
+    trajectories_total(S, N, w->now.x + TRAJECTORIES_X_HAT, dp);
+    for (int a = 0; a < N; ++a) {
+        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
+        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+    }
+    w->q_size = 1/q_square;
+    w->p_size = 1/p_square;
+}
+
 /* Starting values of the next step. */
 INLINE void trajectories_start(trajectories_t *w, int predicted)
 {
@@ -2066,15 +2332,7 @@ INLINE void trajectories_start(trajectories_t *w, int predicted)
         predict(&w->predictor, w->past, TRAJECTORIES_X, trajectories_ends, w->through, w->now.x);
     } else
         trajectories_guess(w);
-    lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
-    trajectories_total(S, N, w->now.x, dq);
-    trajectories_total(S, N, w->now.x + TRAJECTORIES_X_HAT, dp);
-    for (int a = 0; a < N; ++a) {
-        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
-        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
-    }
-    w->q_size = 1/q_square;
-    w->p_size = 1/p_square;
+    trajectories_sizes(w);
     trajectories_begin(w);
 }
 
@@ -2108,11 +2366,25 @@ static void trajectories_load(trajectories_t *w, int lane, const real x[U])
         }
 }
 
+/* What a sweep costs, in additions, for all of its stages and nodes. */
+enum {
+    PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with what a stage has */
+    SWEEP_COST = (80 + PRODUCTS)*STAGE_ITEMS + 0*S
+        + 19*NODE_ITEMS + 0*P
+};
+
+/* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
+enum { SWEEPS_FIRST, NEWTON_FIRST };
+
 /* What a caller's work memory holds of the fast path. */
 typedef struct {
     stages_t run;
     int failures; /* steps in a row whose sweeps gave up */
     int wait;     /* steps to take with Newton before sweeping again */
+    int way;      /* SWEEPS_FIRST or NEWTON_FIRST */
+    int steps;    /* done in this way */
+    int patience; /* steps until the other way is tried again */
+    real effort[2]; /* of a step, lately, in either way; 0 where that is not known */
 } fast_t;
 
 _Static_assert(sizeof(fast_t) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
@@ -2122,7 +2394,16 @@ static fast_t *fast_of(work_t *w)
     return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
-/* Sweeps from the starting values until they have converged: true if they did. */
+/* A number of the one trajectory from its lanes, which hold a part each. */
+INLINE real stages_of_lanes(const lanes *x)
+{
+    real sum = part(x, 0);
+    for (int i = 1; i < W; ++i)
+        sum += part(x, i);
+    return sum;
+}
+
+/* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(stages_t *w, const options_t *options, int predicted, int *sweeps)
 {
     progress_t progress = start_of_sweeps(w->predictor.rate[0]);
@@ -2131,14 +2412,21 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
     stages_start(w, predicted);
     do {
         stages_sweep(w);
-        const real change = stages_change(w);
-        verdict = judge(&progress, change, options->tolerance, options->max_iterations);
+        const real change = stages_of_lanes(&w->change), defect = stages_of_lanes(&w->defect);
+        if (calls_for_look(&progress, change)) {
+            stages_noise(w);
+            look(&progress, stages_of_lanes(&w->noise));
+        }
+        verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
+        if (!predicted && verdict == SWEEP_AGAIN && (progress.sweeps == 1 || progress.sweeps == 3)) {
+            stages_sizes(w); /* what is at rest has none before it moves */
+        }
     } while (verdict == SWEEP_AGAIN);
     *sweeps += progress.sweeps;
     w->predictor.rate[0] = progress.rate;
-    return verdict == CONVERGED;
+    return verdict == CONVERGED ? OK : why(&progress);
 }
 
 /*
@@ -2172,29 +2460,59 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
     return OK;
 }
 
-/* One step of the state in the work memory: sweeps, and Newton where they do not converge. */
+/*
+ * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed to
+ * be three residuals and a Jacobian. The other way is tried again ever more rarely.
+ */
+static void choose_way(fast_t *f, long effort)
+{
+    real *known = &f->effort[f->way];
+    *known = *known > 0 ? *known + ((real)effort - *known)/8 : (real)effort;
+    if (++f->steps < (f->run.predictor.fitted ? 8 : 80)) /* first steps say little of later ones */
+        return;
+    const real other = f->way == SWEEPS_FIRST && !(f->effort[NEWTON_FIRST] > 0)
+        ? 3*RESIDUAL_COST + JACOBIAN_COST : f->effort[!f->way];
+    const int retry = f->steps >= f->patience;
+    if (*known > (real)1.5*other || (f->way == NEWTON_FIRST && retry)) {
+        f->way = !f->way;
+        f->steps = 0;
+        f->effort[f->way] = 0;
+        if (f->patience < 1 << 16)
+            f->patience *= 2;
+    } else if (retry) { /* what was once seen of Newton is forgotten */
+        f->effort[NEWTON_FIRST] = 0;
+        f->steps = 0;
+    }
+}
+
+/* One step of the state in the work memory: sweeps, and Newton where they do not converge or cost more. */
 static int fast_advance(work_t *w, const options_t *options, real dt, int *iterations,
     report_t *report)
 {
     fast_t *f = fast_of(w);
     *iterations = 0;
-    const int past = f->run.predictor.count > 0;
-    const int swept = f->wait == 0
-        && ((past && sweep(&f->run, options, 1, iterations))
-            || sweep(&f->run, options, 0, iterations));
-    if (!swept) {
-        if (options->solver == FIXED_POINT)
-            return NOT_CONVERGED;
-        const int status = solve_by_newton(w, options, dt, iterations);
+    w->effort = 0;
+    const int past = f->run.predictor.count > 0, only_sweeps = options->solver == FIXED_POINT;
+    const int tries = only_sweeps || (f->way == SWEEPS_FIRST && f->wait == 0);
+    int status = NOT_CONVERGED;
+    if (tries && past)
+        status = sweep(&f->run, options, 1, iterations);
+    if (tries && status != OK)
+        status = sweep(&f->run, options, 0, iterations);
+    const long sweeps = *iterations;
+    if (status != OK) {
+        if (!only_sweeps)
+            status = solve_by_newton(w, options, dt, iterations);
         if (status != OK)
             return status;
         ++report->newton_steps;
         if (f->wait > 0)
             --f->wait;
-        else
+        else if (tries)
             f->wait = (1 << (f->failures < 6 ? f->failures++ : 6)) - 1;
     } else
         f->failures = 0;
+    choose_way(f, sweeps*SWEEP_COST + w->effort);
     stages_t *s = &f->run;
     record(&s->predictor, s->past, STAGES_X, stages_ends, stages_rows, s->through, s->now.x);
     stages_finish(s);
@@ -2207,7 +2525,11 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
 static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
 {
     fast_t *f = fast_of(w);
-    f->failures = f->wait = 0;
+    f->failures = f->wait = f->way = f->steps = 0;
+    f->patience = 32;
+    f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
+    const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
+    f->run.constants.LANES_USED = most < W ? most : W;
     for (int i = 0; i < W; ++i)
         stages_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
@@ -2388,9 +2710,19 @@ void heavy_top_liiiab4_gamma_jacobian(const parameters_t *parameters, real dt, c
 }
 
 real heavy_top_liiiab4_gamma_increment_size(real dt, const real q[N], const real p[N], const real x[U],
-    const real dx[U])
+    const real dx[U], const work_t *work)
 {
-    return increment_size(dt, q, p, x, dx);
+    return increment_size(work, dt, q, p, x, dx);
+}
+
+int heavy_top_liiiab4_gamma_lands(real dt, const real q[N], const real x[U], work_t *work)
+{
+    return lands(work, dt, q, x);
+}
+
+real heavy_top_liiiab4_gamma_last_increment(const work_t *work)
+{
+    return work->increment;
 }
 
 void heavy_top_liiiab4_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
@@ -2454,7 +2786,7 @@ static void restart(batch_t *b, const int *fresh, const real *x)
 
 /*
  * Sweeps until every lane has converged or given up. A lane ends with the sweep that is its own
- * last one: what it computes does not depend on its mates. lost[i] says that lane i gave up.
+ * last one: what it computes does not depend on its mates. lost[i] says why lane i gave up.
  */
 static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, int *lost,
     int *sweeps)
@@ -2472,14 +2804,20 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     }
     trajectories_start(run, predicted);
     for (int round = 1; left > 0; ++round) {
-        int again = 0;
+        int again = 0, looks = 0;
         trajectories_sweep(run);
+        for (int i = 0; i < W; ++i)
+            looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
+        if (looks)
+            trajectories_noise(run);
         for (int i = 0; i < W; ++i) {
             fresh[i] = 0;
             if (!busy[i])
                 continue;
-            const real change = part(&run->change, i);
-            const enum verdict verdict = judge(&progress[i], change, options->tolerance,
+            const real change = part(&run->change, i), defect = part(&run->defect, i);
+            if (calls_for_look(&progress[i], change))
+                look(&progress[i], part(&run->noise, i));
+            const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
                 options->max_iterations);
             ++sweeps[i];
             if (predicted && round == 1 && !(change < far*far)) {
@@ -2487,7 +2825,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
                 progress[i] = start_of_sweeps(run->predictor.rate[i]);
             } else if (verdict != SWEEP_AGAIN) {
                 busy[i] = 0;
-                lost[i] = verdict == GIVE_UP;
+                lost[i] = verdict == GIVE_UP ? why(&progress[i]) : OK;
                 early[i] = 1;
                 --left;
             }
@@ -2499,6 +2837,9 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
                 early[i] = 2;
                 copy_lane(&b->kept, &run->now, i, RESULT);
             }
+        if (!predicted && left > 0 && (round == 1 || round == 3)) {
+            trajectories_sizes(run);
+        }
     }
     for (int i = 0; i < W; ++i) {
         run->predictor.rate[i] = progress[i].rate;
@@ -2603,6 +2944,7 @@ static int is_finite_lane(const trajectories_t *run, int lane)
 static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
 {
+    b->run.constants.LANES_USED = count < W ? count : W;
     for (int i = 0; i < W; ++i) {
         const int from = i < count ? i : 0;
         constants c;
@@ -2652,13 +2994,12 @@ void heavy_top_liiiab4_gamma_integrate_lanes(int count, const parameters_t *para
         for (int i = 0; i < W; ++i) {
             if (!lost[i])
                 continue;
-            int failure = NOT_CONVERGED;
             if (options->solver != FIXED_POINT) {
-                failure = rescue(b, options, i, &taken[i], work);
-                reports[i].newton_steps += failure == OK;
+                lost[i] = rescue(b, options, i, &taken[i], work);
+                reports[i].newton_steps += lost[i] == OK;
             }
-            if (failure != OK) {
-                status[i] = failure;
+            if (lost[i] != OK) {
+                status[i] = lost[i];
                 alive[i] = 0;
                 --living;
                 keep_state(b, i, run->q, run->p, q, p, &reports[i]);

@@ -61,7 +61,8 @@ class CPrinter:
         self.functions.add(name)
         self.operations[name] += 1
         end = "" if self.prefix or not suffix else self.real.suffix.lower()
-        return f"{self.prefix}{name}{end}({', '.join(map(self.number, arguments))})"
+        texts = [*(["c->LANES_USED"] if self.prefix else []), *map(self.number, arguments)]
+        return f"{self.prefix}{name}{end}({', '.join(texts)})"
 
     def _text(self, e: sp.Expr) -> tuple[str, int]:
         if e.is_Symbol:

@@ -22,6 +22,7 @@ from .fast_path import FastTableau
 from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel, sums_products
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
+from .solver_costs import solver_costs
 from .structure import Structure
 from .system import System
 from .tableau import FIELDS, Tableau, is_quadratic
@@ -157,6 +158,7 @@ def _context(
         "P": tableau.p if tableau else 0,
         "order": scheme.order,
         "multipliers": scheme.multipliers * system.m,
+        "costs": solver_costs(scheme, kernels, forms),
         "kernels": kernels,
         "compensated_plain": any(map(sums_products, kernels)),
         "cardinals": c_names_with_needs(frozenset().union(*(k.functions for k in kernels))),

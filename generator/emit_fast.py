@@ -145,7 +145,7 @@ def _memory(
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
     forced = 8 + blocks + (n if one else s * n) if scheme.system.forces else 0
-    vectors = (forced + constants + 32
-               + 5 * n + 2 * blocks + tables + 2 * iterate + 17 * x + 3 * m + m * m
+    vectors = (forced + constants + 33
+               + 5 * n + 2 * blocks + tables + 2 * iterate + 17 * x + 4 * m + m * m
                + 3 * (16 + 17 * 17))
     return vectors * lanes * real.bytes + 512

@@ -156,7 +156,8 @@ def emit_kernel(
     used = symbols_of(e for _, e in targets)
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
-    if not own_constants and not used & target.names.keys():
+    called_by_lanes = target.prefix and printer.functions  # which are told how many lanes to do
+    if not own_constants and not used & target.names.keys() and not called_by_lanes:
         unused.insert(0, "c")
     return EmittedKernel(
         target.prefix + kernel.name,

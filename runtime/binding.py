@@ -29,7 +29,8 @@ DTYPES: dict[str, Any] = {
 #: Solver → its number in the generated enum; "python" drives the compiled parts itself.
 SOLVERS = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
 #: Why a call failed, by its status.
-REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite"}
+REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite", 4: "stagnated",
+           5: "diverged"}
 
 
 class Binding:
@@ -53,6 +54,8 @@ class Binding:
         self._quantities_take_time = bool(system.get("quantities_take_time"))
         self.unknowns = int(manifest["scheme"]["unknowns"])
         self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
+        #: Whether the unknowns are increments of the state, and residuals are rates.
+        self.solves_increments = bool(manifest["scheme"]["unknowns_are_state"])
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
         self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
 
@@ -248,10 +251,45 @@ class Binding:
                                   self.pointer(x), self.pointer(J), work)
         return J
 
-    def increment_size(self, dt: float, q: Array, p: Array, x: Array, dx: Array) -> float:
-        """Return how large an increment of the unknowns is, relative to the state."""
+    def increment_size(
+        self, dt: float, q: Array, p: Array, x: Array, dx: Array, work: Any
+    ) -> float:
+        """Return how large an increment is, relative to the state; work of the last residual."""
         return float(self.function("increment_size")(
-            dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(dx)))
+            dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(dx), work))
+
+    def residual_size(
+        self, dt: float, q: Array, p: Array, x: Array, r: Array, work: Any
+    ) -> float:
+        """Return how large a residual is, relative to the state, as an increment would be."""
+        size = self.increment_size(dt, q, p, x, r, work)
+        return abs(float(dt)) * size if self.solves_increments else size
+
+    def lands(self, dt: float, q: Array, x: Array, work: Any) -> int:
+        """Return the status of unknowns that ought to end a step on the constraints."""
+        return int(self.function("lands")(dt, self.pointer(q), self.pointer(x), work))
+
+    def step(
+        self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
+    ) -> int:
+        """Try one step from (q, p); return its status."""
+        ends = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
+        taken = self.ffi.new("int *")
+        return int(self.function("step")(parameters, options, dt, self.pointer(q), self.pointer(p),
+                                         *map(self.pointer, ends), taken, work))
+
+    def first_half(
+        self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
+    ) -> tuple[int, float]:
+        """T1 by full Newton: return its status and the size of its last increment."""
+        x, taken = self.new(self.unknowns), self.ffi.new("int *")
+        status = self.function("T1")(parameters, options, dt, self.pointer(q), self.pointer(p),
+                                     self.pointer(x), taken, work)
+        return int(status), self.last_increment(work)
+
+    def last_increment(self, work: Any) -> float:
+        """Return the size of Newton's last increment, relative to the state."""
+        return float(self.function("last_increment")(work))
 
     def finish(
         self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any

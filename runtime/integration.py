@@ -5,14 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, StepFailed, Stopped
-from .binding import REASONS, Binding
+from .binding import Binding
+from .failure import Diagnosis, diagnose
 from .interrupts import Interrupts, ctrl_c
 from .newton import newton_step
 from .trajectory import Report, Trajectory
@@ -117,7 +118,7 @@ def integrate(
     Raises
     ------
     StepFailed
-        With everything computed before the failed step.
+        With everything computed before the failed step, and what was found of its reasons.
     Stopped
         After Ctrl-C, with everything computed until then.
     """
@@ -125,7 +126,10 @@ def integrate(
     with ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
         trajectory, status = course(binding, manifest, run, lambda: interrupts.asked, progress)
     if status:
-        raise failure_of(run, trajectory, status)
+        last = trajectory.report
+        q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
+        found = diagnose(binding, manifest, run, status, q, p, run.t0 + last.steps * run.dt)
+        raise failure_of(run, trajectory, found)
     if interrupts.asked:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
                       ".trajectory.", interrupts.signal, trajectory=trajectory)
@@ -163,11 +167,11 @@ def course(
     return trajectory_of(binding, manifest, run, rows, report, q, p, parameters), status
 
 
-def failure_of(run: Run, trajectory: Trajectory, status: int) -> StepFailed:
+def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
     """Return the error of a run whose next step has no solution."""
     done = trajectory.report.steps
-    return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), reason=REASONS[status],
-                      trajectory=trajectory)
+    return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), trajectory=trajectory,
+                      **asdict(found))
 
 
 def advance(

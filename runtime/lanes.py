@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import StepFailed
 from .binding import Binding
+from .failure import Diagnosis
 from .integration import Pace, Rows, Run, failure_of, next_chunk, trajectory_of
 from .trajectory import Trajectory
 
@@ -95,4 +96,4 @@ def _member(
 ) -> Member:
     trajectory = trajectory_of(binding, manifest, run, rows, report, q, p,
                                binding.parameters(run.parameters, run.t0))
-    return trajectory, failure_of(run, trajectory, status) if status else None
+    return trajectory, failure_of(run, trajectory, Diagnosis.bare(status)) if status else None

@@ -41,7 +41,7 @@ def solve_stages(
     """T1: return status, the unknowns x and the number of iterations."""
     epsilon = binding.epsilon
     x = binding.guess(parameters, dt, q, p, work)
-    previous = 0.0
+    size, ratio = 0.0, 0.0
     for taken in range(1, max_iterations + 1):
         r = binding.residual(parameters, dt, q, p, x, work)
         J = binding.jacobian(parameters, dt, q, p, x, work)
@@ -55,17 +55,44 @@ def solve_stages(
                 dx = binding.solve((J.T / scale).T, r / scale)
         except np.linalg.LinAlgError:
             return 2, x, taken
-        size = binding.increment_size(dt, q, p, x, dx)
+        previous, size = size, binding.increment_size(dt, q, p, x, dx, work)
         x = x - dx
         if not np.isfinite(size):
             return 3, x, taken
-        ratio = size / previous if taken > 1 else np.nan
-        done = (
-            size <= (tolerance or 0.0)
-            or (size < 65536 * epsilon and ratio >= 0.5)
-            or (not tolerance and size < 1e-3 and ratio < 0.1 and size * ratio**2 < epsilon / 64)
-        )
-        if done:
-            return 0, x, taken
-        previous = size
-    return 1, x, max_iterations
+        shrinks, ratio = ratio < 0.5, size / previous if taken > 1 else 0.0
+        if size <= (tolerance or 0.0):
+            return binding.lands(dt, q, x, work), x, taken
+        if taken == 1:
+            continue
+        stops = ratio >= 0.5 and is_rounding(binding, parameters, dt, q, p, dx, size, work)
+        quadratic = not tolerance and shrinks and size < 1e-3 and ratio < 0.1
+        if stops or (quadratic and size * ratio**2 < epsilon / 64):
+            return binding.lands(dt, q, x, work), x, taken
+    return (1 if ratio < 0.5 else 4 if size < 1e-3 else 5), x, max_iterations
+
+
+def is_rounding(
+    binding: Binding, parameters: Any, dt: float, q: Array, p: Array, dx: Array, size: float,
+    work: Any,
+) -> bool:
+    """Whether an increment, no smaller than half the one before, is so by rounding.
+
+    A stiff spring k rounds its force by ε k |q|, and Δt times that may be large beside a small
+    momentum: states and guesses two units in the last place away tell by how much the residual is
+    uncertain. They are those at the start, for an iteration that has gone astray proves nothing.
+    """
+    if size <= 64 * binding.epsilon:
+        return True
+    chance = np.random.default_rng(1)
+    ulps = 2 * binding.epsilon
+    x = binding.guess(parameters, dt, q, p, work)
+    r = binding.residual(parameters, dt, q, p, x, work)
+    size = binding.increment_size(dt, q, p, x, dx, work)
+    rounding = 0.0
+    for _ in range(4):
+        q_near, p_near, x_near = (
+            np.ascontiguousarray(y + ulps * chance.choice([-1, 1], len(y)) * y, y.dtype)
+            for y in (q, p, x))
+        change = binding.residual(parameters, dt, q_near, p_near, x_near, work) - r
+        rounding = max(rounding, binding.residual_size(dt, q, p, x, change, work))
+    return size <= 16 * rounding

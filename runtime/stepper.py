@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -16,7 +17,9 @@ from .checks import as_parameters, as_positive_count, as_real, as_step, shown
 from .compiled_constraints import CompiledConstraints
 from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
+from .failure import Diagnosis
 from .gamma_choice import with_choice
+from .held import Held
 from .integration import Run, course, failure_of, integrate
 from .lanes import Member, integrate_lanes
 from .manifest import read_manifest
@@ -31,8 +34,8 @@ Array = NDArray[Any]
 class Stepper:
     """A stepper compiled from generated C.
 
-    Make one with ``gyrospark.stepper(...)``. Instances hold no state between calls and may be
-    used from many threads at once.
+    Make one with ``gyrospark.stepper(...)``. Instances may be used from many threads at once; all
+    they hold between calls is, for each thread, the trajectory that ``step`` goes on with.
 
     Attributes
     ----------
@@ -63,6 +66,7 @@ class Stepper:
         self.order = int(self.manifest["scheme"]["order"])
         self.remarks: list[str] = self.manifest.get("tableau", {}).get("remarks", [])
         self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
+        self._local = threading.local()
 
     def __repr__(self) -> str:
         return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
@@ -90,11 +94,26 @@ class Stepper:
         tolerance: float | None = None,
         max_iterations: int = 50,
     ) -> tuple[Array, Array]:
-        """Return (q, p) one step of ``dt`` seconds later; see ``integrate``."""
-        run = self.checked_run(q, p, dt=dt, steps=1, every=1, parameters=parameters, t0=t0,
-                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-        end = integrate(self.binding, self.manifest, run)
-        return end.q[-1], end.p[-1]
+        """Return (q, p) one step of ``dt`` seconds later; see ``integrate``.
+
+        A call that is given what the last one in this thread returned, and the rest as before
+        (``t0`` one ``dt`` on, where the system depends on time), goes on where that ended: a loop
+        of calls gives the bits of ``integrate``, and costs as few sweeps.
+        """
+        given = (dt, solver, tolerance, max_iterations, parameters)
+        held: Held | None = getattr(self._local, "held", None)
+        self._local.held = None
+        if held is None or not held.goes_on(q, p, t0, given):
+            run = self.checked_run(q, p, dt=dt, steps=1, every=1, parameters=parameters, t0=t0,
+                                   solver=solver, tolerance=tolerance,
+                                   max_iterations=max_iterations)
+            held = Held(self.binding, run, given) if solver != "python" else None
+        if held is None or held.advance():
+            run = run if held is None else held.run_from(q, p, t0)
+            end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
+            return end.q[-1], end.p[-1]
+        self._local.held = held
+        return held.state
 
     def integrate(
         self,
@@ -316,7 +335,8 @@ class Stepper:
         members: list[Member] = []
         for run in runs:
             trajectory, status = course(self.binding, self.manifest, run, stop)
-            members.append((trajectory, failure_of(run, trajectory, status) if status else None))
+            failure = failure_of(run, trajectory, Diagnosis.bare(status)) if status else None
+            members.append((trajectory, failure))
         return members
 
     # ------------------------------------------------------------ inside

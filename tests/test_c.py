@@ -112,8 +112,8 @@ def test_symbols_are_the_documented_functions(name, spec, tmp_path):
     assert exported == declared(spec, files[f"{spec.name}.h"])
     assert {words[-2] for words in lines} <= set("TtrUu"), lines
     functions = {"step", "integrate", "T1", "T2", "guess", "residual", "jacobian",
-                 "increment_size", "hamiltonian", "defects", "project", "lanes",
-                 "integrate_lanes", "integrate_many"}
+                 "increment_size", "last_increment", "lands", "hamiltonian", "defects",
+                 "project", "lanes", "integrate_lanes", "integrate_many"}
     if spec.stages:
         functions |= {"coefficients"}
     assert exported == {f"{spec.name}_{function}" for function in functions}
@@ -262,7 +262,7 @@ static void everything(const char *label, const NAME_parameters *par, const real
     show("residual", 0, U, r);
     NAME_jacobian(par, dt, q, p, x, J, work);
     show("jacobian", 0, U*U, J);
-    real size[1] = { NAME_increment_size(dt, q, p, x, r) };
+    real size[1] = { NAME_increment_size(dt, q, p, x, r, work) };
     show("increment", 0, 1, size);
     status = NAME_step(par, &options, dt, q, p, q, p, l, &taken, work); /* in place */
     show("in place", status, status ? 0 : N, q);

@@ -317,7 +317,7 @@ def test_failed_step_is_told_and_all_before_it_kept(late_failure, more, gyrospar
     number = answer.document["failed"]["step"]
     if "python" not in more:
         assert number == failure.step
-    for fragment in (f"Step {number:g} ", failure.reason, "t = ", "--dt"):
+    for fragment in (f"Step {number:g} ", failure.reason, "t = ", "a step of dt = "):
         assert fragment in answer.stderr
     found = answer.document
     assert set(found) >= CONTRACT

@@ -22,6 +22,7 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.generator.system import System
+from gyrospark.runtime.binding import REASONS
 from reference import WORKING_DIGITS, Equations, Method, doubles, numbers
 from strategies import EPS
 
@@ -319,7 +320,7 @@ def test_redundant_constraints_fail_clearly(scheme, stages, factor, dt):
             assert abs(found @ found - 1) < 1e-12
             continue
         assert failure.step == 1
-        assert failure.reason in ("singular matrix", "not converged", "not finite")
+        assert failure.reason in REASONS.values()
         assert failure.trajectory.q.shape == (1, 3)
         assert len(failure.trajectory.multipliers) == 0
 

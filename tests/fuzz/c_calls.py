@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from gyrospark.runtime.binding import REASONS
+
 from .choices import Choices
 from .steppers import NAMES, Case, case
 
@@ -184,7 +186,7 @@ def halves(memory: Memory, choices: Choices) -> str:
     elif kind == 2:
         memory.call("jacobian", par, dt, q, p, x, J, work)
     elif kind == 3:
-        memory.call("increment_size", dt, q, p, x, r)
+        memory.call("increment_size", dt, q, p, x, r, work)
     elif kind == 4:
         status = memory.call("T1", par, options, dt, q, p, x, taken, work)
         return judged(status, memory.result(2))
@@ -221,8 +223,8 @@ CALLS: tuple[Callable[[Memory, Choices], str], ...] = (step, integrate, lanes, h
 
 def judged(status: int, *results: np.ndarray) -> str:
     """Return what a status means; what is called done is finite."""
-    assert status in (0, 1, 2, 3), f"status {status}"
+    assert status in (0, *REASONS), f"status {status}"
     if status == 0:
         assert all(math.isfinite(x) for part in results for x in part), "done, and not finite"
         return "accepted"
-    return ("", "not converged", "singular matrix", "not finite")[status]
+    return REASONS[status]

@@ -1,0 +1,77 @@
+"""Mechanisms near their change points, and which solver takes their steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from mechanisms import (
+    ANDREWS_START,
+    GRAVITY,
+    andrews,
+    parallelogram,
+    parallelogram_at,
+    slider_crank,
+    slider_crank_at,
+)
+
+EPSILON = np.finfo(float).eps
+SCHEMES = [("IMS", None), ("EMS", None), ("G-L", 1), ("G-L", 3), ("LIIIA-B", 2), ("LIIIA-B", 3)]
+LOOPS = {"parallelogram": (parallelogram, parallelogram_at(1.9, 3.0)),
+         "slider_crank": (slider_crank, slider_crank_at(0.3, 3.0))}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=str)
+@pytest.mark.parametrize("name", LOOPS)
+def test_constraints_hold_where_their_matrix_is_nearly_singular(name, scheme):
+    """Sweeps are judged by g too: they left 1.5e-13 beside a change point, Newton 2e-16."""
+    make, start = LOOPS[name]
+    step = gs.stepper(*scheme, system=make())
+    for solver in ("auto", "newton"):
+        made = step.integrate(*start, dt=0.01, steps=1000, parameters=GRAVITY, solver=solver)
+        assert made.report.constraint_max <= 4 * EPSILON
+    many = step.integrate_ensemble(np.array([start[0]] * 2), np.array([start[1]] * 2), dt=0.01,
+                                   steps=1000, parameters=GRAVITY)
+    assert not many.failures
+    assert many.members[1].report.constraint_max <= 4 * EPSILON
+
+
+@pytest.mark.parametrize(("name", "make", "place"), [
+    ("parallelogram", parallelogram, parallelogram_at(0.0, 3.0)),
+    ("slider_crank", slider_crank, np.round(slider_crank_at(np.pi / 2, 3.0), 15)),
+])
+def test_a_start_at_a_change_point_is_told_as_that(name, make, place):
+    """No smaller time step cures it."""
+    step = gs.stepper("G-L", 1, system=make())
+    with pytest.raises(gs.StepFailed, match="change point") as caught:
+        step.integrate(*place, dt=0.01, steps=3, parameters=GRAVITY)
+    for constraint in ("'g0'", "'g1'", "'g2'"):
+        assert constraint in str(caught.value)
+    assert "smaller" not in str(caught.value)
+    assert caught.value.dt is None
+    beside = LOOPS[name][1]
+    assert len(step.integrate(*beside, dt=0.01, steps=3, parameters=GRAVITY)) == 4
+
+
+def test_auto_takes_newton_where_that_costs_less():
+    """Counted in operations, not by a clock: the same steps in every run."""
+    mean = gs.stepper("EMS", system=andrews())
+    made = mean.integrate(*ANDREWS_START, dt=1e-5, steps=600, parameters={})
+    assert made.report.newton_steps > 400
+    assert made.report.energy_error_max <= 64 * EPSILON
+    again = mean.integrate(*ANDREWS_START, dt=1e-5, steps=600, parameters={})
+    assert np.array_equal(made.q, again.q)
+    spark = gs.stepper("G-L", 2, system=andrews())
+    assert spark.integrate(*ANDREWS_START, dt=1e-5, steps=600,
+                           parameters={}).report.newton_steps == 0
+
+
+def test_andrews_mechanism_agrees_with_fifty_digits():
+    """β and γ at t = 0.03 s as an extrapolated midpoint rule in 40 digits has them."""
+    spark = gs.stepper("G-L", 2, system=andrews())
+    for steps, error in ((1500, 1e-6), (3000, 1e-7)):
+        made = spark.integrate(*ANDREWS_START, dt=0.03 / steps, steps=steps, every=steps,
+                               parameters={})
+        assert abs(made.q[-1][0] - 15.8107711951537071) <= error
+        assert abs(made.q[-1][2] - 0.04082224011964580486) <= error

@@ -1,0 +1,163 @@
+"""Stiff systems: a step that has a root is done, and iterations stop where rounding stops them.
+
+A spring k rounds its force by ε k L, which times Δt may be large beside a small momentum. The
+spring pendulum starts at rest where its spring carries its weight, one radian from down.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import mpmath as mp
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from reference import Equations, Method
+
+EPSILON = np.finfo(float).eps
+LENGTH, GRAVITY = 10.0, 9.81
+SCHEMES = [("IMS", None), ("EMS", None), *(("G-L", s) for s in (1, 2, 3, 4)),
+           *(("LIIIA-B", s) for s in (2, 3, 4))]
+NAMES = [f"{s or ''}{scheme}" for scheme, s in SCHEMES]
+STIFFNESSES = (1e4, 1e6, 1e7, 1e8, 1e9)
+ANGLES = (0.03, 0.1, 0.3, 1.0, 3.0)  # of the spring's oscillation a step
+STEPS = 60
+
+
+@functools.cache
+def spring_pendulum() -> gs.System:
+    q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
+    k, g, l = sp.symbols("k g l", positive=True)  # noqa: E741
+    stretch = sp.sqrt(q[0]**2 + q[1]**2) - l
+    return gs.System(q, p, (k, g, l), (p[0]**2 + p[1]**2) / 2 + g * q[1] + k * stretch**2 / 2,
+                     name="spring_pendulum")
+
+
+def by_hand(parameters: dict[str, float]):
+    """The same typed by hand, for the reference."""
+
+    def equations(number) -> Equations:
+        k, g, l = (number(parameters[name]) for name in "kgl")  # noqa: E741
+        root = mp.sqrt if number is mp.mpf else np.sqrt
+
+        def pull(q, r, stretch):
+            return k * stretch / r * q + np.array([0 * g, g])
+
+        def H_q(q, p):
+            r = root(q @ q)
+            return pull(q, r, r - l)
+
+        def mean_gradient(q0, p0, q1, p1):
+            r0, r1 = root(q0 @ q0), root(q1 @ q1)
+            return pull((q0 + q1) / 2, (r0 + r1) / 2, (r0 + r1) / 2 - l), (p0 + p1) / 2
+
+        return Equations(
+            lambda q, p: p @ p / 2 + g * q[1] + k * (root(q @ q) - l)**2 / 2, H_q,
+            lambda q, p: p, g=lambda q: np.array([]), G=lambda q: np.zeros((0, 2)),
+            mean_gradient=mean_gradient, mean_constraint=lambda q0, q1: np.zeros((0, 2)))
+
+    return equations
+
+
+def stepper(scheme: tuple[str, int | None]) -> gs.Stepper:
+    return gs.stepper(*scheme, system=spring_pendulum())
+
+
+def start(k: float) -> tuple[np.ndarray, np.ndarray]:
+    length = LENGTH + GRAVITY * np.cos(1) / k
+    return length * np.array([np.sin(1), -np.cos(1)]), np.zeros(2)
+
+
+def run_of(k: float, angle: float) -> dict:
+    return {"dt": angle / np.sqrt(k), "steps": STEPS,
+            "parameters": {"k": k, "g": GRAVITY, "l": LENGTH}}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=NAMES)
+@pytest.mark.parametrize("solver", ["auto", "newton", "fixed-point"])
+def test_steps_that_have_a_root_are_done(scheme, solver):
+    """Sweeps contract up to angles of 0.3 with every scheme, Newton goes on."""
+    step = stepper(scheme)
+    for k in STIFFNESSES:
+        for angle in ANGLES[: 3 if solver == "fixed-point" else None]:
+            made = step.integrate(*start(k), solver=solver, **run_of(k, angle))
+            assert len(made) == STEPS + 1
+            if scheme[0] == "EMS":
+                assert made.report.energy_error_max <= 16 * EPSILON * GRAVITY * LENGTH
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=NAMES)
+@pytest.mark.parametrize("k", [1e4, 1e7])
+def test_a_step_is_the_root_that_fifty_digits_find(scheme, k):
+    """Right to the rounding of the force, whichever solver did it."""
+    step = stepper(scheme)
+    for angle in (0.1, 3.0):
+        run = run_of(k, angle) | {"steps": 7}
+        state = step.integrate(*start(k), **run)
+        q, p, dt = state.q[-1], state.p[-1], run["dt"]
+        exact = Method(by_hand(run["parameters"]), *scheme, q, p, dt).step()
+        for solver in ("auto", "newton", "python"):
+            q1, p1 = step.step(q, p, dt=dt, parameters=run["parameters"], solver=solver)
+            rounding = dt * k * LENGTH * EPSILON
+            assert np.abs(q1 - exact.q).max() <= 4 * EPSILON * LENGTH + 8 * dt * rounding
+            assert np.abs(p1 - exact.p).max() <= 8 * rounding + 8 * EPSILON * np.abs(p).max()
+
+
+@pytest.mark.parametrize("scheme", SCHEMES[1:4], ids=NAMES[1:4])
+def test_ensembles_do_them_too(scheme):
+    step = stepper(scheme)
+    k = np.array(STIFFNESSES)
+    q, p = zip(*map(start, STIFFNESSES), strict=True)
+    made = step.integrate_ensemble(
+        np.array(q), np.array(p), dt=0.3 / np.sqrt(k), steps=STEPS,
+        parameters={"k": k, "g": GRAVITY, "l": LENGTH})
+    assert not made.failures
+
+
+def test_a_multibody_on_a_stiff_spring_keeps_its_energy():
+    """The audit's case: EMS at h ω = 0.32 failed at step 2."""
+    build = gs.Multibody("hung")
+    r = LENGTH + GRAVITY * np.cos(1) / 1e7
+    bob = build.body("bob", mass=1, inertia=(0.1, 0.1, 0.1),
+                     position=(r * np.sin(1), 0, -r * np.cos(1)))
+    build.spring("spring", build.ground, bob, stiffness=1e7, length=LENGTH)
+    model = build.model()
+    made = gs.stepper("EMS", system=model.system).integrate(
+        model.q0, model.p0, dt=1e-4, steps=300, parameters=model.parameters)
+    assert made.report.energy_error_max <= 16 * EPSILON * GRAVITY * LENGTH
+
+
+@pytest.mark.parametrize("solver", ["auto", "newton"])
+@pytest.mark.parametrize("scheme", [("IMS", None), ("EMS", None), ("G-L", 3), ("LIIIA-B", 2)],
+                         ids=["IMS", "EMS", "3G-L", "2LIIIA-B"])
+def test_what_is_at_rest_stays_there(scheme, solver):
+    """There is nothing that a first increment would be small beside."""
+    free = gs.stepper(*scheme)
+    inertia = (0.002, 0.0015, 0.0008)
+    parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {
+        "mgl": 0.0, "gamma": gs.gamma_m(inertia)}
+    for q in ([1.0, 0, 0, 0], [np.cos(0.3), np.sin(0.3), 0, 0], [0.1, 0.3, 0.3, 0.9]):
+        made = free.integrate(q, np.zeros(4), dt=1e-3, steps=50, parameters=parameters,
+                              solver=solver)
+        assert np.abs(made.q - q).max() <= 2 * EPSILON
+
+
+@pytest.mark.parametrize("scheme", [("IMS", None), ("EMS", None), ("G-L", 2), ("G-L", 3),
+                                    ("LIIIA-B", 3)], ids=str)
+def test_what_has_no_root_is_no_step(scheme):
+    """With huge steps iterations go astray; rounding explains nothing there, and g = 0 tells."""
+    top = gs.problems.fast_top()
+    step = gs.stepper(*scheme)
+    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    for dt in np.geomspace(0.03, 1.0, 12):
+        for solver in ("auto", "newton"):
+            try:
+                made = step.integrate(top.q0, top.p0, dt=dt, steps=20, parameters=parameters,
+                                      solver=solver)
+            except gs.StepFailed as failure:
+                made = failure.trajectory
+            assert made.g_errors.max() <= 1e-14
+            if scheme[0] == "EMS":
+                assert np.abs(made.energies - made.energies[0]).max() <= 1e-12
