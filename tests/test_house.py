@@ -23,7 +23,8 @@ from processes import FAST_TOP, ROOT, call, cli, python
 
 ROOMS = ("commands", "generator", "runtime", "storage", "sweeps")
 #: Where code of the package lies; studies, examples and tests are no part of it.
-SOURCES = sorted([*ROOT.glob("*.py"), *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
+FACE = [p for p in ROOT.glob("*.py") if p.name != "setup.py"]
+SOURCES = sorted([*FACE, *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath", "zarr", "xarray", "dask")
@@ -55,15 +56,24 @@ def imports_of(path: Path) -> set[str]:
 # ---------------------------------------------------------------- packaging
 
 
+def folders_to_install() -> list[Path]:
+    """Return the folders of the package: of modules, and of data that are installed as well."""
+    data = [ROOT / name for name in ("examples", "generated", "templates")]
+    modules = [path.parent for depth in ("*", "*/*") for path in ROOT.glob(f"{depth}/__init__.py")]
+    inner = [path for path in (ROOT / "examples").iterdir() if path.is_dir()]
+    return [path for path in (*data, *modules, *inner) if path.name != "__pycache__"]
+
+
+def checked_in(folder: Path) -> list[Path]:
+    """Return the files of a folder that belong to the project: all, if this is no git checkout."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        return [path for path in folder.iterdir() if path.is_file()]
+    listed = call(["git", "ls-files", "-z", "."], cwd=folder).stdout.split("\0")
+    return [folder / name for name in listed if name and "/" not in name]
+
+
 def test_packages_in_pyproject_are_the_folders():
-    kept = {"generated", "templates"}  # folders of data that are installed as well
-    rooms = [
-        p for p in ROOT.iterdir()
-        if p.is_dir() and not p.name.startswith((".", "_")) and (
-            p.name in kept or (p / "__init__.py").is_file())
-    ]
-    inner = [p.parent for room in rooms for p in room.glob("*/__init__.py")]
-    folders = {".".join(p.relative_to(ROOT).parts) for p in (*rooms, *inner)}
+    folders = {".".join(p.relative_to(ROOT).parts) for p in folders_to_install()}
     setuptools = PROJECT["tool"]["setuptools"]
     assert set(setuptools["packages"]) == {"gyrospark"} | {f"gyrospark.{f}" for f in folders}
     assert setuptools["package-dir"] == {"gyrospark": "."}
@@ -71,10 +81,11 @@ def test_packages_in_pyproject_are_the_folders():
 
 def test_every_data_file_is_packaged():
     patterns = PROJECT["tool"]["setuptools"]["package-data"]
-    for folder in ("benchmarks", "templates", "generated"):
-        for path in (ROOT / folder).iterdir():
-            if path.is_file() and path.suffix != ".py":
-                assert any(path.match(p) for p in patterns[f"gyrospark.{folder}"]), path
+    for folder in folders_to_install():
+        package = ".".join(["gyrospark", *folder.relative_to(ROOT).parts])
+        for path in checked_in(folder):
+            if path.suffix != ".py":
+                assert any(path.match(p) for p in patterns[package]), path
     assert (ROOT / "py.typed").is_file()
 
 
@@ -218,8 +229,7 @@ def test_public_names_are_those_of_the_contract():
 
 
 def modules() -> list[ModuleType]:
-    names = [f"gyrospark.{p.stem}" for p in ROOT.glob("*.py") if p.stem not in
-             ("__init__", "__main__")]
+    names = [f"gyrospark.{p.stem}" for p in FACE if p.stem not in ("__init__", "__main__")]
     for room in ROOMS:
         package = importlib.import_module(f"gyrospark.{room}")
         names += [m.name for m in pkgutil.iter_modules(package.__path__, f"gyrospark.{room}.")]
