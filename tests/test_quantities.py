@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import shutil
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+from compilers import COMPILERS
 from gyrospark.commands.run_outputs import Done
 from gyrospark.commands.run_report import as_text, result_of
 from gyrospark.errors import InputError
@@ -173,9 +173,9 @@ def test_names_and_warnings(scheme, tmp_path):
         for name, text in files.items():
             (tmp_path / name).write_text(text, encoding="utf-8")
         source = next(name for name in files if name.endswith(".c"))
-        for compiler in filter(shutil.which, ("gcc", "clang")):
+        for compiler in COMPILERS.values():
             for macro in ("-DGYROSPARK_PLAIN", "-O1"):
-                built = call([compiler, "-std=c11", "-Wall", "-Wextra", "-Wpedantic",
+                built = call([*compiler, "-std=c11", "-Wall", "-Wextra", "-Wpedantic",
                               "-Wconversion", "-Werror", macro, "-c", source, "-o", "odd.o"],
                              cwd=tmp_path)
                 assert built.returncode == 0, built.stderr
