@@ -232,7 +232,8 @@ def test_constraints_stay_at_round_off(name):
     assert moved.p_moved <= 64 * EPS * size
 
 
-@pytest.mark.parametrize("name", ["double_top", "four_bar"])
+@pytest.mark.parametrize("name", [
+    "double_top", pytest.param("four_bar", marks=pytest.mark.slow)])
 def test_ems_keeps_energy(name):
     """Round-off of H adds up as a random walk at most: ε |H| √steps and some."""
     model = model_of(name)
