@@ -222,6 +222,25 @@ def test_public_names_resolve():
         _ = gyrospark.nonsense
 
 
+@pytest.mark.parametrize("package", ["zarr", "xarray", "filelock"])
+def test_names_of_an_extra_that_is_not_installed_say_so_when_they_are_called(package):
+    """To look at them, and to import all, is no error; their command ends in the same sentence."""
+    said = python(
+        f"import sys\nsys.modules[{package!r}] = None\n"
+        "import inspect, gyrospark as gs\nfrom gyrospark import *\n"
+        "assert len(inspect.getmembers(gs)) >= len(gs.__all__)\n"
+        "assert not isinstance(1, gs.Recording)\n"
+        "for name in ('record', 'open_recording', 'sweep', 'open_sweep', 'Recording'):\n"
+        "    try:\n        getattr(gs, name)('x', {})\n"
+        "    except gs.MissingDependencyError as error:\n        print(error)\n"
+        "from gyrospark import commands\n"
+        "sys.argv, sys.stderr = ['gyrospark', 'export', 'a.zarr', 'a.csv'], sys.stdout\n"
+        "try:\n    commands.main()\nexcept SystemExit as end:\n    assert end.code == 2")
+    sentence = (f"Stored runs and sweeps need {package}; `pip install gyrospark[storage]` brings "
+                "it.")
+    assert said.splitlines() == [sentence] * 5 + [f"gyrospark: {sentence}"]
+
+
 def test_public_names_are_those_of_the_contract():
     contract = {"stepper", "tableau", "problems", "gamma_m", "gamma_h", "gamma_m_tilde",
                 "gamma_h_tilde", "System", "Trajectory", "GyrosparkError", "StepFailed"}
@@ -338,8 +357,16 @@ def test_readme_names_what_exists():
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
     for link in re.findall(r"\]\((?!https?:|#)([^)]+)\)", README):
         assert (ROOT / link).exists(), link
-    for extra in re.findall(r'pip install "?\.\[(\w+)\]', README):
-        assert extra in PROJECT["project"]["optional-dependencies"], extra
+    extras = PROJECT["project"]["optional-dependencies"]
+    for named in re.findall(r'pip install "\.\[([\w,]+)\]', README):
+        assert set(named.split(",")) <= set(extras), named
+    table = re.search(r"^\| extra \|.*?\n\n", README, flags=re.MULTILINE | re.DOTALL)
+    assert table
+    rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table[0], flags=re.MULTILINE)
+    assert {name for name, _ in rows} == set(extras) - {"test", "fuzz"}
+    for name, brings in rows:
+        for package in brings.split(", "):
+            assert re.search(rf"\b{package}\b", " ".join(extras[name])), (name, package)
 
 
 def test_ci_calls_the_readme_test_command():
