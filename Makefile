@@ -13,7 +13,7 @@ demo: .venv/demo
 	    --dt 1e-3 --steps 2000 --plot demo.png
 
 test: .venv/ready lint
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist loadfile  # what a file derives and makes is made once
 
 lint: .venv/ready
 	$(BIN)/ruff check .

@@ -287,24 +287,6 @@ def test_errors_derive_from_one():
 # ---------------------------------------------------------------- the README
 
 
-def test_readme_python_runs(tmp_path):
-    """All Python blocks, one after the other as a reader would type them."""
-    text = "\n".join(blocks("python"))
-    assert text.count("gs.stepper") >= 2
-    pytest.importorskip("scipy")
-    pytest.importorskip("matplotlib")
-    code = text + (
-        "\nassert trajectory.q.shape == (2001, 4) and trajectory.axis().shape == (2001, 3)"
-        "\nassert trajectory.angular_velocity().shape == (2001, 3)"
-        "\nassert trajectory.energy().shape == (2001,)"
-        "\nassert trajectory.multipliers.shape == (2000, 4)"
-        "\nassert q0.shape == p0.shape == (4,) and step.n == 2 and step.order == 4\n"
-    )
-    python(code, cwd=tmp_path)
-    assert (tmp_path / "top.npz").stat().st_size > 1000
-    assert (tmp_path / "top.png").read_bytes().startswith(b"\x89PNG")
-
-
 def commands_of(text: str) -> list[list[str]]:
     """Return the gyrospark command lines in a text, continuation lines joined."""
     lines = re.sub(r"\\\n\s*", " ", text).splitlines()
