@@ -266,6 +266,13 @@ def test_a_job_is_repeated_until_it_takes_long_enough():
     assert len(done) == times
 
 
+@pytest.fixture
+def quick_builds(monkeypatch):
+    """Nothing is asserted of times: what is made for these tests alone is not optimised."""
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+
+
+@pytest.mark.usefixtures("quick_builds")
 def test_chains_grow(tmp_path):
     said = []
     one, two = growth.grow((1, 2), 20, 1, 1e-4, said.append)
@@ -321,6 +328,7 @@ def test_exudyn_goes_where_we_go():
     assert rows[0].reference_error < 1e-14
 
 
+@pytest.mark.usefixtures("quick_builds")
 def test_ours_arrives_on_bodies(tmp_path):
     rows = bodies.compare_bodies([linkages.chain_of(2)], ["gyrospark"], 1, 1e-4, quick=True)
     assert [row.dt for row in rows] == [1e-2, 5e-3]
@@ -331,6 +339,7 @@ def test_ours_arrives_on_bodies(tmp_path):
     assert drawn(pictures.draw_bodies, rows, tmp_path)
 
 
+@pytest.mark.usefixtures("quick_builds")
 def test_bodies_without_exudyn_are_a_row(monkeypatch):
     def missing(module, package=None):
         raise optional.Unavailable("not installed (pip install exudyn)")

@@ -75,14 +75,13 @@ def test_no_warning_from_the_compiler_of_pypi(spec, tmp_path):
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 @pytest.mark.parametrize("spec", SOME, ids=name_of)
 def test_no_warning_at_other_settings(name, spec, tmp_path):
-    """C17 and no optimisation; shadowed names and missing prototypes are not there either."""
+    """C17 as well; shadowed names and missing prototypes are not there either."""
     command = compiler(name)
     write(files_of(spec), tmp_path)
     more = ["-Wmissing-prototypes", "-Wstrict-prototypes", "-Wundef", "-Wvla", "-Wcast-qual",
             "-Wunused-macros"]
-    for std, level in (("c11", "-O3"), ("c17", "-O0")):
-        flags = [*STRICT, *more, f"-std={std}", level]
-        run([*command, *flags, "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
+    for std in ("c11", "c17"):
+        run([*command, *STRICT, *more, f"-std={std}", "-fsyntax-only", f"{spec.name}.c"], tmp_path)
 
 
 # ---------------------------------------------------------------- symbols

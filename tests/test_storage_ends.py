@@ -224,9 +224,9 @@ def test_reading_while_it_is_written(gl3, whole, tmp_path):
 
 # ---------------------------------------------------------------- kill -9
 
-EVERY_STEP = [*TOP, "--steps", "150000"]
+EVERY_STEP = [*TOP, "--steps", "80000"]
 PARTS_OF_BLOCKS = ["run", "fast-top", "--scheme", "EMS", "--rep", "alpha", "--dt", "1e-3",
-                   "--steps", "400000", "--every", "7"]
+                   "--steps", "200000", "--every", "7"]
 MODEL_FILE = ["run", str(ROOT / "examples" / "dragged_top.toml"), "--scheme", "G-L",
               "--stages", "2", "--steps", "40000", "--every", "2"]
 KILLED = {"every step": (EVERY_STEP, "5"), "parts of blocks": (PARTS_OF_BLOCKS, "0.05"),
