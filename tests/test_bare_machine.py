@@ -59,14 +59,23 @@ assert q0.shape == p0.shape == (4,) and pendulum.name == "pendulum" and step.ord
 # ---------------------------------------------------------------- archives
 
 
+def copy(folder: Path) -> Path:
+    """Copy the project without what is made in it."""
+    return shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(
+        ".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "build", "dist", "*.egg-info"))
+
+
+def megabytes(folder: Path) -> float:
+    """Return what a folder takes on a disk."""
+    return sum(path.lstat().st_blocks * 512 for path in folder.rglob("*")) / 1e6
+
+
 @pytest.fixture(scope="module")
 def archives(tmp_path_factory):
     """The source archive, and the wheel that is made of it alone."""
     pytest.importorskip("build")
     folder = tmp_path_factory.mktemp("archives")
-    source = folder / "source"
-    shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(
-        ".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "build", "dist", "*.egg-info"))
+    source = copy(folder / "source")
     done = call([sys.executable, "-m", "build", "--outdir", folder, source], PYTHONWARNINGS=None)
     assert done.returncode == 0, done.stderr
     assert "eprecat" not in done.stdout + done.stderr  # Deprecated, deprecation
@@ -182,13 +191,27 @@ def full(tmp_path_factory):
     return Machine(folder, furnish(tmp_path_factory.mktemp("typed")))
 
 
-def test_a_bare_environment_has_none_of_the_extras(bare):
+def test_a_bare_environment_is_small_and_has_none_of_the_extras(bare):
+    assert megabytes(bare.bin.parent) < 200
     code = "from importlib.metadata import distributions\nfor d in distributions(): print(d.name)"
     listed = call([bare.bin / "python", "-c", code], PYTHONPATH=None)
     there = set(listed.stdout.lower().split())
     assert "gyrospark" in there
     wanted = {re.split(r"[>=\[<;]", line)[0].lower() for lines in EXTRAS.values() for line in lines}
     assert not (wanted | {"pytest"}) & there - {"gyrospark"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["demo", "ready"])
+def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
+    """By itself it installs at most 250 MB; what the tests need has all it needs."""
+    folder = copy(tmp_path / "project")
+    for command in (f".venv/{target}", "demo", "demo"):
+        done = call(["make", command], cwd=folder, PYTHONWARNINGS=None, PYTHONPATH=None)
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.count("pip install") == 0
+    assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")
+    assert (megabytes(folder / ".venv") < 250) == (target == "demo")
 
 
 def extra_told(said: str, section: str) -> str:
