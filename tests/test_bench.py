@@ -489,6 +489,21 @@ def test_command_refuses_in_a_sentence(bench, arguments, message):
     assert message in err
 
 
+@pytest.mark.parametrize(("package", "extra", "arguments"), [
+    ("matplotlib.figure", "plot", ["--out", "new"]), ("zarr", "storage", ["store"])])
+def test_command_says_what_is_missing_before_it_measures(
+    bench, monkeypatch, tmp_path, package, extra, arguments
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.delitem(sys.modules, "gyrospark.storage", raising=False)
+    monkeypatch.delattr(gs, "storage", raising=False)
+    monkeypatch.setattr(sys.modules["gyrospark.commands.bench"], "_MEASURE", {})
+    code, out, err = bench(*arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"pip install gyrospark[{extra}]" in err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_command_says_that_one_of_ours_failed(bench, monkeypatch):
     def failing(method, solver):
         raise gs.InputError("It does not work.")
