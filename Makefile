@@ -3,15 +3,17 @@ PYTHON ?= python3
 BIN := .venv/bin
 # mypy needs a folder named as the package; the repository may be cloned under any name.
 LINK := .venv/src/gyrospark
+# Bytecode is written of what is imported, when it is: most of what is installed never is.
+INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -e
 
 .PHONY: demo test lint generated clean
 
-demo: .venv/ready
+demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
 	    --dt 1e-3 --steps 2000 --plot demo.png
 
 test: .venv/ready lint
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 --dist loadfile  # what a file derives and makes is made once
 
 lint: .venv/ready
 	$(BIN)/ruff check .
@@ -23,11 +25,17 @@ lint: .venv/ready
 generated: .venv/ready
 	$(BIN)/gyrospark generate --all --no-compile
 
+# The one is a part of the other, in whatever order they are made.
+.venv/demo: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(INSTALL) ".[plot]"
+	touch $@
+
 .venv/ready: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -e ".[test]"
+	$(INSTALL) ".[test]"
 	mkdir -p .venv/src && ln -sfn ../.. $(LINK)
-	touch $@
+	touch .venv/demo $@
 
 clean:
 	rm -rf .venv build dist *.egg-info demo.png

@@ -145,8 +145,23 @@ def __getattr__(name: str) -> Any:
     if name in _MODULES:
         return import_module(f".{_MODULES[name]}", __name__)
     if name in _HOMES:
-        return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+        from .errors import MissingDependencyError
+
+        try:
+            return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+        except MissingDependencyError as error:
+            return _missing(name, str(error))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _missing(name: str, message: str) -> type:
+    """Return what stands for a name whose extra is not installed: to call it is refused."""
+    def refuse(cls: type, *arguments: object, **options: object) -> None:
+        from .errors import MissingDependencyError
+
+        raise MissingDependencyError(message)
+
+    return type(name, (), {"__new__": refuse, "__doc__": message})
 
 
 def __dir__() -> list[str]:

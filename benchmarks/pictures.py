@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..runtime.plots import figure_class
 from .bodies import BodyRow
 from .contest import Row
 from .drift import Course
 from .growth import Size, laws
-from .sweeping import WAYS, SweepRow
+
+if TYPE_CHECKING:
+    from .sweeping import SweepRow
 
 __all__ = ["draw_bodies", "draw_drift", "draw_growth", "draw_sweeps", "draw_work_precision"]
 
@@ -132,6 +134,8 @@ def draw_sweeps(rows: Sequence[SweepRow], path: Path) -> None:
     MissingDependencyError
         Without matplotlib.
     """
+    from .sweeping import WAYS  # needs the extra storage, which other pictures do without
+
     figure = figure_class()(figsize=(11, 5), layout="constrained")
     for axes, part in zip(figure.subplots(1, 2), ("steps", "cells"), strict=True):
         for mark, scheme in zip(_MARKS, dict.fromkeys(row.scheme for row in rows), strict=False):

@@ -101,6 +101,7 @@ def bench(
         figure_class()
     names = [part for name in (_WHAT if what == "all" else (what,))
              for part in _PARTS.get(name, (name,))]
+    _refuse_without_extras(names, out)
     results: dict[str, Any] = {}
     with _progress(quiet=as_json) as watch:
         for name in names:
@@ -115,6 +116,16 @@ def bench(
         if out is not None:
             click.echo(f"wrote {', '.join(str(path) for path in sorted(out.glob('*')))}")
     return 1 if any(_failed(part) for result in results.values() for part in result) else 0
+
+
+def _refuse_without_extras(names: Sequence[str], out: Path | None) -> None:
+    """Say which extra is missing before anything is measured, not after."""
+    if {"store", "sweeps"} & set(names):
+        from .. import storage  # noqa: F401
+    if out is not None:
+        from ..runtime.plots import figure_class
+
+        figure_class()
 
 
 def _checked(

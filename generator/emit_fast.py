@@ -6,7 +6,7 @@ from typing import Any
 
 from .c_printer import CPrinter
 from .fast_path import FastSystem, FastTableau
-from .kernels import Constants, Target, emit_kernel
+from .kernels import Constants, Target, emit_kernel, sums_products
 from .real import Real
 from .schemes import MeanScheme, SparkScheme
 from .structure import Structure
@@ -44,7 +44,7 @@ def fast_context(
         "lane_functions": sorted(set().union(*(k.functions for k in kernels))),
         "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
                         for name, rows in tables.items()},
-        "compensated": any("lanes_add_product" in line for k in kernels for line in k.lines),
+        "compensated": any(sums_products(k, "lanes_") for k in kernels),
         "eliminates": scheme.system.m and (spark or system.schur_inverse is None),
         "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
         "one": "stages" if spark else "mean",
@@ -86,7 +86,7 @@ def structured_fast_context(
         "lane_functions": sorted(set().union(*(k.functions for k in kernels))),
         "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
                         for name, rows in tables.items()},
-        "compensated": any("lanes_add_product" in line for k in kernels for line in k.lines),
+        "compensated": any(sums_products(k, "lanes_") for k in kernels),
         "eliminates": bool(m),
         "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
         "one": "stages" if spark else "mean",

@@ -258,9 +258,9 @@ def _emit_compensated(
     )
 
 
-def sums_products(kernel: EmittedKernel) -> bool:
-    """Whether a kernel of numbers calls ``add_product``."""
-    return any(line.lstrip().startswith("add_product") for line in kernel.lines)
+def sums_products(kernel: EmittedKernel, prefix: str = "") -> bool:
+    """Whether a kernel of numbers calls ``add_product``; one of lanes does with their prefix."""
+    return any(line.lstrip().startswith(f"{prefix}add_product(") for line in kernel.lines)
 
 
 def wrap(statement: str, width: int = 96) -> str:

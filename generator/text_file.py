@@ -10,6 +10,8 @@ from ..errors import InputError
 __all__ = ["UnusableFileError", "model_text", "read_text"]
 
 MAX_MODEL_BYTES = 2**18
+#: Has the examples in it, wherever it is installed.
+_PACKAGE = Path(__file__).resolve().parent.parent
 
 
 class UnusableFileError(Exception):
@@ -19,9 +21,11 @@ class UnusableFileError(Exception):
 def read_text(path: Path, most: int) -> str:
     """Return the text of a file of at most so many bytes; no more of it is ever read.
 
-    Pipes and devices are refused before they are opened: that might wait for ever.
+    Pipes and devices are refused before they are opened: that might wait for ever. A path such as
+    ``examples/satellite.toml`` that leads to no file from here is one of the package's.
     """
     try:
+        path = _own_example(path) or path
         found = path.stat()
         if not stat.S_ISREG(found.st_mode):
             raise UnusableFileError("it is no regular file; correct the path.")
@@ -42,6 +46,14 @@ def read_text(path: Path, most: int) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UnusableFileError(f"it is not UTF-8 ({error}); save it in that encoding.") from None
+
+
+def _own_example(path: Path) -> Path | None:
+    """Return the package's example that a path means which leads nowhere by itself."""
+    if path.parts[:1] != ("examples",) or ".." in path.parts or path.exists():
+        return None
+    own = _PACKAGE / path
+    return own if own.is_file() else None
 
 
 def model_text(path: str | Path) -> str:

@@ -150,10 +150,11 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
     wrapper = _write_wrapper(name, files[f"{name}.h"], folder)
     include = sysconfig.get_paths()["include"]
     compile_ = [*compiler.command, *compiler.flags]
+    wrapping = "-O1" if optimisation() in ("-O2", "-O3") else "-O0"  # the lower build faster
     commands = [
         [*compile_, *(QUAD_FLAGS if quad else STRICT_FLAGS), "-c", f"{name}.c", "-o",
          "kernel.o"],
-        [*compiler.command, "-O1", "-fPIC", f"-I{include}", "-I.", "-w", "-c", wrapper.name,
+        [*compiler.command, wrapping, "-fPIC", f"-I{include}", "-I.", "-w", "-c", wrapper.name,
          "-o", "wrapper.o"],
     ]
     _run_together(commands, folder)

@@ -11,3 +11,12 @@
     table        the states as columns, of a store or in memory
     export       these as .csv and .nc
 """
+
+from importlib.util import find_spec
+
+from ..errors import MissingDependencyError
+
+for _package in ("zarr", "xarray", "google_crc32c", "filelock"):
+    if find_spec(_package) is None:
+        raise MissingDependencyError(
+            f"Stored runs and sweeps need {_package}; `pip install gyrospark[storage]` brings it.")

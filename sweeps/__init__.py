@@ -14,3 +14,5 @@
     sweep        ``gyrospark.sweep``
     picture      a quantity over two axes
 """
+
+from .. import storage as storage  # says which extra is not installed

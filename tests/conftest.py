@@ -1,15 +1,18 @@
-"""Options of the test run, a SIGINT that tests can send, and steppers to call."""
+"""Options of the test run, a SIGINT that tests can send, steppers and the command line to call."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import sys
 
 import pytest
 from hypothesis import settings
 
 import gyrospark as gs
 from calls import SCHEMES, identify, late_failures
+from gyrospark.commands import main
 
 # Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
 # itself. Set another level to test its code.
@@ -50,3 +53,33 @@ def failures():
     found = late_failures()
     assert len(found) == 3
     return found
+
+
+class Answer:
+    """What a command said."""
+
+    def __init__(self, code, stdout, stderr):
+        self.code, self.stdout, self.stderr = code, stdout, stderr
+
+    @property
+    def document(self):
+        """The JSON document on stdout, read strictly."""
+        def refuse(constant):
+            raise AssertionError(f"{constant} is not JSON")
+        return json.loads(self.stdout, parse_constant=refuse)
+
+
+@pytest.fixture
+def gyrospark(monkeypatch, capsys, tmp_path):
+    """Call the entry point of a console script inside this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def caller(*arguments, entry=main, name="gyrospark"):
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            entry()
+        said = capsys.readouterr()
+        return Answer(end.value.code, said.out, said.err)
+
+    return caller

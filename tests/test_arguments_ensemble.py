@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from calls import PARAMETERS, RUN, TOP, equal, refused
+from calls import PARAMETERS, TOP, equal, refused
 
 
 def members(count=6):
@@ -149,15 +149,3 @@ def test_sixteen_threads_on_one_stepper(step):
         for i, results in enumerate(pool.map(work, range(16))):
             for made in results:
                 assert equal(made, alone[i])
-
-
-def test_threads_may_ask_for_the_same_stepper():
-    gate = threading.Barrier(8)
-
-    def work(_):
-        gate.wait()
-        return gs.stepper("LIIIA-B", 3).step(TOP.q0, TOP.p0, **RUN)
-
-    with ThreadPoolExecutor(8) as pool:
-        results = list(pool.map(work, range(8)))
-    assert all(np.array_equal(results[0], r) for r in results)

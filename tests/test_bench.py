@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import sys
 
@@ -42,6 +43,18 @@ def entry(name: str, run, dt: float | None = None) -> Entry:
 def still(t_end: float) -> tops.State:
     """A top that does not move."""
     return tops.state_of(tops.tops()[0])
+
+
+def is_picture(path) -> bool:
+    return path.read_bytes().startswith(b"\x89PNG")
+
+
+def drawn(draw, rows, folder) -> bool:
+    """Whether a picture of rows is written; True without matplotlib."""
+    if importlib.util.find_spec("matplotlib") is None:
+        return True
+    draw(rows, folder / "drawn.png")
+    return is_picture(folder / "drawn.png")
 
 
 # ---------------------------------------------------------------- timing
@@ -217,12 +230,13 @@ def test_batches_arrive():
     assert row.error < 1e-14
 
 
-def test_drift_goes_through_the_decades():
+def test_drift_goes_through_the_decades(tmp_path):
     assert drift.drift_times(10) == [1, 2, 5, 10]
     assert drift.drift_times(1000)[-3:] == [200, 500, 1000]
     course, = drift.follow([entry("still", still)], Limits(t_end=10.0))
     assert [point.t for point in course.points] == [1, 2, 5, 10]
     assert [point.error is None for point in course.points] == [False, True, True, False]
+    assert drawn(pictures.draw_drift, [course], tmp_path)
     stopped, = drift.follow([entry("still", still)], Limits(t_end=10.0, most=0.0))
     assert stopped.points == ()
     assert "not run to its end" in stopped.note
@@ -252,7 +266,14 @@ def test_a_job_is_repeated_until_it_takes_long_enough():
     assert len(done) == times
 
 
-def test_chains_grow():
+@pytest.fixture
+def quick_builds(monkeypatch):
+    """Nothing is asserted of times: what is made for these tests alone is not optimised."""
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+
+
+@pytest.mark.usefixtures("quick_builds")
+def test_chains_grow(tmp_path):
     said = []
     one, two = growth.grow((1, 2), 20, 1, 1e-4, said.append)
     assert said == ["chain of 1: derive and compile", "chain of 2: derive and compile",
@@ -264,6 +285,7 @@ def test_chains_grow():
     assert two.as_dict()["ns_per_body_and_sweep"] > 0
     assert min(two.model_s, two.generate_s, two.compile_s) > 0
     assert max(two.constraint_max, two.momentum_constraint_max) < 1e-14
+    assert drawn(pictures.draw_growth, [one, two], tmp_path)
 
 
 def test_a_law_is_the_slope_of_large_chains():
@@ -306,15 +328,18 @@ def test_exudyn_goes_where_we_go():
     assert rows[0].reference_error < 1e-14
 
 
-def test_ours_arrives_on_bodies():
+@pytest.mark.usefixtures("quick_builds")
+def test_ours_arrives_on_bodies(tmp_path):
     rows = bodies.compare_bodies([linkages.chain_of(2)], ["gyrospark"], 1, 1e-4, quick=True)
     assert [row.dt for row in rows] == [1e-2, 5e-3]
     assert rows[1].error < rows[0].error / 12  # fourth order
     assert all(row.seconds and row.us_per_step for row in rows)
     assert bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error) == rows[1]
     assert bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error / 2) is None
+    assert drawn(pictures.draw_bodies, rows, tmp_path)
 
 
+@pytest.mark.usefixtures("quick_builds")
 def test_bodies_without_exudyn_are_a_row(monkeypatch):
     def missing(module, package=None):
         raise optional.Unavailable("not installed (pip install exudyn)")
@@ -361,7 +386,7 @@ def test_the_kernel_does_what_the_sweep_does(every):
     assert np.array_equal(p.reshape(9, 9, 4), result.p)
 
 
-def test_sweeps_are_rows():
+def test_sweeps_are_rows(tmp_path):
     said = []
     case = sweeping.Case("samples", 8, 10, 5, 1)
     row, = sweeping.compare_sweeps([case], ["EMS"], 2, said.append)
@@ -372,6 +397,7 @@ def test_sweeps_are_rows():
     assert row.bytes_per_cell > 8 * (11 + 8 + 3 * 8)  # numbers, ends, and three stored states
     assert row.files > 16
     assert row.as_dict()["share"]["kernel"] == 1
+    assert drawn(pictures.draw_sweeps, [row], tmp_path)
 
 
 def test_shares_are_those_of_a_round():
@@ -417,19 +443,30 @@ def test_command_prints_a_table(bench):
     assert "G-L s=2 Δt=0.001 auto" in out
 
 
-def test_command_writes_json_and_pictures(bench, tmp_path):
+def test_command_writes_json_and_a_picture(bench, tmp_path):
+    pytest.importorskip("matplotlib")
+    code, out, _ = bench("--quick", "--peers", "gyrospark", "--rounds", "1", "--json", "--out",
+                         "new/bench")
+    assert code == 0
+    document = json.loads(out)
+    assert document == json.loads((tmp_path / "new/bench/bench.json").read_text(encoding="utf-8"))
+    assert document.keys() == {"about", "peers"}
+    assert {"gyrospark", "compiler", "processor", "packages"} <= document["about"].keys()
+    assert document["peers"][0]["samples"]
+    assert is_picture(tmp_path / "new/bench/work_precision.png")
+
+
+@pytest.mark.slow
+def test_command_does_all(bench, tmp_path):
     pytest.importorskip("matplotlib")
     code, out, _ = bench("all", "--quick", "--peers", "gyrospark", "--rounds", "1", "--json",
                          "--out", "new/bench")
     assert code == 0
     document = json.loads(out)
-    assert document == json.loads((tmp_path / "new/bench/bench.json").read_text(encoding="utf-8"))
     assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
                                "growth_laws", "store", "sweeps"}
-    assert {"gyrospark", "compiler", "processor", "packages"} <= document["about"].keys()
-    assert document["peers"][0]["samples"]
     for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png"):
-        assert (tmp_path / "new/bench" / picture).read_bytes().startswith(b"\x89PNG")
+        assert is_picture(tmp_path / "new/bench" / picture)
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
@@ -450,6 +487,21 @@ def test_command_refuses_in_a_sentence(bench, arguments, message):
     assert not out
     assert err.count("\n") == 1
     assert message in err
+
+
+@pytest.mark.parametrize(("package", "extra", "arguments"), [
+    ("matplotlib.figure", "plot", ["--out", "new"]), ("zarr", "storage", ["store"])])
+def test_command_says_what_is_missing_before_it_measures(
+    bench, monkeypatch, tmp_path, package, extra, arguments
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.delitem(sys.modules, "gyrospark.storage", raising=False)
+    monkeypatch.delattr(gs, "storage", raising=False)
+    monkeypatch.setattr(sys.modules["gyrospark.commands.bench"], "_MEASURE", {})
+    code, out, err = bench(*arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"pip install gyrospark[{extra}]" in err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_command_says_that_one_of_ours_failed(bench, monkeypatch):

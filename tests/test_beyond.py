@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from gyrospark.studies.body_frame import Top, motion
 from gyrospark.studies.energy_law import energy_law, node_numbers
 from gyrospark.studies.engine import Engine
 from gyrospark.studies.equivalence import gradients_claim, nodes_claim, stages_claim
-from gyrospark.studies.model import Finding
+from gyrospark.studies.model import Claim, Finding
 from gyrospark.studies.one_step import energy_error
 from gyrospark.studies.power_series import Series
 from gyrospark.studies.zeros import integrable_claim
@@ -30,24 +31,31 @@ MEASURED = ("one-stage-alpha", "gamma-auto")
 STATE = odd_proof._rational_tops()[0]
 
 
-@pytest.fixture(scope="module")
-def findings() -> dict[str, Finding]:
-    engine = Engine(short=True)
-    return {key: study(engine) for key, study in FINDINGS.items()}
+ENGINE = Engine(short=True)
 
 
-@pytest.mark.parametrize("key", FINDINGS)
-def test_every_claim_holds(findings: dict[str, Finding], key: str) -> None:
-    finding = findings[key]
+@cache
+def finding_of(key: str) -> Finding:
+    return FINDINGS[key](ENGINE)
+
+
+#: The proofs of the slow one are checked by themselves below.
+every_finding = pytest.mark.parametrize("key", [
+    pytest.param(key, marks=pytest.mark.slow) if key == "odd-stages" else key for key in FINDINGS])
+
+
+@every_finding
+def test_every_claim_holds(key: str) -> None:
+    finding = finding_of(key)
     assert finding.key == key
     assert finding.about.count("\n\n") >= 2
     assert [c for c in finding.claims if not c.holds] == []
     assert any(c.how == "proved" for c in finding.claims) or key in MEASURED
 
 
-@pytest.mark.parametrize("key", FINDINGS)
-def test_panels_hold_plain_numbers(findings: dict[str, Finding], key: str) -> None:
-    for panel in findings[key].panels:
+@every_finding
+def test_panels_hold_plain_numbers(key: str) -> None:
+    for panel in finding_of(key).panels:
         for series in panel.series:
             assert len(series.x) == len(series.y) > 1
             assert all(type(v) is float and math.isfinite(v) for v in (*series.x, *series.y))
@@ -79,9 +87,24 @@ def test_exchanged_pair_is_no_lobatto_iiiab() -> None:
     assert not odd_proof.variational(dataclasses.replace(tableau, basis=basis))
 
 
-@pytest.mark.parametrize("term", ["A", "C"])
-@pytest.mark.parametrize("claim", [lambda: odd_proof.step_claim_symbolic(2),
-                                   lambda: odd_proof.step_claim_rational(3)])
+def two_stages() -> Claim:
+    return odd_proof.step_claim_symbolic(2)
+
+
+def three_stages() -> Claim:
+    return odd_proof.step_claim_rational(3)
+
+
+@pytest.mark.parametrize("claim", [two_stages, three_stages, lambda: odd_proof.gamma_claim((2,)),
+                                   lambda: odd_proof.variational_claim(range(2, 6))])
+def test_the_law_of_odd_stages_is_proved(claim: Any) -> None:
+    assert claim().holds
+
+
+@pytest.mark.parametrize(("term", "claim"), [
+    ("A", two_stages), ("C", three_stages),
+    pytest.param("C", two_stages, marks=pytest.mark.slow),
+    pytest.param("A", three_stages, marks=pytest.mark.slow)])
 def test_a_wrong_law_is_refuted(monkeypatch: pytest.MonkeyPatch, term: str, claim: Any) -> None:
     def wrong(s: int, top: Top) -> Any:
         law = energy_law(s, top)

@@ -12,9 +12,10 @@ import shutil
 
 import pytest
 
+from compilers import MAIN, compiler
 from fuzz.steppers import NAMES, case
 from processes import ROOT, call
-from test_c import compiler, write
+from test_c import write
 
 #: Conversions of a double that no int holds are undefined too, and not part of "undefined".
 SANITIZE = ["-g", "-O0", "-fsanitize=address,undefined,float-cast-overflow",
@@ -294,7 +295,7 @@ def listed(numbers):
     return ", ".join(repr(float(x)) for x in numbers)
 
 
-def built(name, flags, folder, compiler_name="gcc"):
+def built(name, flags, folder, compiler_name=MAIN):
     """Compile the program of a stepper; skip where the tools of the flags are not there."""
     command = compiler(compiler_name)
     kernel, files = program(name)
@@ -316,7 +317,8 @@ def attempt(command, folder):
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=pytest.mark.slow) if name == "chain" else name for name in NAMES])
+    pytest.param(name, marks=pytest.mark.slow) if name in ("chain", "ims") else name
+    for name in NAMES])
 def test_sanitizers_find_nothing_in_random_calls(name, tmp_path):
     attempt([built(name, SANITIZE, tmp_path), "1", "100" if name == "chain" else "300"], tmp_path)
 
@@ -353,7 +355,7 @@ def test_memcheck_finds_nothing_in_random_calls(name, tmp_path):
 def test_memcheck_finds_nothing_in_the_plain_program(tmp_path):
     write(case("gl3").step.files, tmp_path)
     shutil.copy(ROOT / "examples" / "plain_c" / "main.c", tmp_path)
-    done = call([*compiler("gcc"), "-g", "-O1", "-std=c11", "main.c", "heavy_top_gl3_gamma.c",
+    done = call([*compiler(MAIN), "-g", "-O1", "-std=c11", "main.c", "heavy_top_gl3_gamma.c",
                  "-lm", "-o", "top"], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     done = call([*VALGRIND, tmp_path / "top"], cwd=tmp_path)

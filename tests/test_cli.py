@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.commands import main, main_generate
+from gyrospark.commands import main_generate
 from processes import ROOT, call, cli
 
 EXAMPLE = ROOT / "examples" / "tableaux" / "gauss_lobatto_2.json"
@@ -22,36 +22,6 @@ CONTRACT = {
     "steps", "dt", "t_end", "q", "p", "energy_error_max", "energy_error_mean", "constraint_max",
     "momentum_constraint_max", "iterations_mean", "iterations_max", "seconds", "ns_per_step",
 }
-
-
-class Answer:
-    """What a command said."""
-
-    def __init__(self, code, stdout, stderr):
-        self.code, self.stdout, self.stderr = code, stdout, stderr
-
-    @property
-    def document(self):
-        """The JSON document on stdout, read strictly."""
-        def refuse(constant):
-            raise AssertionError(f"{constant} is not JSON")
-        return json.loads(self.stdout, parse_constant=refuse)
-
-
-@pytest.fixture
-def gyrospark(monkeypatch, capsys, tmp_path):
-    """Call the entry point of a console script inside this process, in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def caller(*arguments, entry=main, name="gyrospark"):
-        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as end:
-            entry()
-        said = capsys.readouterr()
-        return Answer(end.value.code, said.out, said.err)
-
-    return caller
 
 
 @pytest.fixture

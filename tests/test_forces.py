@@ -31,9 +31,9 @@ from reference import WORKING_DIGITS, Equations, Method, doubles, numbers
 from strategies import EPS
 
 MEAN = [("IMS", None), ("EMS", None)]
-SPARK = [("G-L", 1), ("G-L", 2), ("G-L", 3), ("G-L", 4), ("LIIIA-B", 2), ("LIIIA-B", 3)]
-SOME = [*MEAN, ("G-L", 1), ("G-L", 3), ("LIIIA-B", 3)]
-every_scheme = pytest.mark.parametrize(("scheme", "stages"), [*MEAN, *SPARK])
+SOME = [*MEAN, ("G-L", 1), ("G-L", 2), ("LIIIA-B", 3)]
+SLOW = [pytest.param(*scheme, marks=pytest.mark.slow) for scheme in (("G-L", 4), ("LIIIA-B", 2))]
+every_scheme = pytest.mark.parametrize(("scheme", "stages"), [*SOME, ("G-L", 3), *SLOW])
 some_schemes = pytest.mark.parametrize(("scheme", "stages"), SOME)
 
 x, y, u, v, tau = sp.symbols("x y u v tau", real=True)
@@ -129,12 +129,16 @@ def body_with_drag(rep):
                      quantities={f"Omega{i + 1}": w for i, w in enumerate(rates)})
 
 
-@pytest.mark.parametrize("rep", ["gamma", "alpha"])
-@pytest.mark.parametrize(("scheme", "stages", "bound"),
-                         [("EMS", None, 1e-4), ("G-L", 2, 1e-8), ("G-L", 4, 1e-13)])
-def test_body_with_drag(rep, scheme, stages, bound):
+BOUNDS = {("EMS", None): 1e-4, ("G-L", 2): 1e-8, ("G-L", 4): 1e-13}
+
+
+@pytest.mark.parametrize(("rep", "scheme", "stages"), [
+    ("alpha", "EMS", None), ("alpha", "G-L", 2), ("gamma", "G-L", 4),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ("gamma", "EMS", None), ("gamma", "G-L", 2), ("alpha", "G-L", 4)))])
+def test_body_with_drag(rep, scheme, stages):
     """Ω₃ decays as exp(−ct/I₃); Ω₁ + iΩ₂ as exp(−ct/I₁), and turns by ∫(I₃/I₁ − 1) Ω₃ dt."""
-    step = gs.stepper(scheme, stages, system=body_with_drag(rep))
+    step, bound = gs.stepper(scheme, stages, system=body_with_drag(rep)), BOUNDS[scheme, stages]
     I1, I3, drag, Omega = 2.0, 0.8, 0.15, np.array([0.4, -0.2, 3.0])
     parameters = {"I1": I1, "I2": I1, "I3": I3, "c": drag, rep: 1.2}
     q = np.array([0.5, 0.5, -0.1, 0.7]) / np.linalg.norm([0.5, 0.5, -0.1, 0.7])
@@ -317,7 +321,9 @@ def chain(links):
     return gs.System(q, p, (k, c, f, omega), H, rods, forces=forces, time=tau, name="damped")
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [*MEAN, ("G-L", 2), ("LIIIA-B", 3)])
+@pytest.mark.parametrize(("scheme", "stages"), [
+    ("EMS", None), ("G-L", 2), pytest.param("IMS", None, marks=pytest.mark.slow),
+    pytest.param("LIIIA-B", 3, marks=pytest.mark.slow)])
 def test_forces_of_large_systems(scheme, stages):
     """With one kernel a form: what is solved, its band and its motion are those of dense C."""
     spec, steppers = Spec.checked(scheme, stages), []
@@ -354,8 +360,10 @@ def test_cost_of_damping_grows_with_the_length():
         len(form.expressions) for form in long.force_forms]
 
 
-@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
-@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
+@pytest.mark.parametrize(("real", "scheme", "stages"), [
+    ("float", "G-L", 2), ("long-double", "EMS", None), ("float128", "EMS", None),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ("float", "EMS", None), ("long-double", "G-L", 2), ("float128", "G-L", 2)))])
 def test_every_real(real, scheme, stages):
     """The same motion, and the work balance of EMS at the type's own round-off."""
     step, same = (stepper_for("pendulum", scheme, stages, r) for r in (real, "double"))

@@ -21,7 +21,7 @@ from processes import ROOT, environment
 every_entrance = pytest.mark.parametrize("name", list(ENTRANCES))
 INPUTS = [(name, path) for name in ENTRANCES for path in corpus(name)]
 #: Of seeded inputs, for each entrance; the slow ones get fewer of them.
-SECONDS = 1.0
+SECONDS = 0.5
 DRIVER = ROOT / "tests" / "fuzz" / "run.py"
 
 

@@ -23,7 +23,8 @@ from processes import FAST_TOP, ROOT, call, cli, python
 
 ROOMS = ("commands", "generator", "runtime", "storage", "sweeps")
 #: Where code of the package lies; studies, examples and tests are no part of it.
-SOURCES = sorted([*ROOT.glob("*.py"), *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
+FACE = [p for p in ROOT.glob("*.py") if p.name != "setup.py"]
+SOURCES = sorted([*FACE, *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath", "zarr", "xarray", "dask")
@@ -55,15 +56,24 @@ def imports_of(path: Path) -> set[str]:
 # ---------------------------------------------------------------- packaging
 
 
+def folders_to_install() -> list[Path]:
+    """Return the folders of the package: of modules, and of data that are installed as well."""
+    data = [ROOT / name for name in ("examples", "generated", "templates")]
+    modules = [path.parent for depth in ("*", "*/*") for path in ROOT.glob(f"{depth}/__init__.py")]
+    inner = [path for path in (ROOT / "examples").iterdir() if path.is_dir()]
+    return [path for path in (*data, *modules, *inner) if path.name != "__pycache__"]
+
+
+def checked_in(folder: Path) -> list[Path]:
+    """Return the files of a folder that belong to the project: all, if this is no git checkout."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        return [path for path in folder.iterdir() if path.is_file()]
+    listed = call(["git", "ls-files", "-z", "."], cwd=folder).stdout.split("\0")
+    return [folder / name for name in listed if name and "/" not in name]
+
+
 def test_packages_in_pyproject_are_the_folders():
-    kept = {"generated", "templates"}  # folders of data that are installed as well
-    rooms = [
-        p for p in ROOT.iterdir()
-        if p.is_dir() and not p.name.startswith((".", "_")) and (
-            p.name in kept or (p / "__init__.py").is_file())
-    ]
-    inner = [p.parent for room in rooms for p in room.glob("*/__init__.py")]
-    folders = {".".join(p.relative_to(ROOT).parts) for p in (*rooms, *inner)}
+    folders = {".".join(p.relative_to(ROOT).parts) for p in folders_to_install()}
     setuptools = PROJECT["tool"]["setuptools"]
     assert set(setuptools["packages"]) == {"gyrospark"} | {f"gyrospark.{f}" for f in folders}
     assert setuptools["package-dir"] == {"gyrospark": "."}
@@ -71,10 +81,11 @@ def test_packages_in_pyproject_are_the_folders():
 
 def test_every_data_file_is_packaged():
     patterns = PROJECT["tool"]["setuptools"]["package-data"]
-    for folder in ("benchmarks", "templates", "generated"):
-        for path in (ROOT / folder).iterdir():
-            if path.is_file() and path.suffix != ".py":
-                assert any(path.match(p) for p in patterns[f"gyrospark.{folder}"]), path
+    for folder in folders_to_install():
+        package = ".".join(["gyrospark", *folder.relative_to(ROOT).parts])
+        for path in checked_in(folder):
+            if path.suffix != ".py":
+                assert any(path.match(p) for p in patterns[package]), path
     assert (ROOT / "py.typed").is_file()
 
 
@@ -211,6 +222,25 @@ def test_public_names_resolve():
         _ = gyrospark.nonsense
 
 
+@pytest.mark.parametrize("package", ["zarr", "xarray", "filelock"])
+def test_names_of_an_extra_that_is_not_installed_say_so_when_they_are_called(package):
+    """To look at them, and to import all, is no error; their command ends in the same sentence."""
+    said = python(
+        f"import sys\nsys.modules[{package!r}] = None\n"
+        "import inspect, gyrospark as gs\nfrom gyrospark import *\n"
+        "assert len(inspect.getmembers(gs)) >= len(gs.__all__)\n"
+        "assert not isinstance(1, gs.Recording)\n"
+        "for name in ('record', 'open_recording', 'sweep', 'open_sweep', 'Recording'):\n"
+        "    try:\n        getattr(gs, name)('x', {})\n"
+        "    except gs.MissingDependencyError as error:\n        print(error)\n"
+        "from gyrospark import commands\n"
+        "sys.argv, sys.stderr = ['gyrospark', 'export', 'a.zarr', 'a.csv'], sys.stdout\n"
+        "try:\n    commands.main()\nexcept SystemExit as end:\n    assert end.code == 2")
+    sentence = (f"Stored runs and sweeps need {package}; `pip install gyrospark[storage]` brings "
+                "it.")
+    assert said.splitlines() == [sentence] * 5 + [f"gyrospark: {sentence}"]
+
+
 def test_public_names_are_those_of_the_contract():
     contract = {"stepper", "tableau", "problems", "gamma_m", "gamma_h", "gamma_m_tilde",
                 "gamma_h_tilde", "System", "Trajectory", "GyrosparkError", "StepFailed"}
@@ -218,8 +248,7 @@ def test_public_names_are_those_of_the_contract():
 
 
 def modules() -> list[ModuleType]:
-    names = [f"gyrospark.{p.stem}" for p in ROOT.glob("*.py") if p.stem not in
-             ("__init__", "__main__")]
+    names = [f"gyrospark.{p.stem}" for p in FACE if p.stem not in ("__init__", "__main__")]
     for room in ROOMS:
         package = importlib.import_module(f"gyrospark.{room}")
         names += [m.name for m in pkgutil.iter_modules(package.__path__, f"gyrospark.{room}.")]
@@ -256,24 +285,6 @@ def test_errors_derive_from_one():
 
 
 # ---------------------------------------------------------------- the README
-
-
-def test_readme_python_runs(tmp_path):
-    """All Python blocks, one after the other as a reader would type them."""
-    text = "\n".join(blocks("python"))
-    assert text.count("gs.stepper") >= 2
-    pytest.importorskip("scipy")
-    pytest.importorskip("matplotlib")
-    code = text + (
-        "\nassert trajectory.q.shape == (2001, 4) and trajectory.axis().shape == (2001, 3)"
-        "\nassert trajectory.angular_velocity().shape == (2001, 3)"
-        "\nassert trajectory.energy().shape == (2001,)"
-        "\nassert trajectory.multipliers.shape == (2000, 4)"
-        "\nassert q0.shape == p0.shape == (4,) and step.n == 2 and step.order == 4\n"
-    )
-    python(code, cwd=tmp_path)
-    assert (tmp_path / "top.npz").stat().st_size > 1000
-    assert (tmp_path / "top.png").read_bytes().startswith(b"\x89PNG")
 
 
 def commands_of(text: str) -> list[list[str]]:
@@ -328,8 +339,16 @@ def test_readme_names_what_exists():
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
     for link in re.findall(r"\]\((?!https?:|#)([^)]+)\)", README):
         assert (ROOT / link).exists(), link
-    for extra in re.findall(r'pip install "?\.\[(\w+)\]', README):
-        assert extra in PROJECT["project"]["optional-dependencies"], extra
+    extras = PROJECT["project"]["optional-dependencies"]
+    for named in re.findall(r'pip install "\.\[([\w,]+)\]', README):
+        assert set(named.split(",")) <= set(extras), named
+    table = re.search(r"^\| extra \|.*?\n\n", README, flags=re.MULTILINE | re.DOTALL)
+    assert table
+    rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table[0], flags=re.MULTILINE)
+    assert {name for name, _ in rows} == set(extras) - {"test", "fuzz"}
+    for name, brings in rows:
+        for package in brings.split(", "):
+            assert re.search(rf"\b{package}\b", " ".join(extras[name])), (name, package)
 
 
 def test_ci_calls_the_readme_test_command():

@@ -29,10 +29,17 @@ def test_every_stepper_is_counted(pytestconfig):
         write(counter, dict(count_step(counter, *stepper) for stepper in STEPPERS))
         return
     assert len(KNOWN["steps"]) == len(STEPPERS)
+    assert set(FEW) < set(STEPPERS)
     assert KNOWN["flags"] == " ".join(FLAGS)
 
 
-@pytest.mark.parametrize("stepper", STEPPERS, ids=lambda s: "-".join(map(str, s)))
+#: One of each template; the others differ from them by numbers.
+FEW = (("G-L", 2, "gamma"), ("G-L", 3, "gamma"), ("LIIIA-B", 3, "gamma"), ("EMS", None, "gamma"))
+
+
+@pytest.mark.parametrize("stepper", [
+    stepper if stepper in FEW else pytest.param(stepper, marks=pytest.mark.slow)
+    for stepper in STEPPERS], ids=lambda s: "-".join(map(str, s)))
 def test_instructions(stepper, pytestconfig):
     if pytestconfig.getoption("update"):
         pytest.skip("the numbers are being made again")

@@ -220,13 +220,16 @@ def test_table_10():
     assert claim(table, "With the exact Jacobian").holds
 
 
-@pytest.mark.parametrize("make", [table_11, table_12, table_13], ids=["11", "12", "13"])
+@pytest.mark.parametrize("make", [
+    table_12, pytest.param(table_11, marks=pytest.mark.slow),
+    pytest.param(table_13, marks=pytest.mark.slow)], ids=["12", "11", "13"])
 def test_lobatto_tables(make):
     table = make(Engine())
     assert all(c.holds for c in table.claims)
     assert len(table.cells) == 48
 
 
+@pytest.mark.slow
 def test_tables_12_to_14_together():
     """Three quarters of the cells, whatever the last bits; all but a few for Δt = 0.01, 0.005."""
     table = table_14(Engine())

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from processes import ROOT, cli, environment, gyrospark_command
+from processes import ROOT, environment
 
 EPS = float(np.finfo(float).eps)
 EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
@@ -23,19 +23,23 @@ CONTRACT = {
 }
 
 
-def document(*arguments):
+@pytest.fixture
+def document(gyrospark):
     """Run a command that must succeed; return its JSON."""
-    done = cli(*arguments, "--json")
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return json.loads(done.stdout)
+    def caller(*arguments):
+        done = gyrospark(*arguments, "--json")
+        assert done.code == 0, done.stderr
+        assert done.stderr == ""
+        return done.document
+
+    return caller
 
 
 # ---------------------------------------------------------------- what runs
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
-def test_example_runs(path):
+def test_example_runs(path, document):
     """With the file's own dt; twenty steps keep every constraint."""
     found = document("run", path, "--scheme", "G-L", "--stages", "2", "--steps", "20")
     model = gs.load_model(path)
@@ -64,7 +68,7 @@ def test_commands_in_the_headers_of_examples_exist():
             assert {word for word in words if word.startswith("--")} <= known
 
 
-def test_pendulum_swings_as_it_should():
+def test_pendulum_swings_as_it_should(document):
     """The angle at t = 2 s against the plane pendulum's equation by SciPy: two ways to a number."""
     integrate = pytest.importorskip("scipy.integrate")
     found = document("run", PENDULUM, "--scheme", "G-L", "--stages", "4", "--steps", "400")
@@ -74,7 +78,7 @@ def test_pendulum_swings_as_it_should():
     assert np.arctan2(x, -y) == pytest.approx(flight.y[0, -1], abs=1e-10)
 
 
-def test_body_chooses_gamma_and_alpha():
+def test_body_chooses_gamma_and_alpha(document):
     """--gamma counts for the body's parameter; without it γ_m; --rep overrides the file's."""
     common = ("run", SATELLITE, "--scheme", "IMS", "--steps", "5")
     inertia = (120.0, 100.0, 30.0)
@@ -85,29 +89,29 @@ def test_body_chooses_gamma_and_alpha():
     assert found["stepper"] == "satellite_ims_alpha"
 
 
-def test_two_bodies_get_their_own_gamma():
+def test_two_bodies_get_their_own_gamma(document):
     path = ROOT / "examples" / "double_top.toml"
     found = document("run", path, "--scheme", "IMS", "--steps", "2", "--gamma", "h")["parameters"]
     assert found["lower_gamma"] == gs.gamma_h((0.004, 0.004, 0.002))
     assert found["upper_gamma"] == gs.gamma_h((0.001, 0.001, 0.0006))
 
 
-def test_text_fits_the_system(tmp_path):
-    done = cli("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
+def test_text_fits_the_system(tmp_path, gyrospark, document):
+    done = gyrospark("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
     assert "|g(q)|" in done.stdout
     assert "qᵀ" not in done.stdout
     free = tmp_path / "free.toml"
     free.write_text(
         'name = "oscillator"\n[system]\ncoordinates = ["x"]\nmomenta = ["v"]\n'
         'hamiltonian = "(x**2 + v**2)/2"\n[start]\nq = [1]\np = [0]\n', encoding="utf-8")
-    done = cli("run", free, "--scheme", "EMS", "--dt", "0.1", "--steps", "5")
-    assert done.returncode == 0, done.stderr
+    done = gyrospark("run", free, "--scheme", "EMS", "--dt", "0.1", "--steps", "5")
+    assert done.code == 0, done.stderr
     assert "constraint" not in done.stdout
     found = document("run", free, "--scheme", "EMS", "--dt", "0.1", "--steps", "5")
     assert found["constraint_max"] == found["momentum_constraint_max"] == 0
 
 
-def test_out_and_plot_of_a_general_system(tmp_path):
+def test_out_and_plot_of_a_general_system(tmp_path, document):
     pytest.importorskip("matplotlib")
     found = document("run", PENDULUM, "--scheme", "IMS", "--steps", "50", "--out",
                      tmp_path / "p.npz", "--plot", tmp_path / "p.png")
@@ -115,18 +119,18 @@ def test_out_and_plot_of_a_general_system(tmp_path):
     assert Path(found["plot"]).read_bytes().startswith(b"\x89PNG")
 
 
-def test_start_typed_with_few_digits_is_moved_and_told(tmp_path):
+def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, document):
     text = PENDULUM.read_text(encoding="utf-8").replace('q = ["l", 0]', "q = [0.3, 0.4001]")
     rough = tmp_path / "rough.toml"
     rough.write_text(text, encoding="utf-8")
     found = document("run", rough, "--scheme", "IMS", "--steps", "5")
     assert 1e-5 < found["start_moved"] < 1e-3
     assert "start_moved" not in document("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
-    assert "moved onto the constraints" in cli("run", rough, "--scheme", "IMS", "--steps",
-                                               "5").stdout
+    said = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stdout
+    assert "moved onto the constraints" in said
 
 
-def test_second_run_imports_no_sympy():
+def test_second_run_imports_no_sympy(document):
     arguments = ["run", str(PENDULUM), "--scheme", "IMS", "--steps", "3", "--json"]
     document(*arguments[:-1])
     code = (f"import sys\nsys.argv = ['gyrospark', *{arguments}]\n"
@@ -138,13 +142,13 @@ def test_second_run_imports_no_sympy():
     assert done.returncode == 0, done.stderr
 
 
-def test_generate_check_and_verify(tmp_path):
+def test_generate_check_and_verify(tmp_path, gyrospark, document):
     choice = ("--scheme", "IMS", "--system", PENDULUM)
-    done = cli("generate", *choice, "--out", tmp_path, "--no-compile")
-    assert done.returncode == 0, done.stderr
+    done = gyrospark("generate", *choice, "--out", tmp_path, "--no-compile")
+    assert done.code == 0, done.stderr
     assert {p.name for p in tmp_path.iterdir()} == {
         f"pendulum_ims.{end}" for end in ("h", "c", "json")}
-    assert cli("generate", *choice, "--out", tmp_path, "--check").returncode == 0
+    assert gyrospark("generate", *choice, "--out", tmp_path, "--check").code == 0
     found = document("verify", *choice)
     assert found["holds"]
     assert found["verified"][0]["name"] == "pendulum_ims"
@@ -205,26 +209,29 @@ HOSTILE = {
 }
 
 
-@pytest.fixture(scope="module")
-def bounded():
-    """Call the command line in a process with little memory and little patience."""
+@pytest.fixture
+def bounded(gyrospark):
+    """Call the command line with little memory and little patience."""
     resource = pytest.importorskip("resource")
 
-    def limit():
-        resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
+    def impatient(number, frame):
+        raise TimeoutError("a minute has gone by")
 
-    def caller(*arguments):
-        return subprocess.run(
-            gyrospark_command(*arguments), env=environment(OPENBLAS_NUM_THREADS="1"), text=True,
-            capture_output=True, timeout=60, check=False, preexec_fn=limit,
-            stdin=subprocess.DEVNULL)
-
-    return caller
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    taken = pages * resource.getpagesize()
+    handler = signal.signal(signal.SIGALRM, impatient)
+    resource.setrlimit(resource.RLIMIT_AS, (taken + (3 << 30), before[1]))
+    signal.alarm(60)
+    yield gyrospark
+    signal.alarm(0)
+    resource.setrlimit(resource.RLIMIT_AS, before)
+    signal.signal(signal.SIGALRM, handler)
 
 
 def refused(done, *fragments):
     """Check for exit code 2 and one line on stderr."""
-    assert done.returncode == 2, done.stderr
+    assert done.code == 2, done.stderr
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
     assert "Traceback" not in done.stderr

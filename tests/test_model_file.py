@@ -160,6 +160,19 @@ def test_examples_are_models(path):
     assert path.read_text(encoding="utf-8").startswith("# ")
 
 
+def test_example_is_found_from_any_folder(tmp_path, monkeypatch):
+    """As the help names it, wherever the package is installed; a file that is there comes first."""
+    monkeypatch.chdir(tmp_path)
+    assert gs.load_model("examples/pendulum.toml").name == "pendulum"
+    assert gs.tableau("examples/tableaux/gauss_lobatto_2.json").order == 4
+    for path in ("examples/none.toml", "examples/../examples/pendulum.toml", "pendulum.toml"):
+        with pytest.raises(InputError, match="there is no such file"):
+            gs.load_model(path)
+    (tmp_path / "examples").mkdir()
+    (tmp_path / "examples" / "pendulum.toml").write_text(SYSTEM, encoding="utf-8")
+    assert gs.load_model("examples/pendulum.toml").name == "rod"
+
+
 def test_satellite_is_what_python_makes(tmp_path):
     mu, r = sp.symbols("mu r", real=True, nonzero=True)
     V = 3 * mu / (2 * r**3) * sum(

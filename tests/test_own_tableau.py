@@ -44,6 +44,11 @@ def make() -> Any:
     return module
 
 
+@cache
+def stepper_of(name: str) -> gs.Stepper:
+    return gs.stepper(tableau=FOLDER / f"{name}.json")
+
+
 @pytest.fixture
 def written(tmp_path: Path) -> Any:
     """Write a table as a file; return its path."""
@@ -99,7 +104,7 @@ def test_examples_are_verified(name: str) -> None:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_compiled_order_and_constraints(name: str) -> None:
     """The compiled step on an asymmetric top: the derived order, constraints at round-off."""
-    step, body = gs.stepper(tableau=FOLDER / f"{name}.json"), BODY
+    step, body = stepper_of(name), BODY
     parameters = body.parameters | {"gamma": 1.0}
     exact = gs.stepper("G-L", 6).integrate(body.q0, body.p0, dt=0.01, steps=200,
                                            parameters=parameters).q[-1]
@@ -114,7 +119,7 @@ def test_compiled_order_and_constraints(name: str) -> None:
 
 @pytest.mark.parametrize("solver", ["newton", "fixed-point", "python"])
 def test_solvers_agree(solver: str) -> None:
-    step = gs.stepper(tableau=FOLDER / "radau_iia_2.json")
+    step = stepper_of("radau_iia_2")
     runs = [step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=20, parameters=PARAMETERS, solver=other)
             for other in ("auto", solver)]
     assert runs[0].q[-1] == pytest.approx(runs[1].q[-1], abs=64 * 2.0**-52)
@@ -124,7 +129,7 @@ def test_symplectic_energy_stays_and_the_other_does_not() -> None:
     """Radau IIA with its symplectic partner against Radau IIA alone, which dissipates."""
     drift = {}
     for name in ("radau_iia_2", "radau_plain_2"):
-        run = gs.stepper(tableau=FOLDER / f"{name}.json").integrate(
+        run = stepper_of(name).integrate(
             TOP.q0, TOP.p0, dt=1e-3, steps=4000, parameters=PARAMETERS)
         errors = np.abs(run.energies - run.energies[0])
         drift[name] = errors[3000:].max() / errors[:1000].max()
@@ -248,7 +253,7 @@ def test_remarks_name_what_limits_the_order() -> None:
 
 
 def test_remarks_are_in_the_manifest_of_given_tableaux_only() -> None:
-    step = gs.stepper(tableau=FOLDER / "radau_plain_2.json")
+    step = stepper_of("radau_plain_2")
     about = step.manifest["tableau"]
     assert about["remarks"] == step.remarks == remarks(read_tableau(FOLDER / "radau_plain_2.json"))
     assert about["conditions"]["symplectic, constraints"]["found"] == "yes"

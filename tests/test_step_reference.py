@@ -93,17 +93,17 @@ def check_many(spec, count):
 
 @pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
 def test_paper_steppers(spec):
-    check_many(spec, 20)
+    check_many(spec, 10)
 
 
-@pytest.mark.parametrize("spec", HIGH_SPECS, ids=identify)
+@pytest.mark.parametrize("spec", [Spec("G-L", 8), Spec("LIIIA-B", 8, "alpha")], ids=identify)
 def test_many_stages(spec):
     check_many(spec, 6)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spec", HIGH_SPECS, ids=identify)
-def test_many_stages_on_many_bodies(spec):
+@pytest.mark.parametrize("spec", [*PAPER_SPECS, *HIGH_SPECS], ids=identify)
+def test_many_bodies(spec):
     check_many(spec, 20)
 
 

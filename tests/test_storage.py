@@ -43,7 +43,7 @@ def test_each_scheme_and_solver(step, solver, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("rep", ["alpha", "gamma"])
-@pytest.mark.parametrize(("scheme", "stages"), [("IMS", None), ("G-L", 8), ("LIIIA-B", 7)])
+@pytest.mark.parametrize(("scheme", "stages"), [("IMS", None), ("G-L", 3), ("LIIIA-B", 4)])
 def test_each_representation(scheme, stages, rep, tmp_path):
     parameters = ALPHA if rep == "alpha" else PARAMETERS
     check(gs.stepper(scheme, stages, rep), tmp_path / "run.zarr",
@@ -68,12 +68,13 @@ SYSTEMS = {
 }
 
 
-@pytest.mark.parametrize("real", ["double", "long-double"])
-@pytest.mark.parametrize("scheme", [("EMS", None), ("G-L", 2)], ids=lambda s: s[0])
-@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS.keys())
-def test_forces_time_and_quantities(system, scheme, real, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("name", "scheme", "real"), [
+    *((name, scheme, "double") for name in SYSTEMS for scheme in (("EMS", None), ("G-L", 2))),
+    ("forces and quantities, m = 1", ("EMS", None), "long-double"),
+    pytest.param("forces, not separable", ("G-L", 2), "long-double", marks=pytest.mark.slow)])
+def test_forces_time_and_quantities(name, scheme, real, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 8)
-    make, q, p = system
+    make, q, p = SYSTEMS[name]
     step = gs.stepper(*scheme, system=make(), real=real)
     q, p = step.project(q, p, parameters=FORCED)
     for solver in ("auto", "python"):

@@ -15,7 +15,7 @@ import gyrospark as gs
 from calls import PARAMETERS, TOP
 from gyrospark.runtime.states import headings
 from stores import START, Interrupted, assert_same, ends_after, small_blocks
-from test_cli import FAILS, RUN, gyrospark, refused  # noqa: F401 (the fixture)
+from test_cli import FAILS, RUN, refused
 from test_forces import PARAMETERS as FORCED
 from test_forces import pendulum
 from test_structure import made, start
@@ -186,7 +186,7 @@ def test_unfinished_run(end, gl3, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x.nc", "x.npz", "x", "x.zarr", "a b γ.csv"])
-def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):  # noqa: F811
+def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):
     """Numbers on stdout and states in the file are those of any other --out; nothing else stays."""
     answer = gyrospark(*RUN, "--every", "3", "--out", name, "--json")
     assert answer.code == 0, answer.stderr
@@ -210,7 +210,7 @@ def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):  # noqa: F811
 
 
 @pytest.mark.parametrize("end", [".csv", ".nc", ".zarr", ".npz"])
-def test_failed_run_writes_what_it_has(end, gyrospark, tmp_path):  # noqa: F811
+def test_failed_run_writes_what_it_has(end, gyrospark, tmp_path):
     answer = gyrospark(*FAILS, "--out", f"x{end}")
     assert answer.code == 1
     assert "failed: " in answer.stderr
@@ -219,7 +219,7 @@ def test_failed_run_writes_what_it_has(end, gyrospark, tmp_path):  # noqa: F811
         assert [path.name for path in tmp_path.iterdir()] == [f"x{end}"]
 
 
-def test_export_command(gyrospark, tmp_path):  # noqa: F811
+def test_export_command(gyrospark, tmp_path):
     assert gyrospark(*RUN, "--out", "run.zarr").code == 0
     for end in ENDS:
         answer = gyrospark("export", "run.zarr", f"run{end}")
@@ -232,7 +232,7 @@ def test_export_command(gyrospark, tmp_path):  # noqa: F811
 @pytest.mark.parametrize(("target", "words"), [
     ("run.txt", ".npz, .csv, .nc"), ("run", ".npz, .csv, .nc"), ("", ".npz, .csv, .nc"),
     ("none/run.csv", "'none/run.csv'"), (".csv", ".npz, .csv, .nc"), ("folder.csv", "folder")])
-def test_export_that_is_refused(target, words, gyrospark, tmp_path):  # noqa: F811
+def test_export_that_is_refused(target, words, gyrospark, tmp_path):
     (tmp_path / "folder.csv").mkdir()
     assert gyrospark(*RUN, "--out", "run.zarr").code == 0
     before = sorted(tmp_path.rglob("*"))
@@ -241,7 +241,7 @@ def test_export_that_is_refused(target, words, gyrospark, tmp_path):  # noqa: F8
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):  # noqa: F811
+def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):
     """Before a step is taken."""
     assert gyrospark(*RUN, "--out", "run.zarr").code == 0
     monkeypatch.setitem(sys.modules, "h5netcdf", None)
@@ -256,7 +256,7 @@ def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):  # noqa: F8
 
 
 @pytest.mark.parametrize("end", [".csv", ".nc"])
-def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):  # noqa: F811
+def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
     """The numbers are printed, the states stay, and the same command with --resume writes them."""
     command = [*RUN, "--out", f"x{end}"]
     with monkeypatch.context() as patch:
@@ -278,7 +278,7 @@ def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [f"x{end}"]
 
 
-def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):  # noqa: F811
+def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):
     """Two runs to one file: the second is refused, and the first loses nothing."""
     from gyrospark.storage.lock import claim
 
@@ -289,7 +289,7 @@ def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):  # noqa: 
     assert (store / "work").is_dir()
 
 
-def test_stopped_export_goes_on(gl3, gyrospark, monkeypatch, tmp_path):  # noqa: F811
+def test_stopped_export_goes_on(gl3, gyrospark, monkeypatch, tmp_path):
     """A signal: the file has the states so far, the store beside it goes on."""
     from gyrospark.runtime.interrupts import Interrupts
 

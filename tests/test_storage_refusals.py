@@ -15,7 +15,7 @@ from calls import PARAMETERS, TOP
 from gyrospark.storage import record
 from processes import cli, environment
 from stores import START, Interrupted, as_files, assert_same_bytes, small_blocks
-from test_cli import RUN, gyrospark, refused  # noqa: F401 (the fixture)
+from test_cli import RUN, refused
 
 ARGUMENTS = START | {"steps": 100, "every": 2}
 AS_ROOT = os.geteuid() == 0
@@ -172,14 +172,14 @@ def test_another_compiler_setting_is_refused(tmp_path):
 # ---------------------------------------------------------------- places
 
 
-def test_store_that_is_there(gyrospark, begun):  # noqa: F811
+def test_store_that_is_there(gyrospark, begun):
     before = as_files(begun)
     refused(gyrospark(*RUN, "--out", begun), "is there already", "--resume")
     refused(gyrospark(*RUN, "--out", begun, "--resume"), "holds another run", "steps was 100")
     assert as_files(begun) == before
 
 
-def test_resume_without_a_store(gyrospark):  # noqa: F811
+def test_resume_without_a_store(gyrospark):
     refused(gyrospark(*RUN, "--resume"), "--resume", "NAME.zarr")
     refused(gyrospark(*RUN, "--resume", "--out", "run.npz"), "--resume", "NAME.zarr")
     refused(gyrospark(*RUN, "--out", "run.zarr", "--seed", "x"), "--seed", "'x'")
@@ -187,7 +187,7 @@ def test_resume_without_a_store(gyrospark):  # noqa: F811
 
 
 @pytest.mark.parametrize("what", ["file", "folder", "array", "loop"])
-def test_what_is_no_store(what, gl3, gyrospark, tmp_path):  # noqa: F811
+def test_what_is_no_store(what, gl3, gyrospark, tmp_path):
     place = tmp_path / "run.zarr"
     if what == "file":
         place.write_text("mine")

@@ -18,7 +18,7 @@ from sweeping import GAMMAS, OVER, STUDY, TOP, study_file
 EXAMPLES = sorted((ROOT / "examples" / "studies").glob("*.toml"))
 
 
-def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path):
+def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
     study_file(tmp_path)
     done = cli("sweep", "study.toml", "--plot", "s.png", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -29,17 +29,17 @@ def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path):
     at = result.sel(gamma=said["least_at"]["gamma"], dt=said["least_at"]["dt"])
     assert at.energy_error_max == said["least"]
     assert (tmp_path / "s.png").stat().st_size > 5000
-    again = cli("sweep", "study.toml", "--resume", cwd=tmp_path)
-    assert again.returncode == 0
+    again = gyrospark("sweep", "study.toml", "--resume")
+    assert again.code == 0
     assert "1,280 cells (40 gamma × 32 dt)" in again.stdout
-    assert cli("sweep", "study.toml", cwd=tmp_path).returncode == 2
+    assert gyrospark("sweep", "study.toml").code == 2
 
 
-def test_dry_run_computes_nothing_and_is_about_right(tmp_path):
+def test_dry_run_computes_nothing_and_is_about_right(tmp_path, gyrospark):
     path = study_file(tmp_path)
-    done = cli("sweep", "study.toml", "--dry-run", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
+    done = gyrospark("sweep", "study.toml", "--dry-run", "--json")
+    assert done.code == 0, done.stderr
+    said = done.document
     assert (said["cells"], said["steps"]) == (1280, 1280 * 400)
     assert not (tmp_path / "study.zarr").exists()
     loaded = parse_study(STUDY, path)
@@ -61,10 +61,10 @@ def test_dry_run_computes_nothing_and_is_about_right(tmp_path):
     (STUDY.replace("steps", "name = 1\nsteps"), ["name"]),
     (STUDY.replace("[grid]", "[grid]\nstart = { q = 1 }"), ["start"]),
 ])
-def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path):
+def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path, gyrospark):
     study_file(tmp_path, text)
-    done = cli("sweep", "study.toml", cwd=tmp_path)
-    assert done.returncode == 2
+    done = gyrospark("sweep", "study.toml")
+    assert done.code == 2
     assert len(done.stderr.splitlines()) == 1
     assert all(fragment in done.stderr for fragment in [*fragments, "study.toml"]), done.stderr
 
@@ -73,22 +73,22 @@ def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path):
     ["--out", "none/s.zarr"], ["--out", "s.csv"], ["--workers", "x"], ["--show", "q"],
     ["--plot", "s.txt"],
     pytest.param(["--dask", "tcp://127.0.0.1:1"], marks=pytest.mark.slow)])
-def test_wrong_options_end_in_one_sentence(arguments, tmp_path):
+def test_wrong_options_end_in_one_sentence(arguments, tmp_path, gyrospark):
     study_file(tmp_path)
-    done = cli("sweep", "study.toml", *arguments, cwd=tmp_path)
-    assert done.returncode == 2
+    done = gyrospark("sweep", "study.toml", *arguments)
+    assert done.code == 2
     assert len(done.stderr.splitlines()) == 1, done.stderr
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
-def test_examples_are_studies_and_say_how_to_begin(path):
+def test_examples_are_studies_and_say_how_to_begin(path, gyrospark):
     text = path.read_text(encoding="utf-8")
     assert parse_study(text, path).study.size > 1
     header = [line for line in text.splitlines() if line.startswith("#   gyrospark sweep ")]
     words = header[0].removeprefix("#").split()
     assert words[3:] == ["--dry-run"]
-    done = cli(*words[1:], cwd=ROOT)
-    assert done.returncode == 0, done.stderr
+    done = gyrospark(*words[1:])
+    assert done.code == 0, done.stderr
 
 
 def test_the_readmes_example_has_a_million_cells():
