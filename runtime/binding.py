@@ -102,6 +102,11 @@ class Binding:
         """Return the bytes of a running record or of work memory, to read and to write."""
         return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)
 
+    def clear_padding(self, report: Any, work: Any) -> None:
+        """Set to zero the bytes of both that mean nothing: then equal runs have equal images."""
+        if self.c_type == "long double":  # no other type has any that compiled code writes to
+            self.function("clear_padding")(report, work)
+
     def new(self, *shape: int) -> Array:
         """Return a zeroed array of the stepper's type."""
         return np.zeros(shape, dtype=self.dtype)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..errors import GyrosparkError, InputError
 from . import quaternion
 from .manifest import sizes_of
+from .memory import without_padding
 
 __all__ = ["Report", "Trajectory"]
 
@@ -290,7 +291,7 @@ class Trajectory:
 def _storable(array: Array) -> Array:
     """Return an array as a file can hold it: mpmath numbers as their bytes in binary128."""
     if array.dtype != object:
-        return array
+        return without_padding(array)
     from .quad import to_bytes  # mpmath costs time, and only float128 needs it
 
     return to_bytes(array)
