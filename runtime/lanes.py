@@ -97,5 +97,5 @@ def _member(
     if not status:
         return trajectory, None
     done = int(report.steps)
-    return trajectory, StepFailed(step=done + 1, t=run.t0 + done * run.dt,
+    return trajectory, StepFailed(step=done + 1, t=float(run.t0 + done * run.dt),
                                   reason=REASONS[status], trajectory=trajectory)

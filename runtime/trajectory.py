@@ -13,16 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GyrosparkError, InputError
+from ..exact import digits_of
 from . import quaternion
 from .manifest import sizes_of
 from .memory import without_padding
+from .reals import from_text
 
 __all__ = ["Report", "Trajectory"]
 
 Array = NDArray[Any]
 _FORMAT = 2
 #: Arrays of the stepper's own type; float128 is stored as bytes, a last axis of 16.
-_QUADS = ("q", "p", "multipliers", "energies", "g_errors", "f_errors", "work", "quantity_values")
+_QUADS = ("t", "q", "p", "multipliers", "energies", "g_errors", "f_errors", "work",
+          "quantity_values")
 _ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
            "quantity_values")
 
@@ -88,7 +91,8 @@ class Trajectory:
     Attributes
     ----------
     t : array, shape (N+1,)
-        Times in seconds.
+        Times t_0 + k dt in seconds: of the stepper's own type where that has more digits than a
+        double, else doubles.
     q, p : array, shape (N+1, n)
         Coordinates and momenta; a unit quaternion, scalar first, for a body.
     multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
@@ -104,6 +108,9 @@ class Trajectory:
         Work W done by the system's forces since the start; 0 without forces.
     quantity_values : array, shape (N+1, number of quantities)
         The system's quantities of each state; see ``quantity``.
+    dt, parameters : number, dict of str to number
+        As the stepper had them: floats; NumPy's long doubles or mpmath numbers where it computes
+        with more digits.
     report : Report
         Diagnostics over every step.
     """
@@ -113,9 +120,9 @@ class Trajectory:
     p: Array
     multipliers: Array
     iterations: Array
-    dt: float
+    dt: Any
     every: int
-    parameters: dict[str, float]
+    parameters: dict[str, Any]
     report: Report
     manifest: dict[str, Any]
     energies: Array
@@ -201,9 +208,9 @@ class Trajectory:
             target = target.with_name(target.name + ".npz")
         about = {
             "format": _FORMAT,
-            "dt": self.dt,
+            "dt": digits_of(self.dt),
             "every": self.every,
-            "parameters": self.parameters,
+            "parameters": {name: digits_of(x) for name, x in self.parameters.items()},
             "report": asdict(self.report),
             "manifest": self.manifest,
         }
@@ -238,13 +245,16 @@ class Trajectory:
             if about["format"] != _FORMAT:
                 raise InputError(f"{str(path)!r} has format {about['format']}; this version "
                                  f"reads {_FORMAT}.")
-            if about["manifest"]["real"] == "float128":
-                arrays |= {name: _from_bytes(arrays[name]) for name in _QUADS}
+            real = about["manifest"]["real"]
+            if real == "float128":
+                in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
+                arrays |= {name: _from_bytes(arrays[name]) for name in {*_QUADS} - in_double}
             report = about["report"]
             report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
-            loaded = cls(**arrays, dt=about["dt"], every=about["every"],
-                         parameters=about["parameters"], report=Report(**report),
-                         manifest=about["manifest"])
+            loaded = cls(
+                **arrays, dt=from_text(about["dt"], real), every=about["every"],
+                parameters={k: from_text(x, real) for k, x in about["parameters"].items()},
+                report=Report(**report), manifest=about["manifest"])
             loaded._refuse_unless_sound()
             return loaded
         except InputError:
@@ -273,7 +283,7 @@ class Trajectory:
             if getattr(self, name).dtype.kind not in ("iu" if name == "iterations" else "fO"):
                 raise ValueError(f"{name} has entries of another type")
         lists = [report.pop("q"), report.pop("p")]
-        numbers = [self.dt, *report.values(), *self.parameters.values(), *lists[0], *lists[1]]
+        numbers = [*report.values(), *lists[0], *lists[1]]
         counts = [report["steps"], report["iterations"], self.every]
         if (not all(type(x) in (int, float) for x in numbers)
                 or not all(type(x) is int for x in counts)

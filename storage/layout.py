@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
+from ..runtime.reals import is_wide
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
@@ -96,7 +97,7 @@ def wide_name(name: str) -> str:
 def fields_of(stepper: Stepper) -> list[Field]:
     """Return the arrays of a run of this stepper."""
     system, real = stepper.manifest["system"], stepper.manifest["real"]
-    wide = real in ("long-double", "float128")
+    wide = is_wide(real)
     dtype = "f4" if real == "float" else "f8"
     body = system["rigid_body"]
 
@@ -106,7 +107,7 @@ def fields_of(stepper: Stepper) -> list[Field]:
         return Field(name, inner, said, dtype, wide)
 
     found = [
-        Field("time", (), {"long_name": "time", "units": "s"}),
+        Field("time", (), {"long_name": "time", "units": "s"}, "f8", wide),
         numbers("q", "coordinates", ("coordinate", stepper.n), units="1" if body else "",
                 components=list(system["coordinates"])),
         numbers("p", "momenta", ("coordinate", stepper.n), units="kg m2 s-1" if body else ""),

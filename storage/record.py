@@ -20,6 +20,7 @@ import zarr
 from numpy.typing import ArrayLike
 
 from ..errors import InputError, Stopped
+from ..exact import Number
 from ..runtime.binding import REASONS
 from ..runtime.gamma_choice import with_choice
 from ..runtime.integration import Rows, Run, advance, next_chunk
@@ -59,13 +60,13 @@ def record(
     p: ArrayLike,
     *,
     out: str | Path,
-    dt: float,
+    dt: Number,
     steps: int,
     parameters: Mapping[str, Any],
-    t0: float = 0.0,
+    t0: Number = 0.0,
     every: int = 1,
     solver: str = "auto",
-    tolerance: float | None = None,
+    tolerance: Number | None = None,
     max_iterations: int = 50,
     resume: bool = False,
     seed: int | None = None,
@@ -127,7 +128,7 @@ def _opened(
     if not is_new(path, resume, "run"):
         return _begun_earlier(stepper, run, path, identity)
     about = {
-        "title": f"{stepper.name}: {run.steps} steps of {run.dt:g} s",
+        "title": f"{stepper.name}: {run.steps} steps of {float(run.dt):g} s",
         "status": RUNNING,
         "steps_done": 0,
         "states": 0,

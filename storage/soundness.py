@@ -16,6 +16,7 @@ import zarr
 
 from ..errors import InputError
 from ..runtime.binding import DTYPES
+from ..runtime.reals import from_text
 from ..runtime.trajectory import Report
 from .identity import FORMAT
 from .layout import CHECKPOINT, Field, array_of, attributes_of, wide_name
@@ -51,7 +52,9 @@ def sound_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     if run["format"] != FORMAT:
         raise InputError(f"{str(path)!r} has format {run['format']}; this version reads {FORMAT}. "
                          "Use the version of gyrospark that wrote it.")
-    for complaint in (*_about_run(run), *_about_manifest(about)):
+    for complaint in _about_manifest(about):
+        raise _damaged(path, complaint)
+    for complaint in _about_run(run, about["manifest"]["real"]):
         raise _damaged(path, complaint)
     for complaint in (*_about_course(about, run), *_about_arrays(about, group)):
         raise _damaged(path, complaint)
@@ -66,20 +69,26 @@ def _is_count(value: Any, least: int) -> bool:
     return type(value) is int and value >= least
 
 
-def _is_number(value: Any) -> bool:
-    return type(value) in (int, float)
+def _is_number(value: Any, real: str = "double") -> bool:
+    """Whether a number is as stores hold it: of a wide type a text may have its digits."""
+    try:
+        from_text(value, real)
+    except ValueError:
+        return False
+    return True
 
 
-def _about_run(run: Mapping[str, Any]) -> Iterator[str]:
+def _about_run(run: Mapping[str, Any], real: str) -> Iterator[str]:
     """Yield what is wrong with the run's arguments."""
     for name, least in (("steps", 0), ("every", 1)):
         if not _is_count(run.get(name), least):
             yield f"run.{name} is {run.get(name)!r}"
     for name in ("dt", "t0"):
-        if not _is_number(run.get(name)):
+        if not _is_number(run.get(name), real):
             yield f"run.{name} is {run.get(name)!r}"
     parameters = run.get("parameters")
-    if not isinstance(parameters, Mapping) or not all(map(_is_number, parameters.values())):
+    if not isinstance(parameters, Mapping) or not all(
+            _is_number(x, real) for x in parameters.values()):
         yield "run.parameters are no numbers"
 
 
