@@ -2,7 +2,7 @@
 
 A Python float is the binary number that it holds: 0.1 is 0.1000000000000000055..., also where a
 wider type computes. More digits come as mpmath numbers, decimal.Decimal, fractions.Fraction,
-NumPy's long doubles, or SymPy's constants; none of these packages is imported for it.
+NumPy's long doubles, or SymPy's constants; none of these packages is imported here.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import numbers
 import re
 from decimal import Decimal
 from fractions import Fraction
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
-__all__ = ["Number", "Rounded", "as_double", "as_float", "decimal", "digits_of", "exact",
-           "nearest"]
+__all__ = ["Number", "Rounded", "as_double", "decimal", "digits_of", "exact", "nearest"]
 
 #: What is taken for a real number; mpmath's and SymPy's, which have no types to name, as well.
 Number: TypeAlias = "float | np.floating[Any] | Decimal | Fraction"
@@ -60,7 +60,7 @@ def exact(value: Any) -> Fraction | float | None:
     """
     if isinstance(value, Rounded):
         return value.whole
-    if isinstance(value, (bool, np.bool_, np.timedelta64)):
+    if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "f") not in "fiu":
         return None
     if hasattr(value, "_mpf_"):  # of mpmath, and SymPy's Float
         return _of_mpf(value.func(_CONSTANT_BITS, "n") if hasattr(value, "func") and not hasattr(
@@ -69,13 +69,14 @@ def exact(value: Any) -> Fraction | float | None:
         return _of_decimal(value)
     if isinstance(value, numbers.Rational):  # int among them, and SymPy's
         return _of_ratio(int(value.numerator), int(value.denominator))
-    if isinstance(value, (float, np.floating)):
-        return Fraction(*value.as_integer_ratio()) if np.isfinite(value) else float(value)
+    if isinstance(value, numbers.Real):
+        if value - value != 0:
+            return float(value)
+        ratio = getattr(value, "as_integer_ratio", float(value).as_integer_ratio)
+        return Fraction(*ratio())  # of all floats, NumPy's among them, the method is there
     if getattr(value, "is_number", False) and getattr(value, "is_finite", False) and getattr(
             value, "is_real", False):  # SymPy's pi/9, sqrt(2), ...
         return exact(value.evalf(80))
-    if isinstance(value, numbers.Real):
-        return exact(float(value))
     return None
 
 
@@ -151,19 +152,6 @@ def as_double(value: Fraction) -> float:
         return -math.inf if value < 0 else math.inf
 
 
-def as_float(value: Fraction, dtype: Any) -> Any:
-    """Return the number of one of NumPy's floating-point types next to a value, or infinity."""
-    about = np.finfo(dtype)
-    bits = int(about.nmant) + 1
-    mantissa, exponent = nearest(value, bits, int(about.minexp) - int(about.nmant))
-    number = about.dtype.type(0)
-    for part in range(0, bits + 1, 16):  # each a number of any of the types
-        number += np.ldexp(about.dtype.type(abs(mantissa) >> part & 0xFFFF), part)
-    with np.errstate(over="ignore"):
-        scaled = np.ldexp(number, exponent)
-    return -scaled if mantissa < 0 else scaled
-
-
 # ---------------------------------------------------------------- text
 
 
@@ -174,7 +162,7 @@ def digits_of(number: Any) -> Any:
     """
     if float(number) == number:
         return float(number)
-    if isinstance(number, np.floating):
+    if not hasattr(number, "context"):  # NumPy writes the shortest text itself
         return str(number)
     whole = exact(number)
     for count in range(_QUAD_DIGITS - 3, _QUAD_DIGITS + 1):

@@ -102,8 +102,7 @@ def run(
     parameters = _parameters(step, start, gamma, alpha)
     step_size, begin = _step_size(dt, start), real_number("--t0", t0)
     count = _step_count(steps, start)
-    q0, p0 = start.q0, start.p0
-    moved = 0.0
+    (q0, p0), moved = start.state, 0.0
     if is_model or choice["real"] in ("long-double", "float128"):
         # The problem's start is on the constraints to double only, a file's to its own digits.
         q0, p0, moved = _projected(step, start, parameters)
@@ -215,7 +214,7 @@ def _projected(
 
     A number typed with all its digits is not worth a word.
     """
-    q, p = step.project(start.q0, start.p0, parameters=parameters)
+    q, p = step.project(*start.state, parameters=parameters)
     moved = max((abs(float(new) - float(old)) for new, old in zip([*q, *p], [*start.q0, *start.p0],
                                                             strict=True)), default=0.0)
     size = max(map(abs, (*start.q0, *start.p0)))

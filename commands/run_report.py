@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from ..errors import StepFailed
 from ..exact import digits_of
 from ..runtime.inertia import AIMS
-from ..runtime.reals import is_wide
 
 if TYPE_CHECKING:
     from ..runtime.gamma_choice import GammaChoice
@@ -45,6 +44,8 @@ def about_choice(choice: GammaChoice) -> dict[str, Any]:
 
 def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[str, Any]:
     """Return what is said of a run that began at t0."""
+    from ..runtime.reals import is_wide  # and NumPy: not for --help
+
     trajectory = done.last
     report = trajectory.report
     end = float(t0) + report.steps * float(trajectory.dt)

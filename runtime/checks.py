@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..exact import as_double, as_float, exact
+from ..exact import as_double, exact
 from .inertia import AIMS
+from .reals import as_float
 
 __all__ = ["all_finite", "as_array", "as_numbers", "as_parameters", "as_positive_count",
            "as_real", "as_step", "converted_to", "refuse_auto", "shown"]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..exact import as_double, as_float, decimal, exact
+from ..exact import as_double, decimal, exact, nearest
 
-__all__ = ["from_text", "is_wide", "rounding"]
+__all__ = ["as_float", "from_text", "is_wide", "rounding"]
 
 
 def is_wide(real: str) -> bool:
@@ -25,6 +25,19 @@ def rounding(real: str) -> Callable[[Fraction], Any]:
 
         return rounded
     return _as_long_double if real == "long-double" else as_double
+
+
+def as_float(value: Fraction, dtype: Any) -> Any:
+    """Return the number of one of NumPy's floating-point types next to a value, or infinity."""
+    about = np.finfo(dtype)
+    bits = int(about.nmant) + 1
+    mantissa, exponent = nearest(value, bits, int(about.minexp) - int(about.nmant))
+    number = about.dtype.type(0)
+    for part in range(0, bits + 1, 16):  # each a number of any of the types
+        number += np.ldexp(about.dtype.type(abs(mantissa) >> part & 0xFFFF), part)
+    with np.errstate(over="ignore"):
+        scaled = np.ldexp(number, exponent)
+    return -scaled if mantissa < 0 else scaled
 
 
 def _as_long_double(value: Fraction) -> Any:
