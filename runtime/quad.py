@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..exact import Rounded, nearest
 from ..exact import exact as exact_number
-from ..exact import nearest
 from .checks import as_numbers
 
 __all__ = ["BITS", "BYTES", "EPSILON", "as_quads", "exact", "from_bytes", "full", "mpf", "pack",
@@ -47,7 +47,7 @@ mpf.__module__ = __name__  # where pickle finds it
 
 def quad(value: Any) -> Any:
     """Return a real number of any type as mpf, rounded once to 113 bits."""
-    if isinstance(value, (mpf, int, float)):
+    if isinstance(value, (mpf, int, float)) and not isinstance(value, Rounded):
         return _CONTEXT.mpf(value)
     found = exact_number(value)
     if found is None:

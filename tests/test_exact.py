@@ -168,3 +168,4 @@ def test_a_double_that_knows_its_digits():
     for again in (copy.deepcopy(tenth), copy.copy(tenth), pickle.loads(pickle.dumps(tenth))):
         assert again.whole == Fraction(1, 10)
     assert Rounded(Fraction(10) ** 400) == math.inf
+    assert quad.quad(tenth) == quad.rounded(Fraction(1, 10)) != quad.quad(0.1)

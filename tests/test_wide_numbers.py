@@ -19,7 +19,8 @@ import sympy as sp
 import gyrospark as gs
 from calls import equal
 from gyrospark.exact import digits_of, exact
-from gyrospark.runtime.reals import rounding
+from gyrospark.runtime.reals import from_text, rounding
+from processes import cli
 from stores import assert_same
 from strategies import tableau_of
 
@@ -286,3 +287,117 @@ def test_a_run_that_failed_is_kept_with_its_digits(tmp_path):
     assert run.dt == rounding("float128")(Fraction(2, 3))
     assert run.parameters["I1"] == rounding("float128")(Fraction(3, 10))
     assert failure.t == pytest.approx((failure.step - 1) * 2 / 3)
+
+
+# ---------------------------------------------------------------- model files and the command line
+
+MODEL = """
+name = "swing"
+[system]
+coordinates = ["x"]
+momenta = ["px"]
+hamiltonian = "px**2/(2*m)"
+forces = ["c*t**2"]
+[quantities]
+age = "t"
+[parameters]
+m = 0.7
+c = "11*m/7"
+[start]
+q = ["1/5"]
+p = [0.1875]
+[run]
+dt = "1/30"
+steps = 9
+"""
+BODY = """
+name = "leaning"
+[body]
+inertia = [0.1, "1/7", 0.2]
+mass = 0.3
+[parameters]
+lean = "pi/9"
+[start]
+euler = [0.3, "2*lean", "1/3"]
+angular_velocity = [0.1, -0.7, "sqrt(2)"]
+[run]
+dt = 1e-2
+"""
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_the_numbers_of_a_model_file(real, tmp_path):
+    (tmp_path / "swing.toml").write_text(MODEL, encoding="utf-8")
+    model, one = gs.load_model(tmp_path / "swing.toml", real=real), rounding(real)
+    assert model.parameters == {"m": one(Fraction(7, 10)), "c": one(Fraction(11, 10))}
+    assert (model.q0[0], model.dt) == (one(Fraction(1, 5)), one(Fraction(1, 30)))
+    assert {type(model.q0[0]), type(model.dt)} == {type(one(Fraction(1)))}
+    plain = gs.load_model(tmp_path / "swing.toml")
+    assert plain.parameters == {"m": 0.7, "c": 1.1}
+    assert all(type(x) is float for x in (*plain.parameters.values(), plain.dt))
+    assert plain.q0.dtype == plain.p0.dtype == np.float64
+    with pytest.raises(gs.InputError, match="float128"):
+        gs.load_model(tmp_path / "swing.toml", real="quad")
+
+
+@pytest.mark.parametrize("kind", ["euler", "quaternion"])
+def test_the_start_of_a_body(kind, tmp_path):
+    """q and p = 2 L(q)ᵀ J Ω of what was typed, in 34 digits."""
+    with mp.workdps(50):
+        phi, theta, psi = mp.mpf("0.3"), 2 * mp.pi / 9, mp.mpf(1) / 3
+        q = times(times(turned(phi, [0, 0, 1]), turned(theta, [1, 0, 0])), turned(psi, [0, 0, 1]))
+        if kind == "quaternion":
+            q = [x / mp.sqrt(30) for x in (1, -2, 3, 4)]
+        moments = [mp.mpf("0.1"), mp.mpf(1) / 7, mp.mpf("0.2")]
+        omega = [mp.mpf("0.1"), mp.mpf("-0.7"), mp.sqrt(2)]
+        p = times(q, [0, *(2 * moment * x for moment, x in zip(moments, omega, strict=True))])
+    text = BODY.replace('euler = [0.3, "2*lean", "1/3"]', "quaternion = [1, -2, 3, 4]") if (
+        kind == "quaternion") else BODY
+    (tmp_path / "leaning.toml").write_text(text, encoding="utf-8")
+    model = gs.load_model(tmp_path / "leaning.toml", real="float128")
+    assert_near(model.q0, [exact(x) for x in q], "float128", 1)
+    assert_near(model.p0, [exact(x) for x in p], "float128", 1)
+    assert model.bodies["gamma"][1] == rounding("float128")(Fraction(1, 7))
+    doubles = gs.load_model(tmp_path / "leaning.toml")
+    assert doubles.q0.tolist() == [float(x) for x in q]
+
+
+def test_the_command_line(tmp_path):
+    """A file's numbers, --dt and --t0 with all digits, the second time from the cache."""
+    real = "float128"
+    (tmp_path / "swing.toml").write_text(MODEL, encoding="utf-8")
+    command = ["run", str(tmp_path / "swing.toml"), "--scheme", "G-L", "--stages", "3", "--json",
+               "--real", real]
+    for more, dt, t0 in (([], DT, Fraction(0)),
+                         (["--dt", "0.1", "--t0", "0.7"], Fraction(1, 10), Fraction(7, 10))):
+        done = cli(*command, *more)
+        assert done.returncode == 0, done.stderr
+        found = json.loads(done.stdout)
+        digits = found["all_digits"]
+        one = rounding(real)
+        assert digits["parameters"] == {"m": "0.7", "c": "1.1"}
+        assert digits["dt"] == digits_of(one(dt))
+        x, p = motion(t0 + 9 * dt, t0)
+        assert_near([from_text(digits[name], real) for name in ("t",)], [t0 + 9 * dt], real, 4)
+        assert_near([from_text(digits[name][0], real) for name in "qp"], [x, p], real, 64)
+        assert found["t_end"] == pytest.approx(float(t0 + 9 * dt))
+        assert found["parameters"] == {"m": 0.7, "c": 1.1}
+
+
+def test_gamma_on_the_command_line():
+    done = cli("run", "fast-top", "--scheme", "IMS", "--real", "float128", "--dt", "1e-3",
+               "--steps", "2", "--gamma", "0.0016", "--json")
+    assert json.loads(done.stdout)["all_digits"]["parameters"]["gamma"] == "0.0016"
+
+
+def test_means_of_moments():
+    decimals = [Decimal("0.1"), Decimal("0.3"), Decimal("0.7")]
+    fractions = [Fraction(x) for x in decimals]
+    rules = {gs.gamma_m: Fraction(11, 30), gs.gamma_h: Fraction(63, 310),
+             gs.gamma_m_tilde: Fraction(1, 2), gs.gamma_h_tilde: Fraction(21, 50)}
+    for rule, mean in rules.items():
+        assert rule(fractions) == mean
+        assert rule(decimals) == rounding("float128")(mean)
+        assert type(rule([0.1, 0.3, 0.7])) is float
+        with mp.workdps(40):
+            assert rule([mp.mpf(1) / 3] * 3) == rounding("float128")(Fraction(1, 3))
