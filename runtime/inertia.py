@@ -145,19 +145,20 @@ def _harmonic(moments: Sequence[Any]) -> Any:
 def _mean(
     given: Sequence[Any], moments: Sequence[float], rule: Callable[[Sequence[Any]], Any],
     largest: int = 3,
-) -> Any:
+) -> float:
     """Return a mean of the largest moments: of floats in doubles, of wider numbers exactly.
 
     Fractions then give a fraction, anything else a number of 113 bits.
     """
     whole = [exact(moment) for moment in given]
     if None in whole or whole == [Fraction(moment) for moment in moments]:
-        return rule(sorted(moments)[-largest:] if largest < 3 else moments)
-    mean = rule(sorted(x for x in whole if isinstance(x, Fraction))[-largest:])
+        of_doubles: float = rule(sorted(moments)[-largest:] if largest < 3 else moments)
+        return of_doubles
+    mean: Any = rule(sorted(x for x in whole if isinstance(x, Fraction))[-largest:])
     if all(isinstance(moment, (float, int)) for moment in given):
         return Rounded(mean)
     if all(isinstance(moment, (Fraction, float, int)) for moment in given):
-        return mean
+        return mean  # type: ignore[no-any-return]
     from .quad import rounded  # mpmath costs time
 
-    return rounded(mean)
+    return rounded(mean)  # type: ignore[no-any-return]
