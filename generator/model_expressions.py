@@ -22,6 +22,7 @@ from ..errors import InputError
 from ..exact import Rounded, exact
 from . import bounded_numbers as numbers
 from .bounded_numbers import Value, rational
+from .evaluation import as_rational
 from .grammar import RefusedError, parse, shorten
 
 __all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
@@ -105,16 +106,9 @@ def parse_number(text: str, values: Mapping[str, float] = MappingProxyType({})) 
     InputError
         With the position and the cure, for whatever is no finite number.
     """
-    names = {name: _rational(value) for name, value in values.items()}
+    names = {name: as_rational(value) for name, value in values.items()}
     number = exact(parse_formula(text, names))
     return Rounded(number) if isinstance(number, Fraction) else math.nan
-
-
-def _rational(value: float) -> sp.Rational:
-    """Return a number as SymPy's, with the digits that it was typed with."""
-    number = exact(value)
-    assert isinstance(number, Fraction)
-    return sp.Rational(number.numerator, number.denominator)
 
 
 class _Formulas:
