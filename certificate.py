@@ -71,6 +71,9 @@ class Line:
     value: float | None = None
     bound: float | None = None
 
+    def __repr__(self) -> str:
+        return f"<Line {self.quantity}: {self.found}; should be {self.expected}: {self.verdict}>"
+
     @property
     def verdict(self) -> str:
         """``holds``, ``FAILS``, or ``-`` for a line that is for information."""
@@ -88,6 +91,12 @@ class Certificate:
     steps: int
     parameters: dict[str, float]
     lines: list[Line]
+
+    def __repr__(self) -> str:
+        judged = [line for line in self.lines if line.holds is not None]
+        return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
+                f"{self.dt:g} s: {sum(line.holds is True for line in judged)} of {len(judged)} "
+                "promises hold>")
 
     @property
     def holds(self) -> bool:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import xarray
+
+    from .runtime.ensemble import Ensemble
     from .runtime.trajectory import Trajectory
 
 __all__ = [
@@ -49,17 +52,31 @@ class StorageError(GyrosparkError):
 
 
 class Stopped(KeyboardInterrupt):
-    """A signal asked a stored run or sweep to end; everything done is in its store.
+    """A signal asked a run, an ensemble or a sweep to end; nothing that was computed is lost.
+
+    It is in its store, or here, as the call would have returned it.
 
     Attributes
     ----------
     signal : int
         Number of the signal.
+    trajectory : Trajectory or None
+        The steps that ``Stepper.integrate`` has done.
+    ensemble : Ensemble or None
+        The steps that ``Stepper.integrate_ensemble`` has done; NaN after them.
+    dataset : xarray.Dataset or None
+        The cells that ``gyrospark.sweep`` has done; NaN in the others.
     """
 
-    def __init__(self, message: str, signal: int) -> None:
+    def __init__(
+        self, message: str, signal: int, *, trajectory: Trajectory | None = None,
+        ensemble: Ensemble | None = None, dataset: xarray.Dataset | None = None,
+    ) -> None:
         super().__init__(message)
         self.signal = signal
+        self.trajectory = trajectory
+        self.ensemble = ensemble
+        self.dataset = dataset
 
 
 class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)

@@ -160,7 +160,7 @@ def digits_of(number: Any) -> Any:
 
     As a float if it is one, else as text: the shortest of at least 33 digits that gives it back.
     """
-    if float(number) == number:
+    if float(number) == number or number != number:
         return float(number)
     if not hasattr(number, "context"):  # NumPy writes the shortest text itself
         return str(number)

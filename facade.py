@@ -19,6 +19,7 @@ from .generator.text_file import UnusableFileError, model_text, read_text
 from .projection import Projection, project
 from .runtime.cache import digest, keep, kept
 from .runtime.checks import as_array, shown
+from .runtime.notices import doing
 from .runtime.reals import rounding
 from .runtime.start import Start
 from .runtime.stepper import Stepper
@@ -228,8 +229,9 @@ def _generate_model(
     from .generator.model_file import parse_model
     from .generator.pipeline import generate
 
-    model = parse_model(text, spec.model or "", spec.rep or None)
-    source = generate(spec, model=model, allow_invalid=allow_invalid).source
+    with doing(f"deriving {spec.model} with {spec.method}", f"derived {spec.model}"):
+        model = parse_model(text, spec.model or "", spec.rep or None)
+        source = generate(spec, model=model, allow_invalid=allow_invalid).source
     return source.name, source.files(), Start.of(model)
 
 
@@ -293,4 +295,6 @@ def _generate(
     if own_tableau is not None and not isinstance(own_tableau, Tableau):
         raise InputError(f"tableau = {shown(own_tableau)} is neither a file nor a tableau; make "
                          "one with gyrospark.tableau.")
-    return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)
+    what = spec.name if system is None else f"{system.name} with {spec.method}"
+    with doing(f"deriving {what}", f"derived {what}"):
+        return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)

@@ -92,6 +92,11 @@ class Projection:
     hidden_before: dict[str, float]
     hidden_after: dict[str, float]
 
+    def __repr__(self) -> str:
+        return (f"<Projection of {len(self.q)} coordinates onto {len(self.before)} constraints: "
+                f"{_moved('q', self.q_moved, self.q_name)}, "
+                f"{_moved('p', self.p_moved, self.p_name)}>")
+
     def __str__(self) -> str:
         lines = [_moved("q", self.q_moved, self.q_name), _moved("p", self.p_moved, self.p_name)]
         width = max(map(len, self.before), default=0)

@@ -31,6 +31,11 @@ class Verdict:
     order: int
     conditions: list[Condition]
 
+    def __repr__(self) -> str:
+        kept = sum(line.holds for line in self.conditions)
+        return (f"<Verdict on {self.name}: order {self.order}, {kept} of {len(self.conditions)} "
+                "conditions hold>")
+
     @property
     def holds(self) -> bool:
         """Whether every condition holds."""

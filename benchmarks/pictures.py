@@ -7,7 +7,7 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from ..errors import MissingDependencyError
+from ..runtime.plots import figure_class
 from .bodies import BodyRow
 from .contest import Row
 from .drift import Course
@@ -29,7 +29,7 @@ def draw_work_precision(rows: Sequence[Row], path: Path) -> None:
     MissingDependencyError
         Without matplotlib.
     """
-    figure = _figure_class()(figsize=(8.5, 5.5), layout="constrained")
+    figure = figure_class()(figsize=(8.5, 5.5), layout="constrained")
     axes = figure.add_subplot()
     drawn = [row for row in rows if row.us_per_second and row.error is not None]
     for number, family in enumerate(dict.fromkeys(_family(row) for row in drawn)):
@@ -52,7 +52,7 @@ def draw_drift(courses: Sequence[Course], path: Path) -> None:
     MissingDependencyError
         Without matplotlib.
     """
-    figure = _figure_class()(figsize=(11, 5), layout="constrained")
+    figure = figure_class()(figsize=(11, 5), layout="constrained")
     energy, position = figure.subplots(1, 2)
     for number, course in enumerate(c for c in courses if c.points):
         mark = _MARKS[number % len(_MARKS)] + "-"
@@ -75,7 +75,7 @@ def draw_growth(sizes: Sequence[Size], path: Path) -> None:
     MissingDependencyError
         Without matplotlib.
     """
-    figure = _figure_class()(figsize=(11, 5), layout="constrained")
+    figure = figure_class()(figsize=(11, 5), layout="constrained")
     making, stepping = figure.subplots(1, 2)
     slopes = laws(sizes)
     parts = {
@@ -108,7 +108,7 @@ def draw_bodies(rows: Sequence[BodyRow], path: Path) -> None:
     MissingDependencyError
         Without matplotlib.
     """
-    figure = _figure_class()(figsize=(11, 5), layout="constrained")
+    figure = figure_class()(figsize=(11, 5), layout="constrained")
     drawn = [row for row in rows if row.seconds and row.error is not None]
     models = list(dict.fromkeys(row.model for row in drawn))
     families = list(dict.fromkeys(row.family for row in drawn))
@@ -132,7 +132,7 @@ def draw_sweeps(rows: Sequence[SweepRow], path: Path) -> None:
     MissingDependencyError
         Without matplotlib.
     """
-    figure = _figure_class()(figsize=(11, 5), layout="constrained")
+    figure = figure_class()(figsize=(11, 5), layout="constrained")
     for axes, part in zip(figure.subplots(1, 2), ("steps", "cells"), strict=True):
         for mark, scheme in zip(_MARKS, dict.fromkeys(row.scheme for row in rows), strict=False):
             for way, line in zip(WAYS, ("-", "--", ":"), strict=True):
@@ -172,13 +172,3 @@ def _finish(axes: Any, x: str, y: str) -> None:
     axes.grid(True, which="major", alpha=0.3)
     if axes.get_legend_handles_labels()[1]:
         axes.figure.legend(loc="outside right upper", fontsize=7)
-
-
-def _figure_class() -> Any:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Pictures need matplotlib; `pip install matplotlib` or `pip install gyrospark[plot]`."
-        ) from error
-    return Figure

@@ -17,6 +17,7 @@ import click
 
 from .._version import __version__
 from ..errors import CompilerError, GyrosparkError, StepFailed
+from ..runtime.notices import spoken
 from .bench import bench
 from .cache import cache
 from .export import export
@@ -61,7 +62,8 @@ def _call(command: click.Command, name: str) -> NoReturn:
     if isinstance(sys.stdout, io.TextIOWrapper):  # γ and ᵀ on a terminal that knows ASCII only
         sys.stdout.reconfigure(errors="replace")
     try:
-        result = command.main(prog_name=name, standalone_mode=False)
+        with spoken():
+            result = command.main(prog_name=name, standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
         sys.exit(result if isinstance(result, int) else 0)

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
+from ..runtime.notices import hushed
 from .bench_tables import PRINT
 from .generate import write_files
-from .options import real_number, whole_number
+from .options import check_folder, json_option, real_number, whole_number
 
 if TYPE_CHECKING:
     from ..benchmarks.bodies import BodyRow
@@ -62,7 +63,7 @@ class _Choice:
               "name (default: the first).")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
               help="Write DIR/bench.json and the pictures.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 def bench(
     what: str, peers: str | None, quick: bool, t_end: str | None, rounds: str | None,
     base: str | None, out: Path | None, as_json: bool,
@@ -93,6 +94,11 @@ def bench(
     if what not in (*_WHAT, "all"):
         raise InputError(f"Unknown benchmark {what!r}; choose {', '.join(_WHAT)} or all.")
     choice = _checked(peers, quick, t_end, rounds, base)
+    if out is not None:  # before hours of work
+        from ..runtime.plots import figure_class
+
+        check_folder("--out", out)
+        figure_class()
     names = [part for name in (_WHAT if what == "all" else (what,))
              for part in _PARTS.get(name, (name,))]
     results: dict[str, Any] = {}
@@ -227,7 +233,7 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
         return
     from rich.console import Console
 
-    with Console(stderr=True).status("") as status:
+    with hushed(), Console(stderr=True).status("") as status:
         yield lambda text: status.update(text)
 
 

@@ -14,7 +14,8 @@ import click
 
 from ..errors import InputError
 from ..generator.spec import PAPER_SPECS, Spec
-from .options import spec_from, stepper_options
+from ..runtime.notices import doing
+from .options import check_no_file, spec_from, stepper_options
 
 if TYPE_CHECKING:
     from ..generator.pipeline import Generated
@@ -51,6 +52,7 @@ def generate(
         specs = list(PAPER_SPECS)
     else:
         specs = [spec_from(**choice)]
+    check_no_file("--out", out)
     if check:
         return max(check_files(spec, out, allow_invalid) for spec in specs)
     for spec in specs:
@@ -61,16 +63,17 @@ def generate(
 def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool) -> None:
     """Generate, write, compile and report one stepper."""
     start = time.perf_counter()
-    made = _generate(spec, allow_invalid)
-    write_files(made.source.files(), out)
-    derived = time.perf_counter()
-    if compile_it:
-        from ..facade import keep_files
-        from ..runtime.module import load_module
+    with doing(f"making {spec.model or spec.name}"):  # the summary says how long it took
+        made = _generate(spec, allow_invalid)
+        write_files(made.source.files(), out)
+        derived = time.perf_counter()
+        if compile_it:
+            from ..facade import keep_files
+            from ..runtime.module import load_module
 
-        load_module(made.source.name, made.source.files())
-        if spec.tableau is None and spec.model is None:
-            keep_files(spec, made.source.files())
+            load_module(made.source.name, made.source.files())
+            if spec.tableau is None and spec.model is None:
+                keep_files(spec, made.source.files())
     done = time.perf_counter()
     click.echo(summary(made, out, derived - start, done - derived if compile_it else None))
 
@@ -147,6 +150,7 @@ def write_files(files: dict[str, str], out: Path) -> None:
 
 
 def _generate(spec: Spec, allow_invalid: bool) -> Generated:
-    from ..generator.pipeline import generate as run_pipeline  # SymPy, only when needed
+    with doing(f"deriving {spec.model or spec.name}"):
+        from ..generator.pipeline import generate as run_pipeline  # SymPy, only when needed
 
-    return run_pipeline(spec, allow_invalid=allow_invalid)
+        return run_pipeline(spec, allow_invalid=allow_invalid)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,15 @@ import click
 from ..errors import InputError
 from ..exact import Rounded, decimal
 from ..generator.spec import Spec
+from ..runtime.endings import PICTURES, ending_of
+from ..runtime.notices import hush
 
-__all__ = ["check_picture", "check_writable", "real_number", "spec_from", "stepper_options",
-           "whole_number"]
+__all__ = ["check_ending", "check_folder", "check_no_file", "check_picture", "check_writable",
+           "json_option", "real_number", "spec_from", "stepper_options", "whole_number"]
+
+
+#: Endings of what is written to folders.
+_FILES = (".c", ".h", ".json", ".html", ".csv", *PICTURES)
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -34,6 +40,18 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --json, with which nothing is said on the way."""
+
+    def choose(context: click.Context, parameter: click.Parameter, value: bool) -> bool:
+        if value:
+            hush()
+        return value
+
+    return click.option("--json", "as_json", is_flag=True, callback=choose,
+                        help="Print one JSON document and nothing else.")(function)
 
 
 def spec_from(
@@ -71,6 +89,29 @@ def check_writable(option: str, path: Path, *, folder: bool = False) -> None:
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise InputError(f"{option} {str(path)!r}: the folder {str(path.parent)!r} is not there or "
                          "cannot be written; make it or choose another.")
+
+
+def check_folder(option: str, folder: Path) -> None:
+    """Refuse a folder to write to that cannot be made or written, before long work."""
+    check_no_file(option, folder)
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        raise InputError(f"{option} {str(folder)!r}: {str(there)!r} is no folder that can be "
+                         "written; choose another.")
+
+
+def check_no_file(option: str, folder: Path) -> None:
+    """Refuse a name that says that it is a file, where a folder of files is written."""
+    if ending_of(folder) in _FILES and not folder.is_dir():
+        raise InputError(f"{option} {str(folder)!r} names a file, and several are written; give a "
+                         "folder.")
+
+
+def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
+    """Refuse a name whose ending says something else than what can be written."""
+    if ending_of(path) not in allowed:
+        raise InputError(f"{option} {path.name!r} ends in {path.suffix!r}, which cannot be "
+                         f"written; end it in {', '.join(filter(None, allowed))}.")
 
 
 def check_picture(path: Path) -> None:

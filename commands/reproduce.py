@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..errors import MissingDependencyError
+from ..runtime.notices import hushed
 from .generate import write_files
+from .options import check_folder, check_writable, json_option
 
 if TYPE_CHECKING:
     from ..studies.model import Claim, Result, Table
@@ -26,13 +29,13 @@ _COLOURS = {"agrees": "green", "round-off": "blue", "misprint": "yellow", "diffe
 @click.argument("name")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
               help="Write DIR/index.html with JSON, CSV and SVG beside it (for all: report).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 @click.option("--summary", type=click.Path(path_type=Path), metavar="FILE",
               help="Write what was found as Markdown; docs/paper.md is made like this.")
 def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) -> int:
     """Compute NAME again: table-2 to table-14, figure-5 to figure-16, a finding, or all.
 
-    Exit code 1 if a claim does not hold or a number differs without a known reason.
+    Exit code 1 if a claim does not hold, or a number differs, and no reason is known.
 
     \b
     gyrospark reproduce table-4
@@ -44,10 +47,11 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
     from ..studies.engine import Engine
 
     names = chosen(name)
+    out, remark = _report_folder(name, out, as_json=as_json)
+    if summary is not None:
+        check_writable("--summary", summary)
     with _progress(len(names), quiet=as_json) as (advance, watch):
         results = compute(names, Engine(watch=watch), advance)
-    if name == "all" and out is None and not as_json:
-        out = Path("report")
     if out is not None:
         from ..studies.report import report_files
 
@@ -60,23 +64,53 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
         _print_json(name, results)
     else:
         _print(name, results, out, summary)
+        if remark:
+            click.echo(remark)
     return 0 if _sound(results) else 1
 
 
-def _sound(results: Sequence[Result]) -> bool:
-    """Return whether every claim holds and every difference has a reason."""
-    from ..studies.summary import failing, tables_of, unexplained
+def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path | None, str]:
+    """Return where the report goes, and what is to be said if there is none: before all work.
 
-    return not failing(results) and not any(unexplained(table) for table in tables_of(results))
+    Raises
+    ------
+    InputError, MissingDependencyError
+        If it cannot be written.
+    """
+    from ..runtime.plots import figure_class
+
+    if out is not None:
+        check_folder("--out", out)
+        if not name.startswith("table-"):
+            figure_class()
+        return out, ""
+    if name != "all" or as_json:
+        return None, ""
+    try:
+        figure_class()
+    except MissingDependencyError as error:  # the numbers need no picture
+        return None, f"no report: {error}"
+    check_folder("--out", Path("report"))
+    return Path("report"), ""
+
+
+def _sound(results: Sequence[Result]) -> bool:
+    """Return whether every claim holds and every difference has a reason, but for what is known."""
+    from ..studies.summary import tables_of, unexpected, unexplained
+
+    return not unexpected(results) and not any(unexplained(table) for table in tables_of(results))
 
 
 @contextmanager
 def _progress(
     total: int, *, quiet: bool
 ) -> Iterator[tuple[Callable[[str, int], None] | None, Callable[[str], None] | None]]:
-    """Yield callbacks that move a bar on the terminal; None when nobody would see it."""
-    if quiet or not sys.stderr.isatty():
+    """Yield callbacks that move a bar on the terminal; elsewhere say a line for each result."""
+    if quiet or sys.stderr is None or (total == 1 and not sys.stderr.isatty()):
         yield None, None
+        return
+    if not sys.stderr.isatty():
+        yield lambda name, done: click.echo(f"{name}: {done + 1} of {total}", err=True), None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -84,7 +118,7 @@ def _progress(
     columns = (TextColumn("{task.fields[result]:>14}"), BarColumn(),
                TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeElapsedColumn(),
                TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with hushed(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, result="")
         yield (lambda name, done: bar.update(task, completed=done, result=name, description=""),
                lambda text: bar.update(task, description=text))
@@ -101,13 +135,15 @@ def _print_json(name: str, results: Sequence[Result]) -> None:
 
 
 def _print(name: str, results: Sequence[Result], out: Path | None, summary: Path | None) -> None:
-    from ..studies.summary import counts_line, failing, requirements, tables_of
+    from ..studies.summary import counts_line, failing, requirements, tables_of, unexpected
 
     if name == "all":
         claims = [claim for result in results for claim in result.claims]
         click.echo(f"{len(results)} results: {counts_line(tables_of(results))}")
         _print_claims([*requirements(results), *(claim for _, claim in failing(results))])
-        click.echo(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold")
+        known = "" if not failing(results) or unexpected(results) else (
+            "; why the others do not is known")
+        click.echo(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold{known}")
     else:
         _print_result(results[0])
     for path in (out / "index.html" if out is not None else None, summary):
@@ -159,5 +195,6 @@ def _print_table(table: Table) -> None:
 
 def _print_claims(claims: Sequence[Claim]) -> None:
     for claim in claims:
-        mark = ("proved" if claim.how == "proved" else "holds") if claim.holds else "FAILS"
-        click.echo(f"{mark}: {claim.statement}: {claim.found} (wanted: {claim.wanted})")
+        mark = "FAILS" if claim.outcome == "fails" else claim.outcome
+        known = f"; {claim.known}" if claim.known else ""
+        click.echo(f"{mark}: {claim.statement}: {claim.found} (wanted: {claim.wanted}{known})")

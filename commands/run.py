@@ -6,7 +6,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,10 @@ from ..errors import GyrosparkError, InputError, Stopped
 from ..exact import Rounded, decimal
 from ..generator.spec import is_model_file
 from ..runtime.inertia import AIMS
+from ..runtime.interrupts import watched
 from ..runtime.start import Start
-from .options import real_number, spec_from, stepper_options, whole_number
-from .run_outputs import check_targets, integrate_to
+from .options import json_option, real_number, spec_from, stepper_options, whole_number
+from .run_outputs import check_targets, integrate_to, where_it_is
 from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 
 if TYPE_CHECKING:
@@ -61,13 +62,13 @@ _BAR_FROM = 20_000
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
               help="Write the states: .zarr (streamed, for runs of any length), .npz, .csv, .nc.")
 @click.option("--resume", is_flag=True,
-              help="Go on with the run in --out NAME.zarr (.csv, .nc), to the same bits; begin it "
-                   "if there is none.")
+              help="Go on with the run in --out NAME.zarr (.csv, .nc), to the same bits; also to "
+                   "more --steps. Begin it if there is none.")
 @click.option("--seed", metavar="N",
               help="Kept with a stored run: of the random numbers that made its start.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 def run(
     problem: str, gamma: str | None, alpha: str | None, dt: str | None, t0: str,
     steps: str | None, every: str, solver: str, tolerance: str | None, max_iterations: str,
@@ -118,23 +119,33 @@ def run(
         "max_iterations": whole_number("--max-iterations", max_iterations),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
-    with _progress(count, quiet=as_json) as progress:
-        done = integrate_to(step, out, arguments, resume=resume, seed=drawn, progress=progress)
-    trouble = done.trouble
-    result = result_of(start, step, done, begin)
-    if moved:
-        result["start_moved"] = moved
-    if made_choice is not None:
-        result |= about_choice(made_choice)
-    if chosen is not None and (reference or chosen.exact is not None):
-        result |= axis_errors(chosen, step, done.trajectory)
-    if plot is not None:
+    with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes
         try:
-            done.trajectory.plot(plot)
-            result["plot"] = str(plot)
-        except GyrosparkError as error:  # the numbers are still printed
-            trouble = trouble or error
-    click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
+            with _progress(count, quiet=as_json) as progress:
+                done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
+                                    progress=progress)
+            trouble = done.trouble
+            result = result_of(start, step, done, begin)
+            if moved:
+                result["start_moved"] = moved
+            if made_choice is not None:
+                result |= about_choice(made_choice)
+            if chosen is not None and (reference or chosen.exact is not None):
+                with suppress(Stopped):  # a reference is a run as well
+                    result |= axis_errors(chosen, step, done.trajectory)
+            if plot is not None:
+                try:
+                    done.trajectory.plot(plot)
+                    result["plot"] = str(plot)
+                except GyrosparkError as error:  # the numbers are still printed
+                    trouble = trouble or error
+            click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
+        except KeyboardInterrupt:  # the second signal
+            click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)
+            return 130
+    if trouble is None and interrupts.asked:
+        trouble = Stopped("Stopped while the report was made: the run is complete.",
+                          interrupts.signal)
     if isinstance(trouble, Stopped):  # to click a KeyboardInterrupt is one like another
         click.echo(f"gyrospark: {trouble}", err=True)
         return 128 + trouble.signal

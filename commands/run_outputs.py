@@ -6,21 +6,21 @@ import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
-from .options import check_picture, check_writable
+from ..runtime.endings import ENDINGS, ending_of
+from .options import check_ending, check_picture, check_writable
 
 if TYPE_CHECKING:
     from ..runtime.stepper import Stepper
     from ..runtime.trajectory import Trajectory
     from ..storage.recording import Recording
 
-__all__ = ["Done", "check_targets", "integrate_to"]
+__all__ = ["Done", "check_targets", "integrate_to", "where_it_is"]
 
-#: Endings of --out that are exported from a store; what is neither these nor a store is .npz.
-_EXPORTED = (".csv", ".nc")
 #: States in memory for pictures and errors of a stored run: more cannot be told apart.
 _SHOWN = 20_000
 
@@ -55,19 +55,31 @@ def check_targets(out: Path | None, plot: Path | None, *, resume: bool) -> None:
     """Refuse what cannot be written before a long run, not after it."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
+        check_ending("--out", out, ("", *ENDINGS, ".zarr"))
     if plot is not None:
         check_picture(plot)
-    if resume and (out is None or not (_is_store(out) or out.suffix in _EXPORTED)):
+    if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
         raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
                          "the file that it shall become, NAME.csv or NAME.nc.")
-    if out is not None and out.suffix in _EXPORTED:
-        from ..storage.export import check_export
+    if out is not None and (_is_store(out) or _is_exported(out, resume=resume)):
+        from ..storage.export import check_export  # says which package is missing
 
-        check_export(out)
+        if not _is_store(out):
+            check_export(out)
 
 
 def _is_store(out: Path | None) -> bool:
-    return out is not None and out.suffix == ".zarr"
+    return out is not None and ending_of(out) == ".zarr"
+
+
+def _is_exported(out: Path, *, resume: bool) -> bool:
+    """Whether a file is made of a store that the run streams to.
+
+    CSV needs none: where stores cannot be written it is made of what is in memory.
+    """
+    if ending_of(out) == ".csv" and not resume:
+        return all(find_spec(package) is not None for package in ("zarr", "filelock"))
+    return ending_of(out) in (".csv", ".nc")
 
 
 def integrate_to(
@@ -75,7 +87,7 @@ def integrate_to(
     progress: Callable[[int], None] | None,
 ) -> Done:
     """Integrate and write the states; what goes wrong on the way comes with all before it."""
-    if out is None or not (_is_store(out) or out.suffix in _EXPORTED):
+    if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
         return _in_memory(step, out, arguments, progress)
     if _is_store(out):
         return _stored(step, out, str(out), arguments, progress, resume=resume, seed=seed)
@@ -90,7 +102,7 @@ def _exported(
 
     Whatever ends the process, --resume goes on.
     """
-    store = out.with_name(f".{out.name}.zarr")
+    store = store_beside(out)
     if not resume:
         _remove(store)
     done = _stored(step, store, str(out), arguments, progress, resume=resume, seed=seed)
@@ -100,9 +112,28 @@ def _exported(
         saved = StorageError(f"{error} The states are in {str(store)!r}: the same command with "
                              "--resume, or gyrospark export, writes them.")
         return replace(done, out=None, trouble=done.trouble or saved)
-    if not isinstance(done.trouble, Stopped):
-        _remove(store)
+    except Exception as error:
+        error.add_note(f"The states are in {str(store)!r}; gyrospark export writes them.")
+        raise
+    if isinstance(done.trouble, Stopped) and done.last.report.steps < arguments["steps"]:
+        return done  # the store goes on
+    _remove(store)
     return done
+
+
+def store_beside(out: Path) -> Path:
+    """Return the store in which a run waits that becomes a file of another kind."""
+    return out.with_name(f".{out.name}.zarr")
+
+
+def where_it_is(out: Path | None) -> str:
+    """Return a sentence on what a run that ended at once has left; empty if that is nothing."""
+    if out is None:
+        return ""
+    store = out if _is_store(out) else store_beside(out)
+    if not store.exists():
+        return ""
+    return f"What is stored in {str(store)!r} is whole: the same command with --resume goes on."
 
 
 def _remove(store: Path) -> None:
@@ -118,12 +149,14 @@ def _in_memory(
     step: Stepper, out: Path | None, arguments: dict[str, Any],
     progress: Callable[[int], None] | None,
 ) -> Done:
-    trouble: GyrosparkError | None = None
+    trouble: GyrosparkError | Stopped | None = None
     written = None
     started = time.perf_counter()
     try:
         trajectory = step.integrate(**arguments, progress=progress)
-    except StepFailed as error:
+    except (StepFailed, Stopped) as error:
+        if error.trajectory is None:  # a pilot run was stopped, and none of this one is done
+            raise
         trouble, trajectory = error, error.trajectory
     seconds = time.perf_counter() - started
     try:
@@ -131,7 +164,19 @@ def _in_memory(
             written = str(trajectory.save(out))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = trouble or error
+    if isinstance(trouble, Stopped):
+        trouble = _told(trouble, trajectory.report.steps, arguments["steps"], written)
     return Done(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble)
+
+
+def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
+    """Return what a signal has ended with where its states are, for people."""
+    from ..runtime.integration import ended_at
+
+    where = "--out would keep its states." if written is None else f"It is in {written!r}."
+    if done < steps and written is not None:
+        where = f"Everything up to there is in {written!r}."
+    return Stopped(f"{ended_at(done, steps)} {where}", stopped.signal)
 
 
 def _stored(

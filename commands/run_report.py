@@ -6,7 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from ..errors import StepFailed
+from ..errors import StepFailed, Stopped
 from ..exact import digits_of
 from ..runtime.inertia import AIMS
 
@@ -71,7 +71,7 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
         "iterations_max": report.iterations_max,
         "newton_steps": report.newton_steps,
         "seconds": done.seconds,
-        "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else 0.0,
+        "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else None,
     }
     if is_wide(step.manifest["real"]):
         result["all_digits"] = _all_digits(trajectory)
@@ -82,9 +82,12 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
                                 for name in trajectory.quantities}
     if done.steps < report.steps:
         result["resumed_at"] = report.steps - done.steps
+        result["done_before"] = not done.steps and done.trouble is None
     if isinstance(done.trouble, StepFailed):
         failure = done.trouble
         result["failed"] = {"step": failure.step, "t": failure.t, "reason": failure.reason}
+    if isinstance(done.trouble, Stopped):
+        result["stopped"] = {"step": report.steps, "signal": done.trouble.signal}
     if done.out is not None:
         result["out"] = done.out
     return result
@@ -122,14 +125,21 @@ def _constraint_lines(result: dict[str, Any], system: dict[str, Any]) -> list[st
             f"  momentum   {f:12s} largest {result['momentum_constraint_max']:.2e}"]
 
 
+def _resumed_lines(result: dict[str, Any]) -> list[str]:
+    """Return the line on where a stored run was gone on with."""
+    if result.get("done_before"):
+        return ["  done before: no step was left to take, and the numbers are the store's"]
+    return [f"  gone on with at step {result['resumed_at']:,}"] if "resumed_at" in result else []
+
+
 def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
     """Return the result for people; ``system`` is what the manifest says of it."""
     balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
     lines = [
         f"{result['problem']} with {result['stepper']} (order {result['order']})",
-        *([f"  gone on with at step {result['resumed_at']:,}"] if "resumed_at" in result else []),
-        f"  {result['steps']:,} steps of {result['dt']:g} s to t = {result['t_end']:g} s, "
-        f"{result['ns_per_step'] / 1e3:.2f} µs a step",
+        *_resumed_lines(result),
+        f"  {result['steps']:,} steps of {result['dt']:g} s to t = {result['t_end']:g} s" + (
+            f", {result['ns_per_step'] / 1e3:.2f} µs a step" if result["ns_per_step"] else ""),
         *_constraint_lines(result, system),
         f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
         f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}",

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import GyrosparkError, InputError, Stopped
-from .options import check_picture, check_writable, whole_number
+from ..runtime.interrupts import watched
+from .options import check_ending, check_picture, check_writable, json_option, whole_number
 
 if TYPE_CHECKING:
     from ..sweeps.estimate import Estimate
@@ -39,7 +40,7 @@ __all__ = ["sweep"]
               help="Draw a result over the axes (.png, .svg, .pdf).")
 @click.option("--show", metavar="RESULT", default="energy_error_max", show_default=True,
               help="The result to draw and to summarise.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 def sweep(
     study: Path, out: Path | None, resume: bool, workers: str | None, dask: str | None,
     dry_run: bool, plot: Path | None, show: str, as_json: bool,
@@ -52,12 +53,13 @@ def sweep(
     gyrospark sweep examples/studies/gamma_dt.toml --out big.zarr --resume
     gyrospark sweep examples/studies/gamma_dt.toml --dask tcp://192.168.0.7:8786 --out /share/b.zarr
     """
-    from ..sweeps.results import fields_of
+    from ..sweeps.results import fields_of, is_complete
     from ..sweeps.study_file import load_study
     from ..sweeps.sweep import run_study
 
     store = out if out is not None else Path(f"{study.stem}.zarr")
     check_writable("--out", store, folder=True)
+    check_ending("--out", store, ("", ".zarr"))
     if plot is not None:
         check_picture(plot)
     loaded = load_study(study)
@@ -75,24 +77,29 @@ def sweep(
         return 0
     started = time.perf_counter()
     trouble: Stopped | None = None
-    with _progress(quiet=as_json) as progress:
-        try:
-            run_study(loaded.study, keep=loaded.keep, out=store, resume=resume, workers=threads,
-                      dask=dask, progress=progress)
-        except Stopped as error:
-            trouble = error
-        except KeyboardInterrupt:  # the second one: Python would wait for the tiles in work
-            click.echo("gyrospark: Interrupted; every finished cell is stored.", err=True)
-            sys.stderr.flush()
-            os._exit(130)
+    failure: GyrosparkError | None = None
+    with watched() as interrupts:  # to the end: a sweep that is complete is reported
+        with _progress(quiet=as_json) as progress:
+            try:
+                run_study(loaded.study, keep=loaded.keep, out=store, resume=resume,
+                          workers=threads, dask=dask, progress=progress)
+            except Stopped as error:
+                trouble = error
+            except KeyboardInterrupt:  # the second one: Python would wait for the tiles in work
+                click.echo("gyrospark: Interrupted; every finished cell is stored.", err=True)
+                sys.stderr.flush()
+                os._exit(130)
+        if trouble is None or is_complete(loaded.study, store):
+            result = _result(loaded.study, store, show, time.perf_counter() - started)
+            if plot is not None:
+                failure = _draw(store, show, plot, result)
+            click.echo(json.dumps(result, indent=2) if as_json else _text(result))
+    if trouble is None and interrupts.asked:
+        trouble = Stopped("Stopped while the report was made: the sweep is complete.",
+                          interrupts.signal)
     if trouble is not None:  # to click a KeyboardInterrupt is one like another
         click.echo(f"gyrospark: {trouble}", err=True)
         return 128 + trouble.signal
-    result = _result(loaded.study, store, show, time.perf_counter() - started)
-    failure: GyrosparkError | None = None
-    if plot is not None:
-        failure = _draw(store, show, plot, result)
-    click.echo(json.dumps(result, indent=2) if as_json else _text(result))
     if failure is not None:
         raise failure
     return 0

@@ -19,7 +19,8 @@ from ..generator.spec import (
     Spec,
     is_model_file,
 )
-from .options import real_number, spec_from, stepper_options, whole_number
+from ..runtime.notices import doing
+from .options import json_option, real_number, spec_from, stepper_options, whole_number
 
 if TYPE_CHECKING:
     from ..certificate import Certificate
@@ -39,7 +40,7 @@ __all__ = ["verify"]
 @click.option("--dt", metavar="DT", help="With --model: time step in seconds (default: its own).")
 @click.option("--steps", metavar="N",
               help="With --model: number of steps (default: its own, or 1000).")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@json_option
 def verify(
     target: str | None, model: str | None, dt: str | None, steps: str | None, as_json: bool,
     **choice: Any,
@@ -67,7 +68,10 @@ def verify(
     specs = _specs(target, choice)
     from ..verification import verify_stepper
 
-    verdicts = [verify_stepper(spec) for spec in specs]
+    verdicts = []
+    for spec in specs:
+        with doing(f"verifying {spec.tableau or spec.name}"):
+            verdicts.append(verify_stepper(spec))
     holds = all(verdict.holds for verdict in verdicts)
     if as_json:
         click.echo(json.dumps({"holds": holds, "verified": [v.as_dict() for v in verdicts]},
@@ -138,14 +142,15 @@ def _certify(
     from ..certificate import certify
     from ..runtime.problems import Problem
 
-    model = _model(name, choice["rep"])
-    found = certify(
-        model, choice["scheme"], count, tableau=choice["tableau"],
-        rep=choice["rep"] if isinstance(model, Problem) else None,  # a file has had its say
-        allow_invalid=True,  # as without a model: what fails is said, not refused
-        dt=None if dt is None else real_number("--dt", dt),
-        steps=None if steps is None else whole_number("--steps", steps),
-    )
+    step_size = None if dt is None else real_number("--dt", dt)
+    with doing(f"checking what {name} keeps"):
+        model = _model(name, choice["rep"])
+        found = certify(
+            model, choice["scheme"], count, tableau=choice["tableau"],
+            rep=choice["rep"] if isinstance(model, Problem) else None,  # a file has had its say
+            allow_invalid=True,  # as without a model: what fails is said, not refused
+            dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
+        )
     if as_json:
         click.echo(json.dumps(found.as_dict(), indent=2, allow_nan=False))
     else:

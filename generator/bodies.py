@@ -29,6 +29,9 @@ _AXES = "xyz"
 class Frame:
     """Something that joints and springs hold on to: a body, or the ground, which is space."""
 
+    def __repr__(self) -> str:
+        return "<Frame: space>"
+
     def direction(self, v: Sequence[object]) -> Vector:
         """Return the components in space of a vector fixed in the frame."""
         return _vector([as_expression(x) for x in v])
@@ -75,6 +78,9 @@ class Body(Frame):
     mass: sp.Symbol
     inertia: tuple[sp.Symbol, ...]
     weight: sp.Symbol
+
+    def __repr__(self) -> str:
+        return f"<Body {self.name}: {self.rep}, {len(self.coordinates)} coordinates>"
 
     @classmethod
     def free(cls, name: str, rep: Rep) -> Body:

@@ -65,7 +65,13 @@ def hand_on(quantity: str, a: Pose, b: Pose, more: Array) -> bool:
     return True
 
 
-@dataclass(eq=False)
+def _shown(link: Link | Align) -> str:
+    """Return what stands for a joint, a rod or a spring."""
+    ends = [frame.name if isinstance(frame, Body) else "ground" for frame in (link.a, link.b)]
+    return f"<{type(link).__name__} {link.name}: {', '.join(ends)}>"
+
+
+@dataclass(eq=False, repr=False)
 class Link:
     """Two points of two frames: what a joint and a spring have in common.
 
@@ -77,6 +83,9 @@ class Link:
     b: Frame
     on_a: Array | None = None
     on_b: Array | None = None
+
+    def __repr__(self) -> str:
+        return _shown(self)
 
     def points(self, store: dict[str, float]) -> tuple[Vector, Vector]:
         """Return both points in space as expressions; their components become parameters."""
@@ -100,7 +109,7 @@ class Link:
         return float(np.linalg.norm(apart))
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Joint(Link):
     """A ball joint: two points are one. ``at`` is where in space they are at the start.
 
@@ -144,7 +153,7 @@ class Joint(Link):
             yield Equation(f"{self.name}: {axis}", x - y)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Align:
     """One axis of a stays one of b; ``axis`` is a unit vector in space at the start.
 
@@ -156,6 +165,9 @@ class Align:
     b: Frame
     axis: Array
     rate: float = 0.0
+
+    def __repr__(self) -> str:
+        return _shown(self)
 
     def turn(self, poses: Mapping[Frame, Pose]) -> bool:
         """Hand on the angular velocity: that of b is that of a and the rate about the axis."""
@@ -174,7 +186,7 @@ class Align:
             yield Equation(f"{self.name}: axis {k}", dot(n, axis))
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Revolute(Joint):
     """A hinge: a ball joint whose bodies keep an axis in common."""
 
@@ -192,7 +204,7 @@ class Revolute(Joint):
         yield from self.hinge.equations(poses, store)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Rod(Link):
     """Two points keep their distance; None takes it from the start."""
 
@@ -207,7 +219,7 @@ class Rod(Link):
         yield Equation(f"{self.name}: length", self.square(store) - length**2)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Spring(Link):
     """V = ½ k (|d| − l)² between two points; V = ½ k d·d for l = 0."""
 

@@ -68,6 +68,13 @@ class Model:
             raise InputError(f"Model {self.name!r} has no value for its parameter {missing[0]!r}; "
                              "give one.")
 
+    def __repr__(self) -> str:
+        n, m = self.system.n, self.system.m
+        steps = "" if self.steps is None else f", {self.steps:,} steps"
+        run = "" if self.dt is None else f"; dt = {self.dt:g} s{steps}"
+        return (f"<Model {self.name}: {n} coordinates, {m} constraints, {len(self.parameters)} "
+                f"parameters, {len(self.bodies)} bodies{run}>")
+
     @property
     def name(self) -> str:
         """The system's name."""

@@ -26,7 +26,7 @@ from .numeric_system import NumericConstraints, NumericSystem
 from .poses import Pose, attitude, finite, in_range, rotation, settle, three, unit
 from .redundancy import refuse_redundant
 from .rigid_body import Rep
-from .system import System, as_expression
+from .system import System, as_expression, few
 
 __all__ = ["Multibody"]
 
@@ -93,6 +93,10 @@ class Multibody:
         self._forces: dict[sp.Symbol, sp.Expr] = {}
         self._quantities: dict[str, sp.Expr] = {}
         self._symbols: dict[str, sp.Symbol] = {}
+
+    def __repr__(self) -> str:
+        return (f"<Multibody {self.name}: bodies {few(body.name for body in self._bodies)}; "
+                f"joints {few(link.name for link in self._links)}>")
 
     # ------------------------------------------------------------ bodies
 

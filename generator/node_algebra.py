@@ -83,6 +83,9 @@ class PolynomialNodes:
         self.size = polynomial.degree()
         self._coefficients = [QQ.from_sympy(c) for c in self.polynomial.all_coeffs()[:0:-1]]
 
+    def __repr__(self) -> str:
+        return f"<PolynomialNodes: the {self.size} roots of a polynomial>"
+
     @cached_property
     def one(self) -> Matrix:
         """The constant polynomial."""
@@ -143,6 +146,9 @@ class ValueNodes:
     def __init__(self, values: Sequence[sp.Expr]) -> None:
         self.values = list(values)
         self.size = len(self.values)
+
+    def __repr__(self) -> str:
+        return f"<ValueNodes: {self.size} given nodes>"
 
     @cached_property
     def one(self) -> Matrix:

@@ -23,7 +23,17 @@ from .bounded_algebra import can_be_factored, expanded
 from .c_names import is_taken
 from .derivatives import derivative
 
-__all__ = ["System"]
+__all__ = ["System", "few"]
+
+#: Names that are shown of a list.
+_FEW = 6
+
+
+def few(names: Iterable[object]) -> str:
+    """Return the first of some names, and how many there are if that is not all."""
+    found = [str(name) for name in names]
+    shown = ", ".join(found[:_FEW]) or "none"
+    return shown if len(found) <= _FEW else f"{shown}, … ({len(found)})"
 
 
 @dataclass(frozen=True)
@@ -102,6 +112,13 @@ class System:
                 "one for each coordinate (0 where none acts), or none at all."
             )
         self._refuse_unknown_symbols()
+
+    def __repr__(self) -> str:
+        parts = [f"coordinates {few(self.q)}", f"parameters {few(self.parameters)}",
+                 f"{self.m} constraints"]
+        parts += ["forces"] if self.forces else []
+        parts += [f"quantities {few(self.quantities)}"] if self.quantities else []
+        return f"<System {self.name}: {'; '.join(parts)}>"
 
     def _sequence(self, name: str) -> Sequence[object]:
         value = getattr(self, name)

@@ -58,6 +58,9 @@ class NumericTableau:
     c: list[Any]
     c_tilde: list[Any]
 
+    def __repr__(self) -> str:
+        return f"<NumericTableau: {len(self.b)} stages, p = {len(self.c_tilde) - 1}>"
+
 
 @dataclass(frozen=True, eq=False)
 class Tableau:
@@ -87,6 +90,10 @@ class Tableau:
     basis: dict[str, Any]
     claims: dict[str, int] = field(default_factory=dict)
     digits_given: int | None = None
+
+    def __repr__(self) -> str:
+        claimed = f", order {self.claims['order']}" if "order" in self.claims else ""
+        return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{claimed}>"
 
     @property
     def s(self) -> int:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, StepFailed
+from ..errors import InputError, StepFailed, Stopped
 from ..exact import Number
 from .checks import as_numbers, as_positive_count, refuse_auto, shown
+from .interrupts import ctrl_c
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -27,10 +28,6 @@ __all__ = ["Ensemble", "integrate_members"]
 Array = NDArray[Any]
 
 
-class _StoppedError(Exception):
-    """Ends a member's integration from within, because nobody waits for it any more."""
-
-
 @dataclass(frozen=True, eq=False)
 class Ensemble:
     """The trajectories of ``integrate_ensemble``; the leading axis is the trajectory.
@@ -38,7 +35,8 @@ class Ensemble:
     Attributes
     ----------
     t, q, p, multipliers, iterations : arrays
-        As in ``Trajectory`` with a leading axis; NaN (0 iterations) after a failed step.
+        As in ``Trajectory`` with a leading axis; NaN (0 iterations) after a failed step, and after
+        Ctrl-C where the ensemble comes with ``Stopped``.
     failures : dict
         Number of a failed trajectory → its ``StepFailed``.
     members : list of Trajectory
@@ -56,6 +54,11 @@ class Ensemble:
 
     def __len__(self) -> int:
         return len(self.members)
+
+    def __repr__(self) -> str:
+        name, states = self.members[0].manifest["name"], self.t.shape[1]
+        return (f"<Ensemble of {name}: {len(self):,} trajectories of {states:,} states, "
+                f"{len(self.failures):,} failed>")
 
 
 def integrate_members(
@@ -80,11 +83,7 @@ def integrate_members(
     times = np.broadcast_to(_each("t0", t0, size), size)
     runs = _each_parameters(parameters, size)
 
-    stopped = threading.Event()
-
-    def look(done: int) -> None:
-        if stopped.is_set():
-            raise _StoppedError
+    broken = threading.Event()
 
     def check(i: int) -> Run:
         try:
@@ -93,25 +92,38 @@ def integrate_members(
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
-    def work(members: range) -> list[Member]:
-        return stepper.integrate_runs([check(i) for i in members], look)
-
     batch = stepper.batch_size(options["solver"])
     batches = [range(i, min(i + batch, size)) for i in range(0, size, batch)]
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+    with ctrl_c() as interrupts, ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+
+        def stop() -> bool:
+            return broken.is_set() or interrupts.asked
+
+        def work(members: range) -> list[Member]:
+            return stepper.integrate_runs([check(i) for i in members], stop)
+
         futures = [pool.submit(work, members) for members in batches]
         try:
             ended, _ = wait(futures, return_when=FIRST_EXCEPTION)
             for future in filter(ended.__contains__, futures):
                 future.result()  # raises for the first member that was refused
             results = [member for future in futures for member in future.result()]
-        finally:  # after Ctrl-C or a refusal the other members are not finished for nobody
-            stopped.set()
+        finally:  # after a refusal the other members are not finished for nobody
+            broken.set()
             pool.shutdown(cancel_futures=True)
+        found = _ensemble(stepper, results, -(-options["steps"] // options["every"]) + 1)
+    if interrupts.asked:
+        done = sum(len(member) for member in found.members)
+        raise Stopped(f"Stopped with {done:,} of {found.t.size:,} states; they are in .ensemble.",
+                      interrupts.signal, ensemble=found)
+    return found
+
+
+def _ensemble(stepper: Stepper, results: list[Member], rows: int) -> Ensemble:
+    """Return trajectories of up to so many states as one, the failures beside them."""
     members = [member for member, _ in results]
     failures = {i: failure for i, (_, failure) in enumerate(results) if failure is not None}
     no_number = stepper.binding.new(1)[0] + np.nan
-    rows = -(-options["steps"] // options["every"]) + 1
     return Ensemble(
         _stack([m.t for m in members], rows, no_number if members[0].t.dtype == object else np.nan),
         _stack([m.q for m in members], rows, no_number),

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError
+from ..errors import InputError, Stopped
 from ..exact import Number
 from .checks import as_positive_count, as_step
 from .gamma_law import REACH, Search
@@ -89,6 +89,12 @@ class GammaChoice:
             raise InputError(f"There are {len(self.values)} values, for {', '.join(self.values)}; "
                              "read them from .values.")
         return next(iter(self.values.values()))
+
+    def __repr__(self) -> str:
+        values = [f"{name} = {value:.6g}" for name, value in self.values.items()]
+        shown = ", ".join([*values[:4], *(["…"] if len(values) > 4 else [])])
+        return (f"<GammaChoice {shown}: mean error of the {self.aim} {self.measured_gain:.3g} "
+                f"times smaller than with γ_m, {len(self.pilots)} pilots>")
 
     def __str__(self) -> str:
         """Return the reason and a table of the pilots with both errors, that aimed at first."""
@@ -194,8 +200,12 @@ def with_choice(
     if not isinstance(parameters, Mapping) or not any(map(_is_auto, parameters.values())):
         return parameters
     run = as_positive_count("steps", steps)
-    choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters,
-                          steps=min(max(run, 2), PILOT_STEPS), run_steps=run, t0=t0)
+    try:
+        choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters,
+                              steps=min(max(run, 2), PILOT_STEPS), run_steps=run, t0=t0)
+    except Stopped as stopped:  # its trajectory is a pilot's
+        raise Stopped("Stopped before the first step, while γ was chosen.", stopped.signal
+                      ) from None
     return {**parameters, **choice.values}
 
 

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, StepFailed
+from ..errors import InputError, StepFailed, Stopped
 from .binding import REASONS, Binding
+from .interrupts import Interrupts, ctrl_c
 from .newton import newton_step
 from .trajectory import Report, Trajectory
 
-__all__ = ["Rows", "Run", "advance", "defect_sizes", "integrate", "next_chunk", "trajectory_of"]
+__all__ = ["Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at", "failure_of",
+           "integrate", "next_chunk", "trajectory_of"]
 
 Array = NDArray[Any]
 
-#: Steps between two looks at the progress bar and at Ctrl-C.
-_CHUNK = 4096
+#: Steps between two looks at the progress bar and at signals: at first, at most.
+_FIRST, _CHUNK = 16, 4096
+#: Seconds between two looks, where a step does not take longer.
+_LOOK = 0.1
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,30 @@ class Rows:
                 self.iterations[row:], self.work[row + 1 :])
 
 
+class Pace:
+    """How many steps compiled code does between two looks at signals: some tenths of a second.
+
+    Seconds of this thread, not of the clock: a machine that is busy elsewhere changes nothing.
+    """
+
+    def __init__(self) -> None:
+        self.most = min(_FIRST, _CHUNK)
+        self._began = time.thread_time()
+
+    def begin(self) -> int:
+        """Return how many steps to do at most; the clock runs."""
+        self._began = time.thread_time()
+        return self.most
+
+    def end(self, steps: int) -> None:
+        """Take the time that so many steps took for the next ones."""
+        seconds = time.thread_time() - self._began
+        if seconds > _LOOK:
+            self.most = max(1, int(steps * _LOOK / seconds))
+        elif steps >= self.most and seconds < _LOOK / 2:
+            self.most = min(2 * self.most, _CHUNK)
+
+
 def integrate(
     binding: Binding,
     manifest: dict[str, Any],
@@ -88,27 +118,56 @@ def integrate(
     ------
     StepFailed
         With everything computed before the failed step.
+    Stopped
+        After Ctrl-C, with everything computed until then.
     """
+    # One step is done or not: there is nothing to lose.
+    with ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
+        trajectory, status = course(binding, manifest, run, lambda: interrupts.asked, progress)
+    if status:
+        raise failure_of(run, trajectory, status)
+    if interrupts.asked:
+        raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
+                      ".trajectory.", interrupts.signal, trajectory=trajectory)
+    return trajectory
+
+
+def ended_at(done: int, steps: int) -> str:
+    """Return a sentence that says where a signal has ended a run."""
+    if done == steps:
+        return f"Stopped after the last of {steps:,} steps: the run is complete."
+    return f"Stopped at step {done:,} of {steps:,}."
+
+
+def course(
+    binding: Binding, manifest: dict[str, Any], run: Run, stop: Callable[[], bool],
+    progress: Callable[[int], None] | None = None,
+) -> tuple[Trajectory, int]:
+    """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
     rows = Rows.room(binding, run.rows)
     rows.q[0], rows.p[0] = run.q, run.p
     q, p, report = run.q.copy(), run.p.copy(), binding.report()
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
+    pace = Pace()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
-    while report.steps < run.steps and status == 0:
+    while report.steps < run.steps and status == 0 and not stop():
         row = int(report.steps) // run.every
-        count, every = next_chunk(run, int(report.steps))
+        count, every = next_chunk(run, int(report.steps), pace.begin())
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = advance(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
         rows.iterations[row] = max(most, rows.iterations[row])
+        pace.end(count)
         if progress is not None:
             progress(int(report.steps))
-    trajectory = trajectory_of(binding, manifest, run, rows, report, q, p, parameters)
-    if status:
-        done = int(report.steps)
-        raise StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), reason=REASONS[status],
-                         trajectory=trajectory)
-    return trajectory
+    return trajectory_of(binding, manifest, run, rows, report, q, p, parameters), status
+
+
+def failure_of(run: Run, trajectory: Trajectory, status: int) -> StepFailed:
+    """Return the error of a run whose next step has no solution."""
+    done = trajectory.report.steps
+    return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), reason=REASONS[status],
+                      trajectory=trajectory)
 
 
 def advance(
@@ -123,19 +182,19 @@ def advance(
     return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
 
 
-def next_chunk(run: Run, done: int, rows: int | None = None) -> tuple[int, int]:
+def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
     """Return how many steps to do next, and how often to store; the very last is stored too.
 
-    There is room for ``rows`` stored states. Where it takes more than a chunk to the next stored
-    state, each piece is stored in its row and the last of them stays.
+    ``most`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
+    to the next stored state, each piece is stored in its row and the last of them stays.
     """
     left = run.steps - done
     to_row = min(run.every - done % run.every, left)
-    if to_row < run.every or run.every > _CHUNK:
-        piece = min(to_row, _CHUNK)
+    if to_row < run.every or run.every > most:
+        piece = min(to_row, most)
         return piece, piece
-    most = _CHUNK // run.every if rows is None else min(_CHUNK // run.every, rows)
-    return min(run.every * most, left - left % run.every), run.every
+    count = most // run.every if rows is None else min(most // run.every, rows)
+    return min(run.every * count, left - left % run.every), run.every
 
 
 def _compiled_chunk(

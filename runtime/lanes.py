@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StepFailed
-from .binding import REASONS, Binding
-from .integration import Rows, Run, next_chunk, trajectory_of
+from .binding import Binding
+from .integration import Pace, Rows, Run, failure_of, next_chunk, trajectory_of
 from .trajectory import Trajectory
 
 __all__ = ["Member", "integrate_lanes"]
@@ -57,11 +57,12 @@ class _Batch:
 
 
 def integrate_lanes(
-    binding: Binding, manifest: dict[str, Any], runs: list[Run], progress: Callable[[int], None]
+    binding: Binding, manifest: dict[str, Any], runs: list[Run], stop: Callable[[], bool]
 ) -> list[Member]:
     """Integrate at most ``binding.lanes`` runs, equal in steps, every, solver and tolerance.
 
-    A run that fails ends there with its ``StepFailed``; the others are not touched.
+    A run that fails ends there with its ``StepFailed``; the others are not touched. All end early
+    when they shall ``stop``.
     """
     first = runs[0]
     batch = _Batch.room(binding, runs)
@@ -71,16 +72,16 @@ def integrate_lanes(
     parameters = binding.parameter_sets([run.parameters for run in runs],
                                         [run.t0 for run in runs])
     options = binding.options(first.tolerance, first.max_iterations, first.solver)
-    memory, done = binding.batch_memory(), 0
-    while done < first.steps and not status.all():
+    memory, done, pace = binding.batch_memory(), 0, Pace()
+    while done < first.steps and not status.all() and not stop():
         row = done // first.every
-        count, every = next_chunk(first, done)
+        count, every = next_chunk(first, done, pace.begin())
         most = batch.iterations[:, row].copy()  # of the pieces before, where a row takes several
         binding.integrate_lanes(parameters, options, dt, count, every, row, q, p, batch.out,
                                 reports, status, memory)
         np.maximum(batch.iterations[:, row], most, out=batch.iterations[:, row])
         done += count
-        progress(done)
+        pace.end(count)
     return [
         _member(binding, manifest, run, batch.rows_of(i, run), reports[i], q[i], p[i],
                 int(status[i]))
@@ -94,8 +95,4 @@ def _member(
 ) -> Member:
     trajectory = trajectory_of(binding, manifest, run, rows, report, q, p,
                                binding.parameters(run.parameters, run.t0))
-    if not status:
-        return trajectory, None
-    done = int(report.steps)
-    return trajectory, StepFailed(step=done + 1, t=float(run.t0 + done * run.dt),
-                                  reason=REASONS[status], trajectory=trajectory)
+    return trajectory, failure_of(run, trajectory, status) if status else None

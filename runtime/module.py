@@ -20,6 +20,7 @@ from .cache import (
     workshop,
 )
 from .compiler import compile_module, extension_suffix, find_compiler, module_name
+from .notices import doing
 
 __all__ = ["load_module", "provenance"]
 
@@ -41,7 +42,7 @@ def load_module(name: str, files: dict[str, str]) -> Any:
     if _is_whole(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
             return _import(name, path)
-    with workshop() as folder:
+    with doing(f"compiling {name}", f"compiled {name}"), workshop() as folder:
         built = compile_module(name, files, compiler, folder)
         proof = folder / "sha256"
         proof.write_text(_checksum(built), encoding="ascii")

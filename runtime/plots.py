@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import GyrosparkError, InputError, MissingDependencyError
+from .endings import PICTURES, ending_of
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -17,7 +18,6 @@ __all__ = ["check_target", "draw", "figure_class", "save"]
 
 _INK = "#1f4e79"
 _ACCENT = "#c0392b"
-_FORMATS = (".png", ".svg", ".pdf")
 _POINTS = 20_000  # more cannot be told apart in a picture
 
 
@@ -36,6 +36,7 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     Returns
     -------
     matplotlib.figure.Figure
+        Jupyter shows it where it is the last value of a cell; ``.savefig`` writes it.
 
     Raises
     ------
@@ -69,9 +70,9 @@ def check_target(path: str | os.PathLike[str]) -> Path:
         Without matplotlib.
     """
     target = Path(path)
-    if target.suffix.lower() not in _FORMATS:
+    if ending_of(target) not in PICTURES:
         raise InputError(f"A picture cannot be written as {target.name!r}; end it in "
-                         f"{', '.join(_FORMATS)}.")
+                         f"{', '.join(PICTURES)}.")
     figure_class()
     return target
 
@@ -93,7 +94,7 @@ def save(figure: Any, target: Path) -> None:
 
 
 def figure_class() -> Any:
-    """Return matplotlib's class of figures, which needs no display.
+    """Return the class of figures, which need no display.
 
     Raises
     ------
@@ -101,12 +102,12 @@ def figure_class() -> Any:
         Without matplotlib.
     """
     try:
-        from matplotlib.figure import Figure
+        from .picture import Picture
     except ImportError as error:
         raise MissingDependencyError(
             "Pictures need matplotlib; `pip install matplotlib` or `pip install gyrospark[plot]`."
         ) from error
-    return Figure
+    return Picture
 
 
 def _thin(trajectory: Trajectory) -> slice:

@@ -69,6 +69,10 @@ class Problem:
     exact: ExactMotion | None = None
     description: str = ""
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in self.parameters.items())
+        return f"<Problem {self.name} ({self.system}): {values}>"
+
     def __post_init__(self) -> None:
         for letter in ("q0", "p0"):
             state = _vector(getattr(self, letter), 4, letter)

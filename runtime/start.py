@@ -49,6 +49,10 @@ class Start:
     dt: float | None
     steps: int | None
 
+    def __repr__(self) -> str:
+        return (f"<Start of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
+                "parameters>")
+
     @classmethod
     def of_problem(cls, problem: Problem) -> Start:
         """Return the numbers of a built-in problem, one rigid body."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import GyrosparkError, InputError, StepFailed
+from ..errors import GyrosparkError, InputError
 from ..exact import Number
 from ..projection import Projection, project, report
 from .binding import REASONS, SOLVERS, Binding
@@ -18,7 +18,7 @@ from .compiled_constraints import CompiledConstraints
 from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
 from .gamma_choice import with_choice
-from .integration import Run, integrate
+from .integration import Run, course, failure_of, integrate
 from .lanes import Member, integrate_lanes
 from .manifest import read_manifest
 from .module import load_module, provenance
@@ -153,6 +153,8 @@ class Stepper:
             For unusable arguments; an inconsistent start is refused with its defect.
         StepFailed
             When a step finds no solution; carries everything before it.
+        Stopped
+            After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
         parameters = with_choice(self, q, p, dt=dt, steps=steps, parameters=parameters,
                                  t0=t0)
@@ -185,6 +187,8 @@ class Stepper:
         vector register, batches of them on ``workers`` threads (default: all cores). What a
         trajectory gives does not depend on its neighbours; it may differ by round-off from
         ``integrate``, which puts the stages of one step into lanes.
+
+        Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         return integrate_members(
             self, q, p, dt, t0, parameters, workers,
@@ -306,16 +310,17 @@ class Stepper:
         """Return how many trajectories compiled code takes at a time."""
         return max(self.binding.lanes, 1) if solver in ("auto", "fixed-point") else 1
 
-    def integrate_runs(self, runs: list[Run], progress: Callable[[int], None]) -> list[Member]:
-        """Integrate up to ``batch_size`` checked runs; failures are returned, not raised."""
+    def integrate_runs(self, runs: list[Run], stop: Callable[[], bool]) -> list[Member]:
+        """Integrate up to ``batch_size`` checked runs, until they shall stop.
+
+        Failures are returned, not raised.
+        """
         if self.binding.lanes and runs[0].solver in ("auto", "fixed-point"):
-            return integrate_lanes(self.binding, self.manifest, runs, progress)
+            return integrate_lanes(self.binding, self.manifest, runs, stop)
         members: list[Member] = []
         for run in runs:
-            try:
-                members.append((integrate(self.binding, self.manifest, run, progress), None))
-            except StepFailed as failure:
-                members.append((failure.trajectory, failure))
+            trajectory, status = course(self.binding, self.manifest, run, stop)
+            members.append((trajectory, failure_of(run, trajectory, status) if status else None))
         return members
 
     # ------------------------------------------------------------ inside

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._version import __version__
 from ..errors import GyrosparkError, InputError
 from ..exact import digits_of
 from . import quaternion
+from .endings import ENDINGS, ending_of
 from .manifest import sizes_of
 from .memory import without_padding
 from .reals import from_text
+from .states import finished, save_csv
 
-__all__ = ["Report", "Trajectory"]
+__all__ = ["Report", "Trajectory", "known_fields"]
 
 Array = NDArray[Any]
 _FORMAT = 2
@@ -28,6 +31,8 @@ _QUADS = ("t", "q", "p", "multipliers", "energies", "g_errors", "f_errors", "wor
           "quantity_values")
 _ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
            "quantity_values")
+#: Names of the columns of q, p and quantity_values, for other readers of the file.
+_NAMES = ("coordinates", "momenta", "quantities")
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,13 @@ class Report:
     q: tuple[float, ...]
     p: tuple[float, ...]
     work: float = 0.0
+
+    def __repr__(self) -> str:
+        return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each\n"
+                f"  largest errors: energy {self.energy_error_max:.2e}, constraint "
+                f"{self.constraint_max:.2e}, momentum {self.momentum_constraint_max:.2e}\n"
+                f"  mean errors: energy {self.energy_error_mean:.2e}, constraint "
+                f"{self.constraint_mean:.2e}, momentum {self.momentum_constraint_mean:.2e}>")
 
     @classmethod
     def read(cls, record: Any, q: Array, p: Array, *, forced: bool) -> Report:
@@ -134,6 +146,13 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.t)
 
+    def __repr__(self) -> str:
+        report = self.report
+        return (f"<Trajectory of {self.manifest['name']}: {len(self):,} states of {report.steps:,} "
+                f"steps, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
+                f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
+                f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
+
     def energy(self) -> Array:
         """Return H of each stored state, shape (N+1,), in joules for SI input."""
         return self.energies
@@ -142,6 +161,16 @@ class Trajectory:
         """Return H_k − H_0 − W_k of each stored state, W the work of the forces, shape (N+1,)."""
         error: Array = self.energies - self.energies[0] - self.work
         return error
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The name of each coordinate, of a column of ``q``."""
+        return tuple(self.manifest["system"]["coordinates"])
+
+    @property
+    def momenta(self) -> tuple[str, ...]:
+        """The name of each momentum, of a column of ``p``."""
+        return tuple(self.manifest["system"]["momenta"])
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -196,16 +225,44 @@ class Trajectory:
     # ------------------------------------------------------------ file
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a compressed .npz with all arrays, parameters, report and manifest.
+        """Write the states to a file, which appears complete or not at all; return its path.
 
-        The file appears complete or not at all. Returns the path, with ``.npz`` appended if it
-        was missing.
+        - .npz (also where the name has no ending): all arrays with all their digits, the names of
+          their columns, parameters, report and manifest: what ``load`` reads.
+        - .csv: a column a number, under the names of coordinates, momenta and quantities.
+        - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (``pip install gyrospark[netcdf]``).
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        GyrosparkError
+            If the file cannot be written.
         """
         target = Path(path)
         if not target.name:
             raise InputError(f"{str(path)!r} is no file name; give one ending in .npz.")
-        if target.suffix != ".npz":
+        if ending_of(target) == "":
             target = target.with_name(target.name + ".npz")
+        if ending_of(target) not in ENDINGS:
+            raise InputError(f"A trajectory cannot be written as {target.name!r}; end it in "
+                             f"{', '.join(ENDINGS)}.")
+        if ending_of(target) == ".nc":
+            from ..storage.export import save_table  # costs time, and Zarr may not be installed
+
+            return save_table(self, target)
+        try:
+            if ending_of(target) == ".csv":
+                save_csv(self, target)
+            else:
+                self._save_npz(target)
+        except OSError as error:
+            raise GyrosparkError(
+                f"The trajectory cannot be written to {str(target)!r}: {error.strerror or error}."
+            ) from error
+        return target
+
+    def _save_npz(self, target: Path) -> None:
         about = {
             "format": _FORMAT,
             "dt": digits_of(self.dt),
@@ -214,19 +271,11 @@ class Trajectory:
             "report": asdict(self.report),
             "manifest": self.manifest,
         }
-        part = target.with_name(f".{target.name}.{os.getpid()}.part")
-        try:
-            with part.open("wb") as file:
-                np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(about)),
-                                    **{name: _storable(getattr(self, name)) for name in _ARRAYS})
-            part.replace(target)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                part.unlink()
-            raise GyrosparkError(
-                f"The trajectory cannot be written to {str(target)!r}: {error.strerror or error}."
-            ) from error
-        return target
+        with finished(target) as part, part.open("wb") as file:
+            np.savez_compressed(
+                file, allow_pickle=False, about=np.array(json.dumps(about)),
+                **{name: np.array(getattr(self, name), dtype=str) for name in _NAMES},
+                **{name: _storable(getattr(self, name)) for name in _ARRAYS})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
@@ -241,21 +290,26 @@ class Trajectory:
             # Opened here because np.load leaves a damaged file open.
             with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 about = json.loads(str(file["about"]))
+                if about["format"] != _FORMAT:
+                    raise InputError(
+                        f"{str(path)!r} was written by gyrospark {about['manifest']['generator']} "
+                        f"in format {about['format']}; this is gyrospark {__version__}, which "
+                        f"reads format {_FORMAT}.")
                 arrays = {name: file[name] for name in _ARRAYS}
-            if about["format"] != _FORMAT:
-                raise InputError(f"{str(path)!r} has format {about['format']}; this version "
-                                 f"reads {_FORMAT}.")
+                names = {name: tuple(file[name].tolist()) for name in _NAMES if name in file}
             real = about["manifest"]["real"]
             if real == "float128":
                 in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
                 arrays |= {name: _from_bytes(arrays[name]) for name in {*_QUADS} - in_double}
-            report = about["report"]
+            report = known_fields(Report, about["report"])
             report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
             loaded = cls(
                 **arrays, dt=from_text(about["dt"], real), every=about["every"],
                 parameters={k: from_text(x, real) for k, x in about["parameters"].items()},
                 report=Report(**report), manifest=about["manifest"])
             loaded._refuse_unless_sound()
+            if any(getattr(loaded, name) != found for name, found in names.items()):
+                raise ValueError("a column has two names")
             return loaded
         except InputError:
             raise
@@ -292,10 +346,18 @@ class Trajectory:
             raise ValueError("a number is of another type")
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw axis trace, energy error and constraint errors; see ``plots.draw``."""
+        """Draw axis trace, energy error and constraint errors; write them where a path is given.
+
+        Returns a matplotlib figure, which Jupyter shows; see ``plots.draw``.
+        """
         from .plots import draw  # matplotlib is optional
 
         return draw(self, path)
+
+
+def known_fields(kind: type, kept: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries for a dataclass's fields: a later version may have written more."""
+    return {field.name: kept[field.name] for field in fields(kind) if field.name in kept}
 
 
 def _storable(array: Array) -> Array:

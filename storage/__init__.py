@@ -8,6 +8,6 @@
     writer       writes in a thread what another computes
     record       the loop: steps, commits, the end
     recording    a stored run, to read
-    export       .npz, .csv, .nc
-    interrupts   Ctrl-C ends a run at the next commit
+    table        the states as columns, of a store or in memory
+    export       these as .csv and .nc
 """

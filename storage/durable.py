@@ -18,9 +18,10 @@ from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
 from ..errors import InputError, StorageError
+from ..runtime.endings import ENDINGS, ending_of
 
-__all__ = ["DurableStore", "finished", "one_line", "remove_parts", "storage_errors", "store_path",
-           "sync_folder", "write_durably"]
+__all__ = ["DurableStore", "finished", "new_store_path", "one_line", "remove_parts",
+           "storage_errors", "store_path", "sync_folder", "write_durably"]
 
 #: How the names of unfinished files end.
 _PART = ".part"
@@ -129,6 +130,21 @@ def store_path(path: Any) -> Path:
         found = Path()
     if not found.name or "\0" in found.name:
         raise InputError(f"{path!r} is no path of a store; give a name such as 'run.zarr'.")
+    return found
+
+
+def new_store_path(path: Any, cure: str) -> Path:
+    """Return a caller's path of a store to write, which is a folder and no file.
+
+    Raises
+    ------
+    InputError
+        If its name says that it is a file of states, with the cure.
+    """
+    found = store_path(path)
+    if ending_of(found) in ENDINGS:
+        raise InputError(f"out = {str(found)!r} names a file, and a store is a folder; end it in "
+                         f".zarr. {cure}")
     return found
 
 

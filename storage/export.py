@@ -1,29 +1,27 @@
-"""A stored run as .npz, .csv or NetCDF, block by block: memory stays constant but for .npz."""
+"""The states of a run as .npz, .csv or NetCDF, block by block: memory stays constant but for .npz.
+
+A stored run and a trajectory give the same file.
+"""
 
 from __future__ import annotations
 
-import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..errors import InputError, MissingDependencyError, StorageError
-from .durable import finished, one_line
+from ..runtime.endings import ENDINGS, ending_of
+from ..runtime.states import headings, write_csv
+from .durable import finished
+from .layout import labels_of
+from .table import Column, Table, stored_table, table_of
 
 if TYPE_CHECKING:
-    import xarray
-
+    from ..runtime.trajectory import Trajectory
     from .recording import Recording
 
-__all__ = ["EXPORTS", "check_export", "export"]
-
-EXPORTS = (".npz", ".csv", ".nc")
-#: Rows of a CSV file that are in memory as Python's numbers.
-_ROWS = 2**13
-
+__all__ = ["check_export", "export", "save_table"]
 
 def check_export(path: Path) -> None:
     """Refuse what no run can be exported to.
@@ -32,10 +30,10 @@ def check_export(path: Path) -> None:
     ------
     InputError, MissingDependencyError
     """
-    if path.suffix not in EXPORTS:
+    if ending_of(path) not in ENDINGS:
         raise InputError(f"{str(path)!r} is no file to export to; give a name that ends in "
-                         f"{', '.join(EXPORTS)}.")
-    if path.suffix == ".nc":
+                         f"{', '.join(ENDINGS)}.")
+    if ending_of(path) == ".nc":
         try:
             import h5netcdf  # noqa: F401
             import h5py  # noqa: F401
@@ -48,8 +46,9 @@ def check_export(path: Path) -> None:
 def export(recording: Recording, path: Path) -> Path:
     """Write the states of a run; the file appears complete or not at all.
 
-    .npz is what ``Trajectory.load`` reads, with all digits; .csv has a column a number (q0, q1,
-    ...), each with the digits that give the double back; .nc is NetCDF-4, with attributes as text.
+    .npz is what ``Trajectory.load`` reads, with all digits; .csv has a column a number, under the
+    names that the system gives its coordinates, momenta and quantities, each with the digits that
+    give it back; .nc is NetCDF-4, with attributes as text.
 
     Raises
     ------
@@ -61,56 +60,70 @@ def export(recording: Recording, path: Path) -> Path:
     check_export(path)
     if recording.report is None:
         raise InputError(f"{str(recording.path)!r} holds no state yet; go on with its run first.")
-    if path.suffix == ".npz":
+    if ending_of(path) == ".npz":
         return recording.trajectory().save(path)
-    write = _write_csv if path.suffix == ".csv" else _write_netcdf
-    dataset = recording.dataset
+    return _write(stored_table(recording), path)
+
+
+def save_table(trajectory: Trajectory, path: Path) -> Path:
+    """Write a trajectory as .nc, as if it had been stored and exported.
+
+    Raises
+    ------
+    InputError, MissingDependencyError, StorageError
+        As for ``export``.
+    """
+    check_export(path)
+    return _write(table_of(trajectory), path)
+
+
+def _write(table: Table, path: Path) -> Path:
+    write: Callable[[Table, Path], None] = {".csv": _write_csv, ".nc": _write_netcdf}[
+        ending_of(path)]
     try:
         with finished(path) as part:
-            write(dataset, part)
-    except (ValueError, RuntimeError) as error:  # a checksum is wrong, say
-        raise InputError(f"{str(recording.path)!r} is damaged: {one_line(error)}.") from error
-    except OSError as error:
-        raise StorageError(f"The file {str(path)!r} cannot be written: {error.strerror or error}."
-                           ) from error
+            write(table, part)
+    except (OSError, RuntimeError) as error:  # HDF5 has a RuntimeError for some of the system's
+        raise StorageError(f"The file {str(path)!r} cannot be written: "
+                           f"{getattr(error, 'strerror', None) or error}.") from error
     return path
 
 
-def _write_csv(dataset: xarray.Dataset, path: Path) -> None:
-    table = {"time": dataset["time"], **{str(name): array for name, array in dataset.items()
-                                         if "byte" not in array.dims}}
-    with path.open("w", encoding="utf-8", newline="") as file:
-        lines = csv.writer(file)
-        lines.writerow([heading for name, array in table.items()
-                        for heading in _headings(name, array)])
-        begin = 0
-        for length in dataset.chunksizes["time"]:  # each block is read once
-            block = [np.asarray(array[begin : begin + length]).reshape(length, -1)
-                     for array in table.values()]
-            for start in range(0, length, _ROWS):
-                parts = [numbers[start : start + _ROWS].tolist() for numbers in block]
-                lines.writerows([number for part in row for number in part]
-                                for row in zip(*parts, strict=True))
-            begin += length
+def _write_csv(table: Table, path: Path) -> None:
+    columns = table.numbers
+    titles = headings(table.system, {column.name: column.shape for column in columns})
+    write_csv(path, titles, (arrays for _, arrays in table.blocks(columns)))
 
 
-def _headings(name: str, array: xarray.DataArray) -> Iterator[str]:
-    """Yield the headings of an array: its name, with an index for each inner dimension."""
-    for index in np.ndindex(array.shape[1:]):
-        yield name + "_".join(map(str, index))
+def _write_netcdf(table: Table, path: Path) -> None:
+    import h5netcdf
+
+    with h5netcdf.File(path, "w") as file:
+        file.attrs.update({name: _plain(value) for name, value in table.attributes.items()})
+        file.dimensions = {"time": table.rows, **{
+            dimension: length for column in table.columns for dimension, length in column.inner}}
+        for dimension, (names, meaning) in labels_of(table.system).items():
+            if dimension in file.dimensions:
+                labels = file.create_variable(dimension, (dimension,), dtype=_text())
+                labels[:] = names
+                labels.attrs["long_name"] = meaning
+        made = [_netcdf_variable(file, column) for column in table.columns]
+        for begin, arrays in table.blocks(table.columns):
+            for variable, array in zip(made, arrays, strict=True):
+                variable[begin : begin + len(array)] = array
 
 
-def _write_netcdf(dataset: xarray.Dataset, path: Path) -> None:
-    import dask
+def _netcdf_variable(file: Any, column: Column) -> Any:
+    dimensions = ("time", *(dimension for dimension, _ in column.inner))
+    variable = file.create_variable(column.name, dimensions, dtype=column.dtype)
+    variable.attrs.update({name: _plain(value) for name, value in column.attributes.items()})
+    return variable
 
-    plain = dataset.assign_attrs({name: _plain(value) for name, value in dataset.attrs.items()})
-    for name in (*plain.data_vars, *plain.coords):
-        array = plain[name]
-        array.attrs = {key: _plain(value) for key, value in array.attrs.items()}
-        array.encoding = {}  # Zarr's chunks and codecs mean nothing there
-    # In this thread: after an error others would go on, and open the removed file anew.
-    with dask.config.set(scheduler="synchronous"):
-        plain.to_netcdf(path, engine="h5netcdf")
+
+def _text() -> Any:
+    import h5py
+
+    return h5py.string_dtype()
 
 
 def _plain(value: Any) -> Any:

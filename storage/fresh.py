@@ -30,11 +30,18 @@ def is_new(path: Path, resume: bool, holds: str) -> bool:
 
 @contextlib.contextmanager
 def appearing(path: Path) -> Iterator[Path]:
-    """Yield the name of a folder to make, which then becomes ``path``, or what that links to."""
+    """Yield the name of a folder to make, which then becomes ``path``, or what that links to.
+
+    Nothing is left of one that cannot be made.
+    """
     real = Path(os.path.realpath(path))
     fresh = real.with_name(f".{real.name}.new")
     if fresh.exists():  # of a process that was killed: the caller has the lock
         shutil.rmtree(fresh)
-    yield fresh
-    fresh.rename(real)
+    try:
+        yield fresh
+        fresh.rename(real)
+    except BaseException:
+        shutil.rmtree(fresh, ignore_errors=True)
+        raise
     sync_folder(real.parent)

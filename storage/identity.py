@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from ..runtime.integration import Run
     from ..runtime.stepper import Stepper
 
-__all__ = ["identity_of", "refuse_if_different", "versions"]
+__all__ = ["identity_of", "refuse_if_different", "versions", "written_by"]
 
 #: Of the layout of stores; another one is refused.
 FORMAT = 1
@@ -61,11 +62,26 @@ def refuse_if_different(kept: Mapping[str, Any], now: Mapping[str, Any], where: 
         Saying everything that differs, with both values.
     """
     found = list(_differences(kept, now))
+    writer = kept.get("gyrospark")
+    if writer != now["gyrospark"]:
+        ours = ("gyrospark ", "code.source ", "steppers.")  # what a version changes
+        more = "".join(f"; {phrase}" for phrase in found if not phrase.startswith(ours))
+        raise InputError(
+            f"{where} was written by gyrospark {writer}; this is gyrospark {now['gyrospark']}, "
+            f"which may compute other bits{more}. What is stored can be read; go on with gyrospark "
+            f"{writer}, or choose another store."
+        )
     if found:
         raise InputError(
             f"{where} holds another run and cannot be gone on with: {'; '.join(found)}. Repeat the "
             "command that began it, or choose another store."
         )
+
+
+def written_by(path: Path, writer: Any, why: str) -> InputError:
+    """Return the error for a store of another version that this one does not understand."""
+    return InputError(f"{str(path)!r} was written by gyrospark {writer}; this is gyrospark "
+                      f"{__version__}, which cannot read it: {why}. Use gyrospark {writer}.")
 
 
 def _differences(kept: Any, now: Any, path: str = "") -> list[str]:

@@ -14,29 +14,28 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import zarr
 
 from ..runtime.reals import is_wide
+from ..runtime.states import QUANTITY
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
 
-if TYPE_CHECKING:
-    from ..runtime.stepper import Stepper
-
-__all__ = ["CHECKPOINT", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
-           "block_rows", "consolidate", "create", "create_array", "fields_of", "open_group",
-           "wide_name"]
+__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
+           "block_rows", "consolidate", "create", "create_array", "extend", "fields_of",
+           "labels_of", "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
-#: What the names of a system's own quantities begin with.
-QUANTITY = "quantity_"
+#: The attribute with the rows that the arrays are about to have.
+EXTENDS = "extends_to_rows"
 #: A block is written whole, and forcing it to the disk takes some ten times 1 ms however small it
 #: is: large enough for that not to count, small enough for a few to be in memory.
 _BLOCK_BYTES = 32 * 2**20
@@ -94,12 +93,13 @@ def wide_name(name: str) -> str:
     return f"{name}_bytes"
 
 
-def fields_of(stepper: Stepper) -> list[Field]:
-    """Return the arrays of a run of this stepper."""
-    system, real = stepper.manifest["system"], stepper.manifest["real"]
+def fields_of(manifest: dict[str, Any]) -> list[Field]:
+    """Return the arrays of a run of the stepper with this manifest."""
+    system, real = manifest["system"], manifest["real"]
     wide = is_wide(real)
     dtype = "f4" if real == "float" else "f8"
     body = system["rigid_body"]
+    n, m = len(system["coordinates"]), len(system["constraints"])
 
     def numbers(name: str, long_name: str, *inner: tuple[str, int], units: str = "",
                 **more: Any) -> Field:
@@ -108,23 +108,36 @@ def fields_of(stepper: Stepper) -> list[Field]:
 
     found = [
         Field("time", (), {"long_name": "time", "units": "s"}, "f8", wide),
-        numbers("q", "coordinates", ("coordinate", stepper.n), units="1" if body else "",
+        numbers("q", "coordinates", ("coordinate", n), units="1" if body else "",
                 components=list(system["coordinates"])),
-        numbers("p", "momenta", ("coordinate", stepper.n), units="kg m2 s-1" if body else ""),
+        numbers("p", "momenta", ("coordinate", n), units="kg m2 s-1" if body else "",
+                components=list(system["momenta"])),
         numbers("energy", "Hamiltonian of the stepper's own form", units="J" if body else ""),
         numbers("g_error", "largest |g(q)|"),
         numbers("f_error", "largest |g_q H_p|; |q.p| of a body"),
         Field("iterations", (), {"long_name": "most iterations of a step since the last state"},
               "i4"),
     ]
-    if stepper.binding.multipliers:
-        nodes = stepper.binding.multipliers // stepper.m
-        inner = (("node", nodes), *([("constraint", stepper.m)] if stepper.m > 1 else []))
+    if m:
+        inner = (("node", manifest["scheme"]["multipliers"]),
+                 *([("constraint", m)] if m > 1 else []))
         found.append(numbers("multipliers", "multipliers of the step that ends here", *inner))
-    if stepper.binding.has_forces:
+    if "forces" in system:
         found.append(numbers("work", "work of the forces since the start"))
     found += [numbers(QUANTITY + name, f"quantity {name} of the system")
-              for name in stepper.binding.quantity_names]
+              for name in system.get("quantities", ())]
+    return found
+
+
+def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
+    """Return the names along each dimension that has some, and what they are.
+
+    A momentum stands where the coordinate does to which it belongs.
+    """
+    found = {"coordinate": (list(system["coordinates"]), "name of the coordinate")}
+    names = list(system.get("constraint_names", ()))
+    if len(names) > 1:
+        found["constraint"] = names, "name of the constraint"
     return found
 
 
@@ -154,6 +167,20 @@ def create(
     consolidate(path)
 
 
+def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str, Any]) -> None:
+    """Give the arrays of a store so many rows, and then the store these attributes.
+
+    A process may end between any two files: until all is done the store says ``EXTENDS``, and its
+    arrays have their old number of rows or the new one.
+    """
+    group = open_group(path, write=True)
+    group.update_attributes({EXTENDS: rows})
+    for name in names:
+        array = array_of(group, name)
+        array.resize((rows, *array.shape[1:]))
+    consolidate(path, [*names, CHECKPOINT], {**attributes, EXTENDS: None})
+
+
 def create_array(
     group: zarr.Group, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], dtype: Any,
     fill: float, dimensions: list[str], attributes: dict[str, Any],
@@ -165,14 +192,19 @@ def create_array(
                               dimension_names=dimensions, attributes=attributes)
 
 
-def consolidate(path: Path) -> None:
+def consolidate(
+    path: Path, names: Iterable[str] | None = None, attributes: Mapping[str, Any] | None = None
+) -> None:
     """Repeat what each array says of itself in the group: readers then open one file, not ten.
 
-    xarray warns where it does not find it. Arrays never change once they are made.
+    xarray warns where it does not find it. ``names`` are all arrays if none are given;
+    ``attributes`` of the group change at the same instant.
     """
+    if names is None:
+        names = [file.parent.name for file in path.glob(f"*/{_METADATA}")]
     root = json.loads((path / _METADATA).read_bytes())
-    arrays = {file.parent.name: json.loads(file.read_bytes())
-              for file in sorted(path.glob(f"*/{_METADATA}"))}
+    root["attributes"] |= attributes or {}
+    arrays = {name: json.loads((path / name / _METADATA).read_bytes()) for name in sorted(names)}
     root["consolidated_metadata"] = {"kind": "inline", "must_understand": False,
                                      "metadata": arrays}
     write_durably(path / _METADATA, json.dumps(root, indent=2).encode())

@@ -48,4 +48,6 @@ def claim(store: Path) -> Iterator[None]:
     try:
         yield
     finally:
+        if not store.exists():  # it could not be made: nothing hidden stays in its place
+            lock_file(store).unlink(missing_ok=True)
         lock.release()

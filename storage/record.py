@@ -23,17 +23,19 @@ from ..errors import InputError, Stopped
 from ..exact import Number
 from ..runtime.binding import REASONS
 from ..runtime.gamma_choice import with_choice
-from ..runtime.integration import Rows, Run, advance, next_chunk
+from ..runtime.integration import Pace, Rows, Run, advance, ended_at, next_chunk
+from ..runtime.interrupts import Interrupts, watched
 from ..runtime.trajectory import Report
 from .checkpoint import State, pack, room, unpack
-from .durable import remove_parts, storage_errors, store_path
+from .durable import new_store_path, remove_parts, storage_errors
 from .fresh import appearing, is_new
 from .identity import identity_of, refuse_if_different, versions
-from .interrupts import Interrupts, watched
 from .layout import (
     CHECKPOINT,
+    EXTENDS,
     array_of,
     create,
+    extend,
     fields_of,
     open_group,
     wide_name,
@@ -50,6 +52,8 @@ __all__ = ["record"]
 
 #: What helps where a store cannot be made.
 _NEW = "Nothing is stored yet: free some space, or choose another place."
+#: What makes a file of a stored run.
+_AS_FILE = "What record(...) returns is then written by .export('run.csv')."
 #: Seconds between two commits: what a killed run computes again, at most.
 COMMIT_SECONDS = 5.0
 
@@ -87,7 +91,8 @@ def record(
     out : path
         The store, a folder; by custom its name ends in ``.zarr``.
     resume : bool
-        Go on with the run in ``out``; begins it if there is none.
+        Go on with the run in ``out``; begins it if there is none. With more steps than it began
+        with it goes on to these, finished or not.
     seed : int, optional
         Of the random numbers that made this start, if it was drawn: kept with the run, not used.
 
@@ -109,7 +114,7 @@ def record(
     parameters = with_choice(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
     run = stepper.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-    path, drawn = store_path(out), _as_seed(seed)
+    path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
     with claim(path):
         group = _opened(stepper, run, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
@@ -127,33 +132,52 @@ def _opened(
     identity = identity_of(stepper, run)
     if not is_new(path, resume, "run"):
         return _begun_earlier(stepper, run, path, identity)
-    about = {
-        "title": f"{stepper.name}: {run.steps} steps of {float(run.dt):g} s",
-        "status": RUNNING,
+    about = _course(stepper, run, identity) | {
         "steps_done": 0,
-        "states": 0,
-        "run": identity,
         "seed": seed,
         "versions": versions(),
         "manifest": stepper.manifest,
     }
     with storage_errors(path, _NEW):
         with appearing(path) as fresh:
-            create(fresh, fields_of(stepper), run.rows + 1, room(stepper.binding), about)
+            create(fresh, fields_of(stepper.manifest), run.rows + 1, room(stepper.binding), about)
         return open_group(path, write=True)
 
 
 def _begun_earlier(
     stepper: Stepper, run: Run, path: Path, identity: dict[str, Any]
 ) -> zarr.Group:
-    """Return the group of a store that is there, and holds this run."""
+    """Return the group of a store that is there, and holds this run, or its first steps."""
     kept = Recording(path)
-    refuse_if_different(kept.attributes["run"], identity, f"The store {str(path)!r}")
+    begun = kept.attributes["run"]
+    longer = run.steps > begun["steps"] and not kept.status.startswith(FAILED)
+    refuse_if_different(begun | ({"steps": run.steps} if longer else {}), identity,
+                        f"The store {str(path)!r}")
+    fields, checkpoint = fields_of(stepper.manifest), room(stepper.binding)
+    rows, coming = kept.rows, kept.attributes.get(EXTENDS)
     with storage_errors(path, CURE):
-        refuse_other_arrays(path, kept.group(), fields_of(stepper), run.rows + 1,
-                            room(stepper.binding))
+        refuse_other_arrays(path, kept.group(), fields, {rows, coming or rows}, checkpoint)
+        if longer or coming is not None:
+            extend(path, kept.attributes["arrays"], run.rows + 1,
+                   _course(stepper, run, identity, kept) if longer else {})
         remove_parts(path)
         return kept.group(write=True)
+
+
+def _course(
+    stepper: Stepper, run: Run, identity: dict[str, Any], kept: Recording | None = None
+) -> dict[str, Any]:
+    """Return what a store says of a run that is begun, or that has more steps than it ``kept``.
+
+    A last state between two that are stored is none of the longer run's.
+    """
+    begun = kept is not None and kept.report is not None
+    return {
+        "title": f"{stepper.name}: {run.steps} steps of {float(run.dt):g} s",
+        "status": RUNNING,
+        "states": kept.steps_done // run.every + 1 if kept is not None and begun else 0,
+        "run": identity,
+    }
 
 
 def _as_seed(seed: Any) -> int | None:
@@ -170,10 +194,11 @@ class _Course:
 
     def __init__(self, stepper: Stepper, run: Run, path: Path, group: zarr.Group) -> None:
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
-        self.fields = fields_of(stepper)
+        self.fields = fields_of(stepper.manifest)
         self.block = array_of(group, "time").chunks[0]
         self.parameters = self.binding.parameters(run.parameters, run.t0)
         self.state, self.first, self.rows = self._begun()
+        self.pace = Pace()
 
     # ------------------------------------------------------------ where it stands
 
@@ -238,11 +263,11 @@ class _Course:
                                                 self.run, self.block))
             self._compute(writer, interrupts, progress)
             self._commit(writer)
-        if interrupts.asked and self.state.steps < self.run.steps and not self.state.status:
-            raise Stopped(
-                f"Stopped at step {self.state.steps:,} of {self.run.steps:,}; everything up to "
-                f"there is in {str(self.path)!r}. The same command with --resume goes on.",
-                interrupts.signal)
+        if interrupts.asked and not self.state.status:
+            rest = ("It is" if self.state.steps == self.run.steps else
+                    "The same command with --resume goes on: everything up to there is")
+            raise Stopped(f"{ended_at(self.state.steps, self.run.steps)} {rest} in "
+                          f"{str(self.path)!r}.", interrupts.signal)
 
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
@@ -263,11 +288,12 @@ class _Course:
     def _advance(self, place: int) -> None:
         """Compute the next piece into the block, from that row on."""
         state, rows = self.state, self.rows
-        count, every = next_chunk(self.run, state.steps, self.block - place)
+        count, every = next_chunk(self.run, state.steps, self.pace.begin(), self.block - place)
         most = rows.iterations[place]  # of the pieces before, where a row takes several
         status = advance(self.binding, self.run, self.parameters, count, every, state.q, state.p,
                          _out(rows, place), state.report, state.work)
         rows.iterations[place] = max(most, rows.iterations[place])
+        self.pace.end(count)
         self.state = State(state.q, state.p, state.report, state.work, status=status)
 
     # ------------------------------------------------------------ committing
@@ -276,8 +302,8 @@ class _Course:
         """Hand over the block as far as it is filled, and where the run stands."""
         state, run = self.state, self.run
         count = self._states(state) - self.first
-        unfinished = state.steps < run.steps and state.steps % run.every
-        most = int(self.rows.iterations[count]) if unfinished else 0
+        place = state.steps // run.every + 1 - self.first  # of a row that is begun
+        most = int(self.rows.iterations[place]) if state.steps % run.every else 0
         kept = State(state.q, state.p, state.report, state.work, most, state.status)
         rows = self.rows
         if count < self.block:  # more rows come into it while these are written

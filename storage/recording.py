@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ..errors import InputError, StepFailed
 from ..runtime.binding import DTYPES
 from ..runtime.reals import from_text, is_wide
-from ..runtime.trajectory import Report, Trajectory
+from ..runtime.trajectory import Report, Trajectory, known_fields
 from .durable import one_line, store_path
-from .layout import QUANTITY, array_of, open_group, wide_name
-from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, sound_attributes
+from .layout import QUANTITY, array_of, labels_of, open_group, wide_name
+from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, rows_of, sound_attributes
 from .wide import from_bytes
 
 if TYPE_CHECKING:
@@ -75,6 +75,11 @@ class Recording:
     def __len__(self) -> int:
         return self.states
 
+    @property
+    def rows(self) -> int:
+        """How many states the whole run has, with the start."""
+        return rows_of(self.attributes["run"])
+
     def group(self, *, write: bool = False) -> zarr.Group:
         """Return the Zarr group."""
         try:
@@ -87,7 +92,11 @@ class Recording:
 
     @property
     def dataset(self) -> xarray.Dataset:
-        """The states as an xarray Dataset along ``time``; values are read when they are used."""
+        """The states as an xarray Dataset along ``time``; values are read when they are used.
+
+        Coordinates go by their names: ``dataset.q.sel(coordinate="x")``, and so does the momentum
+        that belongs to one.
+        """
         import xarray
 
         refuse_missing_blocks(self.path, self.group(), 0, self.states)
@@ -96,7 +105,10 @@ class Recording:
         except UNREADABLE as error:
             raise InputError(f"{str(self.path)!r} is damaged: {one_line(error)}.") from error
         kept: xarray.Dataset = whole[self.attributes["arrays"]].isel(time=slice(0, self.states))
-        return kept
+        return kept.assign_coords({
+            dimension: (dimension, names, {"long_name": meaning})
+            for dimension, (names, meaning) in labels_of(self.attributes["manifest"]["system"])
+            .items() if dimension in kept.dims})
 
     def failure(self) -> StepFailed:
         """Return the error of a failed run; its trajectory has the last states."""
@@ -176,7 +188,7 @@ def stored_values(
 
 
 def _report(kept: dict[str, Any]) -> Report:
-    """Return a report from JSON, which knows no tuples."""
+    """Return a report from JSON, which knows no tuples, and may have more fields than we know."""
     report: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value
-                              for name, value in kept.items()}
+                              for name, value in known_fields(Report, kept).items()}
     return Report(**report)

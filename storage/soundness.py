@@ -6,23 +6,24 @@ would otherwise be an error somewhere else, or a wrong number.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
 
+from .._version import __version__
 from ..errors import InputError
 from ..runtime.binding import DTYPES
 from ..runtime.reals import from_text
-from ..runtime.trajectory import Report
-from .identity import FORMAT
-from .layout import CHECKPOINT, Field, array_of, attributes_of, wide_name
+from ..runtime.trajectory import Report, known_fields
+from .identity import FORMAT, written_by
+from .layout import CHECKPOINT, EXTENDS, Field, array_of, attributes_of, wide_name
 
 __all__ = ["COMPLETE", "FAILED", "RUNNING", "UNREADABLE", "refuse_missing_blocks",
-           "refuse_other_arrays", "sound_attributes"]
+           "refuse_other_arrays", "rows_of", "sound_attributes"]
 
 RUNNING = "running"
 COMPLETE = "complete"
@@ -49,16 +50,25 @@ def sound_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
         raise InputError(f"{str(path)!r} is not a run that gyrospark stored, or damaged: what it "
                          "says of itself is missing; give a folder that `gyrospark run --out "
                          "X.zarr` made.")
+    writer = run.get("gyrospark")
     if run["format"] != FORMAT:
-        raise InputError(f"{str(path)!r} has format {run['format']}; this version reads {FORMAT}. "
-                         "Use the version of gyrospark that wrote it.")
-    for complaint in _about_manifest(about):
-        raise _damaged(path, complaint)
-    for complaint in _about_run(run, about["manifest"]["real"]):
-        raise _damaged(path, complaint)
-    for complaint in (*_about_course(about, run), *_about_arrays(about, group)):
-        raise _damaged(path, complaint)
+        raise written_by(path, writer, f"its format is {run['format']}, and {FORMAT} is known here")
+    for complaint in _complaints(about, run, group):
+        raise (_damaged(path, complaint) if writer in (None, __version__) else
+               written_by(path, writer, complaint))
     return about
+
+
+def _complaints(
+    about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
+) -> Iterator[str]:
+    """Yield what is wrong, as long as what is looked at makes sense."""
+    first = list(_about_manifest(about))
+    first = first or list(_about_run(run, about["manifest"]["real"]))
+    yield from first
+    if not first:
+        yield from _about_course(about, run)
+        yield from _about_arrays(about, group)
 
 
 def _damaged(path: Path, complaint: str) -> InputError:
@@ -117,7 +127,7 @@ def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[
     if about.get("report") is None:
         expected = done  # nothing is
     elif done == run["steps"]:
-        expected = _rows(run)
+        expected = rows_of(run)
     else:
         expected = done // run["every"] + 1
     if type(states) is not int or states != expected:
@@ -128,23 +138,24 @@ def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[
 def _about_report(report: Any) -> Iterator[str]:
     if report is None:
         return
-    if not isinstance(report, Mapping) or report.keys() != {f.name for f in fields(Report)}:
+    needed = {f.name for f in fields(Report) if f.default is MISSING}
+    if not isinstance(report, Mapping) or not needed <= report.keys():
         yield "its report is not complete"
         return
-    for name, value in report.items():
+    for name, value in known_fields(Report, report).items():
         numbers = value if name in ("q", "p") and isinstance(value, list) else [value]
         if not all(map(_is_number, numbers)):
             yield f"report.{name} is {value!r}"
 
 
-def _rows(run: Mapping[str, Any]) -> int:
+def rows_of(run: Mapping[str, Any]) -> int:
     """Return how many states the whole run has."""
     return -(-int(run["steps"]) // int(run["every"])) + 1
 
 
 def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
     """Yield what is wrong with the arrays that every run has, and those that it names."""
-    names, rows = about.get("arrays"), _rows(about["run"])
+    names, rows = about.get("arrays"), {rows_of(about["run"]), about.get(EXTENDS)}
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         yield f"arrays are {names!r}"
         return
@@ -155,8 +166,8 @@ def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
         except UNREADABLE:
             yield f"array {name!r} is missing or cannot be read"
             return
-        if array.ndim == 0 or array.shape[0] != rows:
-            yield f"array {name!r} has not {rows} rows"
+        if array.ndim == 0 or array.shape[0] not in rows:
+            yield f"array {name!r} has not {rows_of(about['run'])} rows"
             return
         blocks.add(array.chunks[0])
     if len(blocks) > 1:
@@ -164,9 +175,9 @@ def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
 
 
 def refuse_other_arrays(
-    path: Path, group: zarr.Group, fields: list[Field], rows: int, checkpoint_bytes: int
+    path: Path, group: zarr.Group, fields: list[Field], rows: Iterable[int], checkpoint_bytes: int
 ) -> None:
-    """Refuse to go on with a store whose arrays are not those of the run.
+    """Refuse to go on with a store whose arrays are not those of a run of so many rows.
 
     Raises
     ------
@@ -174,18 +185,19 @@ def refuse_other_arrays(
     """
     block = array_of(group, "time").chunks[0]
     expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
-        CHECKPOINT: ((checkpoint_bytes,), (checkpoint_bytes,), np.dtype("u1"))}
+        CHECKPOINT: ((), (checkpoint_bytes,), np.dtype("u1"))}
     for one in fields:
-        expected[one.name] = (rows, *one.shape), (block, *one.shape), np.dtype(one.dtype)
+        expected[one.name] = one.shape, (block, *one.shape), np.dtype(one.dtype)
         if one.wide:
-            expected[wide_name(one.name)] = ((rows, *one.wide_shape), (block, *one.wide_shape),
-                                             np.dtype("u1"))
-    for name, about in expected.items():
+            expected[wide_name(one.name)] = one.wide_shape, (block, *one.wide_shape), np.dtype("u1")
+    for name, (inner, chunks, dtype) in expected.items():
+        lengths = {checkpoint_bytes} if name == CHECKPOINT else set(rows)
         try:
             array = array_of(group, name)
         except UNREADABLE:
             raise _damaged(path, f"array {name!r} is missing or cannot be read") from None
-        if (array.shape, array.chunks, array.dtype) != about:
+        if (array.shape[:1] not in {(length,) for length in lengths}
+                or (array.shape[1:], array.chunks, array.dtype) != (inner, chunks, dtype)):
             raise _damaged(path, f"array {name!r} has not the form of this run's")
 
 

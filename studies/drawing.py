@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from ..errors import MissingDependencyError
+from ..runtime.plots import figure_class
 from .model import Panel, Series
 
 __all__ = ["arrange", "draw", "inline"]
@@ -33,17 +33,13 @@ def draw(panel: Panel) -> str:
     MissingDependencyError
         Without matplotlib.
     """
-    try:
-        from matplotlib import rc_context
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Figures need matplotlib; `pip install matplotlib` or `pip install gyrospark[plot]`."
-        ) from error
+    figure_type = figure_class()
+    from matplotlib import rc_context
+
     inks = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
     with rc_context({"svg.hashsalt": "gyrospark", "svg.fonttype": "path", "font.size": 9,
                      **dict.fromkeys(inks, _INK)}):
-        figure = Figure(figsize=(_WIDTH, _height(panel)), layout="constrained")
+        figure = figure_type(figsize=(_WIDTH, _height(panel)), layout="constrained")
         _draw_panel(figure.add_subplot(), panel)
         text = io.StringIO()
         figure.savefig(text, format="svg", transparent=True,

@@ -38,6 +38,9 @@ _COMMON = (
     "which steps stagnate at small Δt. *agrees* is equality after rounding to the printed digits."
 )
 _ROUND_OFF = "stagnation at round-off: which steps use up iter_max depends on the last bits"
+_UNSAID = "the paper does not say how it iterates; no start or norm that we tried meets more cells"
+#: The share of Tables 12-14 that is met on any machine, where 0.8 is not.
+_KNOWN_SHARE = 0.75
 
 
 def table_9(engine: Engine) -> Table:
@@ -72,7 +75,7 @@ def table_10(engine: Engine) -> Table:
         f"{_COMMON} Full Newton on x = (q_k, p_k, λ) from (q_{{k−1}}, p_{{k−1}}, 0), {_EMS} "
         "(erratum 20).",
         cells,
-        [_near_claim("readable cells", cells, 17), _types_alike(counts, _EMS)],
+        [_near_claim("readable cells", cells, 17, known=13), _types_alike(counts, _EMS)],
     )
 
 
@@ -227,13 +230,19 @@ def _counted(table: int, cells: list[Cell]) -> list[Cell]:
 # ---------------------------------------------------------------- claims
 
 
-def _near_claim(what: str, cells: list[Cell], wanted: int | None) -> Claim:
-    """Say how many printed cells are met within ±1 iteration; at least half if none is wanted."""
+def _near_claim(
+    what: str, cells: list[Cell], wanted: int | None, known: int | None = None
+) -> Claim:
+    """Say how many printed cells are met within ±1 iteration; at least half if none is wanted.
+
+    ``known`` are those that are met on any machine where not all that are wanted are.
+    """
     printed = [c for c in cells if c.paper is not None]
     near = sum(map(_is_near, printed))
     least = -(-len(printed) // 2) if wanted is None else wanted
+    as_known = known is not None and known <= near < least
     return Claim(f"Within ±1 iteration of the paper: {what}", f"{near} of {len(printed)}",
-                 f"at least {least}", near >= least)
+                 f"at least {least}", near >= least, known=_UNSAID if as_known else "")
 
 
 def _share_claim(cells: list[Cell]) -> Claim:
@@ -246,7 +255,7 @@ def _share_claim(cells: list[Cell]) -> Claim:
         f"{near} of {len(cells)} cells ({share:.0%}): {near - there} of "
         f"{len(cells) - len(smallest)} at Δt = 0.01 and 0.005, {there} of {len(smallest)} at "
         "0.001, where the printed means seem to contain stagnating steps",
-        "at least 80%", share >= 0.8,
+        "at least 80%", share >= 0.8, known=_ROUND_OFF if _KNOWN_SHARE <= share < 0.8 else "",
     )
 
 

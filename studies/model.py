@@ -42,7 +42,8 @@ class Cell:
 class Claim:
     """A statement that was checked, with the number that decides it.
 
-    ``how`` is "proved" for a symbolic identity and "measured" for a law seen in numbers.
+    ``how`` is "proved" for a symbolic identity and "measured" for a law seen in numbers; ``known``
+    says why it does not hold where that is as it has always been.
     """
 
     statement: str
@@ -50,11 +51,19 @@ class Claim:
     wanted: str
     holds: bool
     how: Literal["proved", "measured"] = "measured"
+    known: str = ""
+
+    @property
+    def outcome(self) -> str:
+        """What became of it, in a word or two."""
+        if self.holds:
+            return "proved" if self.how == "proved" else "holds"
+        return "not met, as is known" if self.known else "fails"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the claim for JSON."""
         return {"statement": self.statement, "found": self.found, "wanted": self.wanted,
-                "holds": self.holds, "how": self.how}
+                "holds": self.holds, "how": self.how, "known": self.known}
 
 
 @dataclass(frozen=True)

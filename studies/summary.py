@@ -24,6 +24,7 @@ __all__ = [
     "notes",
     "requirements",
     "section",
+    "unexpected",
     "unexplained",
     "write_summary",
 ]
@@ -110,6 +111,11 @@ def failing(results: Iterable[Result]) -> list[tuple[Result, Claim]]:
     return [(result, claim) for result in results for claim in result.claims if not claim.holds]
 
 
+def unexpected(results: Iterable[Result]) -> list[tuple[Result, Claim]]:
+    """Return the claims that do not hold although, as far as is known, they should."""
+    return [(result, claim) for result, claim in failing(results) if not claim.known]
+
+
 def headlines(results: Sequence[Result]) -> list[tuple[Result, Claim]]:
     """Return the first claims of the results in ``HEADLINES`` and of every finding."""
     return [(result, result.claims[0]) for result in results
@@ -154,7 +160,8 @@ def _overview(results: Sequence[Result]) -> list[str]:
         text = f"{holding} of {len(claims)} claims hold."
         if holding < len(claims):
             names = dict.fromkeys(result.name for result, _ in failing(results))
-            text += f" The others are in {', '.join(names)}."
+            text += f" The others are in {', '.join(names)}" + (
+                "." if unexpected(results) else ", and why is known.")
         parts.append(text)
     return parts
 
@@ -215,10 +222,14 @@ def shown(value: float | str | None) -> str:
 
 def _claims(claims: Sequence[Claim]) -> str:
     rows = [["claim", "found", "wanted", ""]]
-    rows += [[claim.statement, claim.found, claim.wanted,
-              ("proved" if claim.how == "proved" else "holds") if claim.holds else "**fails**"]
-             for claim in claims]
+    rows += [[claim.statement, claim.found, claim.wanted, _outcome(claim)] for claim in claims]
     return _grid(rows)
+
+
+def _outcome(claim: Claim) -> str:
+    if claim.holds:
+        return claim.outcome
+    return f"**{claim.outcome}**" + (f": {claim.known}" if claim.known else "")
 
 
 def _grid(rows: Sequence[Sequence[str]]) -> str:

@@ -8,7 +8,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, MissingDependencyError
-from ..storage.interrupts import Interrupts
+from ..runtime.interrupts import Interrupts
 from ..storage.layout import Field
 from .compute import compute
 from .results import Sink, Store

@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ..storage.interrupts import Interrupts
+from ..runtime.interrupts import Interrupts
 from ..storage.layout import Field
 from .compute import compute
 from .results import Sink

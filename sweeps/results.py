@@ -6,6 +6,7 @@ chunk is there, the tile is done and on the disk, and is never computed again.
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
 from collections.abc import Iterable
@@ -20,6 +21,7 @@ from ..errors import InputError
 from ..runtime.binding import REASONS
 from ..storage.chunks import Chunk, write_chunks
 from ..storage.durable import DurableStore, storage_errors
+from ..storage.identity import written_by
 from ..storage.layout import (
     QUANTITY,
     Field,
@@ -27,21 +29,24 @@ from ..storage.layout import (
     attributes_of,
     consolidate,
     create_array,
+    labels_of,
     open_group,
 )
 from .axes import SCHEME
 from .study import Study
-from .tiles import Tile, tile_shape, tiles_of
+from .tiles import Tile, tile_counts, tile_shape, tiles_of
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["BAD_START", "CURE", "NOT_COMPUTED", "STATUS", "Memory", "Sink", "Store",
-           "count_statuses", "create_store", "done_tiles", "fields_of", "meanings",
+__all__ = ["BAD_START", "CURE", "FORMAT", "NOT_COMPUTED", "STATUS", "Memory", "Sink", "Store",
+           "count_statuses", "create_store", "done_tiles", "fields_of", "is_complete", "meanings",
            "open_sweep", "summary"]
 
 Array = NDArray[Any]
 
+#: Of the layout of stores; another one is refused.
+FORMAT = 1
 STATUS = "status"
 NOT_COMPUTED = -1
 BAD_START = 4
@@ -145,7 +150,7 @@ class Memory:
                             f.attributes) for f in self._fields}
         coordinates = {name: (inner, _labelled(name, values, said))
                        for name, (inner, values, said) in _coordinates(self._study).items()}
-        return xarray.Dataset(results, coordinates, attributes)
+        return _named(xarray.Dataset(results, coordinates, attributes))
 
 
 class Store:
@@ -215,11 +220,25 @@ def _labelled(name: str, values: Array, attributes: dict[str, Any]) -> Array:
     return values if name != SCHEME else np.array(attributes["labels"])[values]
 
 
+def _named(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Return a result whose coordinates go by the names that the system gives them."""
+    system = next(iter(dataset.attrs["manifests"].values()))["system"]
+    found: xarray.Dataset = dataset.assign_coords({
+        dimension: (dimension, names, {"long_name": meaning})
+        for dimension, (names, meaning) in labels_of(system).items() if dimension in dataset.dims})
+    return found
+
+
 def done_tiles(path: Path) -> set[tuple[int, ...]]:
     """Return the places of the tiles whose last array is on the disk."""
     root = path / STATUS / "c"
     return {tuple(map(int, p.relative_to(root).parts)) for p in _files(root)
             if all(part.isdigit() for part in p.relative_to(root).parts)}
+
+
+def is_complete(study: Study, path: Path) -> bool:
+    """Whether all tiles of a study are in its store."""
+    return len(done_tiles(path)) == math.prod(tile_counts(study))
 
 
 def _files(root: Path) -> Iterable[Path]:
@@ -249,6 +268,9 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     root = Path(path)
     try:
         about = attributes_of(open_group(root))
+        if about["sweep"]["format"] != FORMAT:
+            raise written_by(root, about["sweep"]["gyrospark"], f"its format is "
+                             f"{about['sweep']['format']}, and {FORMAT} is known here")
         names = about["sweep"]["results"]
         found: xarray.Dataset = xarray.open_zarr(root)
         if SCHEME in found:
@@ -256,8 +278,9 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
             found = found.assign_coords({SCHEME: (scheme.dims, _labelled(
                 SCHEME, np.asarray(scheme), scheme.attrs))})
         axes = [name for name in found.variables if name not in names]
-        kept: xarray.Dataset = found.set_coords(axes)[names]
-        return kept
+        return _named(found.set_coords(axes)[names])
+    except InputError:
+        raise
     except PermissionError as error:
         raise InputError(f"{str(root)!r} cannot be read: {error.strerror}.") from error
     except (OSError, ValueError, KeyError, TypeError, IndexError) as error:

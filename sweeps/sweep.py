@@ -14,10 +14,10 @@ from .._version import __version__
 from ..errors import InputError, Stopped, StorageError
 from ..exact import digits_of
 from ..runtime.checks import as_positive_count
-from ..storage.durable import remove_parts, storage_errors
+from ..runtime.interrupts import ctrl_c, watched
+from ..storage.durable import new_store_path, remove_parts, storage_errors
 from ..storage.fresh import appearing, is_new
 from ..storage.identity import refuse_if_different, versions
-from ..storage.interrupts import Interrupts, watched
 from ..storage.layout import Field, attributes_of, open_group
 from ..storage.lock import claim
 from ..storage.wide import as_bytes
@@ -25,6 +25,7 @@ from . import cluster, local
 from .plan import plan
 from .results import (
     CURE,
+    FORMAT,
     Memory,
     Sink,
     Store,
@@ -41,8 +42,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Progress", "run_study", "sweep"]
 
-#: Of the layout of stores; another one is refused.
-_FORMAT = 1
+#: What makes a file of a sweep.
+_AS_FILE = "xarray writes the dataset that sweep(...) returns: .to_netcdf('sweep.nc')."
 #: Called with the number of cells that are done, and how many there are.
 Progress = Callable[[int, int], None]
 
@@ -121,7 +122,7 @@ def sweep(
     StorageError
         If the store cannot be written, or another process is at it.
     Stopped
-        After a signal, with every finished cell in the store.
+        After a signal, with every finished cell in the store, or in the error's ``dataset``.
     """
     study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
                  parameters=parameters, dt=dt, steps=steps, duration=duration, every=every,
@@ -145,9 +146,13 @@ def run_study(
         if resume:
             raise InputError("resume goes on with a store; give out.")
         memory = Memory(study, fields)
-        _compute(study, fields, set(), memory, threads, client, progress, None)
+        try:
+            _compute(study, fields, set(), memory, threads, client, progress, None)
+        except Stopped as stopped:
+            stopped.dataset = memory.dataset(attributes)
+            raise
         return memory.dataset(attributes)
-    path = Path(out)
+    path = new_store_path(out, _AS_FILE)
     with claim(path):
         with storage_errors(path, CURE):
             _prepare(study, fields, path, attributes, resume)
@@ -185,20 +190,24 @@ def _compute(
     left = (tile for tile in tiles_of(study, stored) if tile.place not in done)
     counted = _Count(cells, study.size, progress)
     counted.tell()
-    with watched() as interrupts:
+    with watched() if stored else ctrl_c() as interrupts:
         if client is None:
             local.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
         else:
             cluster.run_tiles(study, fields, left, sink, client, interrupts, counted.add)
-    if interrupts.asked and counted.done < study.size:
-        _stop(counted, interrupts, path)
+    if interrupts.asked:
+        raise Stopped(_end(counted, path), interrupts.signal)
 
 
-def _stop(counted: _Count, interrupts: Interrupts, path: Path | None) -> None:
-    where = ("nothing of it was stored" if path is None else
-             f"they are in {str(path)!r}. The same command with --resume goes on")
-    raise Stopped(f"Stopped with {counted.done:,} of {counted.all:,} cells done; {where}.",
-                  interrupts.signal)
+def _end(counted: _Count, path: Path | None) -> str:
+    """Return what is said of a sweep that a signal has ended."""
+    where = ".dataset" if path is None else repr(str(path))
+    if counted.done == counted.all:
+        return (f"Stopped after the last of {counted.all:,} cells: the sweep is complete, in "
+                f"{where}.")
+    more = "" if path is None else " The same command with --resume goes on."
+    return (f"Stopped with {counted.done:,} of {counted.all:,} cells done; they are in "
+            f"{where}.{more}")
 
 
 class _Count:
@@ -227,7 +236,7 @@ def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
     return {
         "title": study.name,
         "sweep": {
-            "format": _FORMAT,
+            "format": FORMAT,
             "gyrospark": __version__,
             "steppers": {s.name: s.provenance for s in study.steppers},
             "axes": {axis.name: {name: _digest(values) for name, values in axis.columns.items()}

@@ -49,7 +49,10 @@ def test_failed_trajectory_is_saved_too(failures, tmp_path):
 def test_names_of_files(saved, tmp_path, monkeypatch):
     made, _ = saved
     monkeypatch.chdir(tmp_path)
-    assert made.save("a.b") == Path("a.b.npz")
+    for bad in ("a.b", "a.xlsx", "top.npz.zip"):
+        with refused(r"end it in \.npz, \.csv, \.nc"):
+            made.save(bad)
+    assert made.save("a.NPZ") == Path("a.NPZ")
     assert made.save(str(tmp_path / "c")) == tmp_path / "c.npz"
     for bad in ("", ".", "/"):
         with refused("no file name"):
@@ -150,3 +153,17 @@ def test_inconsistent_files_are_refused(saved, tmp_path):
         with refused(r"bad\.npz"):
             gs.Trajectory.load(rewritten(path, bad, **changes))
     assert equal(gs.Trajectory.load(rewritten(path, bad)), made)
+
+
+def test_file_of_another_version(saved, tmp_path):
+    """A field more is left alone, one that came later has its default, a format is named."""
+    made, path = saved
+    with np.load(path) as file:
+        report = json.loads(str(file["about"]))["report"]
+    work = report.pop("work")
+    other = rewritten(path, tmp_path / "other.npz", about={"report": report | {"later": 1}})
+    assert equal(gs.Trajectory.load(other), made)
+    assert work == gs.Trajectory.load(other).report.work == 0.0
+    with refused(r"other\.npz' was written by gyrospark .* in format 9; this is gyrospark .*, "
+                 "which reads format 2"):
+        gs.Trajectory.load(rewritten(path, other, about={"format": 9}))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -45,6 +47,18 @@ def test_picture_is_written(ending, tmp_path, gl3):
     assert made.plot(path) is not None
     start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending.lower()]
     assert path.read_bytes().startswith(start)
+
+
+def test_jupyter_shows_a_picture_once(gl3):
+    """By itself: ``pyplot``, which would show it once more, knows nothing of it."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    figure = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN).plot()
+    data, size = figure._repr_png_()
+    assert data.startswith(b"\x89PNG")
+    width, height = np.frombuffer(data[16:24], dtype=">u4")  # of the first chunk, IHDR
+    assert (width, height) == (2 * size["width"], 2 * size["height"]) == (1584, 662)
+    assert pyplot.get_fignums() == []
+    assert isinstance(pickle.loads(pickle.dumps(figure)), type(figure))
 
 
 @pytest.mark.parametrize("name", ["top.txt", "top", "top.npz", "top.jpeg", ".png", ""])

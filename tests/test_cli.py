@@ -145,6 +145,8 @@ NUMBERS = {
     "output folder a file": (["--out", "/dev/null/top.npz"], ["--out", "'/dev/null'"]),
     "output a folder": (["--out", "."], ["--out", "no file name"]),
     "output empty": (["--out", ""], ["--out", "no file name"]),
+    "output ending": (["--out", "top.xlsx"],
+                      ["--out", "'top.xlsx'", ".npz, .csv, .nc, .zarr"]),
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -89,11 +90,12 @@ def test_full_disk_behind_stdout(arguments, tmp_path):
     assert "No space left" in done.stderr
 
 
-def on_terminal(arguments, cwd):
+def on_terminal(arguments, cwd, command=None, **changes):
     """Start a command whose stderr is a terminal; return the process and the terminal."""
     ours, theirs = pty.openpty()
-    process = subprocess.Popen(gyrospark_command(*arguments), stdout=subprocess.PIPE, stderr=theirs,
-                               cwd=cwd, env=environment(TERM="xterm", COLUMNS="100"))
+    process = subprocess.Popen(
+        command or gyrospark_command(*arguments), stdout=subprocess.PIPE, stderr=theirs, cwd=cwd,
+        env=environment(TERM="xterm", COLUMNS="100", **changes), stdin=subprocess.DEVNULL)
     os.close(theirs)
     return process, ours
 
@@ -124,7 +126,7 @@ def test_interrupt_ends_a_long_run(every, tmp_path):
         time.sleep(0.3)
         asked = time.monotonic()
         process.send_signal(signal.SIGINT)
-        said = read_until(terminal, b"Interrupted")
+        said = read_until(terminal, b"Stopped at step")
         code = process.wait(60)
         assert time.monotonic() - asked < 30
     finally:
@@ -133,7 +135,7 @@ def test_interrupt_ends_a_long_run(every, tmp_path):
         os.close(terminal)
         process.stdout.close()
     assert code == 130
-    assert b"Interrupted" in said
+    assert b"Stopped at step" in said
     assert b"Traceback" not in said
 
 
@@ -177,6 +179,51 @@ def test_bar_on_a_terminal_leaves_stdout_clean(tmp_path):
     assert b"60,000" in shown
     assert printed.startswith(b"fast-top with")
     assert b"\x1b" not in printed
+
+
+def said_on_terminal(arguments, cwd, command=None, **changes):
+    """Return what a command says on a terminal as stderr, and on stdout, to its end."""
+    process, terminal = on_terminal(arguments, cwd, command, **changes)
+    with process.stdout as stream:
+        shown = read_until(terminal, b"no such word", 60)
+        printed = stream.read()
+    os.close(terminal)
+    assert process.wait(PATIENCE) == 0, shown
+    return shown.decode(), printed.decode()
+
+
+PENDULUM = ["run", str(ROOT / "examples" / "pendulum.toml"), "--scheme", "IMS", "--steps", "5"]
+
+
+def test_first_compile_is_said_on_a_terminal(tmp_path):
+    """What is derived and compiled, while it is done and with its time; the second time nothing."""
+    cache = {"GYROSPARK_CACHE": str(tmp_path / "cache")}
+    shown, printed = said_on_terminal(PENDULUM, tmp_path, **cache)
+    for name in (r"deriving \S+pendulum\.toml with ims …", r"derived \S+pendulum\.toml in [\d.]+ s",
+                 "compiling pendulum_ims …", r"compiled pendulum_ims in [\d.]+ s"):
+        assert re.search(name, shown.replace("\r\n", "")), shown
+    assert printed.startswith("pendulum with pendulum_ims")
+    assert "\x1b" not in printed
+    assert said_on_terminal(PENDULUM, tmp_path, **cache)[0] == ""
+
+
+@pytest.mark.parametrize("kind", ["json", "piped", "script", "logged", "interactive"])
+def test_who_hears_of_the_first_compile(kind, tmp_path):
+    """Nobody in pipes and scripts; who listens to the log, or sits before a Python."""
+    cache = {"GYROSPARK_CACHE": str(tmp_path / "cache")}
+    if kind == "piped":
+        assert cli(*IMS, cwd=tmp_path, **cache).stderr == ""
+        return
+    if kind == "json":
+        assert said_on_terminal([*IMS, "--json"], tmp_path, **cache)[0] == ""
+        return
+    setup = {"script": "", "logged": "import logging; logging.basicConfig(level='INFO')\n",
+             "interactive": "import sys; sys.ps1 = '>>> '\n"}[kind]
+    code = setup + "import gyrospark as gs; gs.stepper('IMS')"
+    shown, _ = said_on_terminal([], tmp_path, [sys.executable, "-c", code], **cache)
+    wanted = {"script": r"", "logged": r"INFO:gyrospark:compiled heavy_top_ims_gamma in .* s\s*",
+              "interactive": r"(?s).*compiling heavy_top_ims_gamma ….*\x1b\[2K"}[kind]
+    assert re.fullmatch(wanted, shown), shown
 
 
 def test_interrupt_of_derivation(tmp_path):

@@ -171,7 +171,7 @@ def test_part_of_a_recording(first, thin, gl3, tmp_path):
 def test_rows_of_a_block():
     """A power of two, of 32 MB at most, and of the run if that is shorter."""
     for scheme in (("IMS", None), ("G-L", 3)):
-        fields = fields_of(gs.stepper(*scheme))
+        fields = fields_of(gs.stepper(*scheme).manifest)
         rows = block_rows(fields, 10**9)
         row = sum(field.row_bytes for field in fields)
         assert rows & (rows - 1) == 0

@@ -13,6 +13,7 @@ import xarray
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
+from gyrospark.runtime.states import headings
 from stores import START, Interrupted, assert_same, ends_after, small_blocks
 from test_cli import FAILS, RUN, gyrospark, refused  # noqa: F401 (the fixture)
 from test_forces import PARAMETERS as FORCED
@@ -20,7 +21,6 @@ from test_forces import pendulum
 from test_structure import made, start
 
 ENDS = [".csv", ".nc", ".npz"]
-CSV = {"time": "t", "energy": "energies", "g_error": "g_errors", "f_error": "f_errors"}
 
 
 def forced_run(out):
@@ -70,18 +70,78 @@ def read_csv(path):
 
 
 def test_csv_has_the_doubles(stored, tmp_path):
+    """In the order of the arrays: a column a number."""
     columns = read_csv(stored.export(tmp_path / "run.csv"))
     dataset = stored.dataset.load()
-    expected = {}
-    for name in ("time", *dataset.data_vars):
-        array = dataset[name]
-        if "byte" not in array.dims:
-            for index in np.ndindex(array.shape[1:]):
-                place = (slice(None), *index)
-                expected[name + "_".join(map(str, index))] = array.values[place]
-    assert list(columns) == list(expected)
-    for name, values in expected.items():
-        np.testing.assert_array_equal(columns[name], values.astype(float), err_msg=name)
+    expected = [array.values.reshape(len(array), -1)
+                for array in (dataset["time"], *dataset.data_vars.values())
+                if "byte" not in array.dims]
+    found = np.stack(list(columns.values()), axis=1)
+    np.testing.assert_array_equal(found, np.concatenate(expected, axis=1).astype(float))
+
+
+NAMES = {
+    "top": "time q0 q1 q2 q3 p0 p1 p2 p3 energy g_error f_error iterations multipliers0",
+    "forced": "time x y u v energy g_error f_error iterations multipliers0 multipliers1 "
+              "multipliers2 work height drive",
+    "two constraints": "time q0 q1 q2 q3 x y z p0 p1 p2 p3 px py pz energy g_error f_error "
+                       "iterations " + " ".join(f"multipliers{i}_{j}" for i in range(3)
+                                                for j in range(2)) + " work",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_csv_goes_by_the_systems_names(name, tmp_path):
+    stored = RUNS[name](tmp_path / "run.zarr")
+    assert " ".join(read_csv(stored.export(tmp_path / "run.csv"))) == NAMES[name]
+
+
+def test_headings_differ_whatever_the_names():
+    """A name that is taken is told apart by what it is the name of."""
+    system = {"coordinates": ["energy", "work"], "momenta": ["p", "q0"],
+              "quantities": ["energy", "q_energy", "spin"]}
+
+    shapes = {"time": (), "q": (2,), "p": (2,), "energy": (), "work": (),
+              **{f"quantity_{name}": () for name in system["quantities"]}}
+    assert headings(system, shapes) == [
+        "time", "q_energy", "q_work", "p", "q0", "energy", "work", "quantity_energy",
+        "quantity_q_energy", "spin"]
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_trajectory_is_written_as_a_store_is(end, stored, tmp_path):
+    """The same numbers under the same names, without a store."""
+    exported = stored.export(tmp_path / f"stored{end}")
+    saved = stored.trajectory().save(tmp_path / f"saved{end}")
+    if end == ".nc":
+        with (xarray.open_dataset(exported, engine="h5netcdf", decode_times=False) as one,
+              xarray.open_dataset(saved, engine="h5netcdf", decode_times=False) as other):
+            wide = [name for name in one if name.endswith("_bytes")]  # a NaN has many
+            xarray.testing.assert_equal(one.drop_vars(wide).load(), other.drop_vars(wide).load())
+            assert set(one.variables) == set(other.variables)
+            assert other.attrs["report"] == one.attrs["report"]
+    elif end == ".csv":
+        assert saved.read_bytes() == exported.read_bytes()
+    assert sorted(tmp_path.glob(".*.part")) == []
+
+
+def test_npz_has_the_names(tmp_path):
+    """For readers that know no manifest."""
+    with np.load(forced_run(tmp_path / "run.zarr").export(tmp_path / "run.npz")) as file:
+        assert file["coordinates"].tolist() == ["x", "y"]
+        assert file["momenta"].tolist() == ["u", "v"]
+        assert file["quantities"].tolist() == ["height", "drive"]
+
+
+def test_dataset_goes_by_the_systems_names(tmp_path):
+    stored = forced_run(tmp_path / "run.zarr")
+    found, made = stored.dataset, stored.trajectory()
+    np.testing.assert_array_equal(found["q"].sel(coordinate="y"), made.q[:, 1])
+    np.testing.assert_array_equal(found["p"].sel(coordinate="y"), made.p[:, 1])
+    assert found["p"].attrs["components"] == list(made.momenta) == ["u", "v"]
+    with xarray.open_dataset(stored.export(tmp_path / "run.nc"), engine="h5netcdf",
+                             decode_times=False) as file:
+        np.testing.assert_array_equal(file["q"].sel(coordinate="y"), made.q[:, 1])
 
 
 def test_npz_is_the_trajectory(stored, tmp_path):
@@ -94,8 +154,10 @@ def test_netcdf_is_the_dataset(stored, tmp_path):
     whole = stored.dataset.load()
     with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as found:
         xarray.testing.assert_equal(found.load(), whole)
+        assert set(found.variables) == set(whole.variables)
         for name in whole.variables:
-            assert found[name].dtype == whole[name].dtype
+            kinds = found[name].dtype, whole[name].dtype
+            assert len(set(kinds)) == 1 or {kind.kind for kind in kinds} <= set("OUT")  # text
             assert found[name].attrs["long_name"] == whole[name].attrs["long_name"]
         assert json.loads(found.attrs["manifest"]) == stored.attributes["manifest"]
         assert json.loads(found.attrs["run"]) == stored.attributes["run"]
@@ -229,7 +291,7 @@ def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):  # noqa: 
 
 def test_stopped_export_goes_on(gl3, gyrospark, monkeypatch, tmp_path):  # noqa: F811
     """A signal: the file has the states so far, the store beside it goes on."""
-    from gyrospark.storage.interrupts import Interrupts
+    from gyrospark.runtime.interrupts import Interrupts
 
     long = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
             "20000", "--every", "10", "--out", "x.csv"]

@@ -70,6 +70,8 @@ def test_disk_that_fails_at_any_operation(number, words, every, tmp_path, monkey
             disk.good_until = None
         if out.exists():
             gs.open_recording(out)
+        else:
+            assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".run")] == []
         gs.record(step, out=out, resume=True, **arguments)
         assert_same_bytes(tmp_path / "whole.zarr", out)
     assert good > 60

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.storage import layout
+from gyrospark.storage import layout, record
 from stores import (
     START,
     Interrupted,
@@ -252,3 +252,71 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
     monkeypatch.setattr(layout, "_MOST_ROWS", 64)
     gs.record(gl3, **arguments, out=tmp_path / "run.zarr", resume=True)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")
+
+
+# ---------------------------------------------------------------- more steps
+
+
+@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize(("first", "second"), [(50, 90), (49, 200), (0, 30), (64, 65)])
+def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path, monkeypatch):
+    """As if it had been begun with them, to the bit, also from a last state between two others."""
+    small_blocks(monkeypatch, 16)
+    out = tmp_path / "run.zarr"
+    gs.record(gl3, **START, out=out, steps=first, every=every)
+    for steps in (second, second + 5):
+        found = gs.record(gl3, **START, out=out, steps=steps, every=every, resume=True)
+        assert_same(found.trajectory(), gl3.integrate(**START, steps=steps, every=every))
+        assert found.dataset.sizes["time"] == found.states
+        assert found.attributes["title"].endswith(f"{steps} steps of 0.001 s")
+    with pytest.raises(gs.InputError, match=f"steps was {second + 5} and is {second}"):
+        gs.record(gl3, **START, out=out, steps=second, every=every, resume=True)
+
+
+def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
+    small_blocks(monkeypatch, 4)
+    monkeypatch.setattr("gyrospark.runtime.integration._CHUNK", 7)
+    out, arguments = tmp_path / "run.zarr", START | {"every": 3}
+    for steps, count in ((100, 0), (120, 5), (200, 4)):
+        with pytest.raises(Interrupted):
+            gs.record(gl3, **arguments, out=out, steps=steps, resume=True,
+                      progress=ends_after(count))
+    found = gs.record(gl3, **arguments, out=out, steps=300, resume=True)
+    assert_same(found.trajectory(), gl3.integrate(**arguments, steps=300))
+
+
+def test_failed_run_has_no_more_steps(failures, tmp_path):
+    step, options, _ = failures[0]
+    arguments = {"q": TOP.q0, "p": TOP.p0, **options, "out": tmp_path / "run.zarr"}
+    with pytest.raises(gs.StepFailed):
+        gs.record(step, **arguments, steps=200)
+    with pytest.raises(gs.InputError, match="steps was 200 and is 300"):
+        gs.record(step, **arguments, steps=300, resume=True)
+
+
+def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
+    """The process ended after any of the files: old states are there, either number goes on."""
+    small_blocks(monkeypatch, 16)
+    out, copies = tmp_path / "run.zarr", []
+    old = gs.record(gl3, **START, out=out, steps=40).trajectory()
+
+    def copy(folder):
+        copies.append(tmp_path / f"{len(copies)}.zarr")
+        shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gyrospark.storage.durable.sync_folder", copy)
+        patch.setattr(record._Course, "go", lambda self, progress: None)
+        with pytest.raises(gs.StepFailed):  # it is not complete
+            gs.record(gl3, **START, out=out, steps=90, resume=True)
+    whole = gl3.integrate(**START, steps=90)
+    assert len(copies) > 8
+    for number, path in enumerate(copies):
+        assert_same_states(gs.open_recording(path).trajectory(), whole)
+        assert gs.open_recording(path).dataset.sizes["time"] == 41
+        if number < len(copies) - 1 and number % 2:
+            again = gs.record(gl3, **START, out=path, steps=40, resume=True)
+            assert_same(again.trajectory(), old)
+        else:
+            again = gs.record(gl3, **START, out=path, steps=90, resume=True)
+            assert_same(again.trajectory(), whole)

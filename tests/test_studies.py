@@ -20,6 +20,7 @@ from gyrospark.studies import accuracy, catalogue, convergence, invariants, para
 from gyrospark.studies.drawing import arrange, draw
 from gyrospark.studies.engine import Case, Engine, parameter_value, scheme_of
 from gyrospark.studies.fit import crossing, fit_line, fit_slope
+from gyrospark.studies.iterations import _near_claim
 from gyrospark.studies.model import Cell, Claim, Panel, Series, Table
 from gyrospark.studies.printed import MISPRINTS, TABLE_4, TABLE_6, TABLE_7, Misprint
 from gyrospark.studies.report import as_json, report_files
@@ -345,6 +346,56 @@ def test_command_names_what_it_knows():
     with pytest.raises(InputError, match="table-2 to table-14, figure-5 to figure-16") as caught:
         CliRunner().invoke(reproduce, ["table-15"], standalone_mode=False, catch_exceptions=False)
     assert "\n" not in str(caught.value)
+
+
+CLAIMS = {
+    "holds": Claim("s", "f", "w", holds=True),
+    "known": Claim("s", "f", "w", holds=False, known="nobody knows how it was done"),
+    "unknown": Claim("s", "f", "w", holds=False),
+}
+
+
+@pytest.mark.parametrize(("claim", "code", "words"), [
+    ("holds", 0, "4 of 4 claims hold\n"),
+    ("known", 0, "0 of 4 claims hold; why the others do not is known\n"),
+    ("unknown", 1, "FAILS: s: f (wanted: w)\n"),
+])
+def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monkeypatch, tmp_path):
+    """Piped, it says on stderr what it is at."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(catalogue, "RESULTS", {
+        f"table-{n}": lambda engine, n=n: Table(n, "t", "a", [], [CLAIMS[claim]] * 2)
+        for n in (2, 3)})
+    done = CliRunner().invoke(reproduce, ["all"], standalone_mode=False)
+    assert done.return_value == code
+    assert words in done.stdout
+    assert done.stderr == "table-2: 1 of 2\ntable-3: 2 of 2\n"
+    assert ("nobody knows" in done.stdout) is (claim == "known")
+    page = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    assert ("nobody knows" in page) is (claim == "known")
+    quiet = CliRunner().invoke(reproduce, ["all", "--json"], standalone_mode=False)
+    assert quiet.stderr == ""
+    assert json.loads(quiet.stdout)["results"]["table-2"]["claims"][0]["holds"] is (
+        claim == "holds")
+
+
+@pytest.mark.parametrize(("what", "met"), [("holds", 17), ("known", 14), ("unknown", 12)])
+def test_what_is_known_of_table_10_is_bounded(what, met):
+    """Fewer cells than it has always met are news."""
+    cells = [Cell("r", f"c{i}", 1.0, 1.0, "agrees" if i < met else "differs", "n")
+             for i in range(19)]
+    found = _near_claim("cells", cells, 17, known=13)
+    assert (found.holds, bool(found.known)) == (what == "holds", what == "known")
+
+
+@pytest.mark.parametrize("folder", ["/dev/null/report", "file/report", "file", "page.html"])
+def test_report_that_cannot_be_written_is_refused_at_once(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr(catalogue, "compute", None)  # nothing is computed
+    with pytest.raises(InputError, match=f"--out '{folder}'"):
+        CliRunner().invoke(reproduce, ["table-2", "--out", folder], standalone_mode=False,
+                           catch_exceptions=False)
 
 
 def test_catalogue_is_complete():

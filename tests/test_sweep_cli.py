@@ -70,7 +70,8 @@ def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path):
 
 
 @pytest.mark.parametrize("arguments", [
-    ["--out", "none/s.zarr"], ["--workers", "x"], ["--show", "q"], ["--plot", "s.txt"],
+    ["--out", "none/s.zarr"], ["--out", "s.csv"], ["--workers", "x"], ["--show", "q"],
+    ["--plot", "s.txt"],
     pytest.param(["--dask", "tcp://127.0.0.1:1"], marks=pytest.mark.slow)])
 def test_wrong_options_end_in_one_sentence(arguments, tmp_path):
     study_file(tmp_path)
@@ -105,3 +106,55 @@ def test_pictures_of_one_and_three_axes_and_what_cannot_be_drawn(tmp_path):
         draw(one, "q")
     lost = gs.sweep(TOP, {"gamma": GAMMAS, "dt": [50.0, 60.0]}, scheme="EMS", steps=5)
     draw(lost, "energy_error_max", tmp_path / "lost.png")
+
+
+def drawn(over, **arguments):
+    """Return the axes of a picture of a sweep."""
+    return draw(gs.sweep(TOP, over, steps=3, **arguments), "energy_error_max").axes[0]
+
+
+def spaced(low, high, count, spacing):
+    return {"from": low, "to": high, "count": count, "spacing": spacing}
+
+
+@pytest.mark.parametrize(("values", "scale"), [
+    (spaced(1e-4, 1e-2, 12, "linear"), "linear"), (spaced(1e-4, 1e-2, 12, "log"), "log"),
+    (spaced(1e-3, 2e-3, 5, "log"), "log"), ([1e-4, 2e-4, 5e-4, 1e-3, 2e-3], "log"),
+    ([1e-3, 2e-3], "linear"), ([1e-3], "linear"), ([3e-3, 1e-3, 2e-3], "linear"),
+    (spaced(-1e-3, -1e-2, 5, "log"), "linear")])
+def test_axes_are_drawn_as_they_are_spaced(values, scale):
+    axes = drawn({"dt": values}, scheme="EMS")
+    assert axes.get_xscale() == scale
+    assert (axes.lines[0].get_xdata() == sorted(axes.lines[0].get_xdata())).all()
+
+
+@pytest.mark.parametrize(("over", "names", "label", "scale"), [
+    ({"scheme": ["EMS", "G-L 2"], "gamma": spaced(4e-4, 4e-3, 12, "linear")}, ["EMS", "G-L 2"],
+     "γ (kg m²)", "linear"),
+    ({"dt": spaced(1e-4, 1e-2, 9, "log"), "scheme": ["EMS", "IMS"]}, ["EMS", "IMS"], "Δt (s)",
+     "log"),
+    ({"gamma": [8e-4, 1.2e-3], "dt": [1e-3, 2e-3, 3e-3]}, ["0.0008", "0.0012"], "Δt (s)",
+     "linear"),
+    ({"pair": {"gamma": [8e-4, 1e-3], "mgl": [0.3, 0.4]}, "dt": [1e-3, 2e-3, 4e-3]},
+     ["gamma = 0.0008, mgl = 0.3", "gamma = 0.001, mgl = 0.4"], "Δt (s)", "log"),
+    ({"start": {"angular_velocity": [[0, 0, 100], [0, 5, 100]]}, "dt": [1e-3, 2e-3]}, ["0", "1"],
+     "Δt (s)", "linear")])
+def test_few_values_are_lines(over, names, label, scale):
+    """Schemes, starts, points and short axes: one line each, named, over the other axis."""
+    axes = drawn(over, **({} if "scheme" in over else {"scheme": "EMS"}),
+                 **({} if "dt" in over else {"dt": 1e-3}))
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == names
+    assert (axes.get_xlabel(), axes.get_xscale()) == (label, scale)
+    assert len(axes.lines) == len(names)
+    assert not axes.collections
+
+
+def test_two_long_axes_are_colours():
+    """And what is fixed is said."""
+    over = {"scheme": ["EMS", "IMS"], "gamma": spaced(4e-4, 4e-3, 12, "log"),
+            "dt": spaced(1e-4, 1e-2, 11, "linear")}
+    axes = drawn(over)
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "linear")
+    assert len(axes.collections) == 1
+    assert not axes.lines
+    assert axes.get_title().endswith("scheme = EMS")

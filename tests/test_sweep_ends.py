@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from gyrospark.sweeps.sweep import run_study
 from killing import differences
 from processes import ROOT, call, environment, gyrospark_command, wait_for
 from sweeping import STUDY, study_file
+from test_cli import gyrospark  # noqa: F401 (the fixture)
 
 
 def killed(folder, kills, seed):
@@ -52,6 +54,20 @@ def test_ctrl_c_keeps_every_finished_cell(tmp_path):
     assert "--resume" in said
     cells = int(said.split("Stopped with ")[1].split(" ")[0].replace(",", ""))
     assert cells == int((gs.open_sweep(store).status == 0).sum()) > 0
+
+
+def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):  # noqa: F811
+    """The sweep is complete, and is told so, with its report."""
+    study_file(tmp_path)
+    sweep = sys.modules["gyrospark.commands.sweep"]  # the package has the command by that name
+    summary = sweep._result
+    monkeypatch.setattr(sweep, "_result", lambda *given: (
+        os.kill(os.getpid(), signal.SIGINT), summary(*given))[1])
+    answer = gyrospark("sweep", "study.toml")
+    assert answer.code == 130
+    assert "1,280 cells" in answer.stdout
+    assert answer.stderr == ("gyrospark: Stopped while the report was made: the sweep is "
+                             "complete.\n")
 
 
 def on_a_cluster(folder, what):

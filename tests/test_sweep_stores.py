@@ -109,6 +109,22 @@ def test_a_store_in_other_tiles_is_not_gone_on_with(tmp_path, monkeypatch):
         gs.sweep(TOP, **arguments, resume=True)
 
 
+def test_sweep_of_another_version(tmp_path, monkeypatch):
+    """It is told as what it is; one whose layout is the same is read."""
+    path = tmp_path / "s.zarr"
+    arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5}
+    made = gs.sweep(TOP, **arguments, out=path).load()
+    file = path / "zarr.json"
+    file.write_text(file.read_text().replace(f'"gyrospark": "{gs.__version__}"',
+                                             '"gyrospark": "7.3"'))
+    assert gs.open_sweep(path).load().equals(made)
+    with pytest.raises(gs.InputError, match=r"was written by gyrospark 7\.3; this is gyrospark"):
+        gs.sweep(TOP, **arguments, out=path, resume=True)
+    monkeypatch.setattr("gyrospark.sweeps.results.FORMAT", 2)
+    with pytest.raises(gs.InputError, match=r"7\.3; .* its format is 1, and 2 is known here"):
+        gs.open_sweep(path)
+
+
 def test_what_is_no_sweep_is_refused(tmp_path):
     (tmp_path / "s.zarr").mkdir()
     with pytest.raises(gs.StorageError, match="no sweep"):

@@ -82,6 +82,7 @@ def test_schemes_starts_lists_and_draws():
             "drawn": {"count": 3, "seed": 5, "mgl": {"from": 0.3, "to": 0.5}}}
     result = gs.sweep("fast-top", over, steps=7)
     assert dict(result.sizes) == {"scheme": 3, "start": 2, "pair": 2, "drawn": 3, "coordinate": 4}
+    assert list(result["coordinate"].values) == ["q0", "q1", "q2", "q3"]
     assert list(result.scheme.values) == ["EMS", "G-L 2", "LIIIA-B 3"]
     assert result.attrs["seed"] == 5
     assert ((result.mgl >= 0.3) & (result.mgl <= 0.5)).all()
