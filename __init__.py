@@ -28,11 +28,10 @@ if TYPE_CHECKING:
         StorageError,
         TableauError,
     )
-    from .facade import consistent, stepper, tableau
+    from .facade import consistent, load_model, stepper, tableau
     from .generator import example_models as models
     from .generator import symbols
     from .generator.model import Model
-    from .generator.model_file import load_model
     from .generator.multibody import Multibody
     from .generator.rigid_body import body_system, rotation_matrix
     from .generator.system import System
@@ -67,7 +66,7 @@ _HOMES = {
     "Model": "generator.model",
     "Multibody": "generator.multibody",
     "body_system": "generator.rigid_body",
-    "load_model": "generator.model_file",
+    "load_model": "facade",
     "rotation_matrix": "generator.rigid_body",
     "System": "generator.system",
     "Projection": "projection",

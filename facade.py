@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from .projection import Projection, project
 from .runtime.cache import digest, keep, kept
 from .runtime.checks import as_array, shown
 from .runtime.notices import doing
+from .runtime.reals import rounding
 from .runtime.start import Start
 from .runtime.stepper import Stepper
 
@@ -29,7 +30,8 @@ if TYPE_CHECKING:
     from .generator.system import System
     from .generator.tableau import Tableau
 
-__all__ = ["checked_in_files", "consistent", "files_of", "model_stepper", "stepper", "tableau"]
+__all__ = ["checked_in_files", "consistent", "files_of", "load_model", "model_stepper", "stepper",
+           "tableau"]
 
 ROOT = Path(__file__).resolve().parent
 
@@ -143,6 +145,30 @@ def consistent(
     return project(NumericSystem(system, parameters), *state)
 
 
+def load_model(path: str | Path, rep: str | None = None, *, real: str = "double") -> Model:
+    """Return the model of a TOML file: its system, parameters and start.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 256 KiB of UTF-8.
+    rep : {"gamma", "alpha"}, optional
+        Takes the place of the file's ``[body] rep``.
+    real : {"double", "float", "long-double", "float128"}
+        The type of the numbers. Those of a file are decimals and formulas, rounded once: with
+        ``"float128"`` to mpmath numbers of 113 bits, with ``"long-double"`` to NumPy's.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    from .generator.model_file import load_model as load
+
+    number = rounding(Spec.checked("EMS", real=real).real)  # or says what may be chosen
+    return load(path, rep).in_type(number)
+
+
 def tableau(scheme: str | Path, stages: int | None = None) -> Tableau:
     """Return an exact SPARK tableau: ``"G-L"`` or ``"LIIIA-B"`` with stages, or a JSON file.
 
@@ -190,10 +216,10 @@ def model_stepper(spec: Spec, allow_invalid: bool = False) -> tuple[Stepper, Sta
     found = kept(key)
     if found is None:
         made = _generate_model(spec, text, allow_invalid)
-        keep(key, [*made[:2], asdict(made[2])])
+        keep(key, [*made[:2], made[2].as_json()])
         name, files, start = made
     else:
-        name, files, start = found[0], found[1], Start(**found[2])
+        name, files, start = found[0], found[1], Start.from_json(found[2])
     return Stepper(name, files), start
 
 

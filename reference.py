@@ -25,7 +25,8 @@ _MOST_STEPS = 10**8
 def reference_axis(problem: Problem, trajectory: Trajectory) -> tuple[NDArray[Any], str]:
     """Return the body's third axis at the trajectory's times, shape (N+1, 3), and its source."""
     if problem.exact is not None:
-        return problem.exact.axis(trajectory.t), "closed form"
+        since = (trajectory.t - trajectory.t[0]).astype(float)
+        return problem.exact.axis(since), "closed form"
     return _integrated(problem, trajectory).axis(), "8-stage Gauss-Lobatto reference"
 
 

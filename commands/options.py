@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from ..errors import InputError
+from ..exact import Rounded, decimal
 from ..generator.spec import Spec
 from ..runtime.endings import PICTURES, ending_of
 from ..runtime.notices import hush
@@ -74,13 +75,11 @@ def whole_number(name: str, text: str) -> int:
 
 
 def real_number(name: str, text: str) -> float:
-    """Return the number an option's text says."""
-    try:
-        if "_" in text or not text.isascii():  # float() takes these; likelier a typo
-            raise ValueError
-        return float(text)
-    except ValueError:
-        raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.") from None
+    """Return the number an option's text says; wide steppers get all its digits."""
+    number = decimal(text)
+    if number is None:
+        raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.")
+    return number if isinstance(number, float) else Rounded(number)
 
 
 def check_writable(option: str, path: Path, *, folder: bool = False) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import GyrosparkError, InputError, Stopped
+from ..exact import Rounded, decimal
 from ..generator.spec import is_model_file
 from ..runtime.inertia import AIMS
 from ..runtime.interrupts import watched
@@ -44,6 +45,8 @@ _BAR_FROM = 20_000
 @click.option("--alpha", metavar="{m,h,mt,ht,auto,auto-energy,NUMBER}",
               help="The same for --rep alpha.")
 @click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
+@click.option("--t0", metavar="T", default="0", show_default=True,
+              help="Time at the start in seconds, for forces that depend on it.")
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
@@ -67,10 +70,10 @@ _BAR_FROM = 20_000
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
 @json_option
 def run(
-    problem: str, gamma: str | None, alpha: str | None, dt: str | None, steps: str | None,
-    every: str, solver: str, tolerance: str | None, max_iterations: str, settings: tuple[str, ...],
-    reference: bool, out: Path | None, resume: bool, seed: str | None, plot: Path | None,
-    as_json: bool, **choice: Any,
+    problem: str, gamma: str | None, alpha: str | None, dt: str | None, t0: str,
+    steps: str | None, every: str, solver: str, tolerance: str | None, max_iterations: str,
+    settings: tuple[str, ...], reference: bool, out: Path | None, resume: bool, seed: str | None,
+    plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
     """Integrate PROBLEM: fast-top, regular-precession, free-body, or a model file (TOML).
 
@@ -98,19 +101,19 @@ def run(
         for remark in step.remarks:
             click.echo(f"tableau: {remark}")
     parameters = _parameters(step, start, gamma, alpha)
-    step_size = _step_size(dt, start)
+    step_size, begin = _step_size(dt, start), real_number("--t0", t0)
     count = _step_count(steps, start)
-    q0, p0 = start.q0, start.p0
-    moved = 0.0
+    (q0, p0), moved = start.state, 0.0
     if is_model or choice["real"] in ("long-double", "float128"):
         # The problem's start is on the constraints to double only, a file's to its own digits.
         q0, p0, moved = _projected(step, start, parameters)
     aim = next((AIMS[option] for option in (gamma, alpha) if option in AIMS), None)
-    made_choice = _choice(step, start, q0, p0, step_size, count, parameters, aim)
+    made_choice = _choice(step, start, (q0, p0, begin), step_size, count, parameters, aim)
     if made_choice is not None:
         parameters |= made_choice.values
     arguments: dict[str, Any] = {
-        "q": q0, "p": p0, "dt": step_size, "steps": count, "every": whole_number("--every", every),
+        "q": q0, "p": p0, "t0": begin, "dt": step_size, "steps": count,
+        "every": whole_number("--every", every),
         "parameters": parameters, "solver": solver,
         "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
         "max_iterations": whole_number("--max-iterations", max_iterations),
@@ -122,7 +125,7 @@ def run(
                 done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
                                     progress=progress)
             trouble = done.trouble
-            result = result_of(start, step, done)
+            result = result_of(start, step, done, begin)
             if moved:
                 result["start_moved"] = moved
             if made_choice is not None:
@@ -204,7 +207,7 @@ def _step_size(option: str | None, start: Start) -> float:
     if option is None and start.dt is None:
         raise InputError(f"--dt is not given and {start.name} names none; write for example "
                          "--dt 1e-3.")
-    return real_number("--dt", option) if option is not None else float(start.dt or 0)
+    return real_number("--dt", option) if option is not None else start.dt or 0.0
 
 
 def _step_count(option: str | None, start: Start) -> int:
@@ -222,8 +225,8 @@ def _projected(
 
     A number typed with all its digits is not worth a word.
     """
-    q, p = step.project(start.q0, start.p0, parameters=parameters)
-    moved = max((abs(float(new) - old) for new, old in zip([*q, *p], [*start.q0, *start.p0],
+    q, p = step.project(*start.state, parameters=parameters)
+    moved = max((abs(float(new) - float(old)) for new, old in zip([*q, *p], [*start.q0, *start.p0],
                                                             strict=True)), default=0.0)
     size = max(map(abs, (*start.q0, *start.p0)))
     return q, p, moved if moved > 1e-12 * size else 0.0
@@ -259,7 +262,7 @@ def _parameters(
 
 
 def _choice(
-    step: Stepper, start: Start, q0: Any, p0: Any, dt: float, steps: int,
+    step: Stepper, start: Start, state: tuple[Any, Any, float], dt: float, steps: int,
     parameters: dict[str, float], aim: Aim | None,
 ) -> GammaChoice | None:
     """Return the choice of γ or α with this aim, made on pilot runs no longer than the run."""
@@ -268,7 +271,8 @@ def _choice(
     if aim is None:
         return None
     bodies = {name: inertia for name, inertia in start.bodies.items() if name in parameters}
-    return choose_gamma(step, q0, p0, dt=dt, parameters=parameters, bodies=bodies, aim=aim,
+    q0, p0, t0 = state
+    return choose_gamma(step, q0, p0, dt=dt, t0=t0, parameters=parameters, bodies=bodies, aim=aim,
                         steps=min(max(steps, 2), PILOT_STEPS), run_steps=steps)
 
 
@@ -295,11 +299,11 @@ def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
 
     if text in MEANS:
         return MEANS[text](inertia)
-    try:
-        value = float(text)
-    except ValueError:
+    value = decimal(text)
+    if value is None:
         raise InputError(f"--{name} {text!r} is neither m, h, mt, ht, auto, auto-energy nor a "
-                         "number.") from None
+                         "number.")
+    value = value if isinstance(value, float) else Rounded(value)
     if not math.isfinite(value) or value == 0:
         raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")
     return value

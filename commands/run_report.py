@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ..errors import StepFailed, Stopped
+from ..exact import digits_of
 from ..runtime.inertia import AIMS
 
 if TYPE_CHECKING:
@@ -41,19 +42,22 @@ def about_choice(choice: GammaChoice) -> dict[str, Any]:
     }
 
 
-def result_of(start: Start, step: Stepper, done: Done) -> dict[str, Any]:
-    """Return what is said of a run."""
+def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[str, Any]:
+    """Return what is said of a run that began at t0."""
+    from ..runtime.reals import is_wide  # and NumPy: not for --help
+
     trajectory = done.last
     report = trajectory.report
+    end = float(t0) + report.steps * float(trajectory.dt)
     result: dict[str, Any] = {
         "problem": start.name,
         "stepper": step.name,
         "order": step.order,
         **({"remarks": step.remarks} if step.remarks else {}),
-        "parameters": trajectory.parameters,
+        "parameters": {name: float(x) for name, x in trajectory.parameters.items()},
         "steps": report.steps,
-        "dt": trajectory.dt,
-        "t_end": report.steps * trajectory.dt,
+        "dt": float(trajectory.dt),
+        "t_end": end,
         "q": list(report.q),
         "p": list(report.p),
         "energy_start": report.energy_start,
@@ -69,6 +73,8 @@ def result_of(start: Start, step: Stepper, done: Done) -> dict[str, Any]:
         "seconds": done.seconds,
         "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else None,
     }
+    if is_wide(step.manifest["real"]):
+        result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
         result["work"] = report.work
     if trajectory.quantities:
@@ -86,6 +92,16 @@ def result_of(start: Start, step: Stepper, done: Done) -> dict[str, Any]:
     if done.out is not None:
         result["out"] = done.out
     return result
+
+
+def _all_digits(trajectory: Trajectory) -> dict[str, Any]:
+    """Return numbers of a run and of its last stored state: as text where doubles lose digits."""
+    return {
+        "parameters": {name: digits_of(x) for name, x in trajectory.parameters.items()},
+        "dt": digits_of(trajectory.dt), "t": digits_of(trajectory.t[-1]),
+        "q": [digits_of(x) for x in trajectory.q[-1]],
+        "p": [digits_of(x) for x in trajectory.p[-1]],
+    }
 
 
 def axis_errors(problem: Problem, step: Stepper, trajectory: Trajectory) -> dict[str, Any]:

@@ -7,6 +7,7 @@ complex ones differentiate, f'(x) = Im f(x + iε)/ε, to round-off without any f
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
 from functools import reduce
 from operator import add, mul
 from typing import Any
@@ -17,8 +18,9 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..exact import exact
 
-__all__ = ["Evaluator"]
+__all__ = ["Evaluator", "as_rational"]
 
 Array = NDArray[Any]
 
@@ -96,3 +98,11 @@ def mp_context(digits: int) -> Any:
     context = mpmath.MPContext()
     context.dps = digits
     return context
+
+
+def as_rational(value: Any) -> sp.Rational:
+    """Return a finite real number of any type as it is, in SymPy's numbers."""
+    number = exact(value)
+    if not isinstance(number, Fraction):
+        raise TypeError(f"{value!r} is no finite real number")
+    return sp.Rational(number.numerator, number.denominator)

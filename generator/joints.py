@@ -177,7 +177,7 @@ class Align:
         self, poses: Mapping[Frame, Pose], store: dict[str, float]
     ) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
-        in_a, in_b = (clean(poses[frame].R.T @ self.axis) for frame in (self.a, self.b))
+        in_a, in_b = (direction(poses[frame].R.T @ self.axis) for frame in (self.a, self.b))
         unit = (0.0, 1.0, -1.0)
         axis = self.b.direction(named_vector(f"{self.name}_axis", in_b.tolist(), store, unit))
         for k, normal in enumerate(normals(in_a), start=1):
@@ -241,11 +241,17 @@ def normals(axis: Array) -> tuple[Array, Array]:
     """Return two unit vectors that are perpendicular to a unit vector and to each other."""
     k = int(np.argmax(np.abs(axis)))
     first = np.cross(np.roll(np.eye(3)[k], -1), axis)  # coordinate axes where the axis is one
-    first = clean(first / np.linalg.norm(first))
-    return first, clean(np.cross(axis, first))
+    first = direction(first / np.linalg.norm(first))
+    return first, direction(np.cross(axis, first))
 
 
 def clean(v: Array, *sizes: Array) -> Array:
     """Return a vector whose components that are rounding, beside it or ``sizes``, are 0."""
     size = max(float(np.abs(x).max()) for x in (v, *sizes))
     return np.where(np.abs(v) <= _ROUNDING * size, 0.0, v)
+
+
+def direction(v: Array) -> Array:
+    """Return a unit vector without what is rounding: along an axis it has 1 or −1 there."""
+    v = clean(v)
+    return np.sign(v) if np.count_nonzero(v) == 1 else v

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
 
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..exact import exact
 from .system import System
 
-__all__ = ["Model"]
+__all__ = ["Model", "whole_array"]
 
 Array = NDArray[Any]
 
@@ -26,11 +28,12 @@ class Model:
     ----------
     system : System
         H, constraints, forces and quantities; its name is the model's.
-    parameters : mapping of str to float
+    parameters : mapping of str to number
         The value of every parameter of the system, but for those in ``bodies``, which may be
-        left to be chosen.
+        left to be chosen. Real numbers of any type; steppers round them to their own.
     q0, p0 : ndarray, shape (n,)
-        State at t = 0, read-only.
+        State at t = 0, read-only; of floats, or of objects where numbers with more digits are
+        given.
     bodies : mapping of str to tuple of three floats
         Name of each inertia parameter (γ or α of a body) → the body's I₁, I₂, I₃ in kg m².
     dt, steps : float and int, or None
@@ -77,10 +80,33 @@ class Model:
         """The system's name."""
         return self.system.name
 
+    def in_type(self, number: Callable[[Fraction], Any]) -> Model:
+        """Return the model with all its numbers rounded once, to the type of ``number``."""
+        def rounded(value: Any) -> Any:
+            if isinstance(value, tuple):
+                return tuple(map(rounded, value))
+            whole = exact(value)
+            return number(whole) if isinstance(whole, Fraction) else value
+
+        q0, p0 = (np.array([rounded(x) for x in values]) for values in (self.q0, self.p0))
+        return replace(
+            self, q0=q0, p0=p0, dt=rounded(self.dt),
+            parameters={name: rounded(x) for name, x in self.parameters.items()},
+            bodies={name: rounded(inertia) for name, inertia in self.bodies.items()})
+
     def _state(self, name: str, values: ArrayLike) -> Array:
         state = np.array(values, dtype=float)
-        if state.shape != (self.system.n,) or not np.isfinite(state).all():
+        whole = [exact(x) for x in np.array(values, dtype=object).flat]
+        if state.shape != (self.system.n,) or not np.isfinite(state).all() or None in whole:
             raise InputError(f"{name} of model {self.name!r} is {values!r}; give {self.system.n} "
                              "finite numbers.")
+        if whole != [Fraction(x) for x in state]:  # doubles would lose digits
+            is_long = isinstance(values, np.ndarray) and values.dtype == np.longdouble
+            state = np.array(values, dtype=np.longdouble if is_long else object)
         state.setflags(write=False)
         return state
+
+
+def whole_array(values: Sequence[float]) -> Array:
+    """Return doubles that know their digits as an array that does not lose them."""
+    return np.array(values, dtype=object)

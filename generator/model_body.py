@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import cast
 
-import numpy as np
 import sympy as sp
 
 from ..errors import InputError
 from . import attitude, poses, rigid_body
-from .model import Model
+from .model import Model, whole_array
 from .model_parts import Formulas, run_length
 from .model_table import Table
 from .rigid_body import Rep, body_system, moments, p, q
@@ -60,7 +59,7 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
         quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
     )
     q0, p0 = _start(content.table("start"), inertia)
-    return Model(system, values, np.array(q0), np.array(p0), bodies={chosen: inertia},
+    return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
                  **run_length(content))
 
 
@@ -132,4 +131,4 @@ def read_attitude(table: Table) -> list[float] | None:
         found = poses.attitude(table.where.strip(), quaternion, matrix)
     except InputError as problem:
         raise table.error(key, f"is no attitude: {problem}") from None
-    return [float(x) for x in found]
+    return attitude.unit(quaternion) if quaternion else found.tolist()

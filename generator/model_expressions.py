@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
 
@@ -18,8 +19,10 @@ import sympy as sp
 from mpmath import mp
 
 from ..errors import InputError
+from ..exact import Rounded, exact
 from . import bounded_numbers as numbers
 from .bounded_numbers import Value, rational
+from .evaluation import as_rational
 from .grammar import RefusedError, parse, shorten
 
 __all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
@@ -96,13 +99,16 @@ def parse_formula(
 def parse_number(text: str, values: Mapping[str, float] = MappingProxyType({})) -> float:
     """Return the number that a text says, e.g. "pi/6" or "2*r", with the values of other names.
 
+    It is a double that knows more digits than any type has.
+
     Raises
     ------
     InputError
         With the position and the cure, for whatever is no finite number.
     """
-    names = {name: sp.Rational(value) for name, value in values.items()}
-    return float(parse_formula(text, names))
+    names = {name: as_rational(value) for name, value in values.items()}
+    number = exact(parse_formula(text, names))
+    return Rounded(number) if isinstance(number, Fraction) else math.nan
 
 
 class _Formulas:

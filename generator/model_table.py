@@ -6,10 +6,12 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..exact import Rounded, decimal, exact
 from .grammar import shorten
 from .model_expressions import CONSTANTS, FUNCTIONS, parse_number
 
@@ -30,12 +32,18 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> Table:
             raise error(f"line {number} has {line.count('.')} dots and at most {MAX_DOTS} are "
                         "allowed; break the line.")
     try:
-        content = tomllib.loads(text)
+        content = tomllib.loads(text, parse_float=_typed)
     except RecursionError:
         raise error("its brackets are nested too deeply; write lists of numbers.") from None
     except ValueError as problem:  # TOMLDecodeError is one; so is an integer of 5000 digits
         raise error(f"it is not TOML ({shorten(str(problem), 120)}); correct that place.") from None
     return Table(content, "", error)
+
+
+def _typed(text: str) -> float:
+    """Return the double that a number of TOML is; it knows the decimals that were typed."""
+    number = decimal(text.replace("_", ""))
+    return Rounded(number) if isinstance(number, Fraction) else float(text)
 
 
 class Table:
@@ -114,7 +122,7 @@ class Table:
         if isinstance(value, str):
             return value
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            return repr(self._float(key, value))
+            return decimals(self._float(key, value))
         raise self.error(key, f"is {describe(value)}; write a formula in quotes.")
 
     def names(self, key: str) -> list[str]:
@@ -188,10 +196,7 @@ class Table:
         return self._float(key, value)
 
     def _float(self, key: str, value: float) -> float:
-        try:
-            number = float(value)
-        except OverflowError:  # an integer beyond 1e308
-            number = math.inf
+        number = value if isinstance(value, float) else Rounded(Fraction(value))
         if not math.isfinite(number):
             raise self.error(key, f"is {number}; write a finite number.")
         return number
@@ -201,6 +206,15 @@ def enumerate_rows(key: str, rows: Sequence[Any]) -> Iterator[tuple[str, Any]]:
     """Yield the rows of a matrix with a name for messages."""
     for i, row in enumerate(rows, 1):
         yield f"{key}, row {i},", row
+
+
+def decimals(number: float) -> str:
+    """Return a formula of a number with all the digits that were typed."""
+    whole = exact(number)
+    if whole == Fraction(repr(number)):
+        return repr(number)
+    assert isinstance(whole, Fraction)
+    return f"{whole.numerator}/{whole.denominator}"
 
 
 def describe(value: Any) -> str:

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import as_array, as_numbers
+from .checks import as_array, as_numbers, converted_to
 from .memory import aligned
+from .reals import rounding
 
 __all__ = ["DTYPES", "REASONS", "SOLVERS", "Binding"]
 
@@ -43,6 +44,8 @@ class Binding:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
         self.c_type = manifest["real"].replace("-", " ")
         self.dtype = DTYPES[manifest["real"]]
+        #: Rounds a fraction to the stepper's own type; where that is float, to double.
+        self.number = rounding(manifest["real"])
         system = manifest["system"]
         self.parameter_names = list(system["parameters"])
         self.n = len(system["coordinates"])
@@ -66,7 +69,18 @@ class Binding:
 
     def function(self, name: str) -> Any:
         """Return a function of the module by its short name."""
-        return getattr(self.lib, f"{self.name}_{name}")
+        function = getattr(self.lib, f"{self.name}_{name}")
+        if self.dtype is not np.longdouble:
+            return function
+        return lambda *arguments: function(*map(self._passed, arguments))
+
+    def _passed(self, argument: Any) -> Any:
+        """Return what cffi takes of NumPy's long double, which it would round to double."""
+        if not isinstance(argument, np.longdouble):
+            return argument
+        box = self.ffi.new("long double *")
+        np.frombuffer(self.ffi.buffer(box), dtype=np.longdouble)[0] = argument
+        return box[0]
 
     def pointer(self, array: Array, start: int = 0) -> Any:
         """Return a pointer to a checked array, from an entry on; NULL for an empty one."""
@@ -74,14 +88,16 @@ class Binding:
             return self.ffi.NULL
         return self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True) + start
 
-    def parameters(self, values: dict[str, float], t: float = 0.0) -> Any:
+    def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
         """Return the parameter struct for a run, or a step, that starts at time t."""
-        return self.ffi.new(f"{self.name}_parameters *", values | self._at(t))
+        return self.ffi.new(f"{self.name}_parameters *", self._fields(values, t))
 
-    def _at(self, t: float) -> dict[str, float]:
-        return {} if self.time is None else {self.time: t}
+    def _fields(self, values: dict[str, Any], t: Any) -> dict[str, Any]:
+        """Return the parameters by name, with the time where forces have it."""
+        time = {} if self.time is None else {self.time: t}
+        return {name: self._passed(value) for name, value in (values | time).items()}
 
-    def set_time(self, parameters: Any, t0: float, steps: int, dt: float) -> None:
+    def set_time(self, parameters: Any, t0: Any, steps: int, dt: Any) -> None:
         """Set the time in the parameter struct to t0 + steps dt."""
         if self.time is not None:
             fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
@@ -95,7 +111,8 @@ class Binding:
     def options(self, tolerance: float | None, max_iterations: int, solver: str) -> Any:
         """Return the options struct; tolerance None means down to round-off."""
         return self.ffi.new(f"{self.name}_options *",
-                            [tolerance or 0.0, min(max_iterations, 2**31 - 1), SOLVERS[solver]])
+                            [self._passed(tolerance or 0.0), min(max_iterations, 2**31 - 1),
+                             SOLVERS[solver]])
 
     def report(self) -> Any:
         """Return an empty running record."""
@@ -104,6 +121,11 @@ class Binding:
     def image(self, struct: Any) -> NDArray[np.uint8]:
         """Return the bytes of a running record or of work memory, to read and to write."""
         return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)
+
+    def clear_padding(self, report: Any, work: Any) -> None:
+        """Set to zero the bytes of both that mean nothing: then equal runs have equal images."""
+        if self.c_type == "long double":  # no other type has any that compiled code writes to
+            self.function("clear_padding")(report, work)
 
     def new(self, *shape: int) -> Array:
         """Return a zeroed array of the stepper's type."""
@@ -117,6 +139,15 @@ class Binding:
         """Return a caller's numbers, of whatever shape and real type, as an array."""
         return as_numbers(name, value)
 
+    def converted(self, array: Array) -> Array:
+        """Return a copy of a caller's numbers in the stepper's type, infinite beyond its range."""
+        return converted_to(self.dtype, array)
+
+    def times(self, t0: Any, dt: Any, steps: Array) -> Array:
+        """Return t0 + k dt for each k of ``steps``, in the type of ``number``."""
+        made: Array = t0 + steps * dt
+        return made
+
     def solve(self, A: Array, b: Array) -> Array:
         """Return A⁻¹b in double, or raise numpy.linalg.LinAlgError."""
         x = np.linalg.solve(A.astype(float), b.astype(float))
@@ -124,16 +155,27 @@ class Binding:
 
     def energy_error(self, H: Any, report: Any) -> float:
         """Return |H − H₀|, less the work of the forces, for a running record."""
-        error = float(H) - float(report.energy_start)  # cffi's long double is an object
-        return abs(error - float(report.work) if self.has_forces else error)
+        error = self._whole(H) - self.recorded(report, "energy_start")
+        return float(abs(error - self.recorded(report, "work") if self.has_forces else error))
 
     def add_work(self, report: Any, done: Any) -> None:
         """Add the work of a step to a running record, in a compensated sum."""
-        before = float(report.work)
-        share = float(done) + float(report.work_low)
+        before = self.recorded(report, "work")
+        share = self._whole(done) + self.recorded(report, "work_low")
         total = before + share
         part = total - before
-        report.work, report.work_low = total, (before - (total - part)) + (share - part)
+        report.work = self._passed(total)
+        report.work_low = self._passed((before - (total - part)) + (share - part))
+
+    def recorded(self, report: Any, name: str) -> Any:
+        """Return a number of a running record; cffi hands a long double over as an object."""
+        if self.dtype is not np.longdouble:
+            return float(getattr(report, name))
+        return np.frombuffer(self.ffi.buffer(report), dtype=self.report_type)[name][0]
+
+    def _whole(self, number: Any) -> Any:
+        """Return a number to compute with: long double, or double."""
+        return number if self.dtype is np.longdouble else float(number)
 
     def coefficients(self) -> list[Fraction]:
         """Return the compiled coefficients in the order of the struct, exactly."""
@@ -166,10 +208,10 @@ class Binding:
         """Return empty running records."""
         return self.ffi.new(f"{self.name}_report[]", count)
 
-    def parameter_sets(self, values: list[dict[str, float]], times: list[float]) -> Any:
+    def parameter_sets(self, values: list[dict[str, Any]], times: list[Any]) -> Any:
         """Return an array of parameter structs, for runs that start at those times."""
         return self.ffi.new(f"{self.name}_parameters[]",
-                            [one | self._at(t) for one, t in zip(values, times, strict=True)])
+                            [self._fields(one, t) for one, t in zip(values, times, strict=True)])
 
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-import numbers
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..exact import as_double, exact
 from .inertia import AIMS
+from .reals import as_float
 
 __all__ = ["all_finite", "as_array", "as_numbers", "as_parameters", "as_positive_count",
-           "as_real", "as_step", "refuse_auto", "shown"]
+           "as_real", "as_step", "converted_to", "refuse_auto", "shown"]
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
 _MOST = 2**62
@@ -32,7 +34,7 @@ def shown(value: Any, most: int = 80) -> str:
 def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
     """Return a contiguous copy of the value in the stepper's own type.
 
-    Lists, integers, other float types and strided views are converted by value.
+    Lists, integers, other types of numbers and strided views are converted by value.
 
     Raises
     ------
@@ -42,14 +44,30 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
     array = as_numbers(name, value)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
-    if not np.all(np.isfinite(array)):
+    converted = converted_to(dtype, array)
+    if np.all(np.isfinite(converted)):
+        return converted
+    if not _are_finite(array):
         raise InputError(f"{name} = {_entries(array)} is not finite; give finite numbers.")
-    with np.errstate(over="ignore"):  # told below
-        converted: NDArray[Any] = np.array(array, dtype=dtype, order="C")
-    if not np.all(np.isfinite(converted)):
-        raise InputError(f"{name} = {_entries(array)} is too large for {converted.dtype}; give "
-                         "smaller numbers or a wider floating-point type.")
-    return converted
+    raise InputError(f"{name} = {_entries(array)} is too large for {converted.dtype}; give "
+                     "smaller numbers or a wider floating-point type.")
+
+
+def _are_finite(array: NDArray[Any]) -> bool:
+    """Whether all of ``as_numbers``' entries are finite."""
+    if array.dtype == object:
+        return all(isinstance(exact(entry), Fraction) for entry in array.flat)
+    return bool(np.all(np.isfinite(array)))
+
+
+def converted_to(dtype: Any, array: NDArray[Any]) -> NDArray[Any]:
+    """Return a copy of ``as_numbers``' array in a type of NumPy; what is beyond it is infinite."""
+    if array.dtype == object:
+        made = [as_float(x, dtype) if isinstance(x, Fraction) else x
+                for x in map(exact, array.flat)]
+        array = np.array(made, dtype=dtype).reshape(array.shape)
+    with np.errstate(over="ignore"):
+        return np.array(array, dtype=dtype, order="C")
 
 
 def _entries(array: NDArray[Any]) -> str:
@@ -68,6 +86,8 @@ def all_finite(array: NDArray[Any]) -> bool:
 def as_numbers(name: str, value: Any) -> NDArray[Any]:
     """Return an array of real numbers of whatever type and shape they are; not a copy.
 
+    Where they are no numbers of NumPy's the array is one of objects, all such as ``exact`` takes.
+
     Raises
     ------
     InputError
@@ -77,29 +97,40 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
         array = np.asarray(value)
     except ValueError as error:
         raise InputError(f"{name} is ragged; give an array of numbers.") from error
-    if array.dtype.kind not in "fiu":
+    strange = [array.dtype] if array.dtype.kind not in "fiuO" else [
+        type(x).__name__ for x in array.flat if exact(x) is None] if array.dtype == object else []
+    if strange:
         raise InputError(
-            f"{name} has entries of type {array.dtype}; give real numbers (float64 is best)."
+            f"{name} has entries of type {strange[0]}; give real numbers (float64 is best)."
         )
     return array
 
 
-def as_real(name: str, value: Any) -> float:
-    """Return a finite real number as float."""
-    if isinstance(value, bool) or not isinstance(value, (numbers.Real, np.floating, np.integer)):
-        raise InputError(f"{name} = {shown(value)} is not a real number.")
-    try:
-        number = float(value)
-    except OverflowError:  # an integer or a fraction beyond 1e308
-        number = math.inf
-    if not math.isfinite(number):
-        raise InputError(f"{name} = {number} is not finite; give a finite number.")
-    return number
+def as_real(name: str, value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:
+    """Return a finite real number, of whatever type it comes, rounded once by ``number``."""
+    if number is as_double and isinstance(value, float) and math.isfinite(value):
+        return float(value)  # what most calls give
+    given = exact(value)
+    if given is None:
+        raise InputError(f"{name} = {shown(value)} is not a real number.{_cure(value)}")
+    if isinstance(given, float):
+        raise InputError(f"{name} = {given} is not finite; give a finite number.")
+    made = number(given)
+    if made - made != 0:
+        raise InputError(f"{name} = {shown(value)} is too large; give a smaller number, or choose "
+                         "a wider floating-point type.")
+    return made
 
 
-def as_step(value: Any) -> float:
+def _cure(value: Any) -> str:
+    if isinstance(value, str):
+        return " Give a number: 0.1, or with all its digits Decimal('0.1')."
+    return ""
+
+
+def as_step(value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:
     """Return a usable time step: finite and not zero; negative integrates backwards."""
-    dt = as_real("dt", value)
+    dt = as_real("dt", value, number)
     if dt == 0:
         raise InputError("dt = 0 makes no step; give a positive dt, or a negative one to go back.")
     return dt
@@ -116,7 +147,9 @@ def as_positive_count(name: str, value: Any, least: int = 0) -> int:
     return int(value)
 
 
-def as_parameters(given: Any, domains: Mapping[str, str]) -> dict[str, float]:
+def as_parameters(
+    given: Any, domains: Mapping[str, str], number: Callable[[Fraction], Any] = as_double
+) -> dict[str, Any]:
     """Return the parameters a stepper needs, each checked against its domain.
 
     Raises
@@ -136,7 +169,8 @@ def as_parameters(given: Any, domains: Mapping[str, str]) -> dict[str, float]:
         raise InputError(
             f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}."
         )
-    return {name: _as_parameter(name, given[name], domain) for name, domain in domains.items()}
+    return {name: _as_parameter(name, given[name], domain, number)
+            for name, domain in domains.items()}
 
 
 def refuse_auto(name: str, value: Any) -> None:
@@ -146,11 +180,13 @@ def refuse_auto(name: str, value: Any) -> None:
                          "choose_gamma once and give its number.")
 
 
-def _as_parameter(name: str, value: Any, domain: str) -> float:
+def _as_parameter(
+    name: str, value: Any, domain: str, number: Callable[[Fraction], Any]
+) -> Any:
     refuse_auto(name, value)
-    number = as_real(f"Parameter {name}", value)
-    if domain == "positive" and number <= 0:
-        raise InputError(f"Parameter {name} = {number} is not positive; give a number above 0.")
-    if domain == "nonzero" and number == 0:
+    made = as_real(f"Parameter {name}", value, number)
+    if domain == "positive" and made <= 0:
+        raise InputError(f"Parameter {name} = {made} is not positive; give a number above 0.")
+    if domain == "nonzero" and made == 0:
         raise InputError(f"Parameter {name} = 0 divides by zero; give a number other than 0.")
-    return number
+    return made

@@ -52,7 +52,7 @@ def defects_of_starts(
         binding, parameters, q, p, nudge * sizes[0], nudge * sizes[1]))
     for i in np.flatnonzero(f > f_bound) if not keeps_f else ():
         row = slice(i, i + 1)
-        x = binding.guess(parameters, dt[i].item(), q[i].copy(), p[i].copy(), binding.work())
+        x = binding.guess(parameters, dt[i], q[i].copy(), p[i].copy(), binding.work())
         n = binding.n
         euler = [np.array([float(np.abs(part).max())]) for part in (x[:n], x[n : 2 * n])]
         f_bound[row] += _changes(binding, parameters, q[row], p[row], *euler)[1]

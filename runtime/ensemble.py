@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, StepFailed, Stopped
+from ..exact import Number
 from .checks import as_numbers, as_positive_count, refuse_auto, shown
 from .interrupts import ctrl_c
 from .trajectory import Trajectory
@@ -64,9 +65,9 @@ def integrate_members(
     stepper: Stepper,
     q: ArrayLike,
     p: ArrayLike,
-    dt: float | ArrayLike,
-    t0: float | ArrayLike,
-    parameters: Mapping[str, Any] | Sequence[Mapping[str, float]],
+    dt: Number | ArrayLike,
+    t0: Number | ArrayLike,
+    parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
     workers: int | None,
     **options: Any,
 ) -> Ensemble:
@@ -86,8 +87,8 @@ def integrate_members(
 
     def check(i: int) -> Run:
         try:
-            return stepper.checked_run(starts[i], momenta[i], dt=steps[i].item(),
-                                       t0=times[i].item(), parameters=runs[i], **options)
+            return stepper.checked_run(starts[i], momenta[i], dt=steps[i], t0=times[i],
+                                       parameters=runs[i], **options)
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
@@ -124,7 +125,7 @@ def _ensemble(stepper: Stepper, results: list[Member], rows: int) -> Ensemble:
     failures = {i: failure for i, (_, failure) in enumerate(results) if failure is not None}
     no_number = stepper.binding.new(1)[0] + np.nan
     return Ensemble(
-        _stack([m.t for m in members], rows, np.nan),
+        _stack([m.t for m in members], rows, no_number if members[0].t.dtype == object else np.nan),
         _stack([m.q for m in members], rows, no_number),
         _stack([m.p for m in members], rows, no_number),
         _stack([m.multipliers for m in members], rows - 1, no_number),
@@ -148,13 +149,13 @@ def _rows(stepper: Stepper, name: str, value: Any) -> Array:
     return array
 
 
-def _each_parameters(parameters: Any, size: int) -> list[dict[str, float]]:
+def _each_parameters(parameters: Any, size: int) -> list[dict[str, Any]]:
     if isinstance(parameters, Mapping):
         for name, value in parameters.items():
             refuse_auto(name, value)
         columns = {name: np.broadcast_to(_each(f"Parameter {name}", value, size), size)
                    for name, value in parameters.items()}
-        return [{name: column[i].item() for name, column in columns.items()} for i in range(size)]
+        return [{name: column[i] for name, column in columns.items()} for i in range(size)]
     if not isinstance(parameters, Sequence) or not all(isinstance(r, Mapping) for r in parameters):
         raise InputError(f"parameters = {shown(parameters)} is neither a dict nor a list of "
                          "dicts.")

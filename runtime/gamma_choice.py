@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError, Stopped
+from ..exact import Number
 from .checks import as_positive_count, as_step
 from .gamma_law import REACH, Search
 from .gamma_pilots import WORTHWHILE, Pilot, Pilots
@@ -116,13 +117,13 @@ def choose_gamma(
     q: ArrayLike,
     p: ArrayLike,
     *,
-    dt: float,
+    dt: Number,
     parameters: Mapping[str, Any],
     bodies: Mapping[str, Sequence[float]] | None = None,
     aim: Aim | None = None,
     steps: int = PILOT_STEPS,
     run_steps: int | None = None,
-    t0: float = 0.0,
+    t0: Number = 0.0,
 ) -> GammaChoice:
     """Return the γ of each body that makes the error of runs from (q, p) smallest.
 
@@ -173,7 +174,7 @@ def choose_gamma(
     known = _checked_bodies(stepper, parameters, bodies)
     count = as_positive_count("steps", steps, least=2)
     pilots = Pilots(
-        stepper, q, p, as_step(dt), count,
+        stepper, q, p, as_step(dt, stepper.binding.number), count,
         {name: value for name, value in parameters.items() if name not in known},
         known, aim or _aim_said(parameters), t0,
         longer=run_steps is None or as_positive_count("run_steps", run_steps) > count,
@@ -192,8 +193,8 @@ def choose_gamma(
 
 
 def with_choice(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: float, steps: int,
-    parameters: Mapping[str, Any], t0: float = 0.0,
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
+    parameters: Mapping[str, Any], t0: Number = 0.0,
 ) -> Mapping[str, Any]:
     """Return the parameters of a run with every ``"auto"`` replaced by its choice."""
     if not isinstance(parameters, Mapping) or not any(map(_is_auto, parameters.values())):

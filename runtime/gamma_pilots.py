@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import StepFailed
+from ..exact import Number
 from .inertia import MEANS_BY_SYMBOL, Aim
 from .motion_error import MotionError, sizes
 
@@ -127,7 +128,7 @@ class Pilots:
     def __init__(
         self, stepper: Stepper, q: ArrayLike, p: ArrayLike, dt: float, steps: int,
         parameters: Mapping[str, Any], bodies: dict[str, tuple[float, float, float]], aim: Aim,
-        t0: float, *, longer: bool,
+        t0: Number, *, longer: bool,
     ) -> None:
         """``longer``: the choice is for a run that goes on where these end."""
         self.stepper, self.q, self.p, self.dt, self.steps = stepper, q, p, dt, steps

@@ -1,12 +1,17 @@
-"""The means of the principal moments that the paper recommends for γ (or α): (47), (48), (50)."""
+"""The means of the principal moments that the paper recommends for γ (or α): (47), (48), (50).
+
+Moments with more digits than a double's (mpmath numbers, Decimal, Fraction) have means with more.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal
+from fractions import Fraction
+from typing import Any, Literal
 
 from ..errors import InputError
+from ..exact import Rounded, exact
 
 __all__ = [
     "AIMS", "MEANS", "MEANS_BY_SYMBOL", "Aim", "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m",
@@ -22,7 +27,7 @@ def gamma_m(inertia: Sequence[float]) -> float:
     InputError
         Unless there are three finite moments above 0.
     """
-    return sum(principal_moments(inertia)) / 3
+    return _mean(inertia, principal_moments(inertia), _arithmetic)
 
 
 def gamma_h(inertia: Sequence[float]) -> float:
@@ -33,7 +38,7 @@ def gamma_h(inertia: Sequence[float]) -> float:
     InputError
         Unless there are three finite moments above 0.
     """
-    return 3 / sum(1 / moment for moment in principal_moments(inertia))
+    return _mean(inertia, principal_moments(inertia), _harmonic)
 
 
 def gamma_m_tilde(inertia: Sequence[float]) -> float:
@@ -46,7 +51,7 @@ def gamma_m_tilde(inertia: Sequence[float]) -> float:
     InputError
         Unless there are three finite moments, the smallest at least 0, the others above 0.
     """
-    return sum(_without_smallest(inertia)) / 2
+    return _mean(inertia, principal_moments(inertia, zeros=1), _arithmetic, largest=2)
 
 
 def gamma_h_tilde(inertia: Sequence[float]) -> float:
@@ -59,7 +64,7 @@ def gamma_h_tilde(inertia: Sequence[float]) -> float:
     InputError
         Unless there are three finite moments, the smallest at least 0, the others above 0.
     """
-    return 2 / sum(1 / moment for moment in _without_smallest(inertia))
+    return _mean(inertia, principal_moments(inertia, zeros=1), _harmonic, largest=2)
 
 
 #: The four by the names that options and files give them, and by the paper's symbols.
@@ -129,5 +134,31 @@ def _number(value: object) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
-def _without_smallest(inertia: Sequence[float]) -> list[float]:
-    return sorted(principal_moments(inertia, zeros=1))[1:]
+def _arithmetic(moments: Sequence[Any]) -> Any:
+    return sum(moments) / len(moments)
+
+
+def _harmonic(moments: Sequence[Any]) -> Any:
+    return len(moments) / sum(1 / moment for moment in moments)
+
+
+def _mean(
+    given: Sequence[Any], moments: Sequence[float], rule: Callable[[Sequence[Any]], Any],
+    largest: int = 3,
+) -> float:
+    """Return a mean of the largest moments: of floats in doubles, of wider numbers exactly.
+
+    Fractions then give a fraction, anything else a number of 113 bits.
+    """
+    whole = [exact(moment) for moment in given]
+    if None in whole or whole == [Fraction(moment) for moment in moments]:
+        of_doubles: float = rule(sorted(moments)[-largest:] if largest < 3 else moments)
+        return of_doubles
+    mean: Any = rule(sorted(x for x in whole if isinstance(x, Fraction))[-largest:])
+    if all(isinstance(moment, (float, int)) for moment in given):
+        return Rounded(mean)
+    if all(isinstance(moment, (Fraction, float, int)) for moment in given):
+        return mean  # type: ignore[no-any-return]
+    from .quad import rounded  # mpmath costs time
+
+    return rounded(mean)  # type: ignore[no-any-return]

@@ -31,18 +31,18 @@ _LOOK = 0.1
 
 @dataclass(frozen=True)
 class Run:
-    """The checked arguments of an integration."""
+    """The checked arguments of an integration; its numbers are of the stepper's own type."""
 
     q: Array
     p: Array
-    dt: float
+    dt: Any
     steps: int
     every: int
-    parameters: dict[str, float]
+    parameters: dict[str, Any]
     solver: str
-    tolerance: float | None
+    tolerance: Any
     max_iterations: int
-    t0: float = 0.0
+    t0: Any = 0.0
 
     @property
     def rows(self) -> int:
@@ -229,7 +229,7 @@ def _python_chunk(
             binding.add_work(report, done)
         _observe(binding, parameters, q, p, taken, report)
         if k % every == 0:
-            total = report.work if binding.has_forces else 0
+            total = binding.recorded(report, "work") if binding.has_forces else 0
             for part, value in zip(out, (q, p, multipliers, most, total), strict=True):
                 part[k // every - 1] = value
             most = 0
@@ -264,7 +264,7 @@ def trajectory_of(
     if binding.m > 1:
         multipliers = multipliers.reshape(stored, binding.multipliers // binding.m, binding.m)
     g_errors, f_errors = defect_sizes(binding, parameters, q_kept, p_kept)
-    t = run.t0 + np.minimum(np.arange(stored + 1) * run.every, done) * run.dt
+    t = binding.times(run.t0, run.dt, np.minimum(np.arange(stored + 1) * run.every, done))
     return Trajectory(
         t=t,
         q=q_kept,

@@ -133,9 +133,10 @@ def _sphere(axes: Any, trajectory: Trajectory) -> None:
 
 def _coordinates(axes: Any, trajectory: Trajectory) -> None:
     some = _thin(trajectory)
+    t = trajectory.t[some].astype(float)
     q = trajectory.q[some].astype(float)
     for i, name in enumerate(trajectory.manifest["system"]["coordinates"]):
-        axes.plot(trajectory.t[some], q[:, i], linewidth=1, label=name)
+        axes.plot(t, q[:, i], linewidth=1, label=name)
     axes.set_xlabel("t [s]")
     axes.set_title("coordinates", fontsize=10)
     if trajectory.q.shape[1] <= 8:
@@ -144,8 +145,9 @@ def _coordinates(axes: Any, trajectory: Trajectory) -> None:
 
 def _energy(axes: Any, trajectory: Trajectory) -> None:
     some = _thin(trajectory)
+    t = trajectory.t[some].astype(float)
     error = trajectory.energy_error()[some].astype(float)
-    axes.plot(trajectory.t[some], error, color=_INK, linewidth=0.8)
+    axes.plot(t, error, color=_INK, linewidth=0.8)
     axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
     less = " − W" if "forces" in trajectory.manifest["system"] else ""
     axes.set_title(f"energy error H − H₀{less}", fontsize=10)
@@ -155,12 +157,13 @@ def _energy(axes: Any, trajectory: Trajectory) -> None:
 def _constraints(axes: Any, trajectory: Trajectory) -> None:
     """Draw the constraint errors; exact zeros are drawn at the bottom."""
     some = _thin(trajectory)
+    t = trajectory.t[some].astype(float)
     floor = 1e-36 if trajectory.manifest["real"] == "float128" else 1e-18
     for values, name, colour in zip(trajectory.constraint_errors(),
                                     ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
                                     strict=True):
         sizes = np.maximum(values[some].astype(float), floor)
-        axes.semilogy(trajectory.t[some], sizes, ".", markersize=2, color=colour, label=name)
+        axes.semilogy(t, sizes, ".", markersize=2, color=colour, label=name)
     axes.set_xlabel("t [s]")
     axes.set_title("constraint errors", fontsize=10)
     axes.legend(fontsize=8, ncols=2, loc="upper right")

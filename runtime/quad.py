@@ -18,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..exact import Rounded, nearest
+from ..exact import exact as exact_number
 from .checks import as_numbers
 
-__all__ = ["BITS", "BYTES", "EPSILON", "as_quads", "as_quads_or_numbers", "exact", "from_bytes",
-           "full", "mpf", "pack", "quad", "solve", "to_bytes", "unpack"]
+__all__ = ["BITS", "BYTES", "EPSILON", "as_quads", "exact", "from_bytes", "full", "mpf", "pack",
+           "quad", "rounded", "solve", "to_bytes", "unpack"]
 
 Array = NDArray[Any]
 
@@ -44,13 +46,21 @@ mpf.__module__ = __name__  # where pickle finds it
 
 
 def quad(value: Any) -> Any:
-    """Return a real number of any type as mpf, rounded to 113 bits."""
-    if isinstance(value, np.longdouble) and np.isfinite(value):
-        above, below = value.as_integer_ratio()  # a power of two below
-        return _made(above, 1 - below.bit_length())
-    if isinstance(value, np.generic):
-        value = value.item()
-    return _CONTEXT.mpf(value)
+    """Return a real number of any type as mpf, rounded once to 113 bits."""
+    if isinstance(value, (mpf, int, float)) and not isinstance(value, Rounded):
+        return _CONTEXT.mpf(value)
+    found = exact_number(value)
+    if found is None:
+        raise TypeError(f"{value!r} is no real number")
+    return rounded(found) if isinstance(found, Fraction) else _CONTEXT.mpf(found)
+
+
+def rounded(value: Fraction) -> Any:
+    """Return the number of binary128 next to a value; infinity beyond their range."""
+    made = _made(*nearest(value, BITS, _LEAST))
+    if abs(made) >= _CONTEXT.ldexp(1, _BIAS + 1):
+        return _CONTEXT.ninf if value < 0 else _CONTEXT.inf
+    return made
 
 
 def full(shape: tuple[int, ...], value: Any = 0) -> Array:
@@ -145,33 +155,20 @@ def as_quads(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     InputError
         For another shape, for entries that are no finite real numbers of binary128.
     """
-    array = as_quads_or_numbers(name, value)
+    array = as_numbers(name, value)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
     converted = full(shape)
     for place, entry in enumerate(array.ravel()):
         number = converted.flat[place] = quad(entry)
         if not _CONTEXT.isfinite(number):
-            raise InputError(f"{name} = {array} is not finite; give finite numbers.")
+            finite = isinstance(exact_number(entry), Fraction)
+            raise InputError(f"{name} = {array} is " + (
+                "too large for float128; give smaller numbers." if finite else
+                "not finite; give finite numbers."))
         if abs(number) >= _CONTEXT.ldexp(1, _BIAS + 1):
             raise InputError(f"{name} = {array} is too large for float128; give smaller numbers.")
     return converted
-
-
-def as_quads_or_numbers(name: str, value: Any) -> Array:
-    """Return an array of real numbers, mpf among them, of whatever shape; not a copy."""
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise InputError(f"{name} is ragged; give an array of numbers.") from error
-    if array.dtype == object and all(_is_real(entry) for entry in array.flat):
-        return array
-    return as_numbers(name, array)
-
-
-def _is_real(value: Any) -> bool:
-    plain = isinstance(value, (int, float, np.integer, np.floating))
-    return hasattr(value, "_mpf_") or (plain and not isinstance(value, bool))
 
 
 def solve(A: Array, b: Array) -> Array:

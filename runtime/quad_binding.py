@@ -36,7 +36,7 @@ class QuadBinding(Binding):
         function = getattr(self.lib, f"{PREFIX}{self.name}_{name}")
 
         def call(*arguments: Any) -> Any:
-            boxes = [_Box(self.ffi, a) if isinstance(a, (np.ndarray, float)) else None
+            boxes = [_Box(self.ffi, a) if isinstance(a, (np.ndarray, float, quad.mpf)) else None
                      for a in arguments]
             result = function(*(
                 box.pointer if box else a.pointer if isinstance(a, (_Block, _Record)) else a
@@ -62,9 +62,17 @@ class QuadBinding(Binding):
         """Return a checked copy of a caller's array as mpf."""
         return quad.as_quads(name, value, shape)
 
-    def numbers(self, name: str, value: Any) -> Array:
-        """Return a caller's numbers, of whatever shape and real type, as an array."""
-        return quad.as_quads_or_numbers(name, value)
+    def converted(self, array: Array) -> Array:
+        """Return a copy of a caller's numbers as mpf, infinite where they are beyond the type."""
+        made = quad.full(array.shape)
+        made.flat[:] = [quad.quad(x) for x in array.flat]
+        return made
+
+    def times(self, t0: Any, dt: Any, steps: Array) -> Array:
+        """Return t0 + k dt for each k of ``steps``."""
+        made = quad.full(steps.shape)
+        made.flat[:] = [t0 + int(k) * dt for k in steps.flat]
+        return made
 
     def solve(self, A: Array, b: Array) -> Array:
         """Return A⁻¹b."""
@@ -72,11 +80,11 @@ class QuadBinding(Binding):
 
     # ------------------------------------------------------------ structs
 
-    def parameters(self, values: dict[str, float], t: float = 0.0) -> Any:
+    def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
         """Return the parameter struct for a run, or a step, that starts at time t."""
         return self.parameter_sets([values], [t])
 
-    def parameter_sets(self, values: list[dict[str, float]], times: list[float]) -> Any:
+    def parameter_sets(self, values: list[dict[str, Any]], times: list[Any]) -> Any:
         """Return an array of parameter structs, for runs that start at those times."""
         block = _Block(self.ffi, f"{self.name}_parameters", len(values))
         entries = []
@@ -86,7 +94,7 @@ class QuadBinding(Binding):
         block.write(0, quad.pack(entries))
         return block
 
-    def set_time(self, parameters: Any, t0: float, steps: int, dt: float) -> None:
+    def set_time(self, parameters: Any, t0: Any, steps: int, dt: Any) -> None:
         """Set the time in the parameter struct to t0 + steps dt."""
         if self.time is not None:
             time = quad.quad(t0) + steps * quad.quad(dt)
@@ -134,6 +142,10 @@ class QuadBinding(Binding):
         total = before + share
         part = total - before
         report.work, report.work_low = total, (before - (total - part)) + (share - part)
+
+    def recorded(self, report: Any, name: str) -> Any:
+        """Return a number of a running record."""
+        return getattr(report, name)
 
     def coefficients(self) -> list[Fraction]:
         """Return the compiled coefficients in the order of the struct, exactly."""

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from ..exact import Rounded, exact
+
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from .problems import Problem
 
+    Array = NDArray[Any]
+
 __all__ = ["Start"]
+
+#: The fields of a start with numbers in them.
+_NUMBERS = ("parameters", "q0", "p0", "bodies", "dt")
 
 
 @dataclass(frozen=True)
 class Start:
-    """Parameters and the state at t = 0, as JSON can hold them.
+    """Parameters and the state at t = 0, in doubles that know what was typed in a file.
 
     Attributes
     ----------
@@ -54,8 +64,51 @@ class Start:
     def of(cls, model: Any) -> Start:
         """Return the numbers of a model, a ``gyrospark.Model`` or what has its attributes."""
         return cls(
-            model.name, model.description, dict(model.parameters),
-            [float(x) for x in model.q0], [float(x) for x in model.p0],
-            {name: [float(x) for x in inertia] for name, inertia in model.bodies.items()},
-            model.dt, model.steps,
+            model.name, model.description, {k: _double(x) for k, x in model.parameters.items()},
+            [_double(x) for x in model.q0], [_double(x) for x in model.p0],
+            {name: [_double(x) for x in inertia] for name, inertia in model.bodies.items()},
+            None if model.dt is None else _double(model.dt), model.steps,
         )
+
+    @property
+    def state(self) -> tuple[Array, Array]:
+        """The state as arrays of objects: NumPy's own would lose digits."""
+        import numpy as np
+
+        q0, p0 = (np.array(x, dtype=object) for x in (self.q0, self.p0))
+        return q0, p0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what JSON can hold of it: a double, or the text of a number with more digits."""
+        content = asdict(self)
+        return content | {name: _mapped(content[name], _text) for name in _NUMBERS}
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> Start:
+        """Return what ``as_json`` was made of."""
+        return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS})
+
+
+def _double(value: Any) -> float:
+    """Return a number as a double that knows its digits, if a double does not hold them."""
+    number = exact(value)
+    if isinstance(number, Fraction) and number != Fraction(float(number)):
+        return Rounded(number)
+    return float(value)
+
+
+def _mapped(content: Any, change: Any) -> Any:
+    """Return the same with everything in its tables and lists changed."""
+    if isinstance(content, dict):
+        return {key: _mapped(value, change) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_mapped(value, change) for value in content]
+    return change(content)
+
+
+def _text(value: Any) -> Any:
+    return str(value.whole) if isinstance(value, Rounded) else value
+
+
+def _number(value: Any) -> Any:
+    return Rounded(Fraction(value)) if isinstance(value, str) else value

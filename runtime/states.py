@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..exact import digits_of
+
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
@@ -78,21 +80,25 @@ def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> N
         for arrays in blocks:
             flat = [array.reshape(len(array), -1) for array in arrays]
             for start in range(0, len(arrays[0]), _ROWS):
-                parts = [numbers[start : start + _ROWS].tolist() for numbers in flat]
+                parts = [_written(numbers[start : start + _ROWS]) for numbers in flat]
                 lines.writerows([number for part in row for number in part]
                                 for row in zip(*parts, strict=True))
 
 
+def _written(numbers: Array) -> list[list[Any]]:
+    """Return rows of numbers as they stand in a file: those wider than doubles as text."""
+    rows: list[list[Any]] = numbers.tolist()
+    wide = numbers.dtype in (object, np.longdouble)
+    return [[digits_of(number) for number in row] for row in rows] if wide else rows
+
+
 def save_csv(trajectory: Trajectory, path: Path) -> None:
-    """Write a trajectory as CSV, numbers as doubles with all their digits."""
+    """Write a trajectory as CSV, numbers with all their digits."""
     arrays = states_of(trajectory)
     titles = headings(trajectory.manifest["system"],
                       {name: array.shape[1:] for name, array in arrays.items()})
-    single = trajectory.manifest["real"] == "float"
-    block = [array if array.dtype.kind in "iu" or (single and name != "time")
-             else array.astype(float) for name, array in arrays.items()]
     with finished(path) as part:
-        write_csv(part, titles, [block])
+        write_csv(part, titles, [list(arrays.values())])
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import GyrosparkError, InputError
+from ..exact import Number
 from ..projection import Projection, project, report
 from .binding import REASONS, SOLVERS, Binding
 from .checks import as_parameters, as_positive_count, as_real, as_step, shown
@@ -87,11 +88,11 @@ class Stepper:
         q: ArrayLike,
         p: ArrayLike,
         *,
-        dt: float,
-        parameters: Mapping[str, float],
-        t0: float = 0.0,
+        dt: Number,
+        parameters: Mapping[str, Number],
+        t0: Number = 0.0,
         solver: str = "auto",
-        tolerance: float | None = None,
+        tolerance: Number | None = None,
         max_iterations: int = 50,
     ) -> tuple[Array, Array]:
         """Return (q, p) one step of ``dt`` seconds later; see ``integrate``.
@@ -120,13 +121,13 @@ class Stepper:
         q: ArrayLike,
         p: ArrayLike,
         *,
-        dt: float,
+        dt: Number,
         steps: int,
         parameters: Mapping[str, Any],
-        t0: float = 0.0,
+        t0: Number = 0.0,
         every: int = 1,
         solver: str = "auto",
-        tolerance: float | None = None,
+        tolerance: Number | None = None,
         max_iterations: int = 50,
         progress: Callable[[int], None] | None = None,
     ) -> Trajectory:
@@ -137,7 +138,10 @@ class Stepper:
         q, p : array_like, shape (n,)
             Consistent start: g(q) = 0 and g_q H_p = 0 (for a body |q| = 1 and qᵀp = 0).
         dt : float
-            Time step; negative integrates backwards.
+            Time step; negative integrates backwards. As ``t0`` and the parameters, a real number
+            of any type, rounded once to the stepper's own: with ``real="float128"`` mpmath
+            numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep 34 digits, and a Python float
+            is the binary number that it holds.
         steps : int
             Number of steps, 0 or more.
         parameters : mapping
@@ -182,13 +186,13 @@ class Stepper:
         q: ArrayLike,
         p: ArrayLike,
         *,
-        dt: float | ArrayLike,
+        dt: Number | ArrayLike,
         steps: int,
-        parameters: Mapping[str, Any] | Sequence[Mapping[str, float]],
-        t0: float | ArrayLike = 0.0,
+        parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
+        t0: Number | ArrayLike = 0.0,
         every: int = 1,
         solver: str = "auto",
-        tolerance: float | None = None,
+        tolerance: Number | None = None,
         max_iterations: int = 50,
         workers: int | None = None,
     ) -> Ensemble:
@@ -214,44 +218,44 @@ class Stepper:
     # ------------------------------------------------------------ what a step solves
 
     def residual(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: float,
-        parameters: Mapping[str, float], t: float = 0.0,
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Number], t: Number = 0.0,
     ) -> Array:
         """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
 
         ``t`` is the time at the start of the step.
         """
         unknowns, state, run = self._at(x, q, p, dt, parameters, t)
-        return self.binding.residual(run, as_step(dt), *state, unknowns, self.binding.work())
+        return self.binding.residual(run, self._step(dt), *state, unknowns, self.binding.work())
 
     def jacobian(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: float,
-        parameters: Mapping[str, float], t: float = 0.0,
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Number], t: Number = 0.0,
     ) -> Array:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
         unknowns, state, run = self._at(x, q, p, dt, parameters, t)
-        return self.binding.jacobian(run, as_step(dt), *state, unknowns, self.binding.work())
+        return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
 
     def guess(
-        self, q: ArrayLike, p: ArrayLike, *, dt: float, parameters: Mapping[str, float],
-        t: float = 0.0,
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Number],
+        t: Number = 0.0,
     ) -> Array:
         """Return the x from which a step's iteration starts."""
         state, run = self._state(q, p), self._parameters(parameters, t)
-        x = self.binding.guess(run, as_step(dt), *state, self.binding.work())
+        x = self.binding.guess(run, self._step(dt), *state, self.binding.work())
         return x + self._origin(*state)
 
     # ------------------------------------------------------------ about a state
 
-    def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]) -> Array:
+    def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]) -> Array:
         """Return H(q, p) in the stepper's own representation; leading axes are kept."""
         shape, q_rows, p_rows = self._state_rows(q, p)
         H = self.binding.hamiltonian(self._parameters(parameters), q_rows, p_rows)
         return H.reshape(shape)
 
     def quantities(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float],
-        t: float | ArrayLike = 0.0,
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
     ) -> dict[str, Array]:
         """Return each quantity of the system at states (q, p); leading axes are kept.
 
@@ -267,7 +271,7 @@ class Stepper:
                 for i, name in enumerate(self.binding.quantity_names)}
 
     def defects(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
     ) -> tuple[Array, Array]:
         """Return g(q) and the constraint on the momenta (qᵀp for a body), m entries each."""
         q_one, p_one = self._state(q, p)
@@ -275,7 +279,7 @@ class Stepper:
         return g[0], f[0]
 
     def project(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
     ) -> tuple[Array, Array]:
         """Return the state moved onto the constraints: q/|q| and p without its part along q.
 
@@ -285,7 +289,7 @@ class Stepper:
         return self._projected(*state, run)
 
     def consistent(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, float]
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
     ) -> Projection:
         """Return what ``project`` does, with a report of what was moved.
 
@@ -359,18 +363,21 @@ class Stepper:
 
     def _cast(self, numbers: Array) -> Array:
         """Return a copy in the stepper's own type; what is beyond its range is infinite."""
-        with np.errstate(over="ignore"):
-            return np.array(numbers, dtype=self.binding.dtype)
+        return self.binding.converted(numbers)
 
-    def _parameters(self, given: Mapping[str, float], t: float = 0.0) -> Any:
-        return self.binding.parameters(as_parameters(given, self.parameter_domains),
-                                       as_real("t", t))
+    def _step(self, dt: Number) -> Any:
+        return as_step(dt, self.binding.number)
+
+    def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
+        number = self.binding.number
+        return self.binding.parameters(as_parameters(given, self.parameter_domains, number),
+                                       as_real("t", t, number))
 
     def _at(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: float,
-        parameters: Mapping[str, float], t: float,
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: Number,
+        parameters: Mapping[str, Number], t: Number,
     ) -> tuple[Array, tuple[Array, Array], Any]:
-        as_step(dt)
+        self._step(dt)
         state = self._state(q, p)
         unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
         return unknowns, state, self._parameters(parameters, t)
@@ -383,9 +390,9 @@ class Stepper:
         return origin
 
     def checked_run(
-        self, q: ArrayLike, p: ArrayLike, *, dt: float, steps: int, every: int,
-        parameters: Mapping[str, float], solver: str, tolerance: float | None,
-        max_iterations: int, t0: float = 0.0,
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int, every: int,
+        parameters: Mapping[str, Number], solver: str, tolerance: Number | None,
+        max_iterations: int, t0: Number = 0.0,
     ) -> Run:
         """Return the arguments of ``integrate`` as a run, or raise InputError."""
         run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
@@ -394,27 +401,29 @@ class Stepper:
         return run
 
     def _run(
-        self, q: ArrayLike, p: ArrayLike, dt: float, steps: int, every: int,
-        parameters: Mapping[str, float], solver: str, tolerance: float | None,
-        max_iterations: int, t0: float,
+        self, q: ArrayLike, p: ArrayLike, dt: Number, steps: int, every: int,
+        parameters: Mapping[str, Number], solver: str, tolerance: Number | None,
+        max_iterations: int, t0: Number,
     ) -> Run:
         if not isinstance(solver, str) or solver not in SOLVERS:
             raise InputError(f"Unknown solver {shown(solver)}; choose {', '.join(SOLVERS)}.")
         if solver == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
                              f"{self.manifest['fast_path']['reason']}; choose auto or newton.")
-        if tolerance is not None and as_real("tolerance", tolerance) <= 0:
+        number = self.binding.number
+        bound = None if tolerance is None else as_real("tolerance", tolerance, number)
+        if bound is not None and bound <= 0:
             raise InputError(f"tolerance = {tolerance} is not positive; give none for round-off.")
         return Run(
             *self._state(q, p),
-            as_step(dt),
+            self._step(dt),
             as_positive_count("steps", steps),
             as_positive_count("every", every, least=1),
-            as_parameters(parameters, self.parameter_domains),
+            as_parameters(parameters, self.parameter_domains, number),
             solver,
-            tolerance,
+            bound,
             as_positive_count("max_iterations", max_iterations, least=1),
-            as_real("t0", t0),
+            as_real("t0", t0, number),
         )
 
     def _refuse_inconsistent(self, run: Run) -> None:

@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from .._version import __version__
 from ..errors import GyrosparkError, InputError
+from ..exact import digits_of
 from . import quaternion
 from .endings import ENDINGS, ending_of
 from .manifest import sizes_of
+from .memory import without_padding
+from .reals import from_text
 from .states import finished, save_csv
 
 __all__ = ["Report", "Trajectory", "known_fields"]
@@ -24,7 +27,8 @@ __all__ = ["Report", "Trajectory", "known_fields"]
 Array = NDArray[Any]
 _FORMAT = 2
 #: Arrays of the stepper's own type; float128 is stored as bytes, a last axis of 16.
-_QUADS = ("q", "p", "multipliers", "energies", "g_errors", "f_errors", "work", "quantity_values")
+_QUADS = ("t", "q", "p", "multipliers", "energies", "g_errors", "f_errors", "work",
+          "quantity_values")
 _ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
            "quantity_values")
 #: Names of the columns of q, p and quantity_values, for other readers of the file.
@@ -99,7 +103,8 @@ class Trajectory:
     Attributes
     ----------
     t : array, shape (N+1,)
-        Times in seconds.
+        Times t_0 + k dt in seconds: of the stepper's own type where that has more digits than a
+        double, else doubles.
     q, p : array, shape (N+1, n)
         Coordinates and momenta; a unit quaternion, scalar first, for a body.
     multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
@@ -115,6 +120,9 @@ class Trajectory:
         Work W done by the system's forces since the start; 0 without forces.
     quantity_values : array, shape (N+1, number of quantities)
         The system's quantities of each state; see ``quantity``.
+    dt, parameters : number, dict of str to number
+        As the stepper had them: floats; NumPy's long doubles or mpmath numbers where it computes
+        with more digits.
     report : Report
         Diagnostics over every step.
     """
@@ -124,9 +132,9 @@ class Trajectory:
     p: Array
     multipliers: Array
     iterations: Array
-    dt: float
+    dt: Any
     every: int
-    parameters: dict[str, float]
+    parameters: dict[str, Any]
     report: Report
     manifest: dict[str, Any]
     energies: Array
@@ -257,9 +265,9 @@ class Trajectory:
     def _save_npz(self, target: Path) -> None:
         about = {
             "format": _FORMAT,
-            "dt": self.dt,
+            "dt": digits_of(self.dt),
             "every": self.every,
-            "parameters": self.parameters,
+            "parameters": {name: digits_of(x) for name, x in self.parameters.items()},
             "report": asdict(self.report),
             "manifest": self.manifest,
         }
@@ -289,13 +297,16 @@ class Trajectory:
                         f"reads format {_FORMAT}.")
                 arrays = {name: file[name] for name in _ARRAYS}
                 names = {name: tuple(file[name].tolist()) for name in _NAMES if name in file}
-            if about["manifest"]["real"] == "float128":
-                arrays |= {name: _from_bytes(arrays[name]) for name in _QUADS}
+            real = about["manifest"]["real"]
+            if real == "float128":
+                in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
+                arrays |= {name: _from_bytes(arrays[name]) for name in {*_QUADS} - in_double}
             report = known_fields(Report, about["report"])
             report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
-            loaded = cls(**arrays, dt=about["dt"], every=about["every"],
-                         parameters=about["parameters"], report=Report(**report),
-                         manifest=about["manifest"])
+            loaded = cls(
+                **arrays, dt=from_text(about["dt"], real), every=about["every"],
+                parameters={k: from_text(x, real) for k, x in about["parameters"].items()},
+                report=Report(**report), manifest=about["manifest"])
             loaded._refuse_unless_sound()
             if any(getattr(loaded, name) != found for name, found in names.items()):
                 raise ValueError("a column has two names")
@@ -326,7 +337,7 @@ class Trajectory:
             if getattr(self, name).dtype.kind not in ("iu" if name == "iterations" else "fO"):
                 raise ValueError(f"{name} has entries of another type")
         lists = [report.pop("q"), report.pop("p")]
-        numbers = [self.dt, *report.values(), *self.parameters.values(), *lists[0], *lists[1]]
+        numbers = [*report.values(), *lists[0], *lists[1]]
         counts = [report["steps"], report["iterations"], self.every]
         if (not all(type(x) in (int, float) for x in numbers)
                 or not all(type(x) is int for x in counts)
@@ -352,7 +363,7 @@ def known_fields(kind: type, kept: Mapping[str, Any]) -> dict[str, Any]:
 def _storable(array: Array) -> Array:
     """Return an array as a file can hold it: mpmath numbers as their bytes in binary128."""
     if array.dtype != object:
-        return array
+        return without_padding(array)
     from .quad import to_bytes  # mpmath costs time, and only float128 needs it
 
     return to_bytes(array)

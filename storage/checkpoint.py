@@ -57,7 +57,8 @@ def room(binding: Binding) -> int:
 
 
 def pack(binding: Binding, state: State) -> Array:
-    """Return a state as bytes: a digest, then the parts."""
+    """Return a state as bytes, the same for the same state: a digest, then the parts."""
+    binding.clear_padding(state.report, state.work)
     numbers = np.array([state.most, state.status], dtype="<i8")
     parts = [numbers, as_bytes(state.q), as_bytes(state.p), binding.image(state.report),
              binding.image(state.work)]

@@ -48,7 +48,7 @@ def export(recording: Recording, path: Path) -> Path:
 
     .npz is what ``Trajectory.load`` reads, with all digits; .csv has a column a number, under the
     names that the system gives its coordinates, momenta and quantities, each with the digits that
-    give the double back; .nc is NetCDF-4, with attributes as text.
+    give it back; .nc is NetCDF-4, with attributes as text.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def _write(table: Table, path: Path) -> Path:
 
 
 def _write_csv(table: Table, path: Path) -> None:
-    columns = [column for column in table.columns if not column.is_bytes]
+    columns = table.numbers
     titles = headings(table.system, {column.name: column.shape for column in columns})
     write_csv(path, titles, (arrays for _, arrays in table.blocks(columns)))
 

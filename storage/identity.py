@@ -12,44 +12,39 @@ import zarr
 
 from .._version import __version__
 from ..errors import InputError
+from ..exact import digits_of
 
 if TYPE_CHECKING:
     from ..runtime.integration import Run
     from ..runtime.stepper import Stepper
 
-__all__ = ["identity_of", "number_text", "refuse_if_different", "versions", "written_by"]
+__all__ = ["identity_of", "refuse_if_different", "versions", "written_by"]
 
 #: Of the layout of stores; another one is refused.
 FORMAT = 1
 
 
 def identity_of(stepper: Stepper, run: Run) -> dict[str, Any]:
-    """Return what is compared before a run goes on, in terms that JSON can hold."""
+    """Return what is compared before a run goes on, in terms that JSON can hold.
+
+    Numbers have all their digits: as text where a double does not hold them.
+    """
     return {
         "format": FORMAT,
         "gyrospark": __version__,
         "stepper": stepper.name,
         "code": stepper.provenance,
-        "parameters": dict(run.parameters),
-        "q0": [number_text(x) for x in run.q],
-        "p0": [number_text(x) for x in run.p],
-        "t0": run.t0,
-        "dt": run.dt,
+        "parameters": {name: digits_of(x) for name, x in run.parameters.items()},
+        "q0": [digits_of(x) for x in run.q],
+        "p0": [digits_of(x) for x in run.p],
+        "t0": digits_of(run.t0),
+        "dt": digits_of(run.dt),
         "steps": run.steps,
         "every": run.every,
         "solver": run.solver,
-        "tolerance": run.tolerance,
+        "tolerance": None if run.tolerance is None else digits_of(run.tolerance),
         "max_iterations": run.max_iterations,
     }
-
-
-def number_text(value: Any) -> Any:
-    """Return a state's number: a float as it is, a wider one as text with all its digits."""
-    if float(value) == value:
-        return float(value)
-    if isinstance(value, np.floating):
-        return str(value)
-    return repr(value).removeprefix("mpf('").removesuffix("')")  # str would leave out the last
 
 
 def versions() -> dict[str, str]:

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import zarr
 
+from ..runtime.reals import is_wide
 from ..runtime.states import QUANTITY
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
@@ -95,7 +96,7 @@ def wide_name(name: str) -> str:
 def fields_of(manifest: dict[str, Any]) -> list[Field]:
     """Return the arrays of a run of the stepper with this manifest."""
     system, real = manifest["system"], manifest["real"]
-    wide = real in ("long-double", "float128")
+    wide = is_wide(real)
     dtype = "f4" if real == "float" else "f8"
     body = system["rigid_body"]
     n, m = len(system["coordinates"]), len(system["constraints"])
@@ -106,7 +107,7 @@ def fields_of(manifest: dict[str, Any]) -> list[Field]:
         return Field(name, inner, said, dtype, wide)
 
     found = [
-        Field("time", (), {"long_name": "time", "units": "s"}),
+        Field("time", (), {"long_name": "time", "units": "s"}, "f8", wide),
         numbers("q", "coordinates", ("coordinate", n), units="1" if body else "",
                 components=list(system["coordinates"])),
         numbers("p", "momenta", ("coordinate", n), units="kg m2 s-1" if body else "",

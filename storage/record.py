@@ -20,6 +20,7 @@ import zarr
 from numpy.typing import ArrayLike
 
 from ..errors import InputError, Stopped
+from ..exact import Number
 from ..runtime.binding import REASONS
 from ..runtime.gamma_choice import with_choice
 from ..runtime.integration import Pace, Rows, Run, advance, ended_at, next_chunk
@@ -63,13 +64,13 @@ def record(
     p: ArrayLike,
     *,
     out: str | Path,
-    dt: float,
+    dt: Number,
     steps: int,
     parameters: Mapping[str, Any],
-    t0: float = 0.0,
+    t0: Number = 0.0,
     every: int = 1,
     solver: str = "auto",
-    tolerance: float | None = None,
+    tolerance: Number | None = None,
     max_iterations: int = 50,
     resume: bool = False,
     seed: int | None = None,

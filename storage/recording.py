@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, StepFailed
 from ..runtime.binding import DTYPES
+from ..runtime.reals import from_text, is_wide
 from ..runtime.trajectory import Report, Trajectory, known_fields
 from .durable import one_line, store_path
 from .layout import QUANTITY, array_of, labels_of, open_group, wide_name
@@ -111,9 +112,10 @@ class Recording:
 
     def failure(self) -> StepFailed:
         """Return the error of a failed run; its trajectory has the last states."""
-        run = self.attributes["run"]
+        run, real = self.attributes["run"], self.attributes["manifest"]["real"]
+        t0, dt = (from_text(run[name], real) for name in ("t0", "dt"))
         first = max(0, self.states - _LAST)
-        return StepFailed(step=self.steps_done + 1, t=run["t0"] + self.steps_done * run["dt"],
+        return StepFailed(step=self.steps_done + 1, t=float(t0 + self.steps_done * dt),
                           reason=self.status.removeprefix(FAILED),
                           trajectory=self.trajectory(first=first))
 
@@ -129,8 +131,8 @@ class Recording:
             raise InputError(f"{str(self.path)!r} holds no state yet; go on with its run first.")
         group, manifest, run = self.group(), self.attributes["manifest"], self.attributes["run"]
         refuse_missing_blocks(self.path, group, first, self.states)
-        wide = manifest["real"] in ("long-double", "float128")
-        dtype = DTYPES[manifest["real"]]
+        real = manifest["real"]
+        wide, dtype = is_wide(real), DTYPES[real]
 
         def read(name: str, *, after_start: bool = False) -> Array:
             """Return an array's rows in the stepper's type; zeros where the store has none."""
@@ -147,7 +149,8 @@ class Recording:
         return Trajectory(
             t=t, q=read("q"), p=read("p"), multipliers=self._multipliers(read, len(t)),
             iterations=read("iterations", after_start=True).astype(np.intc),
-            dt=run["dt"], every=run["every"] * thin, parameters=run["parameters"],
+            dt=from_text(run["dt"], real), every=run["every"] * thin,
+            parameters={name: from_text(x, real) for name, x in run["parameters"].items()},
             report=self.report, manifest=manifest, energies=read("energy"),
             g_errors=read("g_error"), f_errors=read("f_error"), work=read("work"),
             quantity_values=np.stack(values, axis=1) if values else np.zeros((len(t), 0), dtype),

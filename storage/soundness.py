@@ -17,6 +17,7 @@ import zarr
 from .._version import __version__
 from ..errors import InputError
 from ..runtime.binding import DTYPES
+from ..runtime.reals import from_text
 from ..runtime.trajectory import Report, known_fields
 from .identity import FORMAT, written_by
 from .layout import CHECKPOINT, EXTENDS, Field, array_of, attributes_of, wide_name
@@ -62,7 +63,8 @@ def _complaints(
     about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
 ) -> Iterator[str]:
     """Yield what is wrong, as long as what is looked at makes sense."""
-    first = [*_about_run(run), *_about_manifest(about)]
+    first = list(_about_manifest(about))
+    first = first or list(_about_run(run, about["manifest"]["real"]))
     yield from first
     if not first:
         yield from _about_course(about, run)
@@ -77,20 +79,26 @@ def _is_count(value: Any, least: int) -> bool:
     return type(value) is int and value >= least
 
 
-def _is_number(value: Any) -> bool:
-    return type(value) in (int, float)
+def _is_number(value: Any, real: str = "double") -> bool:
+    """Whether a number is as stores hold it: of a wide type a text may have its digits."""
+    try:
+        from_text(value, real)
+    except ValueError:
+        return False
+    return True
 
 
-def _about_run(run: Mapping[str, Any]) -> Iterator[str]:
+def _about_run(run: Mapping[str, Any], real: str) -> Iterator[str]:
     """Yield what is wrong with the run's arguments."""
     for name, least in (("steps", 0), ("every", 1)):
         if not _is_count(run.get(name), least):
             yield f"run.{name} is {run.get(name)!r}"
     for name in ("dt", "t0"):
-        if not _is_number(run.get(name)):
+        if not _is_number(run.get(name), real):
             yield f"run.{name} is {run.get(name)!r}"
     parameters = run.get("parameters")
-    if not isinstance(parameters, Mapping) or not all(map(_is_number, parameters.values())):
+    if not isinstance(parameters, Mapping) or not all(
+            _is_number(x, real) for x in parameters.values()):
         yield "run.parameters are no numbers"
 
 

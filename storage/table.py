@@ -6,17 +6,19 @@ A stored run is read a block at a time; a trajectory is in memory already.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..exact import digits_of
+from ..runtime.binding import DTYPES
 from ..runtime.states import states_of
 from .layout import Field, array_of, fields_of, wide_name
 from .recording import Recording, stored_values
 from .soundness import refuse_missing_blocks
-from .wide import as_bytes
+from .wide import as_bytes, from_bytes
 
 if TYPE_CHECKING:
     from ..runtime.trajectory import Trajectory
@@ -79,6 +81,19 @@ class Table:
         system: dict[str, Any] = self.attributes["manifest"]["system"]
         return system
 
+    @property
+    def numbers(self) -> list[Column]:
+        """The columns of numbers: wide ones in their own type, not as doubles and as bytes."""
+        dtype = DTYPES[self.attributes["manifest"]["real"]]
+        known = {column.name: column for column in self.columns}
+
+        def whole(column: Column) -> Column:
+            wide = known.get(wide_name(column.name))
+            return column if wide is None else replace(
+                column, read=lambda begin, end: from_bytes(wide.read(begin, end), dtype))
+
+        return [whole(column) for column in self.columns if not column.is_bytes]
+
     def blocks(self, columns: list[Column]) -> Iterator[tuple[int, list[Array]]]:
         """Yield the first row of each block, and the block of each of these columns."""
         for begin in range(0, self.rows, self.block):
@@ -112,8 +127,8 @@ def table_of(trajectory: Trajectory) -> Table:
     about = {
         "title": f"{trajectory.manifest['name']}: {trajectory.report.steps} steps of "
                  f"{float(trajectory.dt):g} s",
-        "run": {"parameters": {name: float(x) for name, x in trajectory.parameters.items()},
-                "dt": float(trajectory.dt), "every": trajectory.every,
+        "run": {"parameters": {name: digits_of(x) for name, x in trajectory.parameters.items()},
+                "dt": digits_of(trajectory.dt), "every": trajectory.every,
                 "steps": trajectory.report.steps},
         "report": asdict(trajectory.report),
         "manifest": trajectory.manifest,

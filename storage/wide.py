@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..runtime.memory import without_padding
+
 __all__ = ["WIDE_BYTES", "as_bytes", "from_bytes"]
 
 Array = NDArray[Any]
 
 WIDE_BYTES = 16
-#: Bytes of an x87 number that count; the others are whatever was there.
-_X87_BYTES = 10
 
 
 def as_bytes(array: Array) -> Array:
@@ -22,11 +22,8 @@ def as_bytes(array: Array) -> Array:
         from ..runtime.quad import to_bytes  # mpmath costs time, and only float128 needs it
 
         return to_bytes(array)
-    data = np.ascontiguousarray(array).view(np.uint8).reshape(*array.shape, array.dtype.itemsize)
-    if array.dtype == np.longdouble and np.finfo(np.longdouble).nmant == 63:
-        data = data.copy()
-        data[..., _X87_BYTES:] = 0
-    return data
+    data = np.ascontiguousarray(without_padding(array)).view(np.uint8)
+    return data.reshape(*array.shape, array.dtype.itemsize)
 
 
 def from_bytes(data: Array, dtype: Any) -> Array:

@@ -121,7 +121,7 @@ def stored_arrays(binding: Binding, run: Run, parameters: Any, batch: Batch) -> 
     kept = slice(0, batch.count)
     rows, numbers = batch.rows, np.arange(batch.first, batch.first + batch.count)
     q, p = rows.q[kept], rows.p[kept]
-    t = run.t0 + np.minimum(numbers * run.every, run.steps) * run.dt
+    t = binding.times(run.t0, run.dt, np.minimum(numbers * run.every, run.steps))
     g_error, f_error = defect_sizes(binding, parameters, q, p)
     values = binding.quantities(parameters, t.astype(binding.dtype), q, p)
     multipliers = rows.multipliers[kept]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -106,7 +106,7 @@ class Study:
 
 
 def checked_study(study: Study) -> Study:
-    """Return a study whose every value is known to be usable.
+    """Return a study whose every value is known to be usable, its numbers as doubles.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def checked_study(study: Study) -> Study:
     fixed = {name: value for name, value in study.parameters.items() if not study.varied(name)}
     trial = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
                      for name in axis.columns if name in names}
-    as_parameters(trial, stepper.parameter_domains)
+    doubles = as_parameters(trial, stepper.parameter_domains)
     if (study.steps is None) == (study.duration is None):
         raise InputError("Give a sweep either steps, the number for every cell, or duration, the "
                          "seconds of every cell.")
@@ -134,8 +134,7 @@ def checked_study(study: Study) -> Study:
         as_positive_count("every", study.every, least=1)
     if study.every is not None and study.steps is None:
         raise InputError("every needs steps: with a duration cells have different numbers of them.")
-    if not study.varied("dt"):
-        as_step(study.dt)
+    dt = None if study.varied("dt") else as_step(study.dt)
     if study.solver not in SOLVERS or study.solver == "python":
         raise InputError(f"solver = {study.solver!r} does not do sweeps; choose auto, newton or "
                          "fixed-point.")
@@ -146,7 +145,7 @@ def checked_study(study: Study) -> Study:
         if study.solver == "fixed-point" and not one.binding.lanes:
             raise InputError(f"{one.name} has no solver fixed-point: "
                              f"{one.manifest['fast_path']['reason']}; choose auto or newton.")
-    return study
+    return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt)
 
 
 def _refuse_repetition(study: Study) -> None:

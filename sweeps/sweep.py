@@ -12,11 +12,12 @@ import numpy as np
 
 from .._version import __version__
 from ..errors import InputError, Stopped, StorageError
+from ..exact import digits_of
 from ..runtime.checks import as_positive_count
 from ..runtime.interrupts import ctrl_c, watched
 from ..storage.durable import new_store_path, remove_parts, storage_errors
 from ..storage.fresh import appearing, is_new
-from ..storage.identity import number_text, refuse_if_different, versions
+from ..storage.identity import refuse_if_different, versions
 from ..storage.layout import Field, attributes_of, open_group
 from ..storage.lock import claim
 from ..storage.wide import as_bytes
@@ -245,8 +246,8 @@ def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
             "tile": list(tile_shape(study)),
             "parameters": {name: value for name, value in study.parameters.items()
                            if not study.varied(name)},
-            "q": None if study.varied("q") else [number_text(x) for x in study.q],
-            "p": None if study.varied("p") else [number_text(x) for x in study.p],
+            "q": None if study.varied("q") else [digits_of(x) for x in study.q],
+            "p": None if study.varied("p") else [digits_of(x) for x in study.p],
             "dt": None if study.varied("dt") else study.dt,
             "steps": study.steps, "duration": study.duration, "every": study.every,
             "t0": study.t0, "solver": study.solver, "tolerance": study.tolerance,

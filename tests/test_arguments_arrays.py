@@ -5,6 +5,7 @@ from __future__ import annotations
 from decimal import Decimal
 from fractions import Fraction
 
+import mpmath as mp
 import numpy as np
 import pytest
 import sympy as sp
@@ -61,10 +62,9 @@ BAD_STATES = {
     "bool": [True, False, False, False],
     "words": ["1", "0", "0", "0"],
     "bytes": b"1000",
-    "objects": np.array([1, 0, 0, 0], dtype=object),
-    "fractions": [Fraction(1), 0, 0, 0],
-    "decimals": [Decimal(1), 0, 0, 0],
-    "symbols": [sp.Integer(1), 0, 0, 0],
+    "symbols": [sp.Symbol("x"), 0, 0, 0],
+    "complex objects": [mp.mpc(1), 0, 0, 0],
+    "infinite": [Decimal("inf"), 0, 0, 0],
     "huge integers": [10**400, 0, 0, 0],
     "None": None,
     "with None": [None, 0, 0, 0],
@@ -96,8 +96,18 @@ def test_unusable_state_is_refused(bad, gl3):
             call(good, bad)
 
 
+def test_exact_numbers_are_converted(gl3):
+    """Each rounded once: to the double next to it."""
+    expected = gl3.step([0.6, 0.8, 0, 0], [0, 0, 1, 2], **RUN)
+    for q in ([Fraction(3, 5), Fraction(4, 5), 0, 0], [Decimal("0.6"), Decimal("0.8"), 0, 0],
+              [sp.Rational(3, 5), sp.Rational(4, 5), sp.Integer(0), 0],
+              [mp.mpf("0.6"), mp.mpf("0.8"), mp.mpf(0), 0],
+              np.array([0.6, 0.8, 0, 0], dtype=object)):
+        assert np.array_equal(gl3.step(q, [0, 0, 1, 2], **RUN), expected)
+
+
 @pytest.mark.parametrize("bad", [b for k, b in BAD_STATES.items() if k not in (
-    "matrix", "NaN", "inf", "-inf")], ids=str)
+    "matrix", "NaN", "inf", "-inf", "infinite", "huge integers")], ids=str)
 def test_unusable_states_have_no_energy(bad, gl3):
     with refused("^q "):
         gl3.energy(bad, bad, parameters=PARAMETERS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from decimal import Decimal
 from fractions import Fraction
 
+import mpmath as mp
 import numpy as np
 import pytest
 import sympy as sp
@@ -14,7 +15,9 @@ from calls import PARAMETERS, RUN, TOP, refused
 
 BAD_NUMBERS = {"None": None, "word": "0.1", "NaN": np.nan, "inf": np.inf, "-inf": -np.inf,
                "complex": 1j, "bool": True, "list": [0.1], "array": np.array([0.1]),
-               "huge": 10**400, "-huge": -10**400, "decimal": Decimal("0.1"), "bytes": b"1"}
+               "huge": 10**400, "-huge": -10**400, "bytes": b"1", "decimal NaN": Decimal("NaN"),
+               "symbol": sp.Symbol("x"), "interval": np.timedelta64(1), "complex mpmath": mp.mpc(1),
+               "beyond": mp.mpf(10) ** 400, "infinite": mp.inf, "far beyond": Decimal("1e999999")}
 
 
 @pytest.mark.parametrize("bad", BAD_NUMBERS.values(), ids=BAD_NUMBERS.keys())
@@ -34,7 +37,8 @@ def test_zero_time_step_is_refused(gl3):
 def test_time_step_of_any_real_type(gl3):
     expected = gl3.step(TOP.q0, TOP.p0, dt=0.0078125, parameters=PARAMETERS)
     for dt in (Fraction(1, 128), np.float32(0.0078125), np.longdouble(0.0078125),
-               sp.Rational(1, 128)):
+               sp.Rational(1, 128), Decimal("0.0078125"), mp.mpf(2) ** -7, sp.Float(2) ** -7,
+               sp.sqrt(sp.Rational(1, 2)) ** 14):
         assert np.array_equal(gl3.step(TOP.q0, TOP.p0, dt=dt, parameters=PARAMETERS), expected)
 
 

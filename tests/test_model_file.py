@@ -458,8 +458,8 @@ def test_any_lines_are_a_model_or_refused(text, edits):
         assert str(error).startswith("The model file 'model.toml' is not usable: ")  # noqa: PT017
         assert str(error).endswith(".")  # noqa: PT017
         return
-    assert np.isfinite(model.q0).all()
-    assert np.isfinite(model.p0).all()
+    assert np.isfinite(model.q0.astype(float)).all()
+    assert np.isfinite(model.p0.astype(float)).all()
 
 
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
