@@ -92,11 +92,17 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
         ``"not converged"``, ``"singular matrix"`` or ``"not finite"``.
     trajectory : Trajectory
         Everything computed before the failed step.
+    hint : str
+        What the system itself lets expect: forces that jump may leave a step without a solution.
     """
 
     def __init__(self, *, step: int, t: float, reason: str, trajectory: Trajectory) -> None:
+        jumps = trajectory.manifest["system"].get("jumps")
+        self.hint = "" if jumps is None else (
+            f"Forces jump at {jumps}: a step to there may have no solution; write them smooth, as "
+            "tanh(x/1e-3) for sign(x). ")
         super().__init__(
-            f"Step {step} at t = {t:.9g} s failed: {reason}. "
+            f"Step {step} at t = {t:.9g} s failed: {reason}. {self.hint}"
             "A smaller time step usually cures it; everything before it is in .trajectory."
         )
         self.step = step

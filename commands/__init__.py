@@ -76,8 +76,9 @@ def _call(command: click.Command, name: str) -> NoReturn:
         logging.getLogger("asyncio").disabled = True  # it would name the reads that Zarr had begun
         _fail(name, "Interrupted.", 130)
     except StepFailed as error:
-        _fail(name, f"Step {error.step} at t = {error.t:.9g} s failed: {error.reason}. A smaller "
-                    "--dt usually cures it; everything before it is reported and saved.", 1)
+        _fail(name, f"Step {error.step} at t = {error.t:.9g} s failed: {error.reason}. "
+                    f"{error.hint}A smaller --dt usually cures it; everything before it is "
+                    "reported and saved.", 1)
     except CompilerError as error:
         _fail(name, str(error), 2)  # with the compiler's own lines
     except GyrosparkError as error:

@@ -22,6 +22,7 @@ from .fast_path import FastTableau
 from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel, sums_products
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
+from .smoothness import Switching
 from .structure import Structure
 from .system import System
 from .tableau import FIELDS, Tableau, is_quadratic
@@ -281,6 +282,8 @@ def _manifest(
             **_given_names(system),
             "rigid_body": system.rigid_body,
             **_forces_and_quantities(system),
+            **Switching(system).said(
+                scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
         },
         "scheme": {
             "method": method,
