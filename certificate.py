@@ -23,6 +23,7 @@ from .generator.evaluation import evaluate
 from .generator.model import Model
 from .generator.momentum_maps import MAX_COORDINATES, MomentumMap, momentum_maps
 from .generator.rigid_body import free_body, heavy_top
+from .generator.smoothness import Switching
 from .runtime.checks import as_positive_count, as_step
 from .runtime.inertia import gamma_m
 from .runtime.loop_invariant import loop_drift
@@ -289,6 +290,19 @@ class Promises:
         return f"{self.scheme} is not symplectic: it strays with Δt²"
 
     @cached_property
+    def places(self) -> str:
+        """Where H or forces switch sides, as |x| does; nothing where they are smooth.
+
+        A loop that crosses it has a kink, and an order is that of smooth motion.
+        """
+        return Switching(self.model.system).named
+
+    @cached_property
+    def jumps(self) -> str:
+        """Where forces jump: a step across may have no solution, or two."""
+        return Switching(self.model.system).named_jumps(discrete=self.scheme == "EMS")
+
+    @cached_property
     def symmetric(self) -> bool:
         """Whether step(−h) undoes step(h)."""
         if self.tableau is None:
@@ -386,6 +400,9 @@ class _Examination:
         found = f"{loop.start:.6g}, drift {drift:.1e} of {loop.size:.3g}, {loop.points} points"
         if not promised:
             return told(quantity, found, "not kept", self.promises.why_symplectic, drift)
+        if self.promises.places:
+            return told(quantity, found, "kept by smooth motion",
+                        f"across {self.promises.places} loops have kinks", drift)
         return judged(quantity, found, f"drift ≤ {bound:.0e} of ∮|p dq|",
                       self.promises.why_symplectic, drift, bound)
 
@@ -401,6 +418,9 @@ class _Examination:
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
         if not self.promises.symmetric:
             return told(quantity, found, "not the identity", "the tableau is not symmetric", value)
+        if self.promises.jumps:
+            return told(quantity, found, "by the same steps back", "forces jump at "
+                        f"{self.promises.jumps}: a step may have several ends, or none", value)
         return judged(quantity, found, f"≤ {rounding:.0e} relative",
                       f"symmetric; neighbours part {back.growth:.3g} times", value, rounding)
 
@@ -458,6 +478,10 @@ class _Examination:
             bound = self.walk * scale
             return judged(quantity, found, f"≤ {bound:.1e}",
                           "ΔH = Δp·D_pH + Δq·D_qH is an identity", value, bound)
+        if self.promises.places:
+            return told(quantity, found, f"O(Δt^{self.step.order}) between crossings",
+                        f"each crossing of {self.promises.places} leaves an error of its own; EMS "
+                        "alone keeps H", value)
         kept = "swings, no trend" if self.promises.symplectic and not self.promises.violation \
             else f"O(Δt^{self.step.order})"
         return told(quantity, found, kept,
@@ -499,8 +523,12 @@ class _Examination:
             slopes = ", ".join(f"{slope:.2f}" for slope in seen.slopes)
             return told(quantity, f"slopes {slopes}", str(wanted),
                         "no two neighbours agree to 0.2: steps are too long for the order to show")
+        found = f"{seen.order:.2f} at Δt = {seen.dt:.2g}"
+        if self.promises.places:
+            return told(quantity, found, f"{wanted} between crossings",
+                        f"steps across {self.promises.places} have a lower one", seen.order)
         lacking = wanted - seen.order  # a run may happen to be better than its method
-        return judged(quantity, f"{seen.order:.2f} at Δt = {seen.dt:.2g}", str(wanted),
+        return judged(quantity, found, str(wanted),
                       "|y_h − y_(h/2)| over halved steps lacks at most 0.3", lacking, 0.3)
 
     def _quantities(self) -> Iterator[Line]:

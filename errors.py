@@ -100,6 +100,8 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
         A time step that was tried from there and succeeds, where one was looked for and found.
     detail, cure : str
         The reason with its figures, and what helps.
+    hint : str
+        What the system itself lets expect: forces that jump may leave a step without a solution.
     """
 
     def __init__(
@@ -118,9 +120,17 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
         super().__init__(f"{self.told}; everything before it is in .trajectory.")
 
     @property
+    def hint(self) -> str:
+        """What the system itself lets expect of steps without a solution."""
+        jumps = self.trajectory.manifest["system"].get("jumps")
+        return "" if jumps is None else (
+            f" Forces jump at {jumps}: a step to there may have no solution; write them smooth, as "
+            "tanh(x/1e-3) for sign(x).")
+
+    @property
     def told(self) -> str:
         """What failed, where, why, and what helps."""
-        return f"Step {self.step} at t = {self.t:.9g} s failed: {self.detail}. {self.cure}"
+        return f"Step {self.step} at t = {self.t:.9g} s failed: {self.detail}.{self.hint} {self.cure}"
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by arguments: worker processes hand failures over."""

@@ -14,6 +14,7 @@ import click
 
 from ..errors import InputError
 from ..generator.spec import PAPER_SPECS, Spec
+from ..runtime.manifest import remarks_of
 from ..runtime.notices import doing
 from .options import check_no_file, spec_from, stepper_options
 
@@ -82,8 +83,8 @@ def summary(made: Generated, out: Path, derive: float, compile_seconds: float | 
     """Return what was made, in a few lines."""
     scheme = made.scheme
     operations = sum_operations(made.source.manifest)
-    said = json.loads(made.source.manifest).get("tableau", {}).get("remarks", [])
-    remarks = "".join(f"  tableau: {remark}\n" for remark in said)
+    said = remarks_of(json.loads(made.source.manifest))
+    remarks = "".join(f"  {part}: {remark}\n" for part, remark in said)
     seconds = f"derived and written in {derive:.2f} s"
     if compile_seconds is not None:
         seconds += f", compiled in {compile_seconds:.2f} s"

@@ -17,6 +17,7 @@ from ..exact import Rounded, decimal
 from ..generator.spec import is_model_file
 from ..runtime.inertia import AIMS
 from ..runtime.interrupts import watched
+from ..runtime.manifest import remarks_of
 from ..runtime.start import Start
 from .options import json_option, real_number, spec_from, stepper_options, whole_number
 from .run_outputs import check_targets, integrate_to, where_it_is
@@ -98,8 +99,8 @@ def run(
     else:
         step, start = _stepper(chosen, choice), Start.of_problem(chosen)
     if not as_json:  # before a step is taken
-        for remark in step.remarks:
-            click.echo(f"tableau: {remark}")
+        for part, remark in remarks_of(step.manifest):
+            click.echo(f"{part}: {remark}")
     parameters = _parameters(step, start, gamma, alpha)
     step_size, begin = _step_size(dt, start), real_number("--t0", t0)
     count = _step_count(steps, start)

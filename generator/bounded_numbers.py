@@ -14,10 +14,12 @@ from typing import Any
 
 import sympy as sp
 from mpmath.ctx_iv import MPIntervalContext
+from mpmath.libmp import mpf_floor, to_int
 
 from .grammar import RefusedError, shorten
 
-__all__ = ["FUNCTIONS", "Value", "add", "multiply", "named", "power", "rational", "reciprocal"]
+__all__ = ["FUNCTIONS", "ROOTS", "Value", "add", "multiply", "named", "order", "power", "rational",
+           "reciprocal"]
 
 MAX_EXPONENT = 64
 #: Bits of numerator and denominator: of a rational, of a number under a root, and (a bound on
@@ -223,6 +225,66 @@ def named(expression: sp.Expr) -> Value:
     return Value(expression, INTERVAL.mpf(str(sp.N(expression, 100))) * NEARLY_ONE, bits)
 
 
-#: What text may call; each takes and returns a bounded value and refuses what it is not
-#: defined for.
-FUNCTIONS: dict[str, Callable[[Value], Value]] = {"sqrt": _square_root}
+# ---------------------------------------------------------------- comparisons
+
+
+def order(a: Value, b: Value) -> int:
+    """Return −1, 0 or 1 as a < b, a = b or a > b; refused where 90 digits do not tell."""
+    if a.exact == b.exact:
+        return 0
+    difference = a.interval - b.interval
+    if 0 in difference:
+        raise RefusedError("Which of these numbers is larger cannot be told to 90 digits; simplify "
+                           "them")
+    return 1 if difference.a > 0 else -1
+
+
+def absolute(value: Value) -> Value:
+    """Return |value|."""
+    return multiply([sign(value), value])
+
+
+def sign(value: Value) -> Value:
+    """Return −1, 0 or 1."""
+    return rational(sp.Integer(order(value, rational(sp.Integer(0)))))
+
+
+def _heaviside(value: Value) -> Value:
+    return rational((sign(value).exact + 1) / 2)
+
+
+def largest(*values: Value) -> Value:
+    """Return the largest of some values."""
+    return reduce(lambda a, b: b if order(a, b) < 0 else a, values)
+
+
+def smallest(*values: Value) -> Value:
+    """Return the smallest of some values."""
+    return reduce(lambda a, b: b if order(a, b) > 0 else a, values)
+
+
+def floor(value: Value) -> Value:
+    """Return the largest whole number up to the value."""
+    if value.is_rational:
+        return rational(sp.floor(value.exact))
+    low, high = (int(to_int(mpf_floor(end))) for end in value.interval._mpi_)
+    if low != high:
+        raise RefusedError("Whether this is a whole number cannot be told to 90 digits; simplify "
+                           "it")
+    return rational(sp.Integer(low))
+
+
+def remainder(a: Value, b: Value) -> Value:
+    """Return a − b ⌊a/b⌋."""
+    whole = floor(multiply([a, reciprocal(b)]))
+    return add([a, multiply([rational(sp.Integer(-1)), b, whole])])
+
+
+#: What the text of a tableau may call; each takes and returns bounded values and refuses what it is
+#: not defined for.
+ROOTS: dict[str, Callable[..., Value]] = {"sqrt": _square_root}
+#: Those of model files that are carried out exactly.
+FUNCTIONS: dict[str, Callable[..., Value]] = ROOTS | {
+    "abs": absolute, "sign": sign, "heaviside": _heaviside, "min": smallest, "max": largest,
+    "floor": floor, "mod": remainder,
+}

@@ -12,14 +12,18 @@ from ..errors import InputError
 from .cardinal import Numeric
 from .real import Real
 
-__all__ = ["CPrinter"]
+__all__ = ["ON_LANES", "SWITCHES", "CPrinter"]
 
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
 #: Of <math.h>, by SymPy's name.
 _FUNCTIONS = {getattr(sp, name): name for name in (
     "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh",
-    "atanh", "exp", "log",
-)}
+    "atanh", "exp", "log", "floor",
+)} | {sp.Abs: "fabs"}
+#: Functions with two sides, of ``templates/switches.c.jinja``.
+SWITCHES = frozenset({"choose", "maximum", "minimum", "sign"})
+#: What takes all lanes at once.
+ON_LANES = SWITCHES | {"fabs"}
 #: Powers up to here are products.
 _LARGEST_PRODUCT = 16
 
@@ -42,7 +46,7 @@ class CPrinter:
         self.names = dict(names)
         self.prefix = prefix
         self.operations: Counter[str] = Counter()
-        #: Names of the functions of <math.h>, without suffix, and of cardinal functions called.
+        #: Names of the functions of <math.h>, without suffix, and of our own ones called.
         self.functions: set[str] = set()
 
     def __call__(self, expression: sp.Expr) -> str:
@@ -61,7 +65,8 @@ class CPrinter:
         self.functions.add(name)
         self.operations[name] += 1
         end = "" if self.prefix or not suffix else self.real.suffix.lower()
-        texts = [*(["c->LANES_USED"] if self.prefix else []), *map(self.number, arguments)]
+        singly = self.prefix and name not in ON_LANES
+        texts = [*(["c->LANES_USED"] if singly else []), *map(self.number, arguments)]
         return f"{self.prefix}{name}{end}({', '.join(texts)})"
 
     def _text(self, e: sp.Expr) -> tuple[str, int]:
@@ -82,9 +87,12 @@ class CPrinter:
             return self._call(_FUNCTIONS[e.func], *e.args), _ATOM
         if isinstance(e, Numeric):
             return self._call(e.c_name, *e.args, suffix=False), _ATOM
+        if isinstance(e, sp.sign):
+            return self._call("sign", *e.args, suffix=False), _ATOM
         raise InputError(
             f"No C is known for {e.func.__name__!r} in {e}; write it with + - * /, powers, sqrt, "
-            f"{', '.join(_FUNCTIONS.values())}."
+            f"{', '.join(f.__name__ for f in _FUNCTIONS)}, sign, Heaviside, Min, Max, Piecewise, "
+            "ceiling, Mod."
         )
 
     def _within(self, e: sp.Expr, level: int) -> str:

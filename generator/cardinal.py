@@ -20,22 +20,23 @@ __all__ = ["Asinhc", "Atanc", "Atanhc", "Numeric", "Sinc", "Sinhc",
 
 
 class Numeric(sp.Function):  # type: ignore[misc]
-    """A real function of one argument with a value in mpmath and a name in C."""
+    """A real function with a value in mpmath and a name in C."""
 
-    nargs = 1
+    nargs: Any = 1
     c_name = ""
 
     @staticmethod
-    def value(z: Any) -> Any:
-        """Return the value at an mpmath number, to working precision."""
+    def value(*arguments: Any) -> Any:
+        """Return the value at mpmath numbers, to working precision."""
         raise NotImplementedError
 
     def _eval_evalf(self, prec: int) -> sp.Expr | None:
-        argument = self.args[0]._eval_evalf(prec)
-        if argument is None or not argument.is_Number:
+        arguments = [a._eval_evalf(prec) for a in self.args]
+        if not all(a is not None and a.is_Number for a in arguments):
             return None
         with mp.workprec(prec):
-            return sp.Float._new(self.value(argument._to_mpmath(prec))._mpf_, prec)
+            value = self.value(*(a._to_mpmath(prec) for a in arguments))
+            return sp.Float._new(value._mpf_, prec)
 
     def _eval_is_extended_real(self) -> Any:
         return self.args[0].is_extended_real

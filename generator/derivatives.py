@@ -1,7 +1,9 @@
 """Derivatives of sums, products, powers and functions by SymPy's own rules, without its detours.
 
 The outcome is SymPy's, term by term. It differentiates every factor of a product zero times to
-form each term, and evaluates the logarithm of every base to multiply it with zero.
+form each term, and evaluates the logarithm of every base to multiply it with zero. Of functions
+with two sides (``switches``) it is the derivative of the side: that of a step is 0, and there is no
+Dirac's delta.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from functools import lru_cache
 import sympy as sp
 
 from .sharing import Shared, share
+from .switches import Switch, Where, has_sides
 
 __all__ = ["derivative"]
 
@@ -25,12 +28,23 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
     if e.is_Mul:
         return sp.Add(*_product_terms(e.args, x))
     if e.is_Pow and e.exp.is_number:
-        return e * (derivative(e.base, x) * e.exp / e.base)
+        inner = derivative(e.base, x)
+        rate = e * (inner * e.exp / e.base)
+        if 0 < e.exp < 1 and has_sides(e.base):  # √max(x, 0) does not move where x < 0
+            return Where(sp.Integer(0), sp.Abs(inner), rate, sp.Integer(0))
+        return rate
+    if e.is_Pow:
+        by_base, by_exponent = (derivative(argument, x) for argument in e.args)
+        return e * (by_exponent * sp.log(e.base) + by_base * e.exp / e.base)
     if isinstance(e, Shared):
         return share(derivative(e.args[0], x))
+    if isinstance(e, (sp.sign, sp.floor)):
+        return sp.Integer(0)
+    if isinstance(e, Switch):
+        return e.pick(*(derivative(e.args[i], x) for i in e.branches))
     if e.is_Function:
-        inner = [derivative(argument, x) for argument in e.args]
-        return sp.Add(*(e.fdiff(i) * d for i, d in enumerate(inner, 1) if d != 0))
+        each = [derivative(argument, x) for argument in e.args]
+        return sp.Add(*(e.fdiff(i) * d for i, d in enumerate(each, 1) if d != 0))
     return sp.diff(e, x)
 
 

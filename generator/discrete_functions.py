@@ -10,7 +10,9 @@ import sympy as sp
 
 from .cardinal import Asinhc, Atanc, Atanhc, Sinc, Sinhc
 from .difference import Difference
+from .discrete_switches import absolute
 from .sharing import share
+from .switches import Where
 
 __all__ = ["FUNCTIONS", "angle", "exponential", "logarithm", "power"]
 
@@ -60,9 +62,14 @@ def _reciprocal(u: Difference) -> Difference:
 
 
 def _root(u: Difference) -> Difference:
-    u0, u1 = u.ends
-    total = sp.sqrt(u1) + sp.sqrt(u0)
-    return u.apply(total / 2, 1 / total)
+    u0, u1 = map(sp.sqrt, u.ends)
+    total = u1 + u0
+    if u.known_ends is None:
+        return u.apply(total / 2, 1 / total)
+    # both may be 0 for a while, as those of max(x, 0)
+    total = share(total)
+    quotient = Where(sp.Integer(0), total, 1 / total, sp.Integer(0))
+    return u.apply(total / 2, quotient).with_ends(u0, u1)
 
 
 def _geometric(u: Difference) -> tuple[sp.Expr, sp.Expr]:
@@ -76,7 +83,13 @@ def _real_power(u: Difference, c: sp.Expr) -> Difference:
     """Return exp(c log u), with powers of g in place of the exponential of the mean."""
     g, z = _geometric(u)
     growth = share(c * z * Asinhc(z))  # ½ Δ(c log u)
-    return u.apply(g**c * sp.cosh(growth), c * g ** (c - 1) * Sinhc(growth) * Asinhc(z))
+    mean = g**c * sp.cosh(growth)
+    quotient = c * g ** (c - 1) * Sinhc(growth) * Asinhc(z)
+    if u.known_ends is not None:  # one of them may be 0, or both
+        zero, total = sp.Integer(0), share(sp.Add(*u.ends))
+        mean = Where(zero, g, mean, _mean_of(lambda x: x**c, u))
+        quotient = Where(zero, g, quotient, Where(zero, total, 2 * mean / total, zero))
+    return u.apply(mean, quotient)
 
 
 # ---------------------------------------------------------------- exponentials and logarithms
@@ -213,4 +226,5 @@ FUNCTIONS: dict[type[sp.Expr], Callable[[Difference], Difference]] = {
     sp.asinh: _asinh,
     sp.acosh: _acosh,
     sp.atanh: _atanh,
+    sp.Abs: absolute,
 }

@@ -41,6 +41,16 @@ disturbs:
     asinh      Δ = asinhc(h/r)/r Δu,      r = cosh(mean); by atanh it has no digits from −u to u
     atanh      Δ = asinhc(Δu/r)/r Δu,     r = √(1 − u₁²) √(1 − u₀²)
 
+Functions with two sides have these of where the ends lie, with h = Δu/2 and the tilt
+τ(u) = ū/max(|ū|, |h|), which is ±1 where both ends lie on one side of 0 and ū/|h| else:
+
+    |u|        Δ|u|      = τ(u) Δu,                         mean = max(|ū|, |h|)
+    max        Δmax(u,v) = ½(1 + τ) Δu + ½(1 − τ) Δv,       τ = τ(u − v); min with −τ
+    pieces     Δf(s)     = Σ_i Δf_i(c_i),                   c_i = min(max(s, b_(i−1)), b_i)
+
+where f is f_i from b_(i−1) to b_i and continuous (``pieces``). A quotient is not formed where its
+denominator is 0: a side is taken, and no digit is lost where both ends lie on it.
+
 Where u has no square root or logarithm at an end, the value is no number, as H itself is none.
 Powers whose exponent is not a known multiple of ½ take positive u only; tanh takes |Δu| < 700 in
 double, for sinh overflows beyond. Means and changes that a function uses more than once are
@@ -50,14 +60,19 @@ shared parts (``sharing``): nested functions cost their number.
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping, Sequence
-from functools import reduce
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial, reduce
 
 import sympy as sp
 
 from ..errors import InputError
 from .difference import Difference
 from .discrete_functions import FUNCTIONS, angle, exponential, logarithm, power
+from .discrete_switches import chosen, extreme, piecewise
+from .grammar import shorten
+from .pieces import ScatteredError, pieces_of, tells_sides
+from .sharing import parts_of
+from .switches import Max, Min, Where
 
 __all__ = ["Difference", "differentiate", "discrete_gradient"]
 
@@ -91,33 +106,100 @@ def discrete_gradient(
 
 
 def differentiate(
-    u: sp.Expr, leaves: Mapping[sp.Symbol, Difference], dx: Sequence[sp.Symbol]
+    u: sp.Expr, leaves: Mapping[sp.Symbol, Difference], dx: Sequence[sp.Expr]
 ) -> Difference:
     """Return mean and slope of u by recursion over its expression tree, each part once."""
-    known: dict[sp.Expr, Difference] = dict(leaves)
-    symbols = set(leaves)
+    return _Walk(u, leaves, dx)(u)
 
-    def visit(e: sp.Expr) -> Difference:
-        if e not in known:
-            if e.free_symbols.isdisjoint(symbols):
-                known[e] = Difference(e, {}, dx)
+
+class _Walk:
+    """The differences of an expression's parts."""
+
+    def __init__(
+        self, u: sp.Expr, leaves: Mapping[sp.Symbol, Difference], dx: Sequence[sp.Expr]
+    ) -> None:
+        self.known: dict[sp.Expr, Difference] = dict(leaves)
+        self.symbols, self.dx = set(leaves), dx
+        self.stepping = self._with_steps(u)
+
+    def __call__(self, e: sp.Expr) -> Difference:
+        """Return the difference of e."""
+        if e not in self.known:
+            if e.free_symbols.isdisjoint(self.symbols):
+                self.known[e] = Difference(e, {}, self.dx)
+            elif e in self.stepping:
+                self.known[e] = self._of_steps(e)
             else:
-                _refuse_unknown(e)
-                known[e] = _combine(e, list(map(visit, e.args)))
-        return known[e]
+                self.known[e] = self._combined(e)
+        return self.known[e]
 
-    return visit(u)
+    def _combined(self, e: sp.Expr) -> Difference:
+        _refuse_unknown(e)
+        return _combine(e, list(map(self, e.args)))
+
+    # ------------------------------------------------------------ conditions
+
+    def _with_steps(self, u: sp.Expr) -> set[sp.Basic]:
+        """Return all parts of u that contain a condition, sign or floor of the symbols."""
+        found: set[sp.Basic] = set()
+        for part in parts_of([u]):
+            if tells_sides(part, self.symbols) or not found.isdisjoint(part.args):
+                found.add(part)
+        return found
+
+    def _of_steps(self, e: sp.Expr) -> Difference:
+        """Return the difference of what contains a condition: of pieces, if it has any.
+
+        In a product or sum it is what depends on the same symbols that has them together:
+        x H(x) is continuous, and Heaviside's H(x) is not.
+        """
+        try:
+            pieces = pieces_of(e, self.symbols)
+        except ScatteredError as reason:
+            together = self._together(e) if e.is_Add or e.is_Mul else e
+            if together == e and (tells_sides(e, self.symbols) or e.is_Add or e.is_Mul):
+                raise _no_pieces(e, reason) from None
+            if together == e:
+                return self._combined(e)
+            self.stepping.add(together)
+            rest = [a for a in e.args if a not in e.func.make_args(together)]
+            return _combine(e, [self(together), *map(self, rest)])
+        return piecewise(pieces, self(pieces.variable), differentiate)
+
+    def _together(self, e: sp.Expr) -> sp.Expr:
+        """Return the sum or product of those arguments that depend on no more than the first does
+        that contains a condition.
+        """
+        moving = {a: a.free_symbols & self.symbols for a in e.args}
+        first = min((a for a in e.args if a in self.stepping),
+                    key=lambda a: len(moving[a]))
+        return e.func(*(a for a in e.args if moving[a] and moving[a] <= moving[first]
+                        and (e.is_Mul or a in self.stepping)))
 
 
 def _refuse_unknown(e: sp.Expr) -> None:
-    if e.is_Add or e.is_Mul or e.is_Pow or e.func in FUNCTIONS or e.func == sp.atan2:
+    if e.is_Add or e.is_Mul or e.is_Pow or e.func in FUNCTIONS or e.func in _OF_MORE:
         return
     raise InputError(
         f"No exact difference is known for {e.func.__name__!r} in {e}; the discrete gradient takes "
-        "sums, products, quotients, powers, sqrt, atan2 and "
-        f"{', '.join(sorted(f.__name__ for f in FUNCTIONS))}: write H with these, or choose IMS or "
-        "a SPARK method."
+        "sums, products, quotients, powers, sqrt, atan2, Abs, Max, Min, Piecewise in one variable "
+        f"and {', '.join(sorted(f.__name__ for f in FUNCTIONS if f is not sp.Abs))}: write H with "
+        "these, or choose IMS or a SPARK method."
     )
+
+
+def _no_pieces(e: sp.Expr, reason: ScatteredError) -> InputError:
+    return InputError(
+        f"No exact difference is known for {shorten(str(e), 200)}: {reason}. The discrete gradient "
+        "takes pieces in one variable that meet, for all parameters, where their conditions "
+        "change; write it so, or with Abs, Max and Min, or choose IMS or a SPARK method."
+    )
+
+
+#: Functions of several arguments with a rule; a ``Where`` here is told by parameters.
+_OF_MORE: Mapping[type[sp.Expr], Callable[..., Difference]] = {
+    sp.atan2: angle, Max: partial(extreme, Max), Min: partial(extreme, Min), Where: chosen,
+}
 
 
 def _combine(e: sp.Expr, parts: list[Difference]) -> Difference:
@@ -128,8 +210,8 @@ def _combine(e: sp.Expr, parts: list[Difference]) -> Difference:
         return reduce(operator.mul, parts)
     if e.is_Pow:
         return _power(*parts)
-    if e.func == sp.atan2:
-        return angle(*parts)
+    if e.func in _OF_MORE:
+        return _OF_MORE[e.func](*parts)
     return FUNCTIONS[e.func](parts[0].shared())
 
 

@@ -13,7 +13,7 @@ import jinja2
 import sympy as sp
 
 from .._version import __version__
-from .c_printer import CPrinter
+from .c_printer import SWITCHES, CPrinter
 from .cardinal import c_names_with_needs
 from .conditions import check_tableau, remarks
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
@@ -22,6 +22,7 @@ from .fast_path import FastTableau
 from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel, sums_products
 from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
+from .smoothness import Switching
 from .solver_costs import solver_costs
 from .structure import Structure
 from .system import System
@@ -82,7 +83,9 @@ def emit(
     context = _context(name, method, scheme, system, constants, real,
                        [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())],
                        forms) | fast | {"kernels": kernels}
-    context["quantity_kernel"] = _quantity_kernel(system, real)
+    quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
+    if quantities is not None:
+        context["own_switches"] |= quantities.functions & SWITCHES
     environment = _environment()
     return Source(
         name,
@@ -133,6 +136,8 @@ def _context(
     used = frozenset[str]().union(*(kernel.constants for kernel in kernels),
                                   forms.get("used_constants", ()))
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
+    constants_c = {str(s): printer(e) for e, s in needed.items()}
+    alone = [k for k in kernels if not k.name.startswith("lanes_")]
     return forms | {
         "name": name,
         "version": __version__,
@@ -147,7 +152,7 @@ def _context(
                        or "no constraint",
         "parameters": [str(p) for p in system.parameters],
         "constants": {str(s): comment(e) for e, s in needed.items()},
-        "constants_c": {str(s): printer(e) for e, s in needed.items()},
+        "constants_c": constants_c,
         "R": real.c_type,
         "sfx": real.suffix.lower(),
         "limits": real.limits,
@@ -162,6 +167,7 @@ def _context(
         "kernels": kernels,
         "compensated_plain": any(map(sums_products, kernels)),
         "cardinals": c_names_with_needs(frozenset().union(*(k.functions for k in kernels))),
+        "own_switches": SWITCHES & printer.functions.union(*(k.functions for k in alone)),
         "scheme_template": scheme.template,
         "scheme_doc": _scheme_doc(scheme),
         "unknowns_doc": _unknowns_doc(scheme),
@@ -278,6 +284,8 @@ def _manifest(
             **_given_names(system),
             "rigid_body": system.rigid_body,
             **_forces_and_quantities(system),
+            **Switching(system).said(
+                scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
         },
         "scheme": {
             "method": method,

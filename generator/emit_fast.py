@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from .c_printer import CPrinter
+from .c_printer import ON_LANES, CPrinter
 from .fast_path import FastSystem, FastTableau
-from .kernels import Constants, Target, emit_kernel, sums_products
+from .kernels import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from .real import Real
 from .schemes import MeanScheme, SparkScheme
 from .structure import Structure
@@ -41,7 +42,7 @@ def fast_context(
         "lane_kernels": kernels,
         "folded": {symbol.name.lstrip("_"): values(e)
                    for e, symbol in system.folds.definitions.items()},
-        "lane_functions": sorted(set().union(*(k.functions for k in kernels))),
+        **_lane_functions(kernels),
         "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
                         for name, rows in tables.items()},
         "compensated": any(sums_products(k, "lanes_") for k in kernels),
@@ -83,7 +84,7 @@ def structured_fast_context(
         "vectors": real.name in ("float", "double"),
         "lane_kernels": [],
         "folded": {},
-        "lane_functions": sorted(set().union(*(k.functions for k in kernels))),
+        **_lane_functions(kernels),
         "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
                         for name, rows in tables.items()},
         "compensated": any(sums_products(k, "lanes_") for k in kernels),
@@ -103,6 +104,13 @@ def structured_fast_context(
         "memory": _memory(scheme, real, held, factor, one=True),
         "batch_memory": _memory(scheme, real, held, factor, one=False),
     }
+
+
+def _lane_functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
+    """Return what kernels on lanes call: what is done lane by lane, and what all at once."""
+    called = set[str]().union(*(k.functions for k in kernels))
+    return {"lane_functions": sorted(called - ON_LANES),
+            "lane_switches": sorted(called & ON_LANES)}
 
 
 def fast_manifest(fast: dict[str, Any]) -> dict[str, Any]:

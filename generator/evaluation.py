@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..exact import exact
+from .switches import Switch
 
 __all__ = ["Evaluator", "as_rational"]
 
@@ -29,7 +30,6 @@ _FUNCTIONS = {
     sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.exp: "exp", sp.log: "log",
     sp.sinh: "sinh", sp.cosh: "cosh", sp.tanh: "tanh",
     sp.asin: "arcsin asin", sp.acos: "arccos acos", sp.atan: "arctan atan",
-    sp.Abs: "absolute fabs",
 }
 
 
@@ -57,6 +57,10 @@ class Evaluator:
             return self._power(e)
         if e.func in _FUNCTIONS:
             return self._function(_FUNCTIONS[e.func])(self(e.args[0]))
+        if isinstance(e, Switch):
+            return self._switch(e)
+        if e.func in (sp.Abs, sp.sign, sp.floor):
+            return self._of_sign(e.func, self(e.args[0]))
         raise InputError(f"{e} cannot be computed: no value is known for "
                          f"{str(e) if e.is_Symbol else e.func.__name__!r}.")
 
@@ -72,6 +76,21 @@ class Evaluator:
         if exponent.is_Integer:
             return base ** int(exponent)
         return base ** self(exponent)
+
+    def _switch(self, e: Switch) -> Any:
+        """Return one of the sides; mpmath, which has no NaN of logarithms, never sees the other."""
+        a, b = map(self, e.args[:2])
+        below, above = (e.args[i] for i in e.branches)
+        if self._mp is not None:
+            return self(below) if a.real < b.real else self(above)
+        return np.where(np.real(a) < np.real(b), self(below), self(above))[()]
+
+    def _of_sign(self, function: type[sp.Function], u: Any) -> Any:
+        """Return |u|, sign u or floor u; of complex u by its real part, so that |u| is analytic."""
+        if function is sp.floor:
+            return np.floor(np.real(u)) if self._mp is None else self._mp.floor(u.real)
+        sign = np.sign(np.real(u)) if self._mp is None else self._mp.sign(u.real)
+        return sign if function is sp.sign else sign * u
 
     def _function(self, names: str) -> Callable[[Any], Any]:
         numpy_name, mp_name = names.split()[0], names.split()[-1]

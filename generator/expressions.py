@@ -12,10 +12,10 @@ from types import MappingProxyType
 import sympy as sp
 
 from . import bounded_numbers as numbers
-from .bounded_numbers import FUNCTIONS, Value, rational
+from .bounded_numbers import ROOTS, Value, rational
 from .grammar import RefusedError, decimal_parts, parse, refuse_at, tokens
 
-__all__ = ["FUNCTIONS", "decimal_digits", "parse_expression"]
+__all__ = ["decimal_digits", "parse_expression"]
 
 #: Different radicals, such as √3; each costs SymPy a search for square factors.
 MAX_RADICALS = 100
@@ -43,7 +43,7 @@ def parse_expression(
 class _ExactNumbers:
     """Bounded exact numbers, with a limit on the number of different radicals."""
 
-    functions: Mapping[str, int] = MappingProxyType(dict.fromkeys(FUNCTIONS, 1))
+    functions: Mapping[str, int] = MappingProxyType(dict.fromkeys(ROOTS, 1))
 
     def __init__(self, names: Mapping[str, sp.Expr], radicals: set[sp.Expr]) -> None:
         self.names = names
@@ -71,7 +71,7 @@ class _ExactNumbers:
         return self.counted(numbers.power(base, exponent))
 
     def call(self, function: str, arguments: Sequence[Value]) -> Value:
-        return self.counted(FUNCTIONS[function](*arguments))
+        return self.counted(ROOTS[function](*arguments))
 
     def counted(self, value: Value) -> Value:
         """Return the value unless it brings one radical too many."""

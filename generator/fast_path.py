@@ -34,7 +34,8 @@ from .kernels import Kernel
 from .multipliers import multiplier_inverse
 from .real import Real, round_binary
 from .schemes import MeanScheme, common_kernels, time_input, vector
-from .system import System, gradient, jacobian, shortest
+from .switches import depends_by_steps, switches_of
+from .system import System, jacobian, shortest
 from .tableau import Tableau
 
 __all__ = ["FastSystem", "FastTableau"]
@@ -125,22 +126,25 @@ class FastSystem:
                       key=sp.default_sort_key)
 
     def _is_unmoved(self, u: sp.Expr) -> bool:
-        by_p = gradient(u, self.system.p)
+        """Whether u, and whatever it switches on, has no derivative along the constraint forces."""
         return all(
             expanded(sum((a * b for a, b in zip(by_p, g, strict=True)), sp.Integer(0))) == 0
+            for by_p in jacobian([u, *switches_of([u])], self.system.p)
             for g in self.system.G
         )
 
     @cached_property
     def is_affine(self) -> bool:
         """Whether f(q, p), the constraint on the momenta, is affine in p: one solve finds p."""
-        return not any(e.has(*self.system.p) for row in jacobian(self.system.hidden, self.system.p)
-                       for e in row)
+        p = self.system.p
+        return not depends_by_steps(self.system.hidden, p) and not any(
+            e.has(*p) for row in jacobian(self.system.hidden, p) for e in row)
 
     @property
     def is_separable(self) -> bool:
         """Whether H_pq = 0: Gauss-Seidel sweeps then square the contraction."""
-        return all(expanded(e) == 0 for row in self.system.H_pq for e in row)
+        return not depends_by_steps(self.system.H_p, self.system.q) and all(
+            expanded(e) == 0 for row in self.system.H_pq for e in row)
 
     @cached_property
     def folds(self) -> Folds:

@@ -5,6 +5,13 @@
     signed  = { "+" | "-" } power
     power   = atom [ "**" signed ]                  -2**2 = -4,  2**3**2 = 2**9,  2**-1 = 1/2
     atom    = number | name | function "(" sum { "," sum } ")" | "(" sum ")"
+            | "if" "(" condition "," sum "," sum ")"
+    condition  = all { "or" all }
+    all        = comparison { "and" comparison }
+    comparison = sum ( "<" | "<=" | ">" | ">=" | "==" | "!=" ) sum { ... }     0 < x < 1
+
+Comparisons stand in the condition of an if(...) and nowhere else; an arithmetic that has no
+function "if" knows none.
 
 The text comes from files of unknown origin: it is never handed to Python or to SymPy's parsers.
 What an operation means is an ``Arithmetic``: exact bounded numbers in ``expressions``, formulas in
@@ -16,17 +23,21 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from ..errors import InputError
 
-__all__ = ["Arithmetic", "RefusedError", "Token", "decimal_parts", "parse", "refuse_at", "shorten",
-           "tokens"]
+__all__ = ["Arithmetic", "Choosing", "RefusedError", "Token", "decimal_parts", "parse",
+           "refuse_at", "shorten", "tokens"]
 
 MAX_LENGTH = 4000
 MAX_DEPTH = 50
 MAX_DIGITS = 100
 MAX_DECIMAL_EXPONENT = 400
+
+#: Signs that compare, and the words between comparisons.
+COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
+CHOICE = "if"
 
 V = TypeVar("V")
 
@@ -40,7 +51,7 @@ class Arithmetic(Protocol[V]):
 
     @property
     def functions(self) -> Mapping[str, int]:
-        """Name of each function → how many arguments it takes."""
+        """Name of each function → how many arguments it takes; −2: two or more."""
 
     @property
     def names(self) -> Mapping[str, Any]:
@@ -71,6 +82,19 @@ class Arithmetic(Protocol[V]):
         """Return a function's value."""
 
 
+class Choosing(Arithmetic[V], Protocol[V]):
+    """An arithmetic with the function "if"; conditions are of whatever type it likes."""
+
+    def compare(self, sign: str, a: V, b: V) -> Any:
+        """Return the condition a < b, a == b, …"""
+
+    def join(self, word: str, conditions: Sequence[Any]) -> Any:
+        """Return the condition that all ("and") or any ("or") of these hold."""
+
+    def choose(self, condition: Any, yes: V, no: V) -> V:
+        """Return ``yes`` where a condition holds, else ``no``."""
+
+
 # ---------------------------------------------------------------- tokens
 
 
@@ -86,7 +110,7 @@ class Token:
 TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
     r"|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
-    r"|(?P<sign>\*\*|[-+*/(),])"
+    r"|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>])"
     r"|(?P<space>[ \t\r\n]+)"
 )
 
@@ -97,8 +121,8 @@ def tokens(text: str) -> Iterator[Token]:
     while position < len(text):
         match = TOKEN.match(text, position)
         if match is None:
-            cure = "write ** for a power" if text[position] == "^" else (
-                "use digits, names, + - * / ** ( and )")
+            cure = {"^": "write ** for a power", "=": "write == for a comparison"}.get(
+                text[position], "use digits, names, + - * / ** ( and )")
             raise _error(text, position, f"The character {text[position]!r} has no meaning", cure)
         kind = str(match.lastgroup)
         if kind != "space":
@@ -224,8 +248,9 @@ class _Parser(Generic[V]):
             return self.at(token, self.literal, token.text)
         if token.kind == "name":
             self.next += 1
-            is_function = token.text in self.arithmetic.functions
-            return self.call(token) if is_function else self.name(token)
+            if token.text not in self.arithmetic.functions:
+                return self.name(token)
+            return self.choice(token) if token.text == CHOICE else self.call(token)
         if self.accept("("):
             value = self.nested(token, self.sum)
             self.close(token)
@@ -243,19 +268,68 @@ class _Parser(Generic[V]):
         return self.arithmetic.literal(int(digits), exponent - len(fraction))
 
     def call(self, name: Token) -> V:
+        opening = self.opened(name)
+        arguments = self.arguments(opening, self.sum)
+        wanted = self.arithmetic.functions[name.text]
+        if len(arguments) != wanted and not (wanted < 0 and len(arguments) >= -wanted):
+            raise self.miscounted(name, arguments,
+                                  f"{-wanted} or more" if wanted < 0 else f"{wanted}")
+        return self.at(name, self.arithmetic.call, name.text, arguments)
+
+    def opened(self, name: Token) -> Token:
+        """Read the parenthesis behind the name of a function."""
         opening = self.accept("(")
         if opening is None:
             raise self.error(f"The function {name.text} has no argument", f"write {name.text}(…)")
-        arguments = [self.nested(opening, self.sum)]
+        return opening
+
+    def arguments(self, opening: Token, first: Callable[[], Any]) -> list[Any]:
+        found = [self.nested(opening, first)]
         while self.accept(","):
-            arguments.append(self.nested(opening, self.sum))
+            found.append(self.nested(opening, self.sum))
         self.close(opening)
-        wanted = self.arithmetic.functions[name.text]
-        if len(arguments) != wanted:
-            raise _error(self.text, name.position,
-                         f"The function {name.text} has {len(arguments)} arguments",
-                         f"give it {wanted}")
-        return self.at(name, self.arithmetic.call, name.text, arguments)
+        return found
+
+    def miscounted(self, name: Token, arguments: Sequence[Any], wanted: str) -> InputError:
+        return _error(self.text, name.position,
+                      f"The function {name.text} has {len(arguments)} arguments",
+                      f"give it {wanted}")
+
+    # ------------------------------------------------------------ conditions
+
+    def choice(self, name: Token) -> V:
+        opening = self.opened(name)
+        arguments = self.arguments(opening, self.condition)
+        if len(arguments) != 3:
+            raise self.miscounted(name, arguments, "a condition, what holds then, and what else")
+        return self.at(name, self.choosing.choose, *arguments)
+
+    def condition(self) -> Any:
+        return self.joined("or", lambda: self.joined("and", self.comparison))
+
+    def joined(self, word: str, part: Callable[[], Any]) -> Any:
+        start = self.token
+        parts = [part()]
+        while self.token.kind == "name" and self.token.text == word:
+            self.next += 1
+            parts.append(part())
+        return self.at(start, self.choosing.join, word, parts) if len(parts) > 1 else parts[0]
+
+    def comparison(self) -> Any:
+        start = self.token
+        left, found = self.sum(), []
+        while sign := self.accept(*COMPARISONS):
+            right = self.sum()
+            found.append(self.at(sign, self.choosing.compare, sign.text, left, right))
+            left = right
+        if not found:
+            raise self.error("A comparison is missing", f"write one of {' '.join(COMPARISONS)}")
+        return self.at(start, self.choosing.join, "and", found) if len(found) > 1 else found[0]
+
+    @property
+    def choosing(self) -> Choosing[V]:
+        """The arithmetic, which has the function "if"."""
+        return cast("Choosing[V]", self.arithmetic)
 
     def name(self, token: Token) -> V:
         if token.text not in self.arithmetic.names:
@@ -269,6 +343,7 @@ class _Parser(Generic[V]):
     def close(self, opening: Token) -> None:
         """Read the parenthesis that belongs to an opening one."""
         if not self.accept(")"):
+            self.refuse_comparison()
             reason = f"The ( of character {opening.position + 1} is not closed here"
             raise self.error(reason, "write ) or one of + - * / **")
 
@@ -284,8 +359,15 @@ class _Parser(Generic[V]):
 
     def end(self) -> None:
         if self.token.kind != "end":
+            self.refuse_comparison()
             reason = f"{shorten(self.token.text)} cannot follow here"
             raise self.error(reason, "write one of + - * / ** in between, and a ( for every )")
+
+    def refuse_comparison(self) -> None:
+        """Refuse a comparison where none can stand."""
+        if self.token.text in COMPARISONS and CHOICE in self.arithmetic.functions:
+            raise self.error("A comparison stands in the condition of an if alone",
+                             f"write {CHOICE}(…, a, b)")
 
     def negative(self, token: Token, value: V) -> V:
         return self.at(token, self.arithmetic.negative, value)

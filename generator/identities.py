@@ -19,6 +19,7 @@ import sympy as sp
 
 from .cardinal import Numeric
 from .sharing import Shared, parts_of, symbols_of
+from .switches import Where
 
 __all__ = ["Finding", "compare", "evaluate"]
 
@@ -110,19 +111,36 @@ def evaluate(
 ) -> dict[sp.Basic, Any]:
     """Return the value of every subexpression at a point, as mpmath numbers.
 
-    Raises ``ValueError`` or ``ArithmeticError`` where one of them is not a finite real number.
+    Raises ``ValueError`` or ``ArithmeticError`` where one of them is not a finite real number; on
+    the sides of a ``Where`` it may be none, which is NaN, if it is not taken.
     """
+    sides = set(parts_of(s for e in parts_of(expressions) if isinstance(e, Where)
+                         for s in e.args[2:]))
     with mp.workdps(digits):
         values: dict[sp.Basic, Any] = {
             s: mp.mpf(x.numerator) / x.denominator for s, x in point.items()
         }
         for e in parts_of(expressions):
             if e not in values:
-                value = _value(e, [values[a] for a in e.args])
-                if isinstance(value, mp.mpc) or not mp.isfinite(value):
+                value = _value_if_any(e, [values[a] for a in e.args])
+                if e not in sides and not mp.isfinite(value):
                     raise ValueError(f"{e} is not a finite real number here.")
                 values[e] = value
+        for e in expressions:
+            if not mp.isfinite(values[e]):
+                raise ValueError(f"{e} is not a finite real number here.")
         return values
+
+
+def _value_if_any(e: sp.Basic, arguments: list[Any]) -> Any:
+    """Return the value of e; NaN where it has none, or is infinite or complex."""
+    if not all(map(mp.isfinite, arguments[:2] if isinstance(e, Where) else arguments)):
+        return mp.nan
+    try:
+        value = _value(e, arguments)
+    except (ValueError, ArithmeticError):
+        return mp.nan
+    return mp.nan if isinstance(value, mp.mpc) or not mp.isfinite(value) else value
 
 
 def _value(e: sp.Basic, arguments: list[Any]) -> Any:

@@ -14,6 +14,7 @@ from .bounded_algebra import is_small
 from .c_printer import CPrinter
 from .real import Real
 from .sharing import Shared, parts_of, symbols_of, tree_size
+from .switches import Where
 
 __all__ = ["Constants", "EmittedKernel", "Kernel", "Target", "emit_kernel"]
 
@@ -80,6 +81,8 @@ class Constants:
         if e.free_symbols <= self._known:
             number, rest = e.as_coeff_Mul()
             return number * self._symbol(rest)
+        if not e.is_Add and e.has(Where, sp.sign):
+            return e  # as it is written, its pieces are seen to meet
         if e.is_Mul or e.is_Add:
             own = [a for a in e.args if self._is_own(a)]
             rest = [self.hoist(a) for a in e.args if not self._is_own(a)]

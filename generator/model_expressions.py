@@ -21,6 +21,7 @@ from mpmath import mp
 from ..errors import InputError
 from ..exact import Rounded, exact
 from . import bounded_numbers as numbers
+from . import switches
 from .bounded_numbers import Value, rational
 from .evaluation import as_rational
 from .grammar import RefusedError, parse, shorten
@@ -32,7 +33,7 @@ MAX_TERMS = 5000
 MAX_BITS = 12_000
 #: Quotients, roots, powers and functions inside one another: derivatives and discrete gradients
 #: grow exponentially with it.
-MAX_LEVEL = 5
+MAX_LEVEL = 5  # beside one another, the sides of an if(...) do not count
 #: Of the argument of a function of a constant.
 MAX_ARGUMENT = 1000
 #: Bits of the integers into which SymPy turns a fractional power of a number: 12**(7/9) becomes
@@ -42,18 +43,22 @@ MAX_ROOT_BITS = 10_000
 MAX_SMOOTH_ROOT_BITS = 1_000_000
 _SMALL_PRIMES = 1000
 
-#: Name → SymPy's function and its number of arguments.
+#: Name → the function and its number of arguments; −2: two or more.
 FUNCTIONS: Mapping[str, tuple[Callable[..., sp.Expr], int]] = MappingProxyType({
     "sqrt": (sp.sqrt, 1), "exp": (sp.exp, 1), "log": (sp.log, 1),
     "sin": (sp.sin, 1), "cos": (sp.cos, 1), "tan": (sp.tan, 1),
     "asin": (sp.asin, 1), "acos": (sp.acos, 1), "atan": (sp.atan, 1), "atan2": (sp.atan2, 2),
     "sinh": (sp.sinh, 1), "cosh": (sp.cosh, 1), "tanh": (sp.tanh, 1),
+    "abs": (sp.Abs, 1), "sign": (sp.sign, 1), "heaviside": (switches.heaviside, 1),
+    "min": (switches.smallest, -2), "max": (switches.largest, -2),
+    "floor": (sp.floor, 1), "mod": (switches.remainder, 2), "if": (switches.Where, 3),
 })
 CONSTANTS: Mapping[str, sp.Expr] = MappingProxyType({"pi": sp.pi})
 
-#: What a formula may consist of once SymPy has evaluated it; |x| and sign x have no derivative.
-_SMOOTH = frozenset([sp.exp, sp.log, sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan, sp.atan2,
-                     sp.sinh, sp.cosh, sp.tanh, sp.cot, sp.coth])
+#: What a formula may consist of once SymPy has evaluated it.
+_KNOWN = frozenset([sp.exp, sp.log, sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan, sp.atan2,
+                    sp.sinh, sp.cosh, sp.tanh, sp.cot, sp.coth, sp.Abs, sp.sign, sp.floor,
+                    switches.Where, switches.Min, switches.Max])
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,15 @@ class _Term:
     bits: int
     terms: int
     level: int = 0  # of quotients, roots and functions inside one another
+
+
+@dataclass(frozen=True)
+class _Condition:
+    """A condition, or whether it holds, with the formulas that it compares."""
+
+    chooser: switches.Chooser
+    known: bool | None  # None where it depends on symbols
+    compared: tuple[_Term, ...]
 
 
 def parse_formula(
@@ -193,11 +207,41 @@ class _Formulas:
                 if logarithm.func is sp.log:
                     self.check_exponent(_constant(rational(factor)))
                     _refuse_long_root(logarithm.args[0], factor)
+        if function == "mod" and arguments[1].constant is not None:
+            numbers.reciprocal(arguments[1].constant)  # refused for zero
         if len(known) < len(arguments):
             return _formula(arguments, 1, sum(a.terms for a in arguments), make)
-        if function == "sqrt":
-            return _constant(numbers.FUNCTIONS["sqrt"](known[0]))
+        if function in numbers.FUNCTIONS:
+            return _constant(numbers.FUNCTIONS[function](*known))
         return self.evaluated(make, getattr(mp, function), known)
+
+    # ------------------------------------------------------------ conditions
+
+    def compare(self, sign: str, a: _Term, b: _Term) -> _Condition:
+        chooser = switches.COMPARISONS[sign](a.expression, b.expression)
+        if a.constant is None or b.constant is None:
+            return _Condition(chooser, None, (a, b))
+        order = sp.Integer(numbers.order(a.constant, b.constant))
+        holds = switches.COMPARISONS[sign](order, sp.Integer(0))(sp.Integer(1), sp.Integer(0))
+        return _Condition(chooser, holds == 1, ())
+
+    def join(self, word: str, conditions: Sequence[_Condition]) -> _Condition:
+        ends = word == "or"  # what one of them alone decides
+        if any(c.known is ends for c in conditions):
+            return _Condition(conditions[0].chooser, ends, ())
+        left = [c for c in conditions if c.known is None]
+        if not left:
+            return _Condition(conditions[0].chooser, not ends, ())
+        together = switches.some if ends else switches.every
+        return _Condition(together([c.chooser for c in left]), None,
+                          tuple(t for c in left for t in c.compared))
+
+    def choose(self, condition: _Condition, yes: _Term, no: _Term) -> _Term:
+        if condition.known is not None:
+            return yes if condition.known else no
+        parts = (*condition.compared, yes, no)
+        return _formula(parts, 0, sum(a.terms for a in parts),
+                        lambda *made: condition.chooser(*made[-2:]))
 
     def evaluated(
         self, make: Callable[..., sp.Expr], number: Callable[..., Any], arguments: list[Value]
@@ -311,12 +355,11 @@ def _is_smooth(x: sp.Rational) -> bool:
 
 
 def _refuse_rough(result: sp.Expr) -> None:
-    """Refuse what is not real, not finite or without derivative, as SymPy found out."""
+    """Refuse what is not real, not finite or not known, as SymPy found out."""
     if result.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
         raise RefusedError("This is not a real number for any value of its symbols; write another "
                            "argument")
-    rough = sorted({type(f).__name__ for f in result.atoms(sp.Function) if f.func not in _SMOOTH}
-                   | {type(f).__name__ for f in result.atoms(sp.Piecewise)})
-    if rough:
-        raise RefusedError(f"This is {shorten(str(result), 40)}, and {rough[0]} has no derivative "
-                           "everywhere; write it another way, such as sqrt(x**2 + 1e-12)")
+    strange = sorted({type(f).__name__ for f in result.atoms(sp.Function) if f.func not in _KNOWN})
+    if strange:
+        raise RefusedError(f"This is {shorten(str(result), 40)}, and {strange[0]} is not known "
+                           "here; write it another way")

@@ -12,6 +12,7 @@ from ..errors import InputError
 from .grammar import shorten
 from .model_expressions import parse_formula
 from .model_table import Table
+from .switches import Where
 
 __all__ = ["Formulas", "Numbers", "divisors", "run_length"]
 
@@ -117,9 +118,14 @@ class Formulas:
 
 
 def divisors(expression: sp.Expr) -> set[sp.Symbol]:
-    """Return the symbols that an expression divides by."""
-    return {power.base for power in expression.atoms(sp.Pow)
-            if power.base.is_Symbol and power.exp.is_number and power.exp.is_negative}
+    """Return the symbols that an expression divides by, whichever sides of conditions hold."""
+    found, left = set(), [expression]
+    while left:
+        e = left.pop()
+        if e.is_Pow and e.base.is_Symbol and e.exp.is_number and e.exp.is_negative:
+            found.add(e.base)
+        left += e.args[:2] if isinstance(e, Where) else e.args
+    return found
 
 
 def run_length(content: Table) -> dict[str, Any]:

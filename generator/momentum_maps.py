@@ -13,6 +13,9 @@ J is kept *by the scheme* where {H, J} = 0 for all q and p, because stages are o
 {H, J} = 0 only on g = 0 is enough for the motion. The three spaces, each within the next:
 
     for any parameters, everywhere  ⊆  for these parameters, everywhere  ⊆  on the constraints
+
+Where H and F switch sides, as |x| does, J must be kept on each of them: points near the start may
+all lie on one. Sides are weighed with parameters for this.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .evaluation import Evaluator, evaluate, mp_context
 from .linear_fields import Field, known_fields, motions_of_space
+from .smoothness import on_any_side
 from .system import System
 
 __all__ = ["MAX_COORDINATES", "MomentumMap", "momentum_maps"]
@@ -110,9 +114,10 @@ def momentum_maps(
     Raises
     ------
     InputError
-        If H, g or F contains a function that cannot be evaluated.
+        If H, g or F contains a function that cannot be evaluated, or g switches sides.
     """
-    search = _Search(system, parameters, np.asarray(q0, float), np.asarray(p0, float))
+    system, weights = on_any_side(system)
+    search = _Search(system, weights, parameters, np.asarray(q0, float), np.asarray(p0, float))
     named = known_fields(system)
     full = system.n <= MAX_COORDINATES
     tried = np.eye(system.n * (system.n + 1)) if full else _orthonormal(
@@ -137,10 +142,12 @@ class _Search:
     """Random points of a system, and the conditions on (A, a) there."""
 
     def __init__(
-        self, system: System, parameters: Mapping[str, float], q0: Array, p0: Array
+        self, system: System, weights: Sequence[sp.Symbol], parameters: Mapping[str, float],
+        q0: Array, p0: Array,
     ) -> None:
-        self.system, self.q0, self.p0 = system, q0, p0
-        self.parameters = {s: float(parameters[str(s)]) for s in system.parameters}
+        self.system, self.weights, self.q0, self.p0 = system, weights, q0, p0
+        self.parameters = {s: float(parameters[str(s)]) for s in system.parameters
+                           if s not in weights}
         self.rng = np.random.default_rng(20)
         self.spread = np.abs(q0) + 0.1 * (np.abs(q0).max() or 1.0)
         self.momenta = self._momentum_scale()
@@ -148,7 +155,8 @@ class _Search:
     def _momentum_scale(self) -> Array:
         """Return momenta worth the energy of the start, each by itself."""
         n, system = self.system.n, self.system
-        at = self._at(self.q0[:, None], self.p0[:, None], self.parameters)
+        at = self._at(self.q0[:, None], self.p0[:, None],
+                      self.parameters | dict.fromkeys(self.weights, 0.5))
         slopes = _at_points([*system.H_q, *system.H_p], at)[:, 0]
         energy = float(np.abs(slopes * np.concatenate([self.q0, self.p0])).sum())
         masses = _at_points([system.H_pp[i][i] for i in range(n)], at)[:, 0]
@@ -179,6 +187,7 @@ class _Search:
         if vary:
             parameters = {s: (x or 0.3) * self.rng.uniform(0.9, 1.1, count)
                           for s, x in self.parameters.items()}
+        parameters |= {s: self.rng.uniform(size=count) for s in self.weights}
         if manifold and self.system.m:
             q = _newton(q, lambda x: self._constraint(x, p, parameters))
             p = _newton(p, lambda y: self._velocity_constraint(q, y, parameters))

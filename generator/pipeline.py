@@ -15,6 +15,7 @@ from .real import REALS
 from .redundancy import refuse_redundant_anywhere
 from .rigid_body import free_body, heavy_top
 from .schemes import MeanScheme, SparkScheme, hoisted
+from .smoothness import refuse_kinks
 from .spec import REPS, Spec, join_name
 from .system import System
 from .tableau import Tableau
@@ -66,13 +67,14 @@ def generate(
     Raises
     ------
     InputError
-        If constraints of a given system are redundant, with their names.
+        If constraints of a given system are redundant or have kinks, with their names.
     TableauError
         If the tableau violates required conditions.
     """
     given = system is not None or spec.model is not None
     system, rep = _system(spec, system, model)
     if given and not allow_invalid:
+        refuse_kinks(system)
         refuse_redundant_anywhere(system)
     reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)

@@ -23,6 +23,7 @@ from functools import cached_property
 
 import sympy as sp
 
+from .switches import depends_by_steps
 from .system import System
 
 Node = tuple[str, int]
@@ -273,14 +274,14 @@ class Structure:
     @property
     def is_quadratic(self) -> bool:
         """Whether H is quadratic in p, so that one solve finds the momenta on g_q H_p = 0."""
-        return not any(e.has(*form.p) for form in self.forms if form.p
-                       for row in form.system.H_pp for e in row)
+        return not any(depends_by_steps(form.system.H_p, form.p) or e.has(*form.p)
+                       for form in self.forms if form.p for row in form.system.H_pp for e in row)
 
     @property
     def is_separable(self) -> bool:
         """Whether H_pq = 0."""
-        return all(sp.expand(e) == 0 for form in self.forms if form.p
-                   for row in form.system.H_pq for e in row)
+        return all(sp.expand(e) == 0 and not depends_by_steps(form.system.H_p, form.q)
+                   for form in self.forms if form.p for row in form.system.H_pq for e in row)
 
     @cached_property
     def band_order(self) -> list[Node]:

@@ -17,11 +17,13 @@ from types import MappingProxyType
 
 import sympy as sp
 from sympy.core.sympify import _sympify
+from sympy.logic.boolalg import Boolean
 
 from ..errors import InputError
 from .bounded_algebra import can_be_factored, expanded
 from .c_names import is_taken
 from .derivatives import derivative
+from .switches import as_switches
 
 __all__ = ["System", "few"]
 
@@ -64,6 +66,13 @@ class System:
     rigid_body : bool
         True when q is a unit quaternion of a body with principal moments I1, I2, I3: the
         trajectory then offers angular velocity, axis and rotation.
+
+    Notes
+    -----
+    All symbols stand for real numbers. Expressions may have SymPy's Abs, sign, Heaviside, Min, Max,
+    Piecewise, floor, ceiling and Mod (``switches``); Heaviside(0) is ½ unless it is said otherwise.
+    Derivatives are those of the side where q and p are. A constraint must have a continuous
+    derivative all the same, and EMS takes of H what is continuous.
     """
 
     q: tuple[sp.Symbol, ...]
@@ -284,13 +293,20 @@ class System:
 
 
 def as_expression(value: object) -> sp.Expr:
-    """Return a SymPy expression or a plain number as an expression; text is refused."""
+    """Return a SymPy expression or a plain number as an expression; text is refused.
+
+    Its Piecewise, Max, Min, Heaviside, Mod and the like become functions of ``switches``.
+    """
     try:
-        return _sympify(value)  # strict: never parses text
+        expression = _sympify(value)  # strict: never parses text
     except sp.SympifyError as error:
         raise InputError(
             f"{value!r} is no SymPy expression; build systems from sympy symbols and numbers."
         ) from error
+    if isinstance(expression, Boolean) and not isinstance(expression, sp.Expr):
+        raise InputError(f"{value!r} is a condition, no expression; write 1 where it holds and 0 "
+                         f"elsewhere as Piecewise((1, {value}), (0, True)).")
+    return as_switches(expression)
 
 
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:

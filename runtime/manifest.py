@@ -13,7 +13,7 @@ from typing import Any
 
 from ..errors import InputError
 
-__all__ = ["read_manifest", "sizes_of"]
+__all__ = ["read_manifest", "remarks_of", "sizes_of"]
 
 #: Type in the manifest → type in C.
 _C_TYPES = {"float": "float", "double": "double", "long-double": "long double",
@@ -44,6 +44,12 @@ def read_manifest(name: str, files: Mapping[str, str]) -> dict[str, Any]:
     return manifest
 
 
+def remarks_of(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what is to be known before a step is taken: of the tableau, and of the system."""
+    return [(part, remark) for part in ("tableau", "system")
+            for remark in manifest.get(part, {}).get("remarks", ())]
+
+
 def sizes_of(content: Any) -> dict[str, Any]:
     """Return what a manifest says that its header says too.
 
@@ -54,10 +60,11 @@ def sizes_of(content: Any) -> dict[str, Any]:
     texts = (content["name"], system["name"], scheme["method"], *system["coordinates"],
              *system["momenta"], *system["constraints"], *system.get("constraint_names", ()),
              *system["parameters"], *system.get("quantities", ()), system.get("time", ""),
-             *content.get("tableau", {}).get("remarks", ()), fast.get("reason", ""))
+             *content.get("tableau", {}).get("remarks", ()), *system.get("remarks", ()),
+             system.get("jumps", ""), fast.get("reason", ""))
     lists = (system["coordinates"], system["momenta"], system["constraints"],
              system.get("constraint_names", []), system.get("forces", []),
-             content.get("tableau", {}).get("remarks", []))
+             content.get("tableau", {}).get("remarks", []), system.get("remarks", []))
     flags = (system["rigid_body"], scheme["unknowns_are_state"],
              scheme["keeps_momentum_constraint"], fast["available"],
              system.get("quantities_take_time", False))

@@ -23,7 +23,7 @@ from .gamma_choice import with_choice
 from .held import Held
 from .integration import Run, course, failure_of, integrate
 from .lanes import Member, integrate_lanes
-from .manifest import read_manifest
+from .manifest import read_manifest, remarks_of
 from .module import load_module, provenance
 from .trajectory import Trajectory
 
@@ -53,7 +53,7 @@ class Stepper:
         All that the generator says of the stepper.
     remarks : list of str
         What a tableau of your own lacks: symplecticity, symmetry, sweeps, the order its weights
-        would allow. Empty for the families.
+        would allow; and where H or forces switch, as |x| does at 0. Empty for what lacks nothing.
     """
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
@@ -65,7 +65,7 @@ class Stepper:
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns
         self.order = int(self.manifest["scheme"]["order"])
-        self.remarks: list[str] = self.manifest.get("tableau", {}).get("remarks", [])
+        self.remarks = [remark for _, remark in remarks_of(self.manifest)]
         self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
         self._local = threading.local()
 

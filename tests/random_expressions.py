@@ -23,6 +23,7 @@ import sympy as sp
 from hypothesis import strategies as st
 
 from gyrospark.generator.sharing import parts_of
+from gyrospark.generator.switches import Max, Min
 
 X = sp.symbols("x0:4", real=True)
 PARAMETERS = sp.symbols("a b", positive=True)
@@ -34,8 +35,8 @@ LEAVES = st.one_of(st.sampled_from(X), st.sampled_from(X), st.sampled_from([*PAR
 EXPONENTS = [*map(sp.Integer, (-4, -2, -1, 2, 3, 4, 5, 7, 9, 12, 25)), sp.Rational(-3, 2),
              sp.Rational(5, 2)]
 REAL_EXPONENTS = [THIRD, sp.Rational(-7, 10), sp.Rational(12, 5), PARAMETERS[0], -PARAMETERS[1]]
-ANYWHERE = [sp.exp, sp.sin, sp.cos, sp.tan, sp.atan, sp.sinh, sp.cosh, sp.tanh, sp.asinh]
-ALLOWED = {*ANYWHERE, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh, sp.atan2}
+ANYWHERE = [sp.exp, sp.sin, sp.cos, sp.tan, sp.atan, sp.sinh, sp.cosh, sp.tanh, sp.asinh, sp.Abs]
+ALLOWED = {*ANYWHERE, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh, sp.atan2, Max, Min}
 
 
 def grow(inner: Any) -> Any:
@@ -58,6 +59,7 @@ def grow(inner: Any) -> Any:
         st.tuples(st.sampled_from([sp.asin, sp.acos, sp.atanh]), below_one).map(
             lambda t: t[0](t[1])),
         pairs.map(lambda t: sp.atan2(*t)),
+        st.tuples(st.sampled_from([Max, Min]), inner, inner).map(lambda t: t[0](*t[1:])),
     )
 
 
@@ -84,31 +86,35 @@ _IN_DOUBLES = {name: getattr(math, name) for name in (
     "asinh", "acosh", "atanh")} | {
     name.capitalize() + "c": _cardinal(getattr(math, name))
     for name in ("sinh", "asinh", "atan", "atanh")} | {
-        "Sinc": _cardinal(math.sin), "Shared": lambda value: value}
+        "Sinc": _cardinal(math.sin), "Shared": lambda value: value, "Abs": abs,
+        "sign": lambda u: (u > 0) - (u < 0), "Max": max, "Min": min,
+        "Where": lambda a, b, x, y: x if a < b else y}
 
 
 def in_doubles(expressions: Any, values: dict[sp.Basic, float]) -> list[float]:
-    """Evaluate in double precision, each part once."""
+    """Evaluate in double precision, each part once; NaN for what has no value, as in C."""
     known: dict[sp.Basic, float] = dict(values)
     for e in parts_of(expressions):
-        if e in known:
-            continue
-        arguments = [known[a] for a in e.args]
-        if e.is_Add:
-            known[e] = sum(arguments[1:], arguments[0])
-        elif e.is_Mul:
-            known[e] = math.prod(arguments[1:], start=arguments[0])
-        elif e.is_Pow and e.exp == sp.Rational(1, 2):
-            known[e] = math.sqrt(arguments[0])
-        elif e.is_Pow and e.exp == -1:
-            known[e] = 1 / arguments[0]
-        elif e.is_Pow:
-            known[e] = math.pow(*arguments)
-        elif e.is_number:
-            known[e] = float(e)
-        else:
-            known[e] = _IN_DOUBLES[e.func.__name__](*arguments)
+        if e not in known:
+            try:
+                known[e] = _in_doubles(e, [known[a] for a in e.args])
+            except (ValueError, ZeroDivisionError):
+                known[e] = math.nan
     return [known[e] for e in expressions]
+
+
+def _in_doubles(e: sp.Basic, arguments: list[float]) -> float:
+    if e.is_Add:
+        return sum(arguments[1:], arguments[0])
+    if e.is_Mul:
+        return math.prod(arguments[1:], start=arguments[0])
+    if e.is_Pow and e.exp == sp.Rational(1, 2):
+        return math.sqrt(arguments[0])
+    if e.is_Pow and e.exp == -1:
+        return 1 / arguments[0]
+    if e.is_Pow:
+        return math.pow(*arguments)
+    return float(e) if e.is_number else _IN_DOUBLES[e.func.__name__](*arguments)
 
 
 # ---------------------------------------------------------------- the largest term
@@ -119,7 +125,7 @@ _DERIVATIVES = {
     "acos": lambda u: -1 / mp.sqrt(1 - u * u), "atan": lambda u: 1 / (1 + u * u),
     "sinh": mp.cosh, "cosh": mp.sinh, "tanh": lambda u: 1 / mp.cosh(u) ** 2,
     "asinh": lambda u: 1 / mp.sqrt(1 + u * u), "acosh": lambda u: 1 / mp.sqrt(u * u - 1),
-    "atanh": lambda u: 1 / (1 - u * u),
+    "atanh": lambda u: 1 / (1 - u * u), "Abs": mp.sign,
 }
 
 
@@ -136,6 +142,8 @@ def partials(e: sp.Basic, arguments: list[Any], value: Any) -> list[Any]:
     if e.func == sp.atan2:
         y, x = arguments
         return [x / (x * x + y * y), -y / (x * x + y * y)]
+    if e.func in (Max, Min):
+        return [mp.mpf(a == value) for a in arguments]
     return [_DERIVATIVES[e.func.__name__](*arguments)]
 
 
@@ -175,7 +183,7 @@ def largest_term(e: sp.Expr, ends: list[dict[sp.Basic, Any]], sizes: dict[sp.Bas
 
 #: How far an argument is from the edge of its function's domain.
 _MARGINS = {"log": abs, "asin": lambda u: 1 - abs(u), "acos": lambda u: 1 - abs(u),
-            "acosh": lambda u: u - 1, "atanh": lambda u: 1 - abs(u)}
+            "acosh": lambda u: u - 1, "atanh": lambda u: 1 - abs(u), "Abs": abs}
 
 
 def margin(e: sp.Basic, arguments: list[Any]) -> Any:
@@ -186,6 +194,8 @@ def margin(e: sp.Basic, arguments: list[Any]) -> Any:
         return mp.inf if is_polynomial or base.is_number else abs(arguments[0])
     if e.func == sp.atan2:
         return max(map(abs, arguments))
+    if e.func in (Max, Min):
+        return abs(arguments[0] - arguments[1])
     return _MARGINS.get(e.func.__name__, lambda u: mp.inf)(arguments[0])
 
 

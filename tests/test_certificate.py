@@ -246,7 +246,8 @@ def test_what_is_said_of_the_slopes(monkeypatch, seen, found):
     """All that were seen, where no two agree; nothing is said against the method."""
     monkeypatch.setattr(certificate, "order_seen", lambda *_: seen)
     run = SimpleNamespace(q=[0], p=[0], dt=0.1)
-    measured = SimpleNamespace(step=SimpleNamespace(order=6), run=run, parameters={})
+    measured = SimpleNamespace(step=SimpleNamespace(order=6), run=run, parameters={},
+                               promises=SimpleNamespace(places=""))
     line = certificate._Examination._order(measured)
     assert line.found == found
     assert line.holds in (None, True)

@@ -31,6 +31,7 @@ from gyrospark.generator.kernels import Constants, Kernel, emit_kernel, total_op
 from gyrospark.generator.real import REALS
 from gyrospark.generator.rigid_body import heavy_top
 from gyrospark.generator.schemes import MeanScheme, SparkScheme, common_kernels, hoisted
+from gyrospark.generator.switches import Max, Min, Where
 from gyrospark.generator.system import System
 
 DOUBLE = REALS["double"]
@@ -441,7 +442,17 @@ def test_two_signs_never_meet_before_a_half_integer_power_of_a_negative():
     assert "--" not in printed(-((-r) ** sp.Rational(3, 2)))[0]
 
 
-@pytest.mark.parametrize("e", [sp.Abs(y - x), sp.erf(x), sp.Max(x, y), sp.Function("f")(x)])
+@pytest.mark.parametrize(("e", "text"), [
+    (sp.Abs(y - x), "fabs(x - y)"), (sp.sign(q[0]), "sign(q0)"), (sp.floor(x / 2), "floor(0.5*x)"),
+    (Max(x, y), "maximum(x, y)"), (Min(1, x), "minimum(1.0, x)"),
+    (Where(x, y, x**2, 0), "choose(x, y, x*x, 0.0)"),
+])
+def test_functions_with_two_sides(e, text):
+    assert printed(e)[0] == text
+    assert CPrinter(REALS["double"], {}, "lanes_")(Max(x, 1)) == "lanes_maximum(splat(1.0), x)"
+
+
+@pytest.mark.parametrize("e", [sp.erf(x), sp.Max(x, y), sp.Function("f")(x)])
 def test_function_without_a_C_name_is_refused(e):
     with pytest.raises(InputError, match=f"No C is known for '{e.func.__name__}'"):
         printed(e)

@@ -18,11 +18,15 @@ NUMBERS = ("0", "1", "2", "3", "1/2", "0.1", "1e-3", "64", "65", "1e400", "1e-40
            "1e9999", "0x10", "1_000", "12345678901234567890", "0.33333333333333333", ".5", "1.",
            "1e")
 NAMES = ("x", "y", "m", "k", "pi", "t", "q0", "__import__", "lambda", "E", "I", "nan")
-WORDS = (*NUMBERS, *NAMES, *FUNCTIONS, "+", "-", "*", "/", "**", "(", ")", ",", "^", "//", ";")
+SIGNS = ("<", "<=", ">", ">=", "==", "!=")
+WORDS = (*NUMBERS, *NAMES, *FUNCTIONS, "+", "-", "*", "/", "**", "(", ")", ",", "^", "//", ";",
+         *SIGNS, "and", "or", "=")
 SEEDS = (
     "3/2*m/k**3*(x**2 + y**2)", "sqrt(x**2 + y**2 - 2*x*y) - k", "atan2(x, -y)", "-2**2", "2**3**2",
     "m*9.81*x*sin(y)", "exp(-x**2)*tanh(k)", "(x + y + 1)**9", "1/(1 + 1/(1 + 1/x))", "pi/6",
     "(1/4 + sqrt(3)/6)*sqrt(2 + sqrt(5))", "x**k + m**(-k/2)", "acos(x)*log(1 + y**2)",
+    "if(x < -k, m*(x + k)**2, if(x < k, 0, m*(x - k)**2))", "max(0, sqrt(x**2 + y**2) - k)**2",
+    "if(0 < t < 1 or x == y and y != 2, min(x, y, 1), mod(t, 2))", "abs(x)*x*heaviside(floor(y))",
 )
 
 
@@ -36,7 +40,10 @@ def grown(choices: Choices, names: Sequence[str], depth: int = 4) -> str:
     a = grown(choices, names, depth - 1)
     if kind == 3:
         function = choices.pick(tuple(FUNCTIONS))
-        more = f", {grown(choices, names, depth - 1)}" if function == "atan2" else ""
+        count = abs(FUNCTIONS[function][1]) + choices.below(2) * (FUNCTIONS[function][1] < 0)
+        if function == "if":
+            a = f"{a} {choices.pick(SIGNS)} {grown(choices, names, depth - 1)}"
+        more = "".join(f", {grown(choices, names, depth - 1)}" for _ in range(count - 1))
         return f"{function}({a}{more})"
     if kind == 4:
         return f"-({a})"

@@ -29,7 +29,10 @@ class Case:
 
 
 def beads() -> gs.System:
-    """Return two beads on circles, one hanging on the other, with drag and a drive in time."""
+    """Return two beads on circles, one hanging on the other, with drag and a drive in time.
+
+    Forces and quantities switch sides, some of which are no numbers.
+    """
     x, y, u, v = sp.symbols("x y u v", real=True)
     px, py, pu, pv = sp.symbols("px py pu pv", real=True)
     mass, grav, drag = sp.symbols("m g c", positive=True)
@@ -38,8 +41,11 @@ def beads() -> gs.System:
     return gs.System(
         (x, y, u, v), (px, py, pu, pv), (mass, grav, drag), H,
         (x**2 + y**2 - 1, (u - x) ** 2 + (v - y) ** 2 - 1),
-        forces=(-drag * px + sp.sin(t), -drag * py, -drag * pu, -drag * pv), time=t,
-        name="beads", quantities={"height": y + v, "drive": sp.sin(t)},
+        forces=(-drag * px + sp.sin(t), -drag * sp.Abs(py) * py,
+                -drag * sp.Max(-1, sp.Min(pu, sp.sqrt(1 + u))),
+                sp.Piecewise((sp.log(v), v > 1), (0, t < 2), (sp.Mod(t, 1) / 9, True)) - drag * pv),
+        time=t, name="beads", quantities={"height": y + v, "drive": sp.sin(t) * sp.sign(x),
+                                          "late": sp.Heaviside(t - 1) + sp.floor(x / drag)},
     )
 
 

@@ -1,0 +1,205 @@
+"""Drag, dry friction, a rope, a rocket and a servo: by the command line, against closed forms.
+
+One file has them all, a coordinate each; the same in SymPy's words gives the same C.
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from processes import cli
+from strategies import EPS
+
+scipy_integrate = pytest.importorskip("scipy.integrate")
+
+TEXT = """
+name = "fairground"
+[system]
+coordinates = ["car", "block", "jumper", "rocket", "servo"]
+momenta = ["pcar", "pblock", "pjumper", "procket", "pservo"]
+hamiltonian = \"\"\"(pcar**2 + pblock**2 + pjumper**2 + procket**2 + pservo**2)/2
+    - g*jumper + k/2*max(0, jumper - l)**2\"\"\"
+forces = [
+    "-c*abs(pcar)*pcar",
+    "g/2 - mu*g*sign(pblock)",
+    "0",
+    "if(t < burn, thrust, 0) - g",
+    "min(max(-16*servo - 8*pservo, -1), 1)",
+]
+[parameters]
+g = 9.81
+c = 0.3
+mu = 0.4
+l = 2
+k = 40
+burn = 0.5
+thrust = "3*g"
+[start]
+q = [0, 0, 0, 0, 1]
+p = [2, 0.5, 0, 0, 0]
+[run]
+dt = 2e-3
+steps = 1000
+[quantities]
+flying = "heaviside(rocket)"
+turn = "mod(servo, 0.25)"
+phase = "if(jumper < l and pjumper > 0, 1, if(jumper >= l, 2, 3))"
+"""
+G, RATE, MU, L, K, BURN = 9.81, 0.3, 0.4, 2.0, 40.0, 0.5
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """The states along the run of the file by the public command, and its JSON."""
+    folder = tmp_path_factory.mktemp("fairground")
+    (folder / "fairground.toml").write_text(TEXT, encoding="utf-8")
+    done = cli("run", "fairground.toml", "--scheme", "G-L", "--stages", "2", "--out", "run.npz",
+               "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return gs.Trajectory.load(folder / "run.npz"), json.loads(done.stdout)
+
+
+def coordinate(run, name):
+    index = ["car", "block", "jumper", "rocket", "servo"].index(name)
+    return run.q[:, index], run.p[:, index]
+
+
+def test_quadratic_drag(result):
+    """v̇ = −c|v|v: v = v₀/(1 + c v₀ t), to round-off of an order 4 of such short steps."""
+    run, _ = result
+    q, p = coordinate(run, "car")
+    assert np.abs(p - 2 / (1 + RATE * 2 * run.t)).max() <= 1e-12
+    assert np.abs(q - np.log(1 + RATE * 2 * run.t) / RATE).max() <= 1e-12
+
+
+def test_sliding_friction(result):
+    run, _ = result
+    q, p = coordinate(run, "block")
+    pull = G / 2 - MU * G
+    assert np.abs(p - 0.5 - pull * run.t).max() <= 64 * EPS
+    assert np.abs(q - run.t / 2 - pull * run.t**2 / 2).max() <= 64 * EPS
+
+
+def test_rope_that_pulls_only(result):
+    """Free fall up to the rope's length, a harmonic swing on it, and free fall again."""
+    run, _ = result
+    q, _ = coordinate(run, "jumper")
+    fall, frequency = np.sqrt(2 * L / G), np.sqrt(K)
+    middle, swing = L + G / K, np.hypot(G / K, np.sqrt(2 * G * L) / frequency)
+    phase = np.arcsin(G / K / swing)
+    turn = (np.pi + 2 * phase) / frequency
+    on_rope = (run.t >= fall) & (run.t <= fall + turn)
+    after = run.t - fall - turn - fall  # from the upper turning point
+    exact = np.where(run.t < fall, G * run.t**2 / 2,
+                     np.where(on_rope, middle + swing * np.sin(frequency * (run.t - fall) - phase),
+                              G * after**2 / 2))
+    assert on_rope.any()
+    assert run.t[-1] > fall + turn
+    assert np.abs(q - exact).max() <= 1e-5  # one step over each end of the swing
+    phases = run.quantity("phase")
+    inside = np.abs(run.t - fall) > 2e-3
+    assert np.array_equal(phases[inside] == 2, (q >= L)[inside])
+
+
+def test_thrust_that_ends(result):
+    """Ends at a step's end: every step has a constant force, and is exact."""
+    run, _ = result
+    q, p = coordinate(run, "rocket")
+    burning = run.t <= BURN * (1 + 4 * EPS)
+    at_end = np.array([2 * G * BURN**2 / 2, 2 * G * BURN])
+    rest = run.t - BURN
+    exact = np.where(burning, 2 * G * run.t**2 / 2, at_end[0] + at_end[1] * rest - G * rest**2 / 2)
+    assert np.abs(q - exact).max() <= 1024 * EPS * np.abs(q).max()
+    rate = np.where(burning, 2 * G * run.t, at_end[1] - G * rest)
+    assert np.abs(p - rate).max() <= 1024 * EPS * np.abs(rate).max()
+
+
+def test_saturated_controller(result):
+    """Against SciPy at a tight tolerance with short steps."""
+    run, _ = result
+    found = scipy_integrate.solve_ivp(
+        lambda t, y: [y[1], np.clip(-16 * y[0] - 8 * y[1], -1, 1)], (0, 2.0), [1.0, 0.0],
+        method="DOP853", rtol=1e-11, atol=1e-12, max_step=1e-3, t_eval=[0.5, 1.0, 2.0])
+    q, p = coordinate(run, "servo")
+    for time, wanted_q, wanted_p in zip(found.t, *found.y, strict=True):
+        row = round(time / 2e-3)
+        assert [q[row], p[row]] == pytest.approx([wanted_q, wanted_p], abs=1e-6)
+
+
+def test_quantities_and_remarks(result):
+    run, document = result
+    servo = run.q[:, 4]
+    assert run.quantity("turn") == pytest.approx(np.mod(servo, 0.25), abs=4 * EPS)
+    assert run.quantity("flying")[0] == 0.5  # at 0: half
+    assert (run.quantity("flying")[1:] == 1).all()
+    order, jumps = document["remarks"]
+    assert order.startswith("order 4 holds for steps that do not cross burn - t = 0, jumper - l =")
+    assert jumps == "forces jump at pblock = 0: a step to there may have no solution"
+
+
+def test_the_same_in_the_words_of_sympy(tmp_path):
+    """Piecewise, Max, Min, Abs, sign and Heaviside make the C that the file makes."""
+    path = tmp_path / "fairground.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    read = gs.load_model(path).system
+    q, p, t = read.q, read.p, read.time
+    g, c, mu, length, k, burn, thrust = (
+        next(s for s in read.parameters if str(s) == name)
+        for name in ("g", "c", "mu", "l", "k", "burn", "thrust"))
+    H = sum(y**2 for y in p) / 2 - g * q[2] + k * sp.Max(0, q[2] - length) ** 2 / 2
+    forces = (-c * sp.Abs(p[0]) * p[0], g / 2 - mu * g * sp.sign(p[1]), 0,
+              sp.Piecewise((thrust, t < burn), (0, True)) - g,
+              sp.Min(sp.Max(-16 * q[4] - 8 * p[4], -1), 1))
+    quantities = {
+        "flying": sp.Heaviside(q[3]), "turn": sp.Mod(q[4], sp.Rational(1, 4)),
+        "phase": sp.Piecewise((1, (q[2] < length) & (p[2] > 0)), (2, q[2] >= length), (3, True))}
+    own = gs.System(q, p, read.parameters, H, name="fairground", forces=forces, time=t,
+                    quantities=quantities)
+    spec = Spec.checked("EMS")
+    ours, theirs = (generate(spec, system=s).source.source for s in (own, read))
+    assert ours == theirs
+
+
+def test_a_thruster_for_a_while():
+    """A body's torque as a Piecewise: Ω₃ grows while it fires, and stays; Ω₁, Ω₂ are 0."""
+    body = gs.symbols
+    torque = sp.Symbol("tau", positive=True)
+    firing = sp.Piecewise((torque, (body.t >= 0.5) & (body.t < 1)), (0, True))
+    craft = gs.body_system("craft", "gamma", 0, (torque,), torque=[0, 0, firing])
+    build = gs.Multibody("craft_of_parts")
+    part = build.top("b", mass=1.0, inertia=(0.1, 0.12, 0.03), centre=(0, 0, 0),
+                     angular_velocity=(0, 0, 2))
+    build.torque(part, [0, 0, sp.Piecewise((0.06, (build.time >= 0.5) & (build.time < 1)),
+                                           (0, True))])
+    made = build.model()
+    q = [1.0, 0.0, 0.0, 0.0]
+    p = gs.momentum(q, [0, 0, 2.0], (0.1, 0.12, 0.03))
+    parameters = {"I1": 0.1, "I2": 0.12, "I3": 0.03, "gamma": 0.08, "tau": 0.06}
+    for system, start, values in ((craft, (q, p), parameters),
+                                  (made.system, (made.q0, made.p0), made.parameters)):
+        run = gs.stepper("G-L", 2, system=system).integrate(
+            *start, dt=0.01, steps=150, parameters=values)
+        # p = 2 L(q)ᵀ J Ω and |L(q)ᵀ v| = |v|
+        spin = np.linalg.norm(run.p, axis=1) / 2 / 0.03
+        assert spin == pytest.approx(2 + 0.06 / 0.03 * np.clip(run.t - 0.5, 0, 0.5), abs=1e-9)
+
+
+def test_the_example_keeps_its_energy():
+    """The rope of examples/bungee.toml by EMS: H less work to round-off, through every crossing."""
+    from processes import ROOT
+
+    model = gs.load_model(ROOT / "examples" / "bungee.toml")
+    step = gs.stepper("EMS", system=model.system)
+    run = step.integrate(model.q0, model.p0, dt=model.dt, steps=model.steps,
+                         parameters=model.parameters)
+    slack = run.quantity("pull") == 0
+    assert (np.diff(slack.astype(int)) != 0).sum() >= 6
+    scale = 75 * 9.81 * 40
+    assert np.abs(run.energy_error()).max() <= 64 * EPS * scale
