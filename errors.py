@@ -11,6 +11,7 @@ __all__ = [
     "CompilerError",
     "GyrosparkError",
     "InputError",
+    "InputWarning",
     "MissingDependencyError",
     "StepFailed",
     "Stopped",
@@ -25,6 +26,10 @@ class GyrosparkError(Exception):
 
 class InputError(GyrosparkError, ValueError):
     """A value that a caller passed is not usable; also a ``ValueError``."""
+
+
+class InputWarning(UserWarning):
+    """A value that a caller passed is taken as it is, and was perhaps meant otherwise."""
 
 
 class TableauError(InputError):

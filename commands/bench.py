@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
+from ..naming import unknown
 from .bench_tables import PRINT
 from .generate import write_files
 from .options import real_number, whole_number
@@ -91,7 +92,7 @@ def bench(
     gyrospark bench sweeps --out bench
     """
     if what not in (*_WHAT, "all"):
-        raise InputError(f"Unknown benchmark {what!r}; choose {', '.join(_WHAT)} or all.")
+        raise unknown("benchmark", what, [*_WHAT, "all"])
     choice = _checked(peers, quick, t_end, rounds, base)
     names = [part for name in (_WHAT if what == "all" else (what,))
              for part in _PARTS.get(name, (name,))]

@@ -14,7 +14,7 @@ import click
 
 from ..errors import InputError
 from ..generator.spec import PAPER_SPECS, Spec
-from .options import spec_from, stepper_options
+from .options import spec_from, stepper_options, with_default_scheme
 
 if TYPE_CHECKING:
     from ..generator.pipeline import Generated
@@ -50,6 +50,8 @@ def generate(
             raise InputError("--all takes every stepper of the paper; leave out the other choices.")
         specs = list(PAPER_SPECS)
     else:
+        choice, note = with_default_scheme(choice)
+        click.echo("".join(f"{said}\n" for said in note), nl=False)
         specs = [spec_from(**choice)]
     if check:
         return max(check_files(spec, out, allow_invalid) for spec in specs)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..real import Real
 from .c_printer import CPrinter
 from .fast_path import FastSystem, FastTableau
 from .kernels import Constants, Target, emit_kernel
-from .real import Real
 from .schemes import MeanScheme, SparkScheme
 from .structure import Structure
 

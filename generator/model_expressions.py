@@ -20,7 +20,7 @@ from mpmath import mp
 from ..errors import InputError
 from . import bounded_numbers as numbers
 from .bounded_numbers import Value, rational
-from .grammar import RefusedError, parse, shorten
+from .grammar import RefusedError, parse_quantity, shorten
 
 __all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
 
@@ -84,8 +84,15 @@ def parse_formula(
         With the position and the cure, for whatever is no formula, or one too large to derive a
         stepper from.
     """
+    return _parsed(text, names, exponents, {})
+
+
+def _parsed(
+    text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol],
+    units: Mapping[str, str],
+) -> sp.Expr:
     arithmetic = _Formulas({**CONSTANTS, **names}, exponents)
-    formula = parse(text, arithmetic, "a formula such as m*g*z").expression
+    formula = parse_quantity(text, arithmetic, "a formula such as m*g*z", units).expression
     for number in formula.atoms(sp.Rational):
         if number != 0 and abs(int(number.p).bit_length() - int(number.q).bit_length()) > 1000:
             raise InputError(f"The formula {shorten(text)!r} contains a number of size "
@@ -93,8 +100,13 @@ def parse_formula(
     return formula
 
 
-def parse_number(text: str, values: Mapping[str, float] = MappingProxyType({})) -> float:
+def parse_number(
+    text: str, values: Mapping[str, float] = MappingProxyType({}),
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> float:
     """Return the number that a text says, e.g. "pi/6" or "2*r", with the values of other names.
+
+    ``units`` are those of ``grammar`` that it may have: "30 deg" is pi/6.
 
     Raises
     ------
@@ -102,7 +114,7 @@ def parse_number(text: str, values: Mapping[str, float] = MappingProxyType({})) 
         With the position and the cure, for whatever is no finite number.
     """
     names = {name: sp.Rational(value) for name, value in values.items()}
-    return float(parse_formula(text, names))
+    return float(sp.N(_parsed(text, names, frozenset(), units), 40))  # and rounded once
 
 
 class _Formulas:

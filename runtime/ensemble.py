@@ -69,8 +69,9 @@ def integrate_members(
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
     starts, momenta = _rows(stepper, "q", q), _rows(stepper, "p", p)
+    threads = os.cpu_count() or 1
     if workers is not None:
-        as_positive_count("workers", workers, least=1)
+        threads = as_positive_count("workers", workers, least=1)
     if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
@@ -97,7 +98,7 @@ def integrate_members(
 
     batch = stepper.batch_size(options["solver"])
     batches = [range(i, min(i + batch, size)) for i in range(0, size, batch)]
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         futures = [pool.submit(work, members) for members in batches]
         try:
             ended, _ = wait(futures, return_when=FIRST_EXCEPTION)
@@ -110,7 +111,7 @@ def integrate_members(
     members = [member for member, _ in results]
     failures = {i: failure for i, (_, failure) in enumerate(results) if failure is not None}
     no_number = stepper.binding.new(1)[0] + np.nan
-    rows = -(-options["steps"] // options["every"]) + 1
+    rows = -(-int(options["steps"]) // int(options["every"])) + 1
     return Ensemble(
         _stack([m.t for m in members], rows, np.nan),
         _stack([m.q for m in members], rows, no_number),
@@ -140,9 +141,11 @@ def _each_parameters(parameters: Any, size: int) -> list[dict[str, float]]:
     if isinstance(parameters, Mapping):
         for name, value in parameters.items():
             refuse_auto(name, value)
+        rules = {name: value for name, value in parameters.items() if isinstance(value, str)}
         columns = {name: np.broadcast_to(_each(f"Parameter {name}", value, size), size)
-                   for name, value in parameters.items()}
-        return [{name: column[i].item() for name, column in columns.items()} for i in range(size)]
+                   for name, value in parameters.items() if name not in rules}
+        return [rules | {name: column[i].item() for name, column in columns.items()}
+                for i in range(size)]
     if not isinstance(parameters, Sequence) or not all(isinstance(r, Mapping) for r in parameters):
         raise InputError(f"parameters = {shown(parameters)} is neither a dict nor a list of "
                          "dicts.")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, StepFailed
-from .binding import REASONS, Binding
+from .binding import REASONS, Binding, SolverName
 from .newton import newton_step
 from .trajectory import Report, Trajectory
 
@@ -32,7 +32,7 @@ class Run:
     steps: int
     every: int
     parameters: dict[str, float]
-    solver: str
+    solver: SolverName
     tolerance: float | None
     max_iterations: int
     t0: float = 0.0

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 if TYPE_CHECKING:
     from .problems import Problem
@@ -24,10 +26,15 @@ class Start:
         All but those of ``bodies`` that are left to be chosen.
     q0, p0 : list of float
         State at t = 0.
-    bodies : mapping of str to list of three floats
-        Name of each inertia parameter (γ or α of a body) → the body's principal moments.
+    bodies : mapping of str to list
+        Name of each inertia parameter (γ or α of a body) → the body's inertia: three principal
+        moments, or a tensor in rows.
     dt, steps : float and int, or None
         Where the model names them.
+    free : list of str
+        Parameters that another value may be given for and nothing else changes.
+    remarks : list of str
+        What is to be said of the file that the model came from.
     """
 
     name: str
@@ -35,9 +42,11 @@ class Start:
     parameters: Mapping[str, float]
     q0: list[float]
     p0: list[float]
-    bodies: Mapping[str, list[float]]
+    bodies: Mapping[str, Any]
     dt: float | None
     steps: int | None
+    free: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
     @classmethod
     def of_problem(cls, problem: Problem) -> Start:
@@ -52,6 +61,7 @@ class Start:
         return cls(
             model.name, model.description, dict(model.parameters),
             [float(x) for x in model.q0], [float(x) for x in model.p0],
-            {name: [float(x) for x in inertia] for name, inertia in model.bodies.items()},
+            {name: np.array(inertia, dtype=float).tolist()
+             for name, inertia in model.bodies.items()},
             model.dt, model.steps,
         )

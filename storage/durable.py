@@ -17,7 +17,8 @@ from typing import Any
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
-from ..errors import InputError, StorageError
+from ..arguments import as_path
+from ..errors import StorageError
 
 __all__ = ["DurableStore", "finished", "one_line", "remove_parts", "storage_errors", "store_path",
            "sync_folder", "write_durably"]
@@ -123,13 +124,7 @@ def store_path(path: Any) -> Path:
     InputError
         If it is none.
     """
-    try:
-        found = Path(path)
-    except TypeError:
-        found = Path()
-    if not found.name or "\0" in found.name:
-        raise InputError(f"{path!r} is no path of a store; give a name such as 'run.zarr'.")
-    return found
+    return as_path("The store", path, "run.zarr")
 
 
 def one_line(error: Exception) -> str:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
+from ..real import REALS
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
@@ -95,9 +96,8 @@ def wide_name(name: str) -> str:
 
 def fields_of(stepper: Stepper) -> list[Field]:
     """Return the arrays of a run of this stepper."""
-    system, real = stepper.manifest["system"], stepper.manifest["real"]
-    wide = real in ("long-double", "float128")
-    dtype = "f4" if real == "float" else "f8"
+    system, real = stepper.manifest["system"], REALS[stepper.manifest["real"]]
+    wide, dtype = real.wide, real.stored
     body = system["rigid_body"]
 
     def numbers(name: str, long_name: str, *inner: tuple[str, int], units: str = "",

@@ -10,8 +10,10 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from ..arguments import as_path
 from ..errors import InputError, StepFailed
-from ..runtime.binding import DTYPES
+from ..real import REALS
+from ..runtime.checks import as_positive_count
 from ..runtime.trajectory import Report, Trajectory
 from .durable import one_line, store_path
 from .layout import QUANTITY, array_of, open_group, wide_name
@@ -115,10 +117,12 @@ class Recording:
         """
         if self.report is None:
             raise InputError(f"{str(self.path)!r} holds no state yet; go on with its run first.")
+        first = as_positive_count("first", first)
+        thin = as_positive_count("thin", thin, least=1)
         group, manifest, run = self.group(), self.attributes["manifest"], self.attributes["run"]
         refuse_missing_blocks(self.path, group, first, self.states)
-        wide = manifest["real"] in ("long-double", "float128")
-        dtype = DTYPES[manifest["real"]]
+        real = REALS[manifest["real"]]
+        wide, dtype = real.wide, real.dtype
 
         def read(name: str, *, after_start: bool = False) -> Array:
             """Return an array's rows in the stepper's type; zeros where the store has none."""
@@ -145,13 +149,13 @@ class Recording:
         if "multipliers" in self.group():
             found: Array = read("multipliers", after_start=True)
             return found
-        return np.zeros((states - 1, 0), dtype=DTYPES[self.attributes["manifest"]["real"]])
+        return np.zeros((states - 1, 0), dtype=REALS[self.attributes["manifest"]["real"]].dtype)
 
     def export(self, path: str | os.PathLike[str]) -> Path:
         """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""
         from .export import export
 
-        return export(self, Path(path))
+        return export(self, as_path("path", path, "night.csv"))
 
 
 def stored_values(

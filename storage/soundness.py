@@ -15,7 +15,7 @@ import numpy as np
 import zarr
 
 from ..errors import InputError
-from ..runtime.binding import DTYPES
+from ..real import REALS
 from ..runtime.trajectory import Report
 from .identity import FORMAT
 from .layout import CHECKPOINT, Field, array_of, attributes_of, wide_name
@@ -88,7 +88,7 @@ def _about_manifest(about: Mapping[str, Any]) -> Iterator[str]:
     system = manifest.get("system") if isinstance(manifest, Mapping) else None
     if not isinstance(manifest, Mapping) or not isinstance(system, Mapping):
         yield "it has no manifest"
-    elif manifest.get("real") not in list(DTYPES):
+    elif manifest.get("real") not in list(REALS):
         yield f"manifest.real is {manifest.get('real')!r}"
     elif not isinstance(system.get("quantities", {}), (Mapping, list)):
         yield f"manifest.system.quantities are {system['quantities']!r}"

@@ -11,8 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._version import __version__
+from ..arguments import as_flag, as_path
 from ..errors import InputError, Stopped, StorageError
-from ..runtime.checks import as_positive_count
+from ..generator.scheme import SchemeName
+from ..generator.spec import RepName
+from ..real import RealName
+from ..runtime.binding import SolverName
+from ..runtime.checks import as_callback, as_positive_count
 from ..storage.durable import remove_parts, storage_errors
 from ..storage.fresh import appearing, is_new
 from ..storage.identity import number_text, refuse_if_different, versions
@@ -50,16 +55,16 @@ def sweep(
     model: Any,
     over: Mapping[str, Any],
     *,
-    scheme: str | None = None,
+    scheme: SchemeName | None = None,
     stages: int | None = None,
-    rep: str | None = None,
-    real: str | None = None,
+    rep: RepName | None = None,
+    real: RealName | None = None,
     parameters: Mapping[str, Any] | None = None,
     dt: float | None = None,
     steps: int | None = None,
     duration: float | None = None,
     every: int | None = None,
-    solver: str = "auto",
+    solver: SolverName = "auto",
     tolerance: float | None = None,
     max_iterations: int = 50,
     keep: Iterable[str] | None = None,
@@ -135,9 +140,11 @@ def run_study(
     progress: Progress | None = None,
 ) -> xarray.Dataset:
     """Compute what is not computed yet of a study, and return its result; see ``sweep``."""
+    as_flag("resume", resume)
     fields = fields_of(study, keep)
     count = os.cpu_count() or 1
     threads = count if workers is None else as_positive_count("workers", workers, least=1)
+    as_callback("progress", progress)
     client = None if dask is None else cluster.client_of(dask)
     attributes = _attributes(study, fields)
     if out is None:
@@ -146,7 +153,7 @@ def run_study(
         memory = Memory(study, fields)
         _compute(study, fields, set(), memory, threads, client, progress, None)
         return memory.dataset(attributes)
-    path = Path(out)
+    path = as_path("out", out, "study.zarr")
     with claim(path):
         with storage_errors(path, CURE):
             _prepare(study, fields, path, attributes, resume)
