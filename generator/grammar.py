@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 from ..errors import InputError
+from ..naming import proposal
 
 __all__ = ["ANGLES", "RATES", "UNITS", "Arithmetic", "RefusedError", "Token", "decimal_parts",
            "names_in", "parse", "parse_quantity", "refuse_at", "shorten", "tokens"]
@@ -328,7 +329,8 @@ class _Parser(Generic[V]):
             known = ", ".join([*sorted(self.arithmetic.names), *functions])
             self.next -= 1
             raise self.error(f"The name {shorten(token.text)} is unknown",
-                             f"use one of {shorten(known, 600)}")
+                             f"use one of {shorten(known, 600)}"
+                             f"{proposal(token.text, self.arithmetic.names)}")
         return self.at(token, self.arithmetic.named, token.text)
 
     def close(self, opening: Token) -> None:

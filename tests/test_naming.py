@@ -8,11 +8,13 @@ from types import ModuleType
 from typing import get_args
 
 import pytest
+import sympy as sp
 
 import gyrospark as gs
 from gyrospark import naming
 from gyrospark.catalogue import MODELS, PROBLEMS, SYSTEMS, entry_named
 from gyrospark.commands.verify import _model as model_of_verify
+from gyrospark.generator.model_expressions import parse_formula
 from gyrospark.generator.pipeline import generate, tableau_of
 from gyrospark.generator.scheme import SCHEMES, SchemeName
 from gyrospark.generator.spec import REPS, RepName, Spec
@@ -26,7 +28,7 @@ TOP = gs.problems.fast_top()
 @pytest.mark.parametrize(("names", "records"), [
     (SchemeName, SCHEMES), (RealName, REALS), (RepName, REPS), (SolverName, SOLVERS),
     (Aim, AIMS.values()),
-], ids=str)
+], ids=["scheme", "real", "rep", "solver", "aim"])
 def test_literals_are_the_records(names, records):
     """What editors complete is what is taken, in the same order."""
     assert get_args(names) == tuple(records)
@@ -44,7 +46,7 @@ def test_literals_are_the_records(names, records):
     (gs.choose_gamma, "aim", "Aim"), (gs.load_model, "rep", "RepName"),
     (gs.Multibody.body, "rep", "RepName"), (gs.Multibody.top, "rep", "RepName"),
     (gs.models.chain, "rep", "RepName"),
-], ids=str)
+], ids=lambda x: getattr(x, "__qualname__", x))
 def test_public_signatures_have_the_literals(function, argument, type_name):
     annotation = inspect.signature(function).parameters[argument].annotation
     assert type_name in annotation.split(" | ")
@@ -138,7 +140,21 @@ def test_proposals_are_near():
     assert naming.listed(["a"]) == "a"
 
 
-def test_what_a_shell_completes(monkeypatch):
+def test_help_names_them_all():
+    from gyrospark.commands import gyrospark
+
+    run = gyrospark.commands["run"]
+    said = " ".join([run.help or "", *(p.help or "" for p in run.params if hasattr(p, "help"))])
+    for name in (*PROBLEMS, *MODELS, *SCHEMES, *REALS, *SOLVERS, *REPS, *SYSTEMS):
+        assert name in said, name
+
+
+def test_a_name_in_a_formula_is_proposed_for():
+    with pytest.raises(gs.InputError, match=r"name lenght is unknown.*\(did you mean length\?\)"):
+        parse_formula("2*lenght", {"length": sp.Symbol("length")})
+
+
+def test_what_a_shell_completes():
     from gyrospark.commands import gyrospark
 
     options = {o.name: o for o in gyrospark.commands["run"].params}
