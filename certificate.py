@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .arguments import as_mapping
+from .catalogue import SYSTEMS
 from .errors import InputError
 from .facade import stepper as make_stepper
 from .facade import tableau as make_tableau
@@ -22,8 +24,10 @@ from .generator.conditions import check_tableau, is_zero
 from .generator.evaluation import evaluate
 from .generator.model import Model
 from .generator.momentum_maps import MAX_COORDINATES, MomentumMap, momentum_maps
-from .generator.rigid_body import free_body, heavy_top
+from .generator.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeName, scheme_named
 from .generator.smoothness import Switching
+from .generator.spec import RepName
+from .naming import shown
 from .runtime.checks import as_positive_count, as_step
 from .runtime.inertia import gamma_m
 from .runtime.loop_invariant import loop_drift
@@ -40,8 +44,6 @@ __all__ = ["Certificate", "Line", "certify"]
 EPS = float(np.finfo(float).eps)
 #: Steps where the model names none; of a named problem also the step.
 STEPS, PROBLEM_DT = 1000, 1e-3
-
-_SYSTEMS = {"heavy_top": heavy_top, "free_body": free_body}
 
 
 @dataclass(frozen=True)
@@ -123,10 +125,10 @@ class Certificate:
 
 def certify(
     model: Model | Problem,
-    scheme: str | None = None,
+    scheme: SchemeName | None = None,
     stages: int | None = None,
     *,
-    rep: str | None = None,
+    rep: RepName | None = None,
     tableau: str | Path | Tableau | None = None,
     allow_invalid: bool = False,
     dt: float | None = None,
@@ -162,10 +164,11 @@ def certify(
         If the run itself does not get to its end.
     """
     if scheme is None and tableau is None:
-        scheme, stages = "G-L", stages or 3
+        scheme, stages = DEFAULT_SCHEME, stages or DEFAULT_STAGES
     known, step = _compiled(model, scheme, stages, rep, tableau, allow_invalid)
     if tableau is None:
-        exact = None if scheme in ("IMS", "EMS") else make_tableau(str(scheme), stages)
+        made = scheme_named(scheme).tableau
+        exact = None if made is None else make_tableau(str(scheme), stages)
     else:
         exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
     if dt is None:
@@ -173,28 +176,30 @@ def certify(
     if dt is None:
         raise InputError(f"Model {known.name!r} names no time step; give dt.")
     count = as_positive_count("steps", (known.steps or STEPS) if steps is None else steps, least=2)
-    values = _parameters(known, parameters or {})
+    values = _parameters(known, {} if parameters is None else as_mapping(
+        "parameters", parameters, '{"mgl": 0.4}'))
     run = step.integrate(known.q0, known.p0, dt=as_step(dt), steps=count, parameters=values)
+    values = dict(run.parameters)  # with a number where a rule was given
     examination = _Examination(known, step, Promises(known, exact, str(scheme)), run, values)
     return Certificate(model.name, step.name, step.order, run.dt, count, values,
                        list(examination.lines()))
 
 
 def _compiled(
-    model: Model | Problem, scheme: str | None, stages: int | None, rep: str | None,
+    model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
     tableau: str | Path | Tableau | None, allow_invalid: bool,
 ) -> tuple[Model, Stepper]:
     """Return the model and its stepper; a named problem has its stepper checked in."""
     if isinstance(model, Problem):
-        rep = rep or "gamma"
+        rep = "gamma" if rep is None else rep
         made = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
                             allow_invalid=allow_invalid)
-        system = _SYSTEMS[model.system](rep)  # type: ignore[arg-type]
+        system = SYSTEMS[model.system].make(rep)
         known = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
                      model.p0, {rep: model.inertia}, PROBLEM_DT, STEPS, model.description), made
     if not isinstance(model, Model):
-        raise InputError(f"model = {model!r} is no gyrospark.Model; make one with "
+        raise InputError(f"model = {shown(model)} is no gyrospark.Model; make one with "
                          "gyrospark.Model(system, parameters, q0, p0).")
     if rep is not None:
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
@@ -205,7 +210,7 @@ def _compiled(
 def _parameters(model: Model, changes: Mapping[str, float]) -> dict[str, float]:
     """Return a value for every parameter, γ_m for inertia parameters that have none."""
     chosen = {name: gamma_m(inertia) for name, inertia in model.bodies.items()}
-    values = chosen | dict(model.parameters) | dict(changes)
+    values: dict[str, Any] = chosen | dict(model.parameters) | dict(changes)
     for name in changes:
         if name not in {str(s) for s in model.system.parameters}:
             raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "

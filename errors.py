@@ -14,6 +14,7 @@ __all__ = [
     "CompilerError",
     "GyrosparkError",
     "InputError",
+    "InputWarning",
     "MissingDependencyError",
     "StepFailed",
     "Stopped",
@@ -28,6 +29,10 @@ class GyrosparkError(Exception):
 
 class InputError(GyrosparkError, ValueError):
     """A value that a caller passed is not usable; also a ``ValueError``."""
+
+
+class InputWarning(UserWarning):
+    """A value that a caller passed is taken as it is, and was perhaps meant otherwise."""
 
 
 class TableauError(InputError):
@@ -130,7 +135,8 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
     @property
     def told(self) -> str:
         """What failed, where, why, and what helps."""
-        return f"Step {self.step} at t = {self.t:.9g} s failed: {self.detail}.{self.hint} {self.cure}"
+        where = f"Step {self.step} at t = {self.t:.9g} s"
+        return f"{where} failed: {self.detail}.{self.hint} {self.cure}"
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle by arguments: worker processes hand failures over."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Number", "Rounded", "as_double", "decimal", "digits_of", "exact", "nearest"]
+__all__ = ["Number", "Rounded", "as_double", "decimal", "digits_of", "exact", "knowing", "nearest"]
 
 #: What is taken for a real number; mpmath's and SymPy's, which have no types to name, as well.
 Number: TypeAlias = "float | np.floating[Any] | Decimal | Fraction"
@@ -128,6 +128,14 @@ def decimal(text: str) -> Fraction | float | None:
 
 
 # ---------------------------------------------------------------- rounding
+
+
+def knowing(value: Any) -> float:
+    """Return a number as a double that knows its digits, if a double does not hold them."""
+    number = exact(value)
+    if isinstance(number, Fraction) and number != Fraction(as_double(number)):
+        return Rounded(number)
+    return float(value)
 
 
 def nearest(value: Fraction, bits: int, least: int) -> tuple[int, int]:

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-import numbers
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ._version import __version__
+from .arguments import as_flag
+from .catalogue import MODELS
 from .errors import InputError
-from .generator.spec import Spec
+from .generator.scheme import SchemeName
+from .generator.spec import RepName, Spec
 from .generator.text_file import UnusableFileError, model_text, read_text
+from .naming import shown
 from .projection import Projection, project
+from .real import RealName
+from .remarks import listening, remark
 from .runtime.cache import digest, keep, kept
-from .runtime.checks import as_array, shown
+from .runtime.checks import as_array
 from .runtime.notices import doing
 from .runtime.reals import rounding
 from .runtime.start import Start
@@ -30,20 +37,20 @@ if TYPE_CHECKING:
     from .generator.system import System
     from .generator.tableau import Tableau
 
-__all__ = ["checked_in_files", "consistent", "files_of", "load_model", "model_stepper", "stepper",
-           "tableau"]
+__all__ = ["checked_in_files", "consistent", "files_of", "load_model", "model_stepper",
+           "named_model_stepper", "stepper", "stepper_of", "tableau"]
 
 ROOT = Path(__file__).resolve().parent
 
 
 def stepper(
-    scheme: str | None = None,
+    scheme: SchemeName | None = None,
     stages: int | None = None,
-    rep: str | None = None,
+    rep: RepName | None = None,
     *,
     system: str | Path | System | Model | None = None,
     tableau: str | Path | Tableau | None = None,
-    real: str = "double",
+    real: RealName = "double",
     allow_invalid: bool = False,
 ) -> Stepper:
     """Return a compiled stepper, generated and compiled on first use, from the cache after.
@@ -57,8 +64,8 @@ def stepper(
     rep : {"gamma", "alpha"}
         Inertia representation of the named systems and of model files.
     system : str, path, System or Model
-        ``"heavy_top"`` (default), ``"free_body"``, a model file (TOML), a ``gyrospark.System`` or
-        the system of a ``gyrospark.Model``.
+        ``"heavy_top"`` (default), ``"free_body"``, the name of one of ``gyrospark.models``, a model
+        file (TOML), a ``gyrospark.System`` or the system of a ``gyrospark.Model``.
     tableau : path or Tableau
         A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
     real : {"double", "float", "long-double", "float128"}
@@ -81,8 +88,8 @@ def stepper(
     --------
     >>> step = gyrospark.stepper("G-L", stages=3, rep="gamma")  # doctest: +SKIP
     """
-    stages = _plain(stages)
     system = getattr(system, "system", system)  # of a Model
+    as_flag("allow_invalid", allow_invalid)
     if isinstance(system, Path):
         system = str(system)
     named = system if isinstance(system, str) or system is None else None
@@ -92,16 +99,23 @@ def stepper(
         if scheme is not None or stages is not None:
             raise InputError("A tableau fixes the scheme and its stages; leave out scheme and "
                              "stages.")
-        spec = replace(Spec.checked("EMS", None, rep, named, real), scheme="SPARK")
+        spec = Spec.of_tableau(rep, named, real)
     else:
         spec = Spec.checked(scheme, stages, rep, named, real, file)
     if named is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
-    if own_tableau is None and spec.model is not None:
+    return stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)
+
+
+def stepper_of(
+    spec: Spec, system: Any = None, tableau: Any = None, allow_invalid: bool = False
+) -> Stepper:
+    """Return the stepper of a spec; a system and a tableau take the place of the spec's."""
+    if tableau is None and spec.model is not None:
         return model_stepper(spec, allow_invalid)[0]
-    if own_tableau is None and file is None and (system is None or named is not None):
+    if tableau is None and spec.tableau is None and system is None:
         return _named_stepper(spec)
-    made = _generate(spec, None if named is not None else system, own_tableau, allow_invalid)
+    made = _generate(spec, system, tableau, allow_invalid)
     return Stepper(made.source.name, made.source.files())
 
 
@@ -145,7 +159,9 @@ def consistent(
     return project(NumericSystem(system, parameters), *state)
 
 
-def load_model(path: str | Path, rep: str | None = None, *, real: str = "double") -> Model:
+def load_model(
+    path: str | Path, rep: RepName | None = None, *, real: RealName = "double"
+) -> Model:
     """Return the model of a TOML file: its system, parameters and start.
 
     Parameters
@@ -169,7 +185,7 @@ def load_model(path: str | Path, rep: str | None = None, *, real: str = "double"
     return load(path, rep).in_type(number)
 
 
-def tableau(scheme: str | Path, stages: int | None = None) -> Tableau:
+def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Tableau:
     """Return an exact SPARK tableau: ``"G-L"`` or ``"LIIIA-B"`` with stages, or a JSON file.
 
     ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples,
@@ -183,16 +199,10 @@ def tableau(scheme: str | Path, stages: int | None = None) -> Tableau:
             raise InputError("A tableau file fixes its stages; leave out stages.")
         found = tableau_of(Spec.checked(tableau=Path(scheme)))
     else:
-        found = tableau_of(Spec.checked(scheme, _plain(stages)))
+        found = tableau_of(Spec.checked(scheme, stages))
     if found is None:
         raise InputError(f"{scheme} has no SPARK tableau; choose G-L or LIIIA-B.")
     return found
-
-
-def _plain(stages: Any) -> Any:
-    """Return NumPy's and others' whole numbers as int, all else as it is."""
-    plain = isinstance(stages, bool) or not isinstance(stages, numbers.Integral)
-    return stages if plain else int(stages)
 
 
 @lru_cache(maxsize=64)
@@ -200,10 +210,23 @@ def _named_stepper(spec: Spec) -> Stepper:
     return Stepper(spec.name, files_of(spec))
 
 
-def model_stepper(spec: Spec, allow_invalid: bool = False) -> tuple[Stepper, Start]:
+def model_stepper(
+    spec: Spec, allow_invalid: bool = False, settings: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Stepper, Start]:
     """Return the stepper of a spec with a model file, and the numbers of the file.
 
-    Both are kept: the second time the same file asks for the same stepper, no SymPy is imported.
+    Both are kept: the second time the same file asks for the same stepper, no SymPy is imported;
+    nor is it for other values of parameters that no other number of the file mentions. What is to
+    be said of the file is said every time.
+
+    Parameters
+    ----------
+    spec : Spec
+        With the file.
+    allow_invalid : bool
+        As for ``stepper``.
+    settings : mapping of str to str
+        Other values for keys of the file, as ``generator.model_file.read_model`` takes them.
 
     Raises
     ------
@@ -211,28 +234,84 @@ def model_stepper(spec: Spec, allow_invalid: bool = False) -> tuple[Stepper, Sta
         With file, key and cure, for whatever in the file is no model.
     """
     text = model_text(spec.model or "")
+
+    def found(changes: Mapping[str, str]) -> tuple[Stepper, Start]:
+        return _kept_model(("model", text, allow_invalid, sorted(changes.items())), spec,
+                           lambda: _model_of_file(spec, text, changes), allow_invalid)
+
+    numbers = {key: number for key, value in settings.items()
+               if (number := _plain_number(value)) is not None}
+    if not settings or len(numbers) < len(settings):
+        return found(settings)
+    made, start = found({})
+    if numbers.keys() <= {*start.free}:
+        return made, replace(start, parameters={**start.parameters, **numbers})
+    return found(settings)
+
+
+def named_model_stepper(
+    spec: Spec, name: str, options: Mapping[str, Any], allow_invalid: bool = False
+) -> tuple[Stepper, Start]:
+    """Return the stepper of one of ``gyrospark.models``, and the model's numbers; both are kept.
+
+    ``options`` are arguments of the model's function.
+    """
+    def make() -> tuple[Model, list[str]]:
+        arguments = {**options, **({"rep": spec.rep} if spec.rep else {})}
+        return MODELS[name].make(**arguments), []
+
+    return _kept_model(("named", name, allow_invalid, sorted(options.items())), spec, make,
+                       allow_invalid)
+
+
+def _kept_model(
+    what: tuple[Any, ...], spec: Spec, make: Callable[[], tuple[Model, list[str]]],
+    allow_invalid: bool,
+) -> tuple[Stepper, Start]:
+    """Return the stepper of a model and its numbers as they are kept, or make and keep them."""
     own = "" if spec.tableau is None else _text_of(spec.tableau)
-    key = f"model-{_source_key(spec, text, own, allow_invalid)}.source.json"
+    key = f"{what[0]}-{_source_key(spec, own, *what)}.source.json"
     found = kept(key)
     if found is None:
-        made = _generate_model(spec, text, allow_invalid)
-        keep(key, [*made[:2], made[2].as_json()])
-        name, files, start = made
+        with listening() as heard:
+            name, files, start = _generate_model(spec, make, allow_invalid)
+        start = replace(start, remarks=heard)
+        keep(key, [name, files, start.as_json()])
     else:
         name, files, start = found[0], found[1], Start.from_json(found[2])
+    for said in start.remarks:
+        remark(said)
     return Stepper(name, files), start
 
 
 def _generate_model(
-    spec: Spec, text: str, allow_invalid: bool
+    spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool
 ) -> tuple[str, dict[str, str], Start]:
-    from .generator.model_file import parse_model
     from .generator.pipeline import generate
 
-    with doing(f"deriving {spec.model} with {spec.method}", f"derived {spec.model}"):
-        model = parse_model(text, spec.model or "", spec.rep or None)
+    what = spec.model or spec.system
+    with doing(f"deriving {what} with {spec.method}", f"derived {what}"):
+        model, free = make()
         source = generate(spec, model=model, allow_invalid=allow_invalid).source
-    return source.name, source.files(), Start.of(model)
+    return source.name, source.files(), replace(Start.of(model), free=free)
+
+
+def _model_of_file(
+    spec: Spec, text: str, settings: Mapping[str, str]
+) -> tuple[Model, list[str]]:
+    from .generator.model_file import read_model
+
+    found = read_model(text, spec.model or "", spec.rep or None, settings)
+    return found.model, found.free
+
+
+def _plain_number(text: str) -> float | None:
+    """Return the number that a text is, without units and formulas; None if it is none."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) and "_" not in text else None
 
 
 def _text_of(path: Path) -> str:
@@ -279,7 +358,8 @@ def _source_key(spec: Spec, *texts: object) -> str:
 @cache
 def _generator_fingerprint() -> str:
     """Return a hash of the generator's own text, so that no old source outlives a change to it."""
-    paths = [*(ROOT / "generator").glob("*.py"), *(ROOT / "templates").glob("*.jinja")]
+    paths = [*ROOT.glob("*.py"), *(ROOT / "generator").glob("*.py"),
+             *(ROOT / "templates").glob("*.jinja")]
     return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
 
 

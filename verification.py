@@ -14,9 +14,9 @@ from .generator.fast_path import FastTableau
 from .generator.mean_conditions import check_mean_scheme
 from .generator.observed_order import observed_order
 from .generator.pipeline import Generated, generate
-from .generator.real import REALS
 from .generator.spec import Spec
 from .generator.tableau import FIELDS, Tableau
+from .real import REALS, RealName
 from .runtime.stepper import Stepper
 
 __all__ = ["Verdict", "verify_stepper"]
@@ -81,7 +81,7 @@ def _measured(tableau: Tableau) -> Condition:
     )
 
 
-def _compiled(made: Generated, tableau: Tableau, real_name: str) -> Condition:
+def _compiled(made: Generated, tableau: Tableau, real_name: RealName) -> Condition:
     """The coefficients in the compiled module against the correctly rounded exact ones."""
     stepper = Stepper(made.source.name, made.source.files())
     real = REALS[real_name]
@@ -100,7 +100,7 @@ def _compiled(made: Generated, tableau: Tableau, real_name: str) -> Condition:
     )
 
 
-def _symmetrised(tableau: Tableau, real_name: str) -> list[Condition]:
+def _symmetrised(tableau: Tableau, real_name: RealName) -> list[Condition]:
     """The coefficients of the fast path: scaled by the weights, rounded in pairs x, 1 − x."""
     fast, real = FastTableau(tableau), REALS[real_name]
     if fast.refusal is not None:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body_values import Inertia, as_moments
 from ..generator.example_models import chain, four_bar
 from ..generator.model import Model
 from ..runtime.quaternion import angular_velocity, rotation_matrix
@@ -71,10 +72,10 @@ class Linkage:
         return values.reshape(-1, 7)
 
     def _start(
-        self, weight: str, moments: tuple[float, float, float], q: Array, p: Array
+        self, weight: str, moments: Inertia, q: Array, p: Array
     ) -> BodyStart:
         mass = self.model.parameters[weight.removesuffix("_gamma") + "_m"]
-        return BodyStart(mass, moments, q[:4], q[4:], p[4:] / mass,
+        return BodyStart(mass, as_moments(moments), q[:4], q[4:], p[4:] / mass,
                          angular_velocity(q[:4], p[:4], moments))
 
 

@@ -14,8 +14,12 @@ import numpy as np
 
 from ..errors import GyrosparkError
 from ..facade import stepper
+from ..generator.scheme import SchemeName
+from ..generator.spec import RepName
+from ..naming import choose
 from ..runtime.inertia import gamma_m
 from ..runtime.problems import Problem, fast_top, free_body
+from ..runtime.stepper import SOLVERS as KNOWN
 from ..runtime.stepper import Stepper
 from .peers.ours import SOLVERS, available
 from .timing import alternate, stopwatch
@@ -31,8 +35,8 @@ class Variant:
     """A method on a problem."""
 
     name: str
-    scheme: str
-    rep: str
+    scheme: SchemeName
+    rep: RepName
     problem: Callable[[], Problem]
     stages: tuple[int, ...]
 
@@ -139,7 +143,7 @@ def _run(variant: Variant, step: Stepper, dt: float, solver: str) -> Callable[[i
     values = {name: value for name, value in problem.parameters.items()
               if name in step.parameter_domains} | {variant.rep: gamma_m(problem.inertia)}
     return lambda steps: step.integrate(problem.q0, problem.p0, dt=dt, steps=steps, every=steps,
-                                        parameters=values, solver=solver)
+                                        parameters=values, solver=choose("solver", solver, KNOWN))
 
 
 def _enough(run: Callable[[int], Any], least: float) -> int:

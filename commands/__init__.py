@@ -11,12 +11,14 @@ import io
 import logging
 import os
 import sys
-from typing import NoReturn
+import warnings
+from collections.abc import Iterator
+from typing import Any, NoReturn
 
 import click
 
 from .._version import __version__
-from ..errors import CompilerError, GyrosparkError, StepFailed
+from ..errors import CompilerError, GyrosparkError, InputWarning, StepFailed
 from ..runtime.notices import spoken
 from .bench import bench
 from .cache import cache
@@ -59,10 +61,11 @@ def main_generate() -> NoReturn:
 
 def _call(command: click.Command, name: str) -> NoReturn:
     """Run a command; every expected error becomes one message and an exit code."""
-    if isinstance(sys.stdout, io.TextIOWrapper):  # γ and ᵀ on a terminal that knows ASCII only
-        sys.stdout.reconfigure(errors="replace")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # γ and ᵀ on a terminal that knows ASCII only
+            stream.reconfigure(errors="replace")
     try:
-        with spoken():
+        with spoken(), _saying_remarks(name):
             result = command.main(prog_name=name, standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -90,6 +93,24 @@ def _call(command: click.Command, name: str) -> NoReturn:
             sys.exit(1)
         where = "standard output" if error.filename is None else repr(error.filename)
         _fail(name, f"Reading or writing {where} failed: {error.strerror or error}.", 2)
+
+
+@contextlib.contextmanager
+def _saying_remarks(name: str) -> Iterator[None]:
+    """Have every remark on an input said in one line on stderr, each once."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if not issubclass(category, InputWarning):
+            others(message, category, *where, **more)
+        elif str(message) not in said:
+            said.add(str(message))
+            click.echo(f"{name}: warning: {_one_line(str(message))}", err=True)
+
+    with warnings.catch_warnings():
+        others, warnings.showwarning = warnings.showwarning, show
+        warnings.simplefilter("always", InputWarning)
+        yield
 
 
 def _one_line(message: str) -> str:

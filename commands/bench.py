@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
+from ..naming import unknown
 from ..runtime.notices import hushed
 from .bench_tables import PRINT
 from .generate import write_files
@@ -92,7 +93,7 @@ def bench(
     gyrospark bench sweeps --out bench
     """
     if what not in (*_WHAT, "all"):
-        raise InputError(f"Unknown benchmark {what!r}; choose {', '.join(_WHAT)} or all.")
+        raise unknown("benchmark", what, [*_WHAT, "all"])
     choice = _checked(peers, quick, t_end, rounds, base)
     if out is not None:  # before hours of work
         from ..runtime.plots import figure_class

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..generator.spec import PAPER_SPECS, Spec
 from ..runtime.manifest import remarks_of
 from ..runtime.notices import doing
-from .options import check_no_file, spec_from, stepper_options
+from .options import check_no_file, spec_from, stepper_options, with_default_scheme
 
 if TYPE_CHECKING:
     from ..generator.pipeline import Generated
@@ -52,6 +52,8 @@ def generate(
             raise InputError("--all takes every stepper of the paper; leave out the other choices.")
         specs = list(PAPER_SPECS)
     else:
+        choice, note = with_default_scheme(choice)
+        click.echo("".join(f"{said}\n" for said in note), nl=False)
         specs = [spec_from(**choice)]
     check_no_file("--out", out)
     if check:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,16 @@ import click
 
 from ..errors import InputError
 from ..exact import Rounded, decimal
-from ..generator.spec import Spec
+from ..generator.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
+from ..generator.spec import REPS, Spec
+from ..naming import listed
+from ..real import REALS
 from ..runtime.endings import PICTURES, ending_of
 from ..runtime.notices import hush
 
 __all__ = ["check_ending", "check_folder", "check_no_file", "check_picture", "check_writable",
-           "json_option", "real_number", "spec_from", "stepper_options", "whole_number"]
-
+           "json_option", "real_number", "spec_from", "stepper_options", "whole_number",
+           "with_default_scheme"]
 
 #: Endings of what is written to folders.
 _FILES = (".c", ".h", ".json", ".html", ".csv", *PICTURES)
@@ -27,15 +31,21 @@ _FILES = (".c", ".h", ".json", ".html", ".csv", *PICTURES)
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add --scheme, --stages, --rep, --system, --tableau and --real."""
     options = [
-        click.option("--scheme", metavar="NAME", help="IMS, EMS, G-L or LIIIA-B."),
-        click.option("--stages", metavar="S", help="Stages of G-L (1..) or LIIIA-B (2..)."),
-        click.option("--rep", metavar="NAME", help="Inertia: gamma (default) or alpha."),
+        click.option("--scheme", metavar="NAME", shell_complete=_completing(SCHEMES),
+                     help=f"{listed(SCHEMES)} (default: {DEFAULT_SCHEME} with {DEFAULT_STAGES} "
+                          "stages)."),
+        click.option("--stages", metavar="S", help="Stages of " + " or ".join(
+            f"{scheme.name} ({scheme.fewest}..)" for scheme in SCHEMES.values() if scheme.fewest)
+            + "."),
+        click.option("--rep", metavar="NAME", shell_complete=_completing(REPS),
+                     help="Inertia: gamma (default) or alpha."),
         click.option("--system", metavar="NAME or FILE",
-                     help="heavy_top (default), free_body, or a model file (TOML)."),
+                     help="heavy_top (default), free_body, one of gs.models, or a model file "
+                          "(TOML)."),
         click.option("--tableau", metavar="FILE", type=click.Path(path_type=Path),
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
-        click.option("--real", metavar="TYPE",
-                     help="double (default), float, long-double or float128."),
+        click.option("--real", metavar="TYPE", shell_complete=_completing(REALS),
+                     help=f"{listed(REALS)} (default: double)."),
     ]
     for option in reversed(options):
         function = option(function)
@@ -67,11 +77,29 @@ def spec_from(
     return Spec.checked(scheme, count, rep, system, real, tableau)
 
 
+def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Return the options with a scheme where none is named, and the line that says so."""
+    if choice["scheme"] is not None or choice["tableau"] is not None:
+        return choice, []
+    stages = choice["stages"] or str(DEFAULT_STAGES)
+    said = f"scheme: {DEFAULT_SCHEME} with {stages} stages; --scheme chooses another"
+    return {**choice, "scheme": DEFAULT_SCHEME, "stages": stages}, [said]
+
+
+def _completing(names: Iterable[str]) -> Callable[..., list[str]]:
+    """Return what completes an option's text to one of the names, on a shell's Tab."""
+    return lambda context, parameter, text: [name for name in names if name.startswith(text)]
+
+
 def whole_number(name: str, text: str) -> int:
-    """Return the number an option's text says, in plain decimal digits."""
-    if not re.fullmatch("-?[0-9]{1,18}", text):
-        raise InputError(f"{name} {text!r} is not a whole number; write digits, such as 3.")
-    return int(text)
+    """Return the whole number an option's text says: 1000, 1e3, 1000.0."""
+    if re.fullmatch(r"-?[0-9]{1,18}", text):
+        return int(text)
+    if re.fullmatch(r"-?[0-9]{1,18}(\.[0-9]{0,18})?([eE]\+?[0-9]{1,2})?", text):
+        number = Decimal(text)
+        if number == number.to_integral_value() and abs(number) < 10**18:
+            return int(number)
+    raise InputError(f"{name} {text!r} is not a whole number; write digits, such as 3, or 1e3.")
 
 
 def real_number(name: str, text: str) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -12,14 +11,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..catalogue import Entry, entry_named
 from ..errors import GyrosparkError, InputError, Stopped
 from ..exact import Rounded, decimal
 from ..generator.spec import is_model_file
+from ..naming import listed, proposal
+from ..real import REALS
 from ..runtime.inertia import AIMS
 from ..runtime.interrupts import watched
 from ..runtime.manifest import remarks_of
 from ..runtime.start import Start
-from .options import json_option, real_number, spec_from, stepper_options, whole_number
+from .options import (
+    json_option,
+    real_number,
+    spec_from,
+    stepper_options,
+    whole_number,
+    with_default_scheme,
+)
 from .run_outputs import check_targets, integrate_to, where_it_is
 from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 
@@ -57,7 +66,8 @@ _BAR_FROM = 20_000
 @click.option("--max-iterations", metavar="N", default="50", show_default=True,
               help="Iterations of one step.")
 @click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
-              help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8.")
+              help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8; of a "
+                   "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'.")
 @click.option("--reference", is_flag=True,
               help="Integrate a reference for the axis errors if there is no closed form.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
@@ -76,9 +86,12 @@ def run(
     settings: tuple[str, ...], reference: bool, out: Path | None, resume: bool, seed: str | None,
     plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
-    """Integrate PROBLEM: fast-top, regular-precession, free-body, or a model file (TOML).
+    """Integrate PROBLEM: one of the paper's, fast-top, regular-precession or free-body; one of
+    gs.models, lagrange_top, satellite, double_pendulum, double_top, gimbal, four_bar or chain; or a
+    model file (TOML). Without --scheme by G-L with 3 stages.
 
     \b
+    gyrospark run double_pendulum
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
     gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --steps 10000
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
@@ -91,21 +104,23 @@ def run(
     gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
         --set inertia=0.002,0.0013,0.0008 --set angular_velocity=30,-40,100
     """
-    is_model = is_model_file(problem)
-    chosen = None if is_model else _problem(problem, settings)
+    entry = None if is_model_file(problem) else entry_named(problem)
+    options = {} if entry is None else _options(entry, settings)
+    chosen = entry.make(**options) if entry is not None and entry.kind == "problem" else None
     check_targets(out, plot, resume=resume)
-    if chosen is None:
-        step, start = _model(problem, settings, reference, choice)
-    else:
+    choice, note = with_default_scheme(choice)
+    if chosen is not None:
         step, start = _stepper(chosen, choice), Start.of_problem(chosen)
+    else:
+        step, start = _model(problem, entry, options, settings, reference, choice)
     if not as_json:  # before a step is taken
-        for part, remark in remarks_of(step.manifest):
-            click.echo(f"{part}: {remark}")
+        for said in (*note, *(f"{part}: {said}" for part, said in remarks_of(step.manifest))):
+            click.echo(said)
     parameters = _parameters(step, start, gamma, alpha)
     step_size, begin = _step_size(dt, start), real_number("--t0", t0)
     count = _step_count(steps, start)
     (q0, p0), moved = start.state, 0.0
-    if is_model or choice["real"] in ("long-double", "float128"):
+    if chosen is None or REALS[step.manifest["real"]].wide:
         # The problem's start is on the constraints to double only, a file's to its own digits.
         q0, p0, moved = _projected(step, start, parameters)
     aim = next((AIMS[option] for option in (gamma, alpha) if option in AIMS), None)
@@ -155,52 +170,55 @@ def run(
     return 0
 
 
-def _problem(name: str, settings: tuple[str, ...]) -> Problem:
-    """Return the named problem with the settings as its arguments."""
-    from ..runtime.problems import problem_maker
-
-    make = problem_maker(name)
-    allowed = list(inspect.signature(make).parameters)
+def _options(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
+    """Return the settings as arguments of what makes a problem or a model."""
+    allowed = entry.options if settings else []
     arguments: dict[str, Any] = {}
     for setting in settings:
         key, sign, value = setting.partition("=")
         if not sign or key not in allowed:
             raise InputError(
-                f"--set {setting!r} does not fit {name}; write KEY=VALUE with KEY among "
-                f"{', '.join(allowed) or 'none: this problem takes no settings'}."
+                f"--set {setting!r} does not fit {entry.name}; write KEY=VALUE with KEY among "
+                f"{', '.join(allowed) or 'none: it takes no settings'}{proposal(key, allowed)}."
             )
         numbers = [real_number(f"--set {key}", part) for part in value.split(",")]
         arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)
-    return make(**arguments)
+    return arguments
 
 
 def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
     """Return the stepper of a built-in problem."""
-    from ..facade import stepper as make_stepper
+    from ..facade import stepper_of
 
     spec = spec_from(**{**choice, "system": choice["system"] or problem.system})
     if spec.model is not None:
         raise InputError(f"--system {str(spec.model)!r} has a start of its own; run it in place of "
                          f"{problem.name}.")
-    return make_stepper(spec.scheme if spec.tableau is None else None, spec.stages, spec.rep,
-                        system=spec.system, tableau=spec.tableau, real=spec.real)
+    return stepper_of(spec)
 
 
 def _model(
-    path: str, settings: tuple[str, ...], reference: bool, choice: dict[str, Any]
+    name: str, entry: Entry | None, options: dict[str, Any], settings: tuple[str, ...],
+    reference: bool, choice: dict[str, Any],
 ) -> tuple[Stepper, Start]:
-    """Return the stepper of a model file and the file's numbers."""
-    from ..facade import model_stepper
+    """Return the stepper of a named model, or of a model file, and the numbers of it."""
+    from ..facade import model_stepper, named_model_stepper
 
     if choice["system"] is not None:
-        raise InputError(f"--system {choice['system']!r} is given besides {path!r}; give one.")
-    if settings:
-        raise InputError(f"--set {settings[0]!r} does not go with a model file; change "
-                         f"[parameters] in {path!r}.")
+        raise InputError(f"--system {choice['system']!r} is given besides {name!r}; give one.")
     if reference:
-        raise InputError(f"--reference is for the built-in problems, not for {path!r}; run it with "
-                         "more stages and compare.")
-    return model_stepper(spec_from(**{**choice, "system": path}))
+        raise InputError(f"--reference is for the problems of the paper, not for {name!r}; run it "
+                         "with more stages and compare.")
+    if entry is not None:
+        return named_model_stepper(spec_from(**{**choice, "system": entry.name}), entry.name,
+                                   options)
+    changes = {}
+    for setting in settings:
+        key, sign, value = setting.partition("=")
+        if not sign:
+            raise InputError(f"--set {setting!r} has no value; write KEY=VALUE, such as k=3.")
+        changes[key.strip()] = value.strip()
+    return model_stepper(spec_from(**{**choice, "system": name}), settings=changes)
 
 
 def _step_size(option: str | None, start: Start) -> float:
@@ -302,8 +320,8 @@ def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
         return MEANS[text](inertia)
     value = decimal(text)
     if value is None:
-        raise InputError(f"--{name} {text!r} is neither m, h, mt, ht, auto, auto-energy nor a "
-                         "number.")
+        choices = listed([*MEANS, *AIMS, "a number"])
+        raise InputError(f"--{name} {text!r} is none of {choices}.")
     value = value if isinstance(value, float) else Rounded(value)
     if not math.isfinite(value) or value == 0:
         raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")

@@ -44,7 +44,7 @@ def about_choice(choice: GammaChoice) -> dict[str, Any]:
 
 def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[str, Any]:
     """Return what is said of a run that began at t0."""
-    from ..runtime.reals import is_wide  # and NumPy: not for --help
+    from ..real import REALS  # and NumPy: not for --help
 
     trajectory = done.last
     report = trajectory.report
@@ -73,7 +73,7 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
         "seconds": done.seconds,
         "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else None,
     }
-    if is_wide(step.manifest["real"]):
+    if REALS[step.manifest["real"]].wide:
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
         result["work"] = report.work

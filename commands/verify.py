@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..catalogue import SYSTEMS, entry_named
 from ..errors import InputError
-from ..generator.spec import (
-    PAPER_SPECS,
-    REALS,
-    REPS,
-    SCHEMES,
-    SYSTEMS,
-    Spec,
-    is_model_file,
-)
+from ..generator.scheme import SCHEMES
+from ..generator.spec import PAPER_SPECS, REPS, Spec, is_model_file
+from ..real import REALS
 from ..runtime.notices import doing
-from .options import json_option, real_number, spec_from, stepper_options, whole_number
+from .options import (
+    json_option,
+    real_number,
+    spec_from,
+    stepper_options,
+    whole_number,
+    with_default_scheme,
+)
 
 if TYPE_CHECKING:
     from ..certificate import Certificate
@@ -82,8 +84,10 @@ def verify(
 
 
 def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
+    if target is None and not any(choice.values()):
+        return list(PAPER_SPECS)
     if target is None:
-        return [spec_from(**choice)] if any(choice.values()) else list(PAPER_SPECS)
+        return [spec_from(**with_default_scheme(choice)[0])]
     if is_model_file(target):
         raise InputError(f"{target!r} is a model file, no stepper and no tableau; give it as "
                          "--model (a certificate) or --system (the tableau's conditions), with "
@@ -102,7 +106,7 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
 
 def spec_of_name(name: str) -> Spec:
     """Return the spec whose name this is."""
-    methods = {scheme.lower().replace("-", ""): scheme for scheme in SCHEMES}
+    methods = {scheme.key: scheme.name for scheme in SCHEMES.values()}
     reals = {real.replace("-", "_"): real for real in REALS}
     pattern = (
         rf"({'|'.join(SYSTEMS)})_({'|'.join(methods)})(\d*)_({'|'.join(REPS)})"
@@ -134,11 +138,9 @@ def _certify(
         if choice[option] is not None:
             raise InputError(f"--{option} does not go with --model: the model brings its system, "
                              "and is checked in double.")
+    choice, note = with_default_scheme(choice)
     count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
-    if choice["scheme"] is not None or choice["tableau"] is not None:
-        Spec.checked(choice["scheme"], count, choice["rep"], tableau=choice["tableau"])
-    elif count is not None:
-        raise InputError("--stages is given without --scheme; choose G-L or LIIIA-B.")
+    Spec.checked(choice["scheme"], count, choice["rep"], tableau=choice["tableau"])
     from ..certificate import certify
     from ..runtime.problems import Problem
 
@@ -154,22 +156,22 @@ def _certify(
     if as_json:
         click.echo(json.dumps(found.as_dict(), indent=2, allow_nan=False))
     else:
+        click.echo("".join(f"{said}\n" for said in note), nl=False)
         _print_certificate(found)
     return 0 if found.holds else 1
 
 
 def _model(name: str, rep: str | None) -> Model | Problem:
-    """Return the named problem, or the model of a file."""
-    from ..runtime.problems import PROBLEMS
-
-    if name in PROBLEMS:
-        return PROBLEMS[name]()
+    """Return the named problem or model, or the model of a file."""
     if not Path(name).suffix and not Path(name).is_file():
-        raise InputError(f"Unknown model {name!r}; choose {', '.join(PROBLEMS)}, or give the path "
-                         "of a TOML file.")
-    from ..generator.model_file import load_model
+        entry = entry_named(name, "model")
+        own = {"rep": rep} if rep is not None and entry.kind == "model" else {}
+        made: Model | Problem = entry.make(**own)
+        return made
+    from ..generator.model_file import parse_model
+    from ..generator.text_file import model_text
 
-    return load_model(Path(name), rep)
+    return parse_model(model_text(name), name, rep)
 
 
 def _print_certificate(found: Certificate) -> None:

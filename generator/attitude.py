@@ -11,6 +11,7 @@ from typing import Any
 
 from mpmath import mp
 
+from ..body_values import Inertia, inertia_rows
 from ..exact import Rounded, exact
 from .rigid_body import left_matrix
 
@@ -55,10 +56,11 @@ def _times(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
             *(a * j + b * i + k for i, j, k in zip(u, v, cross, strict=True))]
 
 
-def momentum(q: Sequence[float], omega: Sequence[float], inertia: Sequence[float]) -> list[float]:
+def momentum(q: Sequence[float], omega: Sequence[float], inertia: Inertia) -> list[float]:
     """Return p = 2 L(q)ᵀ J Ω (82), with Ω in body axes; qᵀp = 0 by (9)."""
     with mp.workdps(_DIGITS):
-        l = [_mpf(I) * _mpf(x) for I, x in zip(inertia, omega, strict=True)]  # noqa: E741
+        l = [sum(_mpf(I) * _mpf(x) for I, x in zip(row, omega, strict=True))  # noqa: E741
+             for row in inertia_rows(inertia)]
         columns = left_matrix([_mpf(x) for x in q]).T.tolist()
         return _rounded([2 * sum(mp.mpf(a) * b for a, b in zip(column, l, strict=True))
                          for column in columns])

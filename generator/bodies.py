@@ -1,7 +1,8 @@
 """A rigid body as an expression-maker: its symbols, and its points and velocities in space.
 
 A body has a quaternion q, R(q) from body to space axes, and, unless one of its points is held in
-space, the position x of its centre of mass. Body axes are the principal axes of inertia.
+space, the position x of its centre of mass. Body axes are the principal axes of inertia, or any
+where J is a tensor.
 
     point r of the body     x + R(q) r
     angular velocity        Ω = J⁻¹ l,  l = ½ L(q) p     (body axes)
@@ -13,11 +14,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import sympy as sp
 
-from .rigid_body import Rep, double_momentum, kinetic_energy, left_matrix, rotation_matrix
-from .system import as_expression
+from .rigid_body import (
+    Rep,
+    angular_velocity,
+    expressions,
+    kinetic_energy,
+    left_matrix,
+    rotation_matrix,
+    tensor_symbols,
+)
+from .system import INVERSE, BodyAt
 
 __all__ = ["GROUND", "Body", "Frame", "Vector"]
 
@@ -34,7 +44,7 @@ class Frame:
 
     def direction(self, v: Sequence[object]) -> Vector:
         """Return the components in space of a vector fixed in the frame."""
-        return _vector([as_expression(x) for x in v])
+        return _vector(expressions("vector", v, 3))
 
     def point(self, r: Sequence[object]) -> Vector:
         """Return where in space a point of the frame is."""
@@ -63,8 +73,12 @@ class Body(Frame):
         Where the origin of the body axes is: x, or the fixed point of a top.
     centre : tuple of 3 expressions
         Centre of mass in body axes, from the origin.
-    mass, inertia, weight : symbols
-        m; I₁, I₂, I₃ about the origin; γ or α.
+    mass, weight : symbols
+        m; γ or α.
+    inertia : tuple of 3 symbols, or matrix of symbols
+        I₁, I₂, I₃ about the origin, or J, 3 × 3, where a tensor is given.
+    inverse : tuple of 6 symbols, or ()
+        K11, K12, K13, K22, K23, K33 of J⁻¹, where a tensor is given.
     """
 
     name: str
@@ -76,35 +90,46 @@ class Body(Frame):
     origin: Vector
     centre: Vector
     mass: sp.Symbol
-    inertia: tuple[sp.Symbol, ...]
+    inertia: Any
     weight: sp.Symbol
+    inverse: tuple[sp.Symbol, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Body {self.name}: {self.rep}, {len(self.coordinates)} coordinates>"
 
     @classmethod
-    def free(cls, name: str, rep: Rep) -> Body:
+    def free(cls, name: str, rep: Rep, *, tensor: bool = False) -> Body:
         """Return a body with quaternion and position: 7 coordinates."""
         x = tuple(sp.Symbol(f"{name}_{axis}", real=True) for axis in _AXES)
         p_x = tuple(sp.Symbol(f"{name}_p{axis}", real=True) for axis in _AXES)
-        return cls._named(name, rep, x, p_x, _vector(x), _vector([sp.Integer(0)] * 3))
+        return cls._named(name, rep, x, p_x, _vector(x), _vector([sp.Integer(0)] * 3), tensor)
 
     @classmethod
-    def held(cls, name: str, rep: Rep, origin: Vector, centre: Vector) -> Body:
+    def held(
+        cls, name: str, rep: Rep, origin: Vector, centre: Vector, *, tensor: bool = False
+    ) -> Body:
         """Return a body one of whose points is fixed in space: 4 coordinates."""
-        return cls._named(name, rep, (), (), origin, centre)
+        return cls._named(name, rep, (), (), origin, centre, tensor)
 
     @classmethod
     def _named(
         cls, name: str, rep: Rep, x: tuple[sp.Symbol, ...], p_x: tuple[sp.Symbol, ...],
-        origin: Vector, centre: Vector,
+        origin: Vector, centre: Vector, tensor: bool,
     ) -> Body:
+        inertia = tensor_symbols(f"{name}_") if tensor else sp.symbols(f"{name}_I1:4",
+                                                                       positive=True)
+        inverse = tuple(sp.Symbol(f"{name}_{entry}", real=True) for entry in INVERSE)
         return cls(
             name, rep, sp.symbols(f"{name}_q0:4", real=True), sp.symbols(f"{name}_p0:4", real=True),
             x, p_x, origin, centre, sp.Symbol(f"{name}_m", positive=True),
-            sp.symbols(f"{name}_I1:4", positive=True),
-            sp.Symbol(f"{name}_{rep}", real=True, nonzero=True),
+            inertia, sp.Symbol(f"{name}_{rep}", real=True, nonzero=True),
+            inverse if tensor else (),
         )
+
+    @property
+    def at(self) -> BodyAt:
+        """Where it is in its system."""
+        return BodyAt(self.name, self.q, self.inverse or self.inertia)
 
     @property
     def coordinates(self) -> tuple[sp.Symbol, ...]:
@@ -138,8 +163,7 @@ class Body(Frame):
     @property
     def angular_velocity(self) -> Vector:
         """Ω = J⁻¹ l in body axes."""
-        doubled = double_momentum(self.q, self.p)
-        return _vector([w / (2 * moment) for w, moment in zip(doubled, self.inertia, strict=True)])
+        return _vector(angular_velocity(self.q, self.p, self.inverse or self.inertia))
 
     @property
     def angular_momentum(self) -> Vector:
@@ -166,7 +190,8 @@ class Body(Frame):
     @property
     def kinetic_energy(self) -> sp.Expr:
         """T(q, p): turning, and moving unless a point is held."""
-        turning = kinetic_energy(self.rep, self.q, self.p, self.inertia, self.weight)
+        turning = kinetic_energy(self.rep, self.q, self.p, self.inverse or self.inertia,
+                                 self.weight)
         return sum((p**2 / (2 * self.mass) for p in self.p_x), turning)
 
     @property
@@ -184,7 +209,7 @@ class Body(Frame):
 
 def cross(a: Sequence[object], b: Sequence[object]) -> Vector:
     """Return a × b."""
-    (a1, a2, a3), (b1, b2, b3) = ([as_expression(x) for x in v] for v in (a, b))
+    (a1, a2, a3), (b1, b2, b3) = (expressions("vector", v, 3) for v in (a, b))
     return (a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1)
 
 
@@ -194,7 +219,7 @@ def dot(a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> sp.Expr:
 
 
 def _times(rows: Sequence[Sequence[sp.Expr]], v: Sequence[object]) -> list[sp.Expr]:
-    entries = [as_expression(x) for x in v]
+    entries = expressions("vector", v, 3)
     return [dot(row, entries) for row in rows]
 
 

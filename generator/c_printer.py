@@ -9,8 +9,8 @@ from fractions import Fraction
 import sympy as sp
 
 from ..errors import InputError
+from ..real import Real
 from .cardinal import Numeric
-from .real import Real
 
 __all__ = ["ON_LANES", "SWITCHES", "CPrinter"]
 

@@ -13,6 +13,7 @@ import jinja2
 import sympy as sp
 
 from .._version import __version__
+from ..real import Real
 from .c_printer import SWITCHES, CPrinter
 from .cardinal import c_names_with_needs
 from .conditions import check_tableau, remarks
@@ -20,7 +21,6 @@ from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
 from .fast_path import FastTableau
 from .kernels import Constants, EmittedKernel, Kernel, Target, emit_kernel, sums_products
-from .real import Real
 from .schemes import MeanScheme, SparkScheme, common_kernels
 from .smoothness import Switching
 from .solver_costs import solver_costs
@@ -283,6 +283,7 @@ def _manifest(
             "start_parameters": _start_parameters(system, forms),
             **_given_names(system),
             "rigid_body": system.rigid_body,
+            **_bodies(system),
             **_forces_and_quantities(system),
             **Switching(system).said(
                 scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
@@ -352,6 +353,17 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
         said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
         said["quantities_take_time"] = system.time is not None
     return said
+
+
+def _bodies(system: System) -> dict[str, Any]:
+    """Return where the bodies are; that of a ``rigid_body`` with I1, I2, I3 goes without saying."""
+    if (system.rigid_body and len(system.bodies[0].inertia) == 3) or not system.bodies:
+        return {}
+    return {"bodies": {
+        body.name: {"q": [str(x) for x in body.q],
+                    "inertia" if len(body.inertia) == 3 else "inverse_inertia":
+                        [str(x) for x in body.inertia]}
+        for body in system.bodies}}
 
 
 def _given_names(system: System) -> dict[str, list[str]]:

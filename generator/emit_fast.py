@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from ..real import Real
 from .c_printer import ON_LANES, CPrinter
 from .fast_path import FastSystem, FastTableau
 from .kernels import Constants, EmittedKernel, Target, emit_kernel, sums_products
-from .real import Real
 from .schemes import MeanScheme, SparkScheme
 from .structure import Structure
 

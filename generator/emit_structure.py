@@ -12,8 +12,8 @@ from typing import Any
 
 import sympy as sp
 
+from ..real import Real
 from .kernels import Constants, Kernel, Target, emit_kernel
-from .real import Real
 from .schemes import MeanScheme, SparkScheme, increment_of, mean_gradient_of, time_input, vector
 from .structure import Form, Part, Structure
 from .system import gradient, jacobian, symmetric_jacobian

@@ -20,12 +20,14 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from ..body_values import remark_on_angles
 from ..errors import InputError
+from ..naming import shown, whole
 from .bodies import Body, Frame
 from .model import Model
 from .multibody import Multibody
-from .poses import rotation
-from .rigid_body import Rep
+from .poses import finite, rotation
+from .spec import RepName
 
 __all__ = [
     "chain", "double_pendulum", "double_top", "four_bar", "gimbal", "lagrange_top", "satellite",
@@ -33,8 +35,15 @@ __all__ = [
 
 Array = NDArray[Any]
 
+#: Of a chain: deriving it takes minutes.
+MOST_RODS = 1000
 
-def lagrange_top(*, rep: Rep = "gamma") -> Model:
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+def lagrange_top(*, rep: RepName = "gamma") -> Model:
     """Return a symmetric top in gravity that nutates: cos θ moves between two bounds."""
     build = Multibody("lagrange_top", dt=0.002, steps=1000,
                       description="Symmetric top in gravity, released with its axis at rest.")
@@ -43,7 +52,7 @@ def lagrange_top(*, rep: Rep = "gamma") -> Model:
     return build.model()
 
 
-def satellite(*, rep: Rep = "gamma", rate: float = 0.0011) -> Model:
+def satellite(*, rep: RepName = "gamma", rate: float = 0.0011) -> Model:
     """Return a satellite's attitude in orbit axes: z points up, y along the orbit's normal.
 
     H = T − n l_y + (3/2) n² z·J z, with the orbit's rate n and l_y, z in space and body axes: the
@@ -66,26 +75,28 @@ def satellite(*, rep: Rep = "gamma", rate: float = 0.0011) -> Model:
     return build.model()
 
 
-def double_pendulum(*, rep: Rep = "gamma", angles: tuple[float, float] = (1.2, 2.0)) -> Model:
+def double_pendulum(*, rep: RepName = "gamma", angles: tuple[float, float] = (1.2, 2.0)) -> Model:
     """Return two uniform bars that hang on each other; they stay in the plane x = 0.
 
-    ``angles`` are those of the bars against the downward vertical.
+    ``angles`` are those of the bars against the downward vertical, in rad.
     """
+    found = finite("angles", angles, (2,)).tolist()
+    remark_on_angles("angles", found, cure=f"numpy.radians({found})")
     build = Multibody("double_pendulum", dt=0.005, steps=1000,
                       description="Two bars in a plane: a compound double pendulum.")
     upper = build.top(
         "a", mass=1.0, inertia=(1 / 3, 1 / 3, 0.01), centre=(0, 0, -0.5), rep=rep,
-        quaternion=turn((1, 0, 0), angles[0]), angular_velocity=(0.5, 0, 0),
+        quaternion=turn((1, 0, 0), found[0]), angular_velocity=(0.5, 0, 0),
     )
     lower = build.body(
         "b", mass=0.5, inertia=(0.5 * 0.8**2 / 12, 0.5 * 0.8**2 / 12, 0.005), rep=rep,
-        quaternion=turn((1, 0, 0), angles[1]), angular_velocity=(-1.0, 0, 0),
+        quaternion=turn((1, 0, 0), found[1]), angular_velocity=(-1.0, 0, 0),
     )
     build.ball("joint", upper, lower, on_a=(0, 0, -1), on_b=(0, 0, 0.4))
     return build.model()
 
 
-def double_top(*, rep: Rep = "gamma") -> Model:
+def double_top(*, rep: RepName = "gamma") -> Model:
     """Return a top whose tip stands, on a ball joint, on the head of another top."""
     build = Multibody("double_top", dt=0.001, steps=2000, description="A top on a top.")
     a = build.top(
@@ -100,7 +111,7 @@ def double_top(*, rep: Rep = "gamma") -> Model:
     return build.model()
 
 
-def gimbal(*, rep: Rep = "gamma") -> Model:
+def gimbal(*, rep: RepName = "gamma") -> Model:
     """Return a gyroscope in a gimbal: outer ring about z, inner ring about x, rotor about z.
 
     All three turn about one point; the rotor's centre of mass lies above it on its axis.
@@ -121,7 +132,7 @@ def gimbal(*, rep: Rep = "gamma") -> Model:
     return build.model()
 
 
-def four_bar(*, rep: Rep = "gamma", rate: float = 3.0) -> Model:
+def four_bar(*, rep: RepName = "gamma", rate: float = 3.0) -> Model:
     """Return a closed four-bar linkage in the plane z = 0 whose crank starts at ``rate``.
 
     Four hinges in space take 20 freedoms from 18 although one remains: three of their equations
@@ -129,6 +140,7 @@ def four_bar(*, rep: Rep = "gamma", rate: float = 3.0) -> Model:
     """
     build = Multibody("four_bar", gravity=(0, -9.81, 0), dt=0.002, steps=2000,
                       description="Planar four-bar linkage: crank, coupler, rocker.")
+    rate = float(finite("rate", rate, ()))
     points = np.array([[0, 0, 0], [0, 0.4, 0], [0.9, 0.8, 0], [1.0, 0, 0]], dtype=float)
     rates = _loop_rates(points, rate)
     names = ("crank", "coupler", "rocker")
@@ -142,17 +154,19 @@ def four_bar(*, rep: Rep = "gamma", rate: float = 3.0) -> Model:
     return build.model(without=("hinge3: z", "hinge3: axis 1", "hinge3: axis 2"))
 
 
-def chain(count: int = 8, *, rep: Rep = "gamma") -> Model:
+def chain(count: int = 8, *, rep: RepName = "gamma") -> Model:
     """Return a chain of equal rods on ball joints that hangs from a fixed point.
 
     Every rod is a body with 7 coordinates, so that all joints and rods have one form.
     """
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise InputError(f"A chain of {count!r} rods cannot be built; give a whole number from 1.")
-    build = Multibody(f"chain_{count}", dt=0.002, steps=1000,
-                      description=f"{count} rods on ball joints.")
+    rods = whole(count)
+    if rods is None or not 1 <= rods <= MOST_RODS:
+        raise InputError(f"A chain of {shown(count)} rods cannot be built; give a whole number "
+                         f"from 1 to {MOST_RODS}.")
+    build = Multibody(f"chain_{rods}", dt=0.002, steps=1000,
+                      description=f"{rods} rods on ball joints.")
     above: Frame = build.ground
-    for i in range(count):
+    for i in range(rods):
         rod = build.body(
             f"b{i}", mass=0.2, inertia=(0.0017, 0.0015, 0.0002), rep=rep,
             quaternion=multiply(turn((1, 0, 0), 0.4 * (-1) ** i), turn((0, 1, 0), 0.05 * i)),
@@ -177,7 +191,7 @@ def multiply(x: Array, y: Array) -> Array:
                      *(x0 * np.array(yv) + y0 * np.array(xv) + np.cross(xv, yv))])
 
 
-def _bar(build: Multibody, name: str, start: Array, end: Array, rep: Rep) -> Body:
+def _bar(build: Multibody, name: str, start: Array, end: Array, rep: RepName) -> Body:
     """Add a uniform bar between two points of the plane z = 0, 1 kg/m and 3 cm thick."""
     along = end - start
     length = float(np.linalg.norm(along))

@@ -29,10 +29,10 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
+from ..real import Real, round_binary
 from .bounded_algebra import expanded, is_small
 from .kernels import Kernel
 from .multipliers import multiplier_inverse
-from .real import Real, round_binary
 from .schemes import MeanScheme, common_kernels, time_input, vector
 from .switches import depends_by_steps, switches_of
 from .system import System, jacobian, shortest
@@ -169,7 +169,8 @@ class FastSystem:
         factors = set()
         for e in expressions:
             inside = [m for m in e.atoms(sp.Mul) if u in m.args]
-            if e.count(u) != len(inside):
+            # Not e.count(u), which matches patterns: seconds where nothing but equality is asked.
+            if sum(part == u for part in sp.preorder_traversal(e)) != len(inside):
                 return sp.Integer(1)
             factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in inside}
         return factors.pop() if len(factors) == 1 else sp.Integer(1)

@@ -11,7 +11,10 @@
     comparison = sum ( "<" | "<=" | ">" | ">=" | "==" | "!=" ) sum { ... }     0 < x < 1
 
 Comparisons stand in the condition of an if(...) and nowhere else; an arithmetic that has no
-function "if" knows none.
+function "if" knows none. And of a number with a unit, where one is meant:
+
+    quantity = product [unit] { ("+" | "-") product [unit] }         each with a unit, or none
+    unit     = "deg" | "rad" | "deg/s" | "rad/s" | "rpm"             10*3 deg, 90 deg - 0.1 rad
 
 The text comes from files of unknown origin: it is never handed to Python or to SymPy's parsers.
 What an operation means is an ``Arithmetic``: exact bounded numbers in ``expressions``, formulas in
@@ -21,14 +24,15 @@ named symbols in ``model_expressions``.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar, cast
 
 from ..errors import InputError
+from ..naming import proposal
 
-__all__ = ["Arithmetic", "Choosing", "RefusedError", "Token", "decimal_parts", "parse",
-           "refuse_at", "shorten", "tokens"]
+__all__ = ["ANGLES", "RATES", "UNITS", "Arithmetic", "Choosing", "RefusedError", "Token",
+           "decimal_parts", "names_in", "parse", "parse_quantity", "refuse_at", "shorten", "tokens"]
 
 MAX_LENGTH = 4000
 MAX_DEPTH = 50
@@ -38,6 +42,10 @@ MAX_DECIMAL_EXPONENT = 400
 #: Signs that compare, and the words between comparisons.
 COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 CHOICE = "if"
+#: Units → what they are times rad, or rad/s.
+ANGLES = {"deg": "pi/180", "rad": "1"}
+RATES = {"deg/s": "pi/180", "rad/s": "1", "rpm": "pi/30"}
+UNITS = ANGLES | RATES
 
 V = TypeVar("V")
 
@@ -187,6 +195,29 @@ def parse(text: str, arithmetic: Arithmetic[V], example: str) -> V:
     return value
 
 
+def parse_quantity(
+    text: str, arithmetic: Arithmetic[V], example: str, units: Mapping[str, str]
+) -> V:
+    """Return what a text says that may have units: as ``parse``, in rad and seconds."""
+    if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):
+        return parse(text, arithmetic, example)
+    factors = {unit: parse(factor, arithmetic, example) for unit, factor in units.items()}
+    parser = _Parser(text, arithmetic)
+    value = parser.quantity(factors)
+    parser.end()
+    return value
+
+
+def names_in(text: str) -> set[str]:
+    """Return the names that a text mentions."""
+    return {token.text for token in tokens(text) if token.kind == "name"}
+
+
+def _words(units: Iterable[str]) -> set[str]:
+    """Return what units begin with."""
+    return {unit.partition("/")[0] for unit in units}
+
+
 class _Parser(Generic[V]):
     """Recursive descent: one method for each line of the grammar."""
 
@@ -216,6 +247,38 @@ class _Parser(Generic[V]):
             term = self.product()
             terms.append(self.negative(sign, term) if sign.text == "-" else term)
         return self.at(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
+
+    def quantity(self, units: Mapping[str, V]) -> V:
+        start, terms, bare = self.token, [self.product()], []
+        while True:
+            unit = self.unit(units)
+            if unit is None:
+                bare.append(self.token)
+            else:
+                terms[-1] = self.at(start, self.arithmetic.multiply, [terms[-1], unit])
+            sign = self.accept("+", "-")
+            if sign is None:
+                break
+            term = self.product()
+            terms.append(self.negative(sign, term) if sign.text == "-" else term)
+        if bare and len(bare) < len(terms):
+            raise _error(self.text, bare[0].position, "A term has no unit, and another has",
+                         "write one behind each, or brackets: (10 + 20) deg")
+        return self.at(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
+
+    def unit(self, units: Mapping[str, V]) -> V | None:
+        """Read a unit, if there is one."""
+        token = self.token
+        if token.kind != "name" or token.text not in _words(UNITS):
+            return None
+        self.next += 1
+        name = token.text
+        if self.accept("/"):
+            name, self.next = f"{name}/{self.token.text}", self.next + (self.token.kind != "end")
+        if name not in units:
+            raise _error(self.text, token.position, f"The unit {shorten(name, 20)} has no place "
+                         "here", f"write {', '.join(units)}, or none" if units else "leave it out")
+        return units[name]
 
     def product(self) -> V:
         start = self.token
@@ -337,7 +400,8 @@ class _Parser(Generic[V]):
             known = ", ".join([*sorted(self.arithmetic.names), *functions])
             self.next -= 1
             raise self.error(f"The name {shorten(token.text)} is unknown",
-                             f"use one of {shorten(known, 600)}")
+                             f"use one of {shorten(known, 600)}"
+                             f"{proposal(token.text, self.arithmetic.names)}")
         return self.at(token, self.arithmetic.named, token.text)
 
     def close(self, opening: Token) -> None:

@@ -10,9 +10,9 @@ from typing import Any
 
 import sympy as sp
 
+from ..real import Real
 from .bounded_algebra import is_small
 from .c_printer import CPrinter
-from .real import Real
 from .sharing import Shared, parts_of, symbols_of, tree_size
 from .switches import Where
 

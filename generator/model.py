@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import as_mapping, as_text
+from ..body_values import Inertia, as_moments_or_tensor, real_array
 from ..errors import InputError
 from ..exact import exact
+from ..naming import shown, whole
 from .system import System
 
 __all__ = ["Model", "whole_array"]
@@ -34,8 +37,9 @@ class Model:
     q0, p0 : ndarray, shape (n,)
         State at t = 0, read-only; of floats, or of objects where numbers with more digits are
         given.
-    bodies : mapping of str to tuple of three floats
-        Name of each inertia parameter (γ or α of a body) → the body's I₁, I₂, I₃ in kg m².
+    bodies : mapping of str to tuple
+        Name of each inertia parameter (γ or α of a body) → the body's I₁, I₂, I₃ in kg m², or its
+        tensor, 3 × 3.
     dt, steps : float and int, or None
         A time step in s and a number of steps that suit the model, where it names them.
     description : str
@@ -46,16 +50,27 @@ class Model:
     parameters: Mapping[str, float]
     q0: Array
     p0: Array
-    bodies: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    bodies: Mapping[str, Inertia] = field(default_factory=dict)
     dt: float | None = None
     steps: int | None = None
     description: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.system, System):
+            raise InputError(f"system = {shown(self.system)} is no gyrospark.System.")
+        as_text("description", self.description)
         for name in ("q0", "p0"):
             object.__setattr__(self, name, self._state(name, getattr(self, name)))
-        for name in ("parameters", "bodies"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        values = {name: self._number(f"parameter {name!r}", value) for name, value in as_mapping(
+            "parameters", self.parameters, "{'m': 1.0}").items()}
+        bodies = {name: as_moments_or_tensor(inertia) for name, inertia in as_mapping(
+            "bodies", self.bodies, "{'gamma': (I1, I2, I3)}").items()}
+        object.__setattr__(self, "parameters", MappingProxyType(values))
+        object.__setattr__(self, "bodies", MappingProxyType(bodies))
+        if self.dt is not None:
+            object.__setattr__(self, "dt", self._number("dt", self.dt))
+        if self.steps is not None:
+            object.__setattr__(self, "steps", self._count(self.steps))
         known = {str(symbol) for symbol in self.system.parameters}
         for name in (*self.parameters, *self.bodies):
             if name not in known:
@@ -95,16 +110,31 @@ class Model:
             bodies={name: rounded(inertia) for name, inertia in self.bodies.items()})
 
     def _state(self, name: str, values: ArrayLike) -> Array:
-        state = np.array(values, dtype=float)
-        whole = [exact(x) for x in np.array(values, dtype=object).flat]
-        if state.shape != (self.system.n,) or not np.isfinite(state).all() or None in whole:
-            raise InputError(f"{name} of model {self.name!r} is {values!r}; give {self.system.n} "
-                             "finite numbers.")
-        if whole != [Fraction(x) for x in state]:  # doubles would lose digits
+        state = real_array(values)
+        if state is None or state.shape != (self.system.n,) or not np.isfinite(state).all():
+            raise InputError(f"{name} of model {self.name!r} is {shown(values)}; give "
+                             f"{self.system.n} finite numbers.")
+        known = [exact(x) for x in np.array(values, dtype=object).flat]
+        if None not in known and known != [Fraction(x) for x in state]:  # doubles lose digits
             is_long = isinstance(values, np.ndarray) and values.dtype == np.longdouble
             state = np.array(values, dtype=np.longdouble if is_long else object)
         state.setflags(write=False)
         return state
+
+    def _number(self, name: str, value: Any) -> Any:
+        """Return a finite number as it is given: wide steppers take all its digits."""
+        number = real_array(value)
+        if number is None or number.ndim or not np.isfinite(number):
+            raise InputError(f"{name} of model {self.name!r} is {shown(value)}; give a finite "
+                             "number.")
+        return float(number) if exact(value) is None else value
+
+    def _count(self, value: Any) -> int:
+        count = whole(value)
+        if count is None or count < 0:
+            raise InputError(f"steps of model {self.name!r} is {shown(value)}; give a whole number "
+                             "from 0 on.")
+        return count
 
 
 def whole_array(values: Sequence[float]) -> Array:

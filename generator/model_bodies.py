@@ -37,12 +37,14 @@ import sympy as sp
 
 from ..errors import InputError
 from .bodies import Body, Frame
+from .grammar import RATES
 from .model import Model
-from .model_body import ATTITUDES, REPS, read_attitude
+from .model_body import ATTITUDES, inertia_numbers, read_attitude
 from .model_parts import Formulas, run_length
 from .model_table import Table
 from .multibody import Multibody
-from .rigid_body import Rep
+from .poses import Attitude
+from .spec import REPS, RepName
 
 __all__ = ["read_bodies"]
 
@@ -106,12 +108,14 @@ def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Fr
 
 def _body(builder: Multibody, table: Table, rep: str | None) -> Body:
     chosen = table.choice("rep", REPS, "gamma") if rep is None else rep
-    vectors = {key: table.vector(key, 3) for key in ("position", "velocity", "angular_velocity")
-               if key in table}
+    vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
+    if "angular_velocity" in table:
+        vectors["angular_velocity"] = table.vector("angular_velocity", 3, RATES)
+    q = read_attitude(table)
     return builder.body(
-        table.text("name"), mass=table.number("mass"), inertia=table.vector("inertia", 3),
-        rep=cast("Rep", chosen), weight=table.number(chosen) if chosen in table else None,
-        quaternion=read_attitude(table), **cast("dict[str, Any]", vectors),
+        table.text("name"), mass=table.number("mass"), inertia=inertia_numbers(table),
+        rep=cast("RepName", chosen), weight=table.number(chosen) if chosen in table else None,
+        rotation=None if q is None else Attitude(q), **cast("dict[str, Any]", vectors),
     )
 
 
@@ -145,7 +149,8 @@ def _join(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> None
     kind = _kind(table, JOINTS)
     single = kind == "fixed_point"
     frames = _frames(table, bodies, 1 if single else 2)
-    numbers = {key: table.number(key) for key in ("rate", "length") if key in table}
+    numbers = {key: table.number(key, units) for key, units in (("rate", RATES), ("length", {}))
+               if key in table}
     vectors = {key: table.vector(key, 3) for key in ("at", "axis", "on_body", *POINTS)
                if key in table}
     if kind == "revolute":

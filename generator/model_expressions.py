@@ -24,7 +24,7 @@ from . import bounded_numbers as numbers
 from . import switches
 from .bounded_numbers import Value, rational
 from .evaluation import as_rational
-from .grammar import RefusedError, parse, shorten
+from .grammar import RefusedError, parse_quantity, shorten
 
 __all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
 
@@ -101,8 +101,15 @@ def parse_formula(
         With the position and the cure, for whatever is no formula, or one too large to derive a
         stepper from.
     """
+    return _parsed(text, names, exponents, {})
+
+
+def _parsed(
+    text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol],
+    units: Mapping[str, str],
+) -> sp.Expr:
     arithmetic = _Formulas({**CONSTANTS, **names}, exponents)
-    formula = parse(text, arithmetic, "a formula such as m*g*z").expression
+    formula = parse_quantity(text, arithmetic, "a formula such as m*g*z", units).expression
     for number in formula.atoms(sp.Rational):
         if number != 0 and abs(int(number.p).bit_length() - int(number.q).bit_length()) > 1000:
             raise InputError(f"The formula {shorten(text)!r} contains a number of size "
@@ -110,10 +117,14 @@ def parse_formula(
     return formula
 
 
-def parse_number(text: str, values: Mapping[str, float] = MappingProxyType({})) -> float:
+def parse_number(
+    text: str, values: Mapping[str, float] = MappingProxyType({}),
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> float:
     """Return the number that a text says, e.g. "pi/6" or "2*r", with the values of other names.
 
-    It is a double that knows more digits than any type has.
+    It is a double that knows more digits than any type has. ``units`` are those of ``grammar`` that
+    it may have: "30 deg" is pi/6.
 
     Raises
     ------
@@ -121,7 +132,7 @@ def parse_number(text: str, values: Mapping[str, float] = MappingProxyType({})) 
         With the position and the cure, for whatever is no finite number.
     """
     names = {name: as_rational(value) for name, value in values.items()}
-    number = exact(parse_formula(text, names))
+    number = exact(_parsed(text, names, frozenset(), units))
     return Rounded(number) if isinstance(number, Fraction) else math.nan
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import sympy as sp
 
 from ..errors import InputError
-from .grammar import shorten
+from ..remarks import remark
+from .grammar import UNITS, names_in, shorten
 from .model_expressions import parse_formula
-from .model_table import Table
+from .model_table import Known, Table
 from .switches import Where
 
 __all__ = ["Formulas", "Numbers", "divisors", "run_length"]
@@ -29,12 +30,12 @@ class Numbers:
         if len(table.content) > MAX_PARAMETERS:
             raise content.error("parameters", f"has {len(table.content)} entries and at most "
                                               f"{MAX_PARAMETERS} are allowed; write fewer.")
-        self.values: dict[str, float] = {}
+        #: The values, and the names that other numbers of the file mention.
+        self.values = Known()
+        table.constants = content.constants = self.values
         for name in table.items():
             table.symbol(name, name)
-            table.constants = dict(self.values)
-            self.values[name] = table.number(name)
-        content.constants = dict(self.values)
+            self.values[name] = table.number(name, UNITS)
 
 
 @dataclass
@@ -44,6 +45,7 @@ class Formulas:
     content: Table
     numbers: Numbers
     characters: int = 0
+    mentioned: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.parameters = {name: sp.Symbol(name, real=True) for name in self.numbers.values}
@@ -63,8 +65,10 @@ class Formulas:
                 f"most {MAX_CHARACTERS} are allowed; write them shorter.")
         self.refuse_clash(names)
         try:
-            return parse_formula(text, {**self.parameters, **names},
-                                 frozenset([*self.parameters.values(), *constants]))
+            formula = parse_formula(text, {**self.parameters, **names},
+                                    frozenset([*self.parameters.values(), *constants]))
+            self.mentioned |= names_in(text)
+            return formula
         except InputError as error:
             raise table.error(key, f"is no formula: {error}") from None
 
@@ -91,6 +95,14 @@ class Formulas:
                 raise self.content.file_error(
                     f"[parameters] {name} has the name of something else in this model "
                     f"({shorten(', '.join(names), 120)}); choose another name.")
+
+    def remark_on_unused(self) -> None:
+        """Say which parameters nothing in the file mentions."""
+        mentioned = self.mentioned | self.numbers.values.mentioned
+        for name in self.content.table("parameters").items():
+            if name not in mentioned:
+                remark(f"[parameters] {name} is in no formula and no other number of the file; "
+                       "remove it, or write it where it is meant.")
 
     def in_use(
         self, expressions: Iterable[sp.Expr]

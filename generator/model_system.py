@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from .grammar import UNITS
 from .model import Model, whole_array
 from .model_parts import Formulas, run_length
 from .model_table import Table
@@ -65,7 +66,7 @@ def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) 
         time=next(iter(time.values())) if uses_time else None,
         quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
     )
-    q0, p0 = (whole_array(start.vector(key, len(q))) for key in ("q", "p"))
+    q0, p0 = (whole_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
     return Model(system, values, q0, p0, **run_length(content))
 
 

@@ -8,17 +8,21 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 from ..errors import InputError
 from ..exact import Rounded, decimal, exact
-from .grammar import shorten
+from ..naming import proposal, whole
+from .grammar import UNITS, names_in, shorten
 from .model_expressions import CONSTANTS, FUNCTIONS, parse_number
 
-__all__ = ["SYMBOL", "Table", "load_toml"]
+__all__ = ["SYMBOL", "Known", "Table", "load_toml"]
 
 #: Python's reader of TOML takes time quadratic in the number of parts of a dotted key.
 MAX_DOTS = 64
+Units: TypeAlias = Mapping[str, str]
+UNIT_WORDS = {unit.partition("/")[0] for unit in UNITS}
 SYMBOL = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
 
 
@@ -46,18 +50,25 @@ def _typed(text: str) -> float:
     return Rounded(number) if isinstance(number, Fraction) else float(text)
 
 
+class Known(dict[str, float]):
+    """The values that numbers written as text may name, and the names that were mentioned."""
+
+    def __init__(self, values: Mapping[str, float] = MappingProxyType({})) -> None:
+        super().__init__(values)
+        self.mentioned: set[str] = set()
+
+
 class Table:
     """A table of the file; ``where`` is its heading, such as "[body] "."""
 
     def __init__(
         self, content: Mapping[str, Any], where: str, error: Callable[[str], InputError],
-        constants: Mapping[str, float] | None = None,
+        constants: Known | None = None,
     ) -> None:
         self.content = content
         self.where = where
         self.file_error = error
-        #: The values that numbers written as text may name.
-        self.constants: Mapping[str, float] = constants or {}
+        self.constants = Known() if constants is None else constants
 
     def __contains__(self, key: str) -> bool:
         return key in self.content
@@ -71,8 +82,8 @@ class Table:
         for key in self.content:
             if key not in keys:
                 shown = repr(shorten(key))
-                raise self.file_error(
-                    f"the key {self.where}{shown} is unknown; allowed are {', '.join(keys)}.")
+                raise self.file_error(f"the key {self.where}{shown} is unknown; allowed are "
+                                      f"{', '.join(keys)}{proposal(key, keys)}.")
 
     def require(self, *keys: str) -> None:
         """Refuse a table without one of the keys."""
@@ -106,7 +117,8 @@ class Table:
         """Return one of the allowed texts."""
         value = self.content.get(key, default)
         if not isinstance(value, str) or value not in allowed:
-            raise self.error(key, f"is {describe(value)}; choose {' or '.join(allowed)}.")
+            raise self.error(key, f"is {describe(value)}; choose {' or '.join(allowed)}"
+                                  f"{proposal(value, allowed)}.")
         return value
 
     def formula(self, key: str) -> str:
@@ -151,14 +163,28 @@ class Table:
                                   "another name.")
         return name
 
-    def number(self, key: str) -> float:
+    def number(self, key: str, units: Units = MappingProxyType({})) -> float:
         """Return a finite number; it may be written as text, such as "40*pi"."""
-        return self._number(key, self.content.get(key))
+        return self._number(key, self.content.get(key), units)
 
-    def vector(self, key: str, count: int) -> list[float]:
-        """Return so many numbers."""
+    def vector(
+        self, key: str, count: int, units: Units = MappingProxyType({})
+    ) -> list[float]:
+        """Return so many numbers; in text they may have one of the units of ``grammar``."""
         found = self._list(key, count, f"{count} numbers")
-        return [self._number(f"{key}, entry {i},", value) for i, value in enumerate(found, 1)]
+        return [self._number(f"{key}, entry {i},", value, units)
+                for i, value in enumerate(found, 1)]
+
+    def is_matrix(self, key: str) -> bool:
+        """Whether a key holds rows."""
+        value = self.content.get(key)
+        return isinstance(value, list) and any(isinstance(row, list) for row in value)
+
+    def is_plain(self, key: str) -> bool:
+        """Whether the numbers of a list have no unit, nor π in place of one."""
+        value = self.content.get(key)
+        return isinstance(value, list) and not any(
+            isinstance(x, str) and names_in(x) & {*UNIT_WORDS, "pi"} for x in value)
 
     def matrix(self, key: str, count: int) -> list[list[float]]:
         """Return so many rows of as many numbers."""
@@ -173,9 +199,10 @@ class Table:
     def count(self, key: str) -> int:
         """Return a whole number from 0 on."""
         value = self.content.get(key)
-        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**62:
+        count = whole(value)
+        if count is None or not 0 <= count < 2**62:
             raise self.error(key, f"is {describe(value)}; write a whole number from 0 on.")
-        return value
+        return count
 
     def _list(self, key: str, count: int | None, what: str) -> list[Any]:
         value = self.content.get(key, [] if count is None else None)
@@ -185,10 +212,12 @@ class Table:
             raise self.error(key, f"has {len(value)} entries; write {what}.")
         return value
 
-    def _number(self, key: str, value: Any) -> float:
+    def _number(self, key: str, value: Any, units: Units) -> float:
         if isinstance(value, str):
             try:
-                return self._float(key, parse_number(value, self.constants))
+                number = self._float(key, parse_number(value, self.constants, units))
+                self.constants.mentioned |= names_in(value) & self.constants.keys()
+                return number
             except InputError as problem:
                 raise self.error(key, f"is no number: {problem}") from None
         if isinstance(value, bool) or not isinstance(value, (int, float)):

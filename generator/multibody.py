@@ -17,7 +17,16 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
+from ..arguments import as_flag, as_items, as_text
+from ..body_values import (
+    Inertia,
+    as_inertia,
+    inverse_entries,
+    is_tensor,
+    moments_of,
+)
 from ..errors import InputError
+from ..naming import proposal, shown, unknown, whole
 from ..projection import Projection, project
 from .bodies import GROUND, Body, Frame, Vector, cross, dot
 from .joints import Align, Equation, Joint, Link, Revolute, Rod, Spring, named_vector
@@ -25,7 +34,7 @@ from .model import Model
 from .numeric_system import NumericConstraints, NumericSystem
 from .poses import Pose, attitude, finite, in_range, rotation, settle, three, unit
 from .redundancy import refuse_redundant
-from .rigid_body import Rep
+from .spec import REPS, RepName
 from .system import System, as_expression, few
 
 __all__ = ["Multibody"]
@@ -79,15 +88,19 @@ class Multibody:
         self, name: str, *, gravity: ArrayLike = (0.0, 0.0, -9.81),
         dt: float | None = None, steps: int | None = None, description: str = "",
     ) -> None:
-        self.name = name
+        self.name = as_text("name of a Multibody", name)
         self.ground: Frame = GROUND
         self.time = sp.Symbol("t", real=True)
         self.start: Projection | None = None
         self._values: dict[str, float] = {}
         self._gravity = named_vector("gravity", three("gravity", gravity).tolist(), self._values)
-        self._about: dict[str, Any] = {"dt": dt, "steps": steps, "description": description}
+        self._about: dict[str, Any] = {
+            "dt": None if dt is None else float(finite("time step", dt, ())),
+            "steps": None if steps is None else _count(steps),
+            "description": as_text("description", description),
+        }
         self._bodies: dict[Body, Start] = {}
-        self._inertia: dict[Body, tuple[float, float, float]] = {}
+        self._inertia: dict[Body, Inertia] = {}
         self._links: list[Link | Align] = []
         self._potential: list[sp.Expr] = []
         self._forces: dict[sp.Symbol, sp.Expr] = {}
@@ -101,7 +114,7 @@ class Multibody:
     # ------------------------------------------------------------ bodies
 
     def body(
-        self, name: str, *, mass: float, inertia: ArrayLike, rep: Rep = "gamma",
+        self, name: str, *, mass: float, inertia: ArrayLike, rep: RepName = "gamma",
         weight: float | None = None, position: ArrayLike | None = None,
         quaternion: ArrayLike | None = None, rotation: Any = None,
         velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
@@ -114,12 +127,14 @@ class Multibody:
             Begins the names of its symbols: a_q0, …, a_x, a_p0, …, a_px, a_m, a_I1, a_gamma.
         mass : float
             In kg.
-        inertia : three floats
-            Principal moments about the centre of mass in kg m²; body axes are principal axes.
+        inertia : three floats, or 3 × 3
+            About the centre of mass in kg m²: principal moments, body axes being principal axes, or
+            the tensor in any body axes. Joints, points, attitude and angular velocity, before a run
+            and after it, are in the same axes.
         rep : {"gamma", "alpha"}
             Inertia representation.
         weight : float, optional
-            γ or α in kg m²; by default the mean of the moments.
+            γ or α in kg m², not 0; by default the mean of the moments.
         position, velocity : three floats, optional
             Of the centre of mass in space; by default what joints tell, else 0.
         quaternion, rotation : optional
@@ -140,42 +155,46 @@ class Multibody:
         """
         self._claim(name)
         _check_rep(name, rep)
+        given = as_inertia(inertia, f"inertia of {name!r}")
         start = self._start(name, quaternion, rotation, position, velocity, angular_velocity)
-        return self._add(Body.free(name, rep), start, mass, inertia, weight)
+        body = Body.free(name, rep, tensor=is_tensor(given))
+        return self._add(body, start, mass, given, weight)
 
     def top(
         self, name: str, *, mass: float, inertia: ArrayLike, centre: ArrayLike,
-        at: ArrayLike = (0.0, 0.0, 0.0), rep: Rep = "gamma", weight: float | None = None,
+        at: ArrayLike = (0.0, 0.0, 0.0), rep: RepName = "gamma", weight: float | None = None,
         quaternion: ArrayLike | None = None, rotation: Any = None,
         angular_velocity: ArrayLike | None = None,
     ) -> Body:
         """Add a body that turns about a fixed point: 4 coordinates, no joint needed.
 
-        ``inertia`` holds the principal moments about that point, ``centre`` the centre of mass
-        from it in body axes, ``at`` where in space it is. All else as for ``body``.
+        ``inertia`` holds the principal moments about that point, or the tensor, ``centre`` the
+        centre of mass from it in body axes, ``at`` where in space it is. All else as for ``body``.
         """
         self._claim(name)
         _check_rep(name, rep)
+        given = as_inertia(inertia, f"inertia of {name!r}")
         origin = three(f"fixed point of {name!r}", at)
         middle = three(f"centre of {name!r}", centre)
         body = Body.held(
             name, rep, named_vector(f"{name}_at", origin.tolist(), self._values),
             named_vector(f"{name}_centre", middle.tolist(), self._values),
+            tensor=is_tensor(given),
         )
         start = self._start(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
-        return self._add(body, start, mass, inertia, weight)
+        return self._add(body, start, mass, given, weight)
 
     # ------------------------------------------------------------ joints
 
     def ball(
-        self, name: str, a: Frame, b: Frame, *, at: ArrayLike | None = None,
+        self, name: str, a: Frame | str, b: Frame | str, *, at: ArrayLike | None = None,
         on_a: ArrayLike | None = None, on_b: ArrayLike | None = None,
     ) -> Joint:
         """Join a point of a to a point of b: three constraints, ``name: x``, ``y`` and ``z``.
 
         Parameters
         ----------
-        a, b : Body or ``ground``
+        a, b : Body, ``ground``, or a name
             In the order of the chain.
         at : three floats, optional
             Where in space the joint is at the start.
@@ -190,7 +209,7 @@ class Multibody:
         return joint
 
     def fixed_point(
-        self, name: str, body: Frame, *, at: ArrayLike | None = None,
+        self, name: str, body: Frame | str, *, at: ArrayLike | None = None,
         on_body: ArrayLike | None = None,
     ) -> Joint:
         """Hold a point of a body at a point of space: three constraints.
@@ -200,7 +219,7 @@ class Multibody:
         return self.ball(name, GROUND, body, at=at, on_b=on_body)
 
     def revolute(
-        self, name: str, a: Frame, b: Frame, *, axis: ArrayLike,
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
         on_b: ArrayLike | None = None, rate: float = 0.0,
     ) -> Revolute:
@@ -212,25 +231,26 @@ class Multibody:
         """
         joint = Revolute(
             name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-            at=_three_or_none(f"at of {name!r}", at), hinge=self._hinge(name, a, b, axis, rate),
+            at=_three_or_none(f"at of {name!r}", at),
+            hinge=self._hinge(name, a, b, axis, rate),
         )
         self._join(joint)
         return joint
 
     def align(
-        self, name: str, a: Frame, b: Frame, *, axis: ArrayLike, rate: float = 0.0
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, rate: float = 0.0
     ) -> Align:
         """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
 
         For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
         ``axis`` and ``rate`` are those of ``revolute``.
         """
-        joint = self._hinge(name, *self._two(name, a, b), axis, rate)
+        joint = self._hinge(name, a, b, axis, rate)
         self._join(joint)
         return joint
 
     def rod(
-        self, name: str, a: Frame, b: Frame, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
+        self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
         on_b: ArrayLike = (0.0, 0.0, 0.0), length: float | None = None,
     ) -> Rod:
         """Keep two points at a distance: one constraint; by default at that of the start."""
@@ -243,7 +263,7 @@ class Multibody:
     # ------------------------------------------------------------ forces
 
     def spring(
-        self, name: str, a: Frame, b: Frame, *, stiffness: float, length: float = 0.0,
+        self, name: str, a: Frame | str, b: Frame | str, *, stiffness: float, length: float = 0.0,
         on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
     ) -> Spring:
         """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m)."""
@@ -267,35 +287,39 @@ class Multibody:
     def parameter(self, name: str, value: float, *, positive: bool = False) -> sp.Symbol:
         """Return a symbol for potentials, forces and quantities, with its value."""
         self._claim(name)
-        domain = {"positive": True} if positive else {"real": True}
+        domain = {"positive": True} if as_flag("positive", positive) else {"real": True}
         self._values[name] = float(finite(f"parameter {name!r}", value, ()))
         self._symbols[name] = sp.Symbol(name, **domain)
         return self._symbols[name]
 
     def force(
-        self, body: Body, force: Sequence[Any], *, on_body: ArrayLike | None = None
+        self, body: Body | str, force: Sequence[Any], *, on_body: ArrayLike | None = None
     ) -> None:
-        """Let a force (in space axes, N) act at a point of a body: by default its origin.
+        """Let a force (in space axes, N) act at a point of a body, or of the body of that name.
 
-        Its components are expressions of the bodies' symbols, momenta, ``time`` and parameters.
+        By default it acts at the body's origin. Its components are expressions of the bodies'
+        symbols, momenta, ``time`` and parameters.
         """
-        F = _expressions(f"force on {body.name!r}", force)
-        self._push(body.p_x, F)
-        if on_body is not None:
-            r = three(f"point of the force on {body.name!r}", on_body)
-            in_body = [dot(row, F) for row in body.rotation.T.tolist()]
-            self.torque(body, cross(r.tolist(), in_body))
+        pushed = self._body(body, "A force")
+        F = _expressions(f"force on {pushed.name!r}", force)
+        r = _three_or_none(f"point of the force on {pushed.name!r}", on_body)
+        self._push(pushed.p_x, F)
+        if r is not None:
+            in_body = [dot(row, F) for row in pushed.rotation.T.tolist()]
+            self.torque(pushed, cross(r.tolist(), in_body))
 
-    def torque(self, body: Body, torque: Sequence[Any]) -> None:
+    def torque(self, body: Body | str, torque: Sequence[Any]) -> None:
         """Let a torque (in body axes, N m) act on a body, as expressions like a force's.
 
         For a top it is taken about the fixed point.
         """
-        self._push(body.p, body.torque_force(_expressions(f"torque on {body.name!r}", torque)))
+        turned = self._body(body, "A torque")
+        self._push(turned.p, turned.torque_force(
+            _expressions(f"torque on {turned.name!r}", torque)))
 
     def quantity(self, name: str, expression: Any) -> None:
         """Have an expression computed along trajectories under a name."""
-        self._quantities[name] = as_expression(expression)
+        self._quantities[as_text("name of a quantity", name)] = as_expression(expression)
 
     # ------------------------------------------------------------ the model
 
@@ -315,12 +339,15 @@ class Multibody:
         """
         if not self._bodies:
             raise InputError(f"Multibody {self.name!r} has no body; add one with body(...).")
+        left_out = {without} if isinstance(without, str) else {
+            as_text("a constraint to leave out", name)
+            for name in as_items("without", without, "constraints' names")}
         links = [replace(link) for link in self._links]  # placing completes them
         store = dict(self._values)
         store |= self._body_values()
         with in_range(f"Multibody {self.name!r}"):
             poses = self._poses(links)
-            equations = self._equations(links, poses, store, set(without))
+            equations = self._equations(links, poses, store, left_out)
             q0, p0 = self._state(poses)
         coordinates = [x for body in self._bodies for x in body.coordinates]
         refuse_redundant(self.name, NumericConstraints(
@@ -394,6 +421,7 @@ class Multibody:
             q, p, parameters, H, constraints, name=self.name, forces=forces,
             constraint_names=tuple(equation.name for equation in equations),
             time=self.time if self.time in used else None, quantities=self._quantities,
+            bodies=tuple(body.at for body in self._bodies),
         )
 
     def _state(self, poses: Mapping[Frame, Pose]) -> tuple[Array, Array]:
@@ -412,25 +440,23 @@ class Multibody:
 
     def _body_values(self) -> dict[str, float]:
         values: dict[str, float] = {}
-        for body, moments in self._inertia.items():
-            values |= {str(s): x for s, x in zip(body.inertia, moments, strict=True)}
+        for body, inertia in self._inertia.items():
+            numbers = np.ravel(inertia).tolist()
+            values |= dict(zip(map(str, body.inertia), numbers, strict=True))
+            if body.inverse:
+                values |= dict(zip(map(str, body.inverse), inverse_entries(inertia), strict=True))
         return values
 
     # ------------------------------------------------------------ inside
 
     def _add(
-        self, body: Body, start: Start, mass: float, inertia: ArrayLike,
-        weight: float | None,
+        self, body: Body, start: Start, mass: float, inertia: Inertia, weight: float | None
     ) -> Body:
-        moments = finite(f"inertia of {body.name!r}", inertia, (3,))
-        if moments.min() <= 0:
-            raise InputError(f"The inertia of {body.name!r} is {tuple(moments.tolist())}; all "
-                             "three moments must be above 0.")
         self._values[str(body.mass)] = _positive(f"mass of {body.name!r}", mass)
-        chosen = moments.mean() if weight is None else _positive(
+        mean = float(np.mean(moments_of(inertia)))
+        self._values[str(body.weight)] = mean if weight is None else _weight(
             f"{body.rep} of {body.name!r}", weight)
-        self._values[str(body.weight)] = float(chosen)
-        self._inertia[body] = (float(moments[0]), float(moments[1]), float(moments[2]))
+        self._inertia[body] = inertia
         self._bodies[body] = start
         return body
 
@@ -445,12 +471,12 @@ class Multibody:
         )
 
     def _hinge(
-        self, name: str, a: Frame, b: Frame, axis: ArrayLike, rate: float
+        self, name: str, a: Frame | str, b: Frame | str, axis: ArrayLike, rate: float
     ) -> Align:
         direction = three(f"axis of {name!r}", axis)
         if not direction.any():
             raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
-        return Align(name, a, b, unit(direction),
+        return Align(name, *self._two(name, a, b), unit(direction),
                      float(finite(f"rate of {name!r}", rate, ())))
 
     def _join(self, link: Link | Align) -> None:
@@ -458,24 +484,34 @@ class Multibody:
         self._links.append(link)
 
     def _claim(self, name: str) -> None:
+        as_text(f"a name in Multibody {self.name!r}", name)
         taken = {*(b.name for b in self._bodies), *(link.name for link in self._links),
                  *self._symbols}
         if name in taken or name in ("ground", "gravity"):
             raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; bodies, joints, "
                              "springs and parameters need names of their own.")
-        if not isinstance(name, str) or not (name.isascii() and name.isidentifier()) \
-                or name.startswith("_"):
-            raise InputError(f"{name!r} is no name for a part of Multibody {self.name!r}; use "
+        if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
+            raise InputError(f"{shown(name)} is no name for a part of Multibody {self.name!r}; use "
                              "letters, digits and '_', a letter first.")
 
-    def _two(self, name: str, a: Frame, b: Frame) -> tuple[Frame, Frame]:
-        for frame in (a, b):
-            if frame is not GROUND and frame not in self._bodies:
-                raise InputError(f"{name!r} holds on to {frame!r}, which is no body of Multibody "
-                                 f"{self.name!r}; pass what body(...) returned, or ground.")
-        if a is b:
+    def _two(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
+        found = [frame if frame is GROUND else GROUND if isinstance(frame, str) and
+                 frame == "ground" else self._body(frame, shown(name)) for frame in (a, b)]
+        if found[0] is found[1]:
             raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
-        return a, b
+        return found[0], found[1]
+
+    def _body(self, body: Any, what: str) -> Body:
+        """Return a body of this builder: itself, or that of a name."""
+        names = {known.name: known for known in self._bodies}
+        if isinstance(body, str) and body in names:
+            return names[body]
+        if isinstance(body, Body) and body in self._bodies:
+            return body
+        raise InputError(
+            f"{what} holds on to {shown(body)}, which is no body of Multibody {self.name!r}; pass "
+            f"what body(...) returned, or a name: {', '.join(names) or 'there is none yet'}"
+            f"{proposal(body, names)}.")
 
     def _points(self, name: str, on_a: Any, on_b: Any) -> tuple[Array | None, Array | None]:
         return (_three_or_none(f"on_a of {name!r}", on_a),
@@ -491,9 +527,24 @@ def _by_first_use(store: Mapping[str, float]) -> Any:
     return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
 
 
-def _check_rep(name: str, rep: str) -> None:
-    if rep not in ("gamma", "alpha"):
-        raise InputError(f"Unknown representation {rep!r} of body {name!r}; choose alpha or gamma.")
+def _check_rep(name: str, rep: Any) -> None:
+    if not isinstance(rep, str) or rep not in REPS:
+        raise unknown(f"representation of body {name!r}:", rep, REPS)
+
+
+def _count(value: Any) -> int:
+    count = whole(value)
+    if count is None or count < 0:
+        raise InputError(f"steps = {shown(value)} is no whole number from 0 on.")
+    return count
+
+
+def _weight(what: str, value: Any) -> float:
+    number = float(finite(what, value, ()))
+    if number == 0:
+        raise InputError(f"The {what} is 0, and the kinetic energy divides by it; give another "
+                         "number.")
+    return number
 
 
 def _positive(what: str, value: Any) -> float:
@@ -507,8 +558,11 @@ def _three_or_none(what: str, value: Any) -> Array | None:
     return None if value is None else three(what, value)
 
 
-def _expressions(what: str, values: Sequence[Any]) -> Vector:
-    entries = [as_expression(value) for value in values]
+def _expressions(what: str, values: Any) -> Vector:
+    if callable(values):
+        raise InputError(f"The {what} is the function {shown(values)}; write three expressions of "
+                         "the body's symbols, such as body.angular_velocity, time and parameters.")
+    entries = [as_expression(value) for value in as_items(what, values, "three expressions")]
     if len(entries) != 3:
         raise InputError(f"The {what} has {len(entries)} components; give three.")
     return entries[0], entries[1], entries[2]

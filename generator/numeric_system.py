@@ -13,7 +13,10 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from ..arguments import as_mapping
+from ..body_values import real_array
 from ..errors import InputError
+from ..naming import shown
 from .derivatives import derivative
 from .evaluation import evaluate
 from .system import System
@@ -100,7 +103,14 @@ def values_of(
     symbols: Any, parameters: Mapping[str, float]
 ) -> dict[sp.Symbol, float]:
     """Return symbol → value, or name the parameter without one."""
-    missing = sorted(str(s) for s in symbols if str(s) not in parameters)
-    if missing:
-        raise InputError(f"Parameter {missing[0]!r} has no value; give one.")
-    return {s: float(parameters[str(s)]) for s in symbols}
+    values = as_mapping("parameters", parameters, "{'m': 1.0}")
+    found = {}
+    for symbol in sorted(symbols, key=str):
+        if str(symbol) not in values:
+            raise InputError(f"Parameter {str(symbol)!r} has no value; give one.")
+        number = real_array(values[str(symbol)])
+        if number is None or number.ndim or not np.isfinite(number):
+            raise InputError(f"Parameter {symbol} = {shown(values[str(symbol)])} is no finite "
+                             "number.")
+        found[symbol] = float(number)
+    return found

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..catalogue import MODELS, SYSTEMS
 from ..errors import TableauError
+from ..real import REALS
 from .conditions import Condition, check_tableau
 from .emit import Source, emit
-from .families import gauss_lobatto, lobatto_iiiab
 from .model import Model
 from .model_file import load_model
-from .real import REALS
 from .redundancy import refuse_redundant_anywhere
-from .rigid_body import free_body, heavy_top
+from .scheme import scheme_named
 from .schemes import MeanScheme, SparkScheme, hoisted
 from .smoothness import refuse_kinks
 from .spec import REPS, Spec, join_name
@@ -22,8 +22,6 @@ from .tableau import Tableau
 from .tableau_file import read_tableau
 
 __all__ = ["Generated", "generate", "refuse_violations", "tableau_of"]
-
-_SYSTEMS = {"heavy_top": heavy_top, "free_body": free_body}
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ def generate(
     system : System, optional
         Takes the place of the named system and representation.
     model : Model, optional
-        What the spec's model file says, if it has been read already.
+        What the spec's model file or named model is, if it has been made already.
     tableau : Tableau, optional
         Takes the place of the scheme's or the file's.
     allow_invalid : bool
@@ -80,7 +78,7 @@ def generate(
     coefficients = tableau or tableau_of(spec)
     scheme: SparkScheme | MeanScheme
     if coefficients is None:
-        scheme = MeanScheme(reduced, discrete=spec.scheme == "EMS")
+        scheme = MeanScheme(reduced, discrete=scheme_named(spec.scheme).discrete)
         method, method_name = spec.scheme, spec.method
     else:
         if not allow_invalid:
@@ -98,20 +96,21 @@ def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[Sys
     if system is not None:
         return system, ""
     if spec.model is not None:
-        model = model or load_model(spec.model, spec.rep or None)
+        model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
         return model.system, next((rep for rep in REPS if rep in model.bodies), "")
-    return _SYSTEMS[spec.system](spec.rep), spec.rep  # type: ignore[arg-type]
+    if spec.system in SYSTEMS:
+        made: System = SYSTEMS[spec.system].make(spec.rep)
+        return made, spec.rep
+    named: Model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
+    return named.system, spec.rep
 
 
 def tableau_of(spec: Spec) -> Tableau | None:
     """Return the tableau of a spec, exact; None for IMS and EMS."""
     if spec.tableau is not None:
         return read_tableau(Path(spec.tableau))
-    if spec.scheme == "G-L":
-        return gauss_lobatto(spec.stages or 0)
-    if spec.scheme == "LIIIA-B":
-        return lobatto_iiiab(spec.stages or 0)
-    return None
+    make = scheme_named(spec.scheme).tableau
+    return None if make is None else make(spec.stages or 0)
 
 
 def violations(tableau: Tableau) -> list[Condition]:

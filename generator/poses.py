@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,10 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body_values import (
+    Inertia,
+    inertia_matrix,
+    quaternion_of_matrix,
+    real_array,
+    unit_quaternions,
+)
 from ..errors import InputError
+from ..naming import shown
 from .rigid_body import left_matrix, rotation_matrix
 
-__all__ = ["Pose", "attitude", "finite", "in_range", "rotation", "settle", "three", "unit"]
+__all__ = ["Attitude", "Pose", "attitude", "finite", "in_range", "rotation", "settle", "three",
+           "unit"]
 
 Array = NDArray[Any]
 
@@ -52,11 +62,11 @@ class Pose:
         where: Array = self.x + self.R @ r
         return where
 
-    def momenta(self, inertia: Sequence[float]) -> Array:
+    def momenta(self, inertia: Inertia) -> Array:
         """Return p = 2 L(q)ᵀ J Ω (82)."""
         assert self.spin is not None
         L = numbers(left_matrix(self.q.tolist()))
-        p: Array = 2 * L.T @ (np.array(inertia) * (self.R.T @ self.spin))
+        p: Array = 2 * L.T @ (inertia_matrix(inertia) @ (self.R.T @ self.spin))
         return p
 
 
@@ -68,6 +78,17 @@ def numbers(matrix: Any) -> Array:
 def rotation(q: Array) -> Array:
     """Return R(q), 3 × 3."""
     return numbers(rotation_matrix(q.tolist()))
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """A unit quaternion, scalar first, that nobody need doubt: it stands where a rotation may."""
+
+    q: Sequence[float]
+
+    def as_quat(self) -> Array:
+        """Return it as a SciPy Rotation does: scalar last."""
+        return np.array([*self.q[1:], self.q[0]])
 
 
 def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
@@ -82,34 +103,19 @@ def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
     """
     if quaternion is not None and matrix is not None:
         raise InputError(f"{what} has a quaternion and a rotation; give one of them.")
+    if hasattr(matrix, "as_quat"):
+        scalar_last = real_array(matrix.as_quat())
+        if scalar_last is None or scalar_last.shape != (4,):
+            raise InputError(f"The rotation of {what} is {shown(matrix)}; give a single one.")
+        return unit(scalar_last[[3, 0, 1, 2]])
     if matrix is not None:
-        return _from_matrix(what, matrix.as_matrix() if hasattr(matrix, "as_matrix") else matrix)
+        return quaternion_of_matrix(matrix, f"rotation of {what}")
     if quaternion is None:
         return np.array([1.0, 0.0, 0.0, 0.0])
-    q = finite(f"quaternion of {what}", quaternion, (4,))
-    if not q.any():
-        raise InputError(f"The quaternion of {what} is zero; take (1, 0, 0, 0) for no turn.")
-    return unit(q)
-
-
-def _from_matrix(what: str, matrix: Any) -> Array:
-    R = finite(f"rotation of {what}", matrix, (3, 3))
-    with np.errstate(over="ignore", invalid="ignore"):  # no rotation, then
-        error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
-    if not error <= 1e-6 or determinant < 0:
-        raise InputError(
-            f"The rotation of {what} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
-            f"det R = {determinant:.3g}; give orthogonal columns, right-handed."
-        )
-    # 4 q qᵀ, every entry from R; the row with the largest diagonal loses no digits.
-    t = np.trace(R)
-    K = np.empty((4, 4))
-    K[0, 0] = 1 + t
-    K[0, 1:] = K[1:, 0] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    K[1:, 1:] = R + R.T + (1 - t) * np.eye(3)
-    q: Array = K[int(np.argmax(np.diag(K)))]
-    q = q / np.linalg.norm(q)
-    return q if q[0] >= 0 else -q
+    q = unit_quaternions(quaternion, f"quaternion of {what}")
+    if q.shape != (4,):
+        raise InputError(f"The quaternion of {what} is {shown(quaternion)}; give 4 numbers.")
+    return q
 
 
 def unit(v: Array) -> Array:
@@ -142,12 +148,11 @@ def three(what: str, value: Any) -> Array:
 
 def finite(what: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Return finite numbers of a shape as floats."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"The {what} is {value!r}; give {np.prod(shape)} numbers.") from error
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(f"The {what} is {value!r}; give {np.prod(shape)} finite numbers.")
+    array = real_array(value)
+    if array is None or array.shape != shape or not np.isfinite(array).all():
+        count = math.prod(shape)
+        raise InputError(f"The {what} is {shown(value)}; give {count} finite "
+                         f"number{'s' if count > 1 else ''}.")
     return array
 
 

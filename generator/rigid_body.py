@@ -11,10 +11,14 @@ from typing import Literal
 
 import sympy as sp
 
+from ..arguments import as_flag, as_items, as_mapping
 from ..errors import InputError
-from .system import System
+from ..naming import unknown
+from .system import INVERSE as INVERSE_NAMES
+from .system import System, as_expression
 
 __all__ = [
+    "INVERSE",
     "Rep",
     "angular_velocity",
     "body_force",
@@ -32,9 +36,24 @@ Rep = Literal["original", "alpha", "gamma"]
 q = sp.symbols("q0:4", real=True)
 p = sp.symbols("p0:4", real=True)
 moments = sp.symbols("I1:4", positive=True)
+#: K11, K12, K13, K22, K23, K33: the entries of J⁻¹ where the inertia is a tensor.
+INVERSE = tuple(sp.Symbol(name, real=True) for name in INVERSE_NAMES)
 alpha, gamma = sp.symbols("alpha gamma", real=True, nonzero=True)
 mgl = sp.Symbol("mgl", real=True)
 time = sp.Symbol("t", real=True)
+
+
+def expressions(what: str, values: object, count: int) -> list[sp.Expr]:
+    """Return so many expressions of a list of them.
+
+    Raises
+    ------
+    InputError
+    """
+    found = [as_expression(e) for e in as_items(what, values, f"{count} expressions")]
+    if len(found) != count:
+        raise InputError(f"The {what} has {len(found)} entries; give {count}.")
+    return found
 
 
 def left_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:
@@ -45,7 +64,7 @@ def left_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:
 
 def rotation_matrix(x: Sequence[sp.Expr]) -> sp.Matrix:
     """Return R(x) of (3), 3 × 3; maps body to space axes (erratum 1)."""
-    x0, x1, x2, x3 = x
+    x0, x1, x2, x3 = expressions("quaternion", x, 4)
     return sp.Matrix(
         [
             [x0**2 + x1**2 - x2**2 - x3**2, 2 * (x1 * x2 - x0 * x3), 2 * (x1 * x3 + x0 * x2)],
@@ -69,24 +88,39 @@ def kinetic_energy(
 ) -> sp.Expr:
     """Return T(q, p): original (20), α-type (22) or γ-type (26); ``weight`` is α or γ.
 
-    The components of L(q)p stay unexpanded: derivatives and discrete gradients then come out in
-    terms of them, and common subexpressions are found where a reader would put them.
+    ``inertia`` is I1, I2, I3, or K11, K12, K13, K22, K23, K33 of J⁻¹. The components of L(q)p stay
+    unexpanded: derivatives and discrete gradients then come out in terms of them, and common
+    subexpressions are found where a reader would put them.
     """
     w = double_momentum(x, y)
     if rep == "original":
-        return sum((wi**2 / Ii for wi, Ii in zip(w, inertia, strict=True)), sp.Integer(0)) / 8
+        return sum(squares(w, inertia), sp.Integer(0)) / 8
     if rep == "alpha":
         radial = sum(a * b for a, b in zip(x, y, strict=True))
         return kinetic_energy("original", x, y, inertia) + radial**2 / (weight or alpha) / 8
     if rep == "gamma":
         square = sum(b**2 for b in y)
         weight = weight or gamma
-        relative = sum(
-            ((1 / Ii - 1 / weight) * wi**2 for wi, Ii in zip(w, inertia, strict=True)),
-            sp.Integer(0),
-        )
+        relative = sum(squares(w, inertia, 1 / weight), sp.Integer(0))
         return square / weight / 8 + relative / 8
-    raise InputError(f"Unknown representation {rep!r}; choose alpha or gamma.")
+    raise unknown("representation", rep, ("alpha", "gamma"))
+
+
+def squares(
+    w: Sequence[sp.Expr], inertia: Sequence[sp.Expr], less: sp.Expr | int = 0
+) -> list[sp.Expr]:
+    """Return the terms of wᵀ(J⁻¹ − less)w."""
+    if len(inertia) == 3:
+        return [(1 / Ii - less) * wi**2 for wi, Ii in zip(w, inertia, strict=True)]
+    K = symmetric_matrix(inertia)
+    return [*((K[i, i] - less) * w[i] ** 2 for i in range(3)),
+            *(2 * K[i, j] * w[i] * w[j] for i, j in ((0, 1), (0, 2), (1, 2)))]
+
+
+def symmetric_matrix(entries: Sequence[sp.Expr]) -> sp.Matrix:
+    """Return the symmetric matrix of its entries 11, 12, 13, 22, 23, 33: J⁻¹, or J."""
+    K11, K12, K13, K22, K23, K33 = entries
+    return sp.ImmutableMatrix([[K11, K12, K13], [K12, K22, K23], [K13, K23, K33]])
 
 
 def gravity_potential(x: Sequence[sp.Expr] = q) -> sp.Expr:
@@ -95,10 +129,19 @@ def gravity_potential(x: Sequence[sp.Expr] = q) -> sp.Expr:
     return mgl * (x0**2 - x1**2 - x2**2 + x3**2)
 
 
+def tensor_symbols(prefix: str = "") -> sp.Matrix:
+    """Return J, 3 × 3, in the symbols J11, J12, J13, J22, J23, J33."""
+    names = (f"{prefix}J{name[1:]}" for name in INVERSE_NAMES)
+    return symmetric_matrix([sp.Symbol(name, real=True) for name in names])
+
+
 def angular_velocity(
     x: Sequence[sp.Expr] = q, y: Sequence[sp.Expr] = p, inertia: Sequence[sp.Expr] = moments
 ) -> list[sp.Expr]:
     """Return Ω = J⁻¹ ½ L(q) p in body axes (19), three entries."""
+    if len(inertia) != 3:
+        halves = sp.Matrix(double_momentum(x, y)) / 2
+        return list(symmetric_matrix(inertia) * halves)
     return [w / (2 * Ii) for w, Ii in zip(double_momentum(x, y), inertia, strict=True)]
 
 
@@ -120,6 +163,7 @@ def body_system(
     *,
     torque: Sequence[sp.Expr] = (),
     quantities: Mapping[str, sp.Expr] = MappingProxyType({}),
+    tensor: bool = False,
 ) -> System:
     """Return a rigid body with a fixed point in a potential V(q): H = T(q, p) + V, qᵀq = 1 (2).
 
@@ -140,6 +184,9 @@ def body_system(
         Torque in body axes in N m, three entries of q, p, omega, t and parameters, or none.
     quantities : mapping of str to Expr
         What trajectories offer by name.
+    tensor : bool
+        Body axes are no principal axes: K11, K12, K13, K22, K23, K33, the entries of J⁻¹, are
+        parameters in place of I1, I2, I3.
 
     Raises
     ------
@@ -154,21 +201,24 @@ def body_system(
     >>> V = 3*mu/(2*r**3) * sum(I*x**2 for I, x in zip(gs.symbols.inertia, gs.symbols.R[2, :]))
     >>> satellite = gs.body_system("satellite", "gamma", V, (mu, r))
     """
-    inertia_parameter = {"alpha": (alpha,), "gamma": (gamma,), "original": ()}.get(rep)
-    if inertia_parameter is None:
-        raise InputError(f"Unknown representation {rep!r}; choose alpha or gamma.")
-    if len(torque) not in (0, 3):
-        raise InputError(f"The torque has {len(torque)} entries; give three, in body axes, or none "
-                         "at all.")
+    weights = {"alpha": (alpha,), "gamma": (gamma,), "original": ()}
+    if not isinstance(rep, str) or rep not in weights:
+        raise unknown("representation", rep, ("alpha", "gamma"))
+    quantities = as_mapping("quantities", quantities, "{'height': ...}")
+    torques = [as_expression(e) for e in as_items("torque", torque, "three expressions")]
+    if len(torques) not in (0, 3):
+        raise InputError(f"The torque has {len(torques)} entries; give three, in body axes, or "
+                         "none at all.")
+    inertia = INVERSE if as_flag("tensor", tensor) else moments
     return System(
         q,
         p,
-        (*moments, *parameters, *inertia_parameter),
-        kinetic_energy(rep) + potential,
+        (*inertia, *as_items("parameters", parameters, "symbols"), *weights[rep]),
+        kinetic_energy(rep, inertia=inertia) + as_expression(potential),
         (sum(x**2 for x in q) - 1,),
         name=name,
-        forces=tuple(body_force(torque)) if torque else (),
-        time=time if torque or quantities else None,
+        forces=tuple(body_force(torques)) if torques else (),
+        time=time if torques or quantities else None,
         quantities=quantities,
         rigid_body=True,
     )

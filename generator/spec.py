@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
+from ..catalogue import MODELS, SYSTEMS
 from ..errors import InputError
+from ..naming import choose, listed, shown, whole
+from ..real import REALS, RealName
+from .scheme import SCHEMES, Scheme, scheme_named
 
-__all__ = ["MAX_STAGES", "PAPER_SPECS", "REALS", "REPS", "SCHEMES", "SYSTEMS", "Spec",
-           "is_model_file"]
+__all__ = ["MAX_STAGES", "PAPER_SPECS", "REPS", "RepName", "Spec", "is_model_file"]
 
-#: Scheme → the fewest stages it has; 0 for the schemes without stages.
-SCHEMES = {"IMS": 0, "EMS": 0, "G-L": 1, "LIIIA-B": 2}
-REPS = ("alpha", "gamma")
-SYSTEMS = ("heavy_top", "free_body")
-REALS = ("double", "float", "long-double", "float128")
+#: What ``rep`` may be; the entries of ``REPS``, for editors and type checkers.
+RepName = Literal["alpha", "gamma"]
+REPS: tuple[RepName, ...] = ("alpha", "gamma")
 MAX_STAGES = 16
+#: The scheme of a spec whose tableau is given.
+OWN = "SPARK"
 
 
 @dataclass(frozen=True)
@@ -24,25 +28,26 @@ class Spec:
 
     ``tableau`` names a JSON file; scheme and stages are then the file's. ``model`` names a TOML
     file; the system is then the file's, and so is the representation unless ``rep`` says
-    otherwise. Construct with ``Spec.checked``, which says what is wrong in one sentence.
+    otherwise; likewise where ``system`` names one of ``gyrospark.models``. Construct with
+    ``Spec.checked`` or ``Spec.of_tableau``, which say what is wrong in one sentence.
     """
 
     scheme: str
     stages: int | None = None
     rep: str = "gamma"
     system: str = "heavy_top"
-    real: str = "double"
+    real: RealName = "double"
     tableau: Path | None = None
     model: Path | None = None
 
     @classmethod
     def checked(
         cls,
-        scheme: str | None = None,
-        stages: int | None = None,
-        rep: str | None = None,
+        scheme: Any = None,
+        stages: Any = None,
+        rep: Any = None,
         system: str | None = None,
-        real: str | None = None,
+        real: Any = None,
         tableau: Path | None = None,
     ) -> Spec:
         """Return a spec whose every field is usable.
@@ -52,32 +57,40 @@ class Spec:
         InputError
             Naming the value, the allowed ones and the cure.
         """
-        model = Path(system) if system is not None and is_model_file(system) else None
-        real = real or "double"
-        if rep is not None or model is None:
-            rep = rep or "gamma"
-            _choose("representation", rep, REPS)
-        if model is None:
-            system = (system or "heavy_top").replace("-", "_")
-            _choose("system", system, SYSTEMS, " or a model file ending in .toml")
-        _choose("floating-point type", real, REALS)
         if tableau is not None:
             if scheme is not None or stages is not None:
                 raise InputError(
                     "A tableau file fixes the scheme and its stages; leave out scheme and stages."
                 )
-            return cls("SPARK", None, rep or "", system or "", real, Path(tableau), model)
+            return cls.of_tableau(rep, system, real, tableau)
         if scheme is None:
-            raise InputError(f"No scheme is given; choose {_listed(SCHEMES)}.")
-        _choose("scheme", scheme, SCHEMES)
-        _check_stages(scheme, stages)
-        return cls(scheme, stages, rep or "", system or "", real, None, model)
+            raise InputError(f"No scheme is given; choose {listed(SCHEMES)}.")
+        count = _stages(scheme_named(scheme), stages)
+        named, model, chosen = _system(system, rep)
+        return cls(scheme, count, chosen, named, _real(real), None, model)
+
+    @classmethod
+    def of_tableau(
+        cls, rep: Any = None, system: str | None = None, real: Any = None,
+        tableau: Path | None = None,
+    ) -> Spec:
+        """Return the spec of a tableau: one in a file, or one that the caller has in hand.
+
+        Raises
+        ------
+        InputError
+            Naming the value, the allowed ones and the cure.
+        """
+        named, model, chosen = _system(system, rep)
+        return cls(OWN, None, chosen, named, _real(real), tableau, model)
 
     @property
     def method(self) -> str:
         """Short name of scheme and stages: ``ims``, ``gl3``, ``liiiab4``."""
-        return self.scheme.lower().replace("-", "") + ("" if self.stages is None
-                                                       else str(self.stages))
+        if self.scheme == OWN:
+            return OWN.lower()
+        key = scheme_named(self.scheme).key
+        return key if self.stages is None else f"{key}{self.stages}"
 
     @property
     def name(self) -> str:
@@ -91,38 +104,43 @@ def join_name(system: str, method: str, rep: str, real: str) -> str:
     return "_".join(part for part in parts if part)
 
 
-def _check_stages(scheme: str, stages: int | None) -> None:
-    fewest = SCHEMES[scheme]
-    if fewest == 0:
+def _system(system: str | None, rep: Any) -> tuple[str, Path | None, str]:
+    """Return name of the system, model file and representation; a model has its own, unless asked.
+    """
+    chosen = "" if rep is None else choose("representation", rep, REPS)
+    if system is not None and is_model_file(system):
+        return system, Path(system), chosen
+    named = choose("system", (system or "heavy_top").replace("-", "_"), [*SYSTEMS, *MODELS],
+                   " or a model file ending in .toml")
+    return named, None, chosen or ("gamma" if named in SYSTEMS else "")
+
+
+def _real(real: Any) -> RealName:
+    return choose("floating-point type", "double" if real is None else real, REALS)
+
+
+def _stages(scheme: Scheme, stages: Any) -> int | None:
+    """Return the number of stages, None for a scheme without."""
+    if scheme.fewest == 0:
         if stages is not None:
             raise InputError(
-                f"{scheme} has no stages, but stages = {stages!r} is given; leave it out."
+                f"{scheme.name} has no stages, but stages = {shown(stages)} is given; leave it out."
             )
-        return
-    allowed = f"{scheme} takes {fewest} to {MAX_STAGES}"
+        return None
+    allowed = f"{scheme.name} takes {scheme.fewest} to {MAX_STAGES}"
     if stages is None:
         raise InputError(f"The number of stages is not given; {allowed}.")
-    if isinstance(stages, bool) or not isinstance(stages, int):
-        raise InputError(f"Stages {stages!r} is not a whole number; {allowed}.")
-    if not fewest <= stages <= MAX_STAGES:
-        raise InputError(f"Stages {stages} is out of range; {allowed}.")
+    count = whole(stages)
+    if count is None:
+        raise InputError(f"Stages {shown(stages)} is not a whole number; {allowed}.")
+    if not scheme.fewest <= count <= MAX_STAGES:
+        raise InputError(f"Stages {count} is out of range; {allowed}.")
+    return count
 
 
 def is_model_file(system: str) -> bool:
     """Whether the name of a system is a path of a model file."""
     return system.endswith(".toml")
-
-
-def _choose(
-    what: str, value: str, allowed: tuple[str, ...] | dict[str, int], more: str = ""
-) -> None:
-    if value not in allowed:
-        raise InputError(f"Unknown {what} {value!r}; choose {_listed(allowed)}{more}.")
-
-
-def _listed(allowed: tuple[str, ...] | dict[str, int]) -> str:
-    *first, last = allowed
-    return f"{', '.join(first)} or {last}"
 
 
 #: The steppers of the paper, whose output is checked in.

@@ -18,5 +18,11 @@ from .rigid_body import time as t
 
 __all__ = ["R", "inertia", "omega", "p", "q", "t"]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+
 R = rotation_matrix(q).as_immutable()
 omega = tuple(angular_velocity())

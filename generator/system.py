@@ -19,14 +19,19 @@ import sympy as sp
 from sympy.core.sympify import _sympify
 from sympy.logic.boolalg import Boolean
 
+from ..arguments import as_flag, as_items, as_mapping, as_text
 from ..errors import InputError
+from ..naming import shown
 from .bounded_algebra import can_be_factored, expanded
 from .c_names import is_taken
 from .derivatives import derivative
 from .switches import as_switches
 
-__all__ = ["System", "few"]
+__all__ = ["BodyAt", "System", "few"]
 
+#: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
+MOMENTS = ("I1", "I2", "I3")
+INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
 #: Names that are shown of a list.
 _FEW = 6
 
@@ -34,8 +39,28 @@ _FEW = 6
 def few(names: Iterable[object]) -> str:
     """Return the first of some names, and how many there are if that is not all."""
     found = [str(name) for name in names]
-    shown = ", ".join(found[:_FEW]) or "none"
-    return shown if len(found) <= _FEW else f"{shown}, … ({len(found)})"
+    first = ", ".join(found[:_FEW]) or "none"
+    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
+
+
+@dataclass(frozen=True)
+class BodyAt:
+    """Where a rigid body is in a system.
+
+    Attributes
+    ----------
+    name : str
+        The body's.
+    q : tuple of 4 symbols
+        Its unit quaternion among the system's coordinates, scalar first; its momenta stand in the
+        same places.
+    inertia : tuple of symbols
+        Parameters: I1, I2, I3, its principal moments, or K11, K12, K13, K22, K23, K33 of J⁻¹.
+    """
+
+    name: str
+    q: tuple[sp.Symbol, ...]
+    inertia: tuple[sp.Symbol, ...]
 
 
 @dataclass(frozen=True)
@@ -64,8 +89,11 @@ class System:
     quantities : mapping of str to Expr
         Quantities of q, p, t and parameters that trajectories offer by name.
     rigid_body : bool
-        True when q is a unit quaternion of a body with principal moments I1, I2, I3: the
-        trajectory then offers angular velocity, axis and rotation.
+        True when q is a unit quaternion of a body with principal moments I1, I2, I3 (or K11, K12,
+        K13, K22, K23, K33, the entries of J⁻¹): the trajectory then offers angular velocity, axis
+        and rotation.
+    bodies : sequence of BodyAt
+        The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
 
     Notes
     -----
@@ -86,16 +114,26 @@ class System:
     time: sp.Symbol | None = field(default=None, kw_only=True)
     quantities: Mapping[str, sp.Expr] = field(default_factory=dict, kw_only=True, hash=False)
     rigid_body: bool = field(default=False, kw_only=True)
+    bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces"):
             values = self._sequence(name)
             object.__setattr__(self, name, tuple(map(as_expression, values)))
+        as_text("name of the system", self.name)
+        as_flag("rigid_body", self.rigid_body)
         object.__setattr__(self, "H", as_expression(self.H))
-        quantities = {name: as_expression(e) for name, e in dict(self.quantities).items()}
-        object.__setattr__(self, "quantities", MappingProxyType(quantities))
-        names = tuple(self.constraint_names) or tuple(f"g{i}" for i in range(self.m))
-        object.__setattr__(self, "constraint_names", names)
+        quantities = as_mapping("quantities", self.quantities, "{'height': q[1]}")
+        object.__setattr__(self, "quantities", MappingProxyType(
+            {name: as_expression(e) for name, e in quantities.items()}))
+        given = as_items("constraint_names", self.constraint_names, "texts")
+        names = tuple(as_text("a constraint's name", name) for name in given)
+        object.__setattr__(self, "constraint_names",
+                           names or tuple(f"g{i}" for i in range(self.m)))
+        for what in ("q", "p", "parameters"):
+            self._refuse_unless_symbols(what, getattr(self, what))
+        if self.time is not None:
+            self._refuse_unless_symbols("time", (self.time,))
         if not self.name.isidentifier() or not self.name.isascii():
             raise InputError(
                 f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
@@ -121,6 +159,23 @@ class System:
                 "one for each coordinate (0 where none acts), or none at all."
             )
         self._refuse_unknown_symbols()
+        bodies = as_items("bodies", self.bodies, "gyrospark.generator.system.BodyAt")
+        if not all(isinstance(body, BodyAt) for body in bodies):
+            raise InputError(f"bodies = {shown(bodies)} are none; Multibody makes them.")
+        object.__setattr__(self, "bodies", tuple(bodies))
+        if self.rigid_body and not self.bodies:
+            object.__setattr__(self, "bodies", (self._whole_body(),))
+
+    def _whole_body(self) -> BodyAt:
+        """Return the body whose quaternion is all of q."""
+        known = {str(s): s for s in self.parameters}
+        inertia = next((letters for letters in (MOMENTS, INVERSE) if {*letters} <= {*known}), ())
+        if self.n != 4 or not inertia:
+            raise InputError(
+                f"System {self.name!r} is no rigid_body: it has {self.n} coordinates and the "
+                f"parameters {', '.join(known) or 'none'}; a body has a quaternion of 4 and the "
+                "moments I1, I2, I3.")
+        return BodyAt("body", self.q, tuple(known[letter] for letter in inertia))
 
     def __repr__(self) -> str:
         parts = [f"coordinates {few(self.q)}", f"parameters {few(self.parameters)}",
@@ -131,9 +186,15 @@ class System:
 
     def _sequence(self, name: str) -> Sequence[object]:
         value = getattr(self, name)
-        if isinstance(value, (str, sp.Basic)) or not isinstance(value, Iterable):
-            raise InputError(f"{name} = {value!r} is no sequence; write it as a list.")
+        if isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
+            raise InputError(f"{name} = {shown(value)} is no sequence; write it as a list.")
         return tuple(value)
+
+    def _refuse_unless_symbols(self, what: str, values: Sequence[object]) -> None:
+        for value in values:
+            if not isinstance(value, sp.Symbol):
+                raise InputError(f"System {self.name!r} has {shown(value)} in {what}, which is no "
+                                 "symbol; make it with sympy.Symbol.")
 
     def _refuse_unknown_symbols(self) -> None:
         time = () if self.time is None else (self.time,)
@@ -298,15 +359,18 @@ def as_expression(value: object) -> sp.Expr:
     Its Piecewise, Max, Min, Heaviside, Mod and the like become functions of ``switches``.
     """
     try:
-        expression = _sympify(value)  # strict: never parses text
-    except sp.SympifyError as error:
-        raise InputError(
-            f"{value!r} is no SymPy expression; build systems from sympy symbols and numbers."
-        ) from error
-    if isinstance(expression, Boolean) and not isinstance(expression, sp.Expr):
-        raise InputError(f"{value!r} is a condition, no expression; write 1 where it holds and 0 "
-                         f"elsewhere as Piecewise((1, {value}), (0, True)).")
-    return as_switches(expression)
+        made = _sympify(value)  # strict: never parses text
+    except (sp.SympifyError, TypeError, ValueError, AttributeError):
+        made = None
+    if isinstance(made, Boolean) and not isinstance(made, sp.Expr):
+        raise InputError(f"{shown(value)} is a condition, no expression; write 1 where it holds "
+                         f"and 0 elsewhere as Piecewise((1, {shown(value)}), (0, True)).")
+    if not isinstance(made, sp.Expr) or made.is_Matrix or isinstance(value, bool):
+        cure = "call it with symbols" if callable(value) else "build it from symbols and numbers"
+        raise InputError(f"{shown(value)} is no SymPy expression; {cure}.")
+    if made.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
+        raise InputError(f"The expression {shown(made)} is not real and finite; write another.")
+    return as_switches(made)
 
 
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:

@@ -8,27 +8,24 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..real import REALS
 from .checks import as_array, as_numbers, converted_to
 from .memory import aligned
 from .reals import rounding
 
-__all__ = ["DTYPES", "REASONS", "SOLVERS", "Binding"]
+__all__ = ["REASONS", "SOLVERS", "Binding", "SolverName"]
 
 Array = NDArray[Any]
 
-DTYPES: dict[str, Any] = {
-    "float": np.float32,
-    "double": np.float64,
-    "long-double": np.longdouble,
-    "float128": object,  # mpmath numbers; see ``quad_binding``
-}
+#: What ``solver`` may be; the keys of ``SOLVERS``, for editors and type checkers.
+SolverName = Literal["auto", "newton", "fixed-point", "python"]
 #: Solver → its number in the generated enum; "python" drives the compiled parts itself.
-SOLVERS = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
+SOLVERS: dict[SolverName, int] = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
 #: Why a call failed, by its status.
 REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite", 4: "stagnated",
            5: "diverged"}
@@ -42,8 +39,8 @@ class Binding:
 
     def __init__(self, module: Any, name: str, manifest: dict[str, Any]) -> None:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
-        self.c_type = manifest["real"].replace("-", " ")
-        self.dtype = DTYPES[manifest["real"]]
+        real = REALS[manifest["real"]]
+        self.c_type, self.dtype = real.c_type, real.dtype
         #: Rounds a fraction to the stepper's own type; where that is float, to double.
         self.number = rounding(manifest["real"])
         system = manifest["system"]
@@ -108,7 +105,7 @@ class Binding:
         struct = f"{self.name}_work"
         return self.ffi.from_buffer(f"{struct} *", aligned(self.ffi.sizeof(struct)))
 
-    def options(self, tolerance: float | None, max_iterations: int, solver: str) -> Any:
+    def options(self, tolerance: float | None, max_iterations: int, solver: SolverName) -> Any:
         """Return the options struct; tolerance None means down to round-off."""
         return self.ffi.new(f"{self.name}_options *",
                             [self._passed(tolerance or 0.0), min(max_iterations, 2**31 - 1),

@@ -12,23 +12,16 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..exact import as_double, exact
-from .inertia import AIMS
+from ..naming import proposal, shown, whole
+from ..remarks import remark
+from .inertia import AIMS, has_inertia, is_weight, ruled
 from .reals import as_float
 
-__all__ = ["all_finite", "as_array", "as_numbers", "as_parameters", "as_positive_count",
-           "as_real", "as_step", "converted_to", "refuse_auto", "shown"]
+__all__ = ["all_finite", "as_array", "as_callback", "as_numbers", "as_parameters",
+           "as_positive_count", "as_real", "as_step", "converted_to", "refuse_auto", "shown"]
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
 _MOST = 2**62
-
-
-def shown(value: Any, most: int = 80) -> str:
-    """Return a value as a message shows it: on one line, cut to what can be read."""
-    try:
-        text = " ".join(repr(value).split())
-    except Exception:  # a repr of somebody else's; of an integer of 5000 digits, too
-        text = f"a value of type {type(value).__name__}"
-    return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
@@ -137,14 +130,23 @@ def as_step(value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:
 
 
 def as_positive_count(name: str, value: Any, least: int = 0) -> int:
-    """Return a whole number of at least ``least``."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+    """Return a whole number of at least ``least``; 10.0 and 1e3 are such numbers."""
+    count = whole(value)
+    if count is None:
         raise InputError(f"{name} = {shown(value)} is not a whole number.")
-    if value < least:
+    if count < least:
         raise InputError(f"{name} = {shown(value)} is too small; give at least {least}.")
-    if value > _MOST:
+    if count > _MOST:
         raise InputError(f"{name} = {shown(value)} is too large; give at most {_MOST}.")
-    return int(value)
+    return count
+
+
+def as_callback(name: str, value: Any) -> Any:
+    """Return a function that is called on the way, or None."""
+    if value is not None and not callable(value):
+        raise InputError(f"{name} = {shown(value)} cannot be called; give a function that takes "
+                         "the number of steps (or cells) done, such as print.")
+    return value
 
 
 def as_parameters(
@@ -167,9 +169,10 @@ def as_parameters(
     unknown = [str(name) for name in given if name not in domains]
     if unknown:
         raise InputError(
-            f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}."
+            f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}"
+            f"{proposal(unknown[0], domains)}."
         )
-    return {name: _as_parameter(name, given[name], domain, number)
+    return {name: _as_parameter(name, domain, given, number)
             for name, domain in domains.items()}
 
 
@@ -181,12 +184,19 @@ def refuse_auto(name: str, value: Any) -> None:
 
 
 def _as_parameter(
-    name: str, value: Any, domain: str, number: Callable[[Fraction], Any]
+    name: str, domain: str, given: Mapping[str, Any], number: Callable[[Fraction], Any]
 ) -> Any:
+    value = given[name]
     refuse_auto(name, value)
+    if isinstance(value, str) and is_weight(name):
+        value = ruled(name, value, given)
     made = as_real(f"Parameter {name}", value, number)
     if domain == "positive" and made <= 0:
         raise InputError(f"Parameter {name} = {made} is not positive; give a number above 0.")
     if domain == "nonzero" and made == 0:
         raise InputError(f"Parameter {name} = 0 divides by zero; give a number other than 0.")
+    if made < 0 and has_inertia(name, given):
+        remark(f"Parameter {name} = {float(made):.6g} is below 0. The motion does not depend on "
+               "it, but its error does: several times that of a value near the moments of inertia, "
+               "such as m.")
     return made

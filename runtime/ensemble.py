@@ -73,8 +73,9 @@ def integrate_members(
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
     starts, momenta = _rows(stepper, "q", q), _rows(stepper, "p", p)
+    threads = os.cpu_count() or 1
     if workers is not None:
-        as_positive_count("workers", workers, least=1)
+        threads = as_positive_count("workers", workers, least=1)
     if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
@@ -94,7 +95,7 @@ def integrate_members(
 
     batch = stepper.batch_size(options["solver"])
     batches = [range(i, min(i + batch, size)) for i in range(0, size, batch)]
-    with ctrl_c() as interrupts, ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+    with ctrl_c() as interrupts, ThreadPoolExecutor(threads) as pool:
 
         def stop() -> bool:
             return broken.is_set() or interrupts.asked
@@ -111,7 +112,7 @@ def integrate_members(
         finally:  # after a refusal the other members are not finished for nobody
             broken.set()
             pool.shutdown(cancel_futures=True)
-        found = _ensemble(stepper, results, -(-options["steps"] // options["every"]) + 1)
+        found = _ensemble(stepper, results, -(-int(options["steps"]) // int(options["every"])) + 1)
     if interrupts.asked:
         done = sum(len(member) for member in found.members)
         raise Stopped(f"Stopped with {done:,} of {found.t.size:,} states; they are in .ensemble.",
@@ -153,9 +154,11 @@ def _each_parameters(parameters: Any, size: int) -> list[dict[str, Any]]:
     if isinstance(parameters, Mapping):
         for name, value in parameters.items():
             refuse_auto(name, value)
+        rules = {name: value for name, value in parameters.items() if isinstance(value, str)}
         columns = {name: np.broadcast_to(_each(f"Parameter {name}", value, size), size)
-                   for name, value in parameters.items()}
-        return [{name: column[i] for name, column in columns.items()} for i in range(size)]
+                   for name, value in parameters.items() if name not in rules}
+        return [rules | {name: column[i] for name, column in columns.items()}
+                for i in range(size)]
     if not isinstance(parameters, Sequence) or not all(isinstance(r, Mapping) for r in parameters):
         raise InputError(f"parameters = {shown(parameters)} is neither a dict nor a list of "
                          "dicts.")

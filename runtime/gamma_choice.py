@@ -15,22 +15,24 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import as_mapping
 from ..errors import InputError, Stopped
 from ..exact import Number
+from ..naming import choose, shown
 from .checks import as_positive_count, as_step
 from .gamma_law import REACH, Search
 from .gamma_pilots import WORTHWHILE, Pilot, Pilots
-from .inertia import AIMS, Aim, principal_moments
+from .inertia import AIMS, Aim, known_inertia, principal_moments
 
 if TYPE_CHECKING:
     from .stepper import Stepper
 
-__all__ = ["PILOT_STEPS", "GammaChoice", "choose_gamma", "known_inertia", "with_choice"]
+__all__ = ["PILOT_STEPS", "GammaChoice", "choose_gamma", "with_choice"]
 
 #: Steps of a pilot run, unless the run itself is shorter.
 PILOT_STEPS = 1000
@@ -169,8 +171,12 @@ def choose_gamma(
     ...                                 bodies={"gamma": top.inertia})  # doctest: +SKIP
     >>> parameters = top.parameters | choice.values  # doctest: +SKIP
     """
-    if aim is not None and aim not in get_args(Aim):
-        raise InputError(f"aim = {aim!r} is unknown; choose motion or energy.")
+    if aim is not None:
+        aim = choose("aim", aim, AIMS.values())
+    if not hasattr(stepper, "parameter_domains"):
+        raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
+                         "gyrospark.stepper.")
+    parameters = as_mapping("parameters", parameters, "{'mgl': 0.4}")
     known = _checked_bodies(stepper, parameters, bodies)
     count = as_positive_count("steps", steps, least=2)
     pilots = Pilots(
@@ -207,25 +213,6 @@ def with_choice(
         raise Stopped("Stopped before the first step, while γ was chosen.", stopped.signal
                       ) from None
     return {**parameters, **choice.values}
-
-
-def known_inertia(name: str, parameters: Mapping[str, Any]) -> tuple[float, float, float]:
-    """Return the moments beside an inertia parameter: I1.. for gamma, a_I1.. for a_gamma.
-
-    Raises
-    ------
-    InputError
-        If they are not all there.
-    """
-    prefix = name.removesuffix("gamma").removesuffix("alpha")
-    wanted = [f"{prefix}I{axis}" for axis in (1, 2, 3)]
-    missing = [moment for moment in wanted if moment not in parameters]
-    if missing:
-        raise InputError(
-            f"{name} cannot be chosen: the moment {missing[0]!r} of its body is no parameter; "
-            f"give the moments to choose_gamma(..., bodies={{{name!r}: (I1, I2, I3)}})."
-        )
-    return principal_moments([parameters[moment] for moment in wanted])
 
 
 # ---------------------------------------------------------------- the verdict
@@ -333,7 +320,7 @@ def _checked_bodies(
     if bodies is None:
         asked = [name for name, value in parameters.items() if _is_auto(value)]
         bodies = {name: known_inertia(name, parameters) for name in asked}
-    for name in bodies:
+    for name in as_mapping("bodies", bodies, "{'gamma': (I1, I2, I3)}"):
         if name not in stepper.parameter_domains:
             raise InputError(f"{stepper.name} has no parameter {name!r} to choose; it has "
                              f"{', '.join(stepper.parameter_domains)}.")

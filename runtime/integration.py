@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, StepFailed, Stopped
-from .binding import Binding
+from .binding import Binding, SolverName
 from .failure import Diagnosis, diagnose
 from .interrupts import Interrupts, ctrl_c
 from .newton import newton_step
@@ -39,7 +39,7 @@ class Run:
     steps: int
     every: int
     parameters: dict[str, Any]
-    solver: str
+    solver: SolverName
     tolerance: Any
     max_iterations: int
     t0: Any = 0.0

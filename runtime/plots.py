@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arguments import as_path
 from ..errors import GyrosparkError, InputError, MissingDependencyError
 from .endings import PICTURES, ending_of
 
@@ -24,7 +25,7 @@ _POINTS = 20_000  # more cannot be told apart in a picture
 def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> Any:
     """Draw the axis trace on the sphere, the energy error and the constraint errors.
 
-    Systems that are not a body show their coordinates against time instead of the sphere.
+    Systems that are not one body show their coordinates against time instead of the sphere.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     target = None if path is None else check_target(path)
     figure = figure_class()(figsize=(11, 4.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.4))
-    if trajectory.manifest["system"]["rigid_body"]:
+    if len(trajectory.bodies) == 1:
         _sphere(figure.add_subplot(grid[:, 0], projection="3d"), trajectory)
     else:
         _coordinates(figure.add_subplot(grid[:, 0]), trajectory)
@@ -69,7 +70,7 @@ def check_target(path: str | os.PathLike[str]) -> Path:
     MissingDependencyError
         Without matplotlib.
     """
-    target = Path(path)
+    target = as_path("path", path, "top.png")
     if ending_of(target) not in PICTURES:
         raise InputError(f"A picture cannot be written as {target.name!r}; end it in "
                          f"{', '.join(PICTURES)}.")

@@ -11,26 +11,40 @@ or alpha beside them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import as_mapping, as_text
+from ..body_values import (
+    InertiaLike,
+    as_inertia,
+    as_moments,
+    is_tensor,
+    moments_of,
+    real_array,
+    unit_quaternions,
+)
+from ..catalogue import SYSTEMS
 from ..errors import InputError
+from ..naming import choose, shown
+from .checks import as_real
 from .closed_forms import ExactMotion, RegularPrecession, free_motion
 from .inertia import principal_moments
 from .quaternion import Array, euler_quaternion, momentum
 
 __all__ = [
-    "PROBLEMS",
     "Problem",
     "cone_mass",
     "fast_top",
     "free_body",
-    "problem_maker",
     "regular_precession",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +71,7 @@ class Problem:
     Raises
     ------
     InputError
-        Unless q0 and p0 are four finite numbers each.
+        Unless q0 and p0 are four finite numbers each, and the others of their kind.
     """
 
     name: str
@@ -74,6 +88,15 @@ class Problem:
         return f"<Problem {self.name} ({self.system}): {values}>"
 
     def __post_init__(self) -> None:
+        for name in ("name", "description"):
+            as_text(name, getattr(self, name))
+        choose("system", self.system, SYSTEMS)
+        if self.exact is not None and not hasattr(self.exact, "axis"):
+            raise InputError(f"exact = {shown(self.exact)} is no motion; leave it out.")
+        numbers = as_mapping("parameters", self.parameters, "{'mgl': 0.4}")
+        object.__setattr__(self, "parameters", {
+            name: as_real(f"Parameter {name}", value) for name, value in numbers.items()})
+        object.__setattr__(self, "inertia", as_moments(self.inertia))
         for letter in ("q0", "p0"):
             state = _vector(getattr(self, letter), 4, letter)
             state.setflags(write=False)
@@ -168,7 +191,7 @@ def regular_precession(
 
 
 def free_body(
-    inertia: Sequence[float] = (0.002, 0.0013, 0.0008),
+    inertia: InertiaLike = (0.002, 0.0013, 0.0008),
     angular_velocity: ArrayLike = (30.0, -40.0, 100.0),
     attitude: ArrayLike = (1.0, 0.0, 0.0, 0.0),
 ) -> Problem:
@@ -186,46 +209,27 @@ def free_body(
     Raises
     ------
     InputError
-        Unless the moments are finite and above 0, and the others finite, the attitude not 0.
+        Unless the moments are finite, above 0 and those of a body, and the others finite, the
+        attitude not 0.
     """
-    moments = principal_moments(inertia)
+    moments = as_inertia(inertia)
+    if is_tensor(moments):
+        raise InputError(f"The inertia {shown(inertia)} is a tensor; the free body turns in closed "
+                         "form about its principal axes: give I1, I2 and I3, or take Multibody.")
+    I1, I2, I3 = moments_of(moments)
     omega = _vector(angular_velocity, 3, "angular_velocity").tolist()
-    q0 = _vector(attitude, 4, "attitude")
-    size = np.abs(q0).max()
-    if size == 0:
-        raise InputError("The attitude is the zero quaternion; take (1, 0, 0, 0) for no turn.")
-    q0 /= size  # so that no square overflows or vanishes
-    q0 /= np.linalg.norm(q0)
+    q0 = unit_quaternions(attitude, "attitude")
+    if q0.ndim != 1:
+        raise InputError(f"The attitude is {shown(attitude)}; give 4 numbers, scalar first.")
     return _heavy_top(
         "free-body",
-        inertia=moments,
+        inertia=(I1, I2, I3),
         mgl=0.0,
         q0=q0,
         omega=omega,
-        exact=free_motion(moments, omega, q0.tolist()),
+        exact=free_motion((I1, I2, I3), omega, q0.tolist()),
         description="Rigid body without forces.",
     )
-
-
-PROBLEMS: dict[str, Callable[..., Problem]] = {
-    "fast-top": fast_top,
-    "regular-precession": regular_precession,
-    "free-body": free_body,
-}
-
-
-def problem_maker(name: str) -> Callable[..., Problem]:
-    """Return the function that makes a problem, by its name on the command line.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    if name not in PROBLEMS:
-        raise InputError(f"Unknown problem {name!r}; choose {', '.join(PROBLEMS)} or a model file "
-                         "ending in .toml.")
-    return PROBLEMS[name]
 
 
 def _heavy_top(
@@ -244,10 +248,10 @@ def _heavy_top(
 
 
 def _finite(value: float, what: str, unit: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"The {what} {value!r} is no number; give it in {unit}.") from error
+    found = real_array(value)
+    if found is None or found.ndim:
+        raise InputError(f"The {what} {shown(value)} is no number; give it in {unit}.")
+    number = float(found)
     if not math.isfinite(number):
         raise InputError(f"The {what} is {number!r}; it must be a finite number in {unit}.")
     return number
@@ -261,10 +265,9 @@ def _positive(value: float, what: str, unit: str) -> float:
 
 
 def _vector(values: ArrayLike, length: int, what: str) -> Array:
-    try:
-        vector = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} = {values!r} is not {length} numbers.") from error
+    vector = real_array(values)
+    if vector is None:
+        raise InputError(f"{what} = {shown(values)} is not {length} numbers.")
     if vector.shape != (length,) or not np.isfinite(vector).all():
-        raise InputError(f"{what} = {values!r} must be {length} finite numbers.")
+        raise InputError(f"{what} = {shown(values)} must be {length} finite numbers.")
     return vector

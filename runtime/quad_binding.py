@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import quad
-from .binding import SOLVERS, Binding
+from .binding import SOLVERS, Binding, SolverName
 from .memory import aligned
 from .quad_wrapper import PREFIX
 
@@ -100,7 +100,7 @@ class QuadBinding(Binding):
             time = quad.quad(t0) + steps * quad.quad(dt)
             parameters.write(len(self.parameter_names) * quad.BYTES, quad.pack([time]))
 
-    def options(self, tolerance: float | None, max_iterations: int, solver: str) -> Any:
+    def options(self, tolerance: float | None, max_iterations: int, solver: SolverName) -> Any:
         """Return the options struct; tolerance None means down to round-off."""
         block = _Block(self.ffi, f"{self.name}_options")
         block.write(0, quad.pack([tolerance or 0.0]))

@@ -6,14 +6,22 @@ moments of inertia in kg m², momenta p in kg m²/s.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..body_values import (
+    InertiaLike,
+    as_inertia,
+    as_moments_or_tensor,
+    inertia_matrix,
+    is_tensor,
+    quaternion_of_matrix,
+    real_array,
+)
 from ..errors import InputError, MissingDependencyError
-from .inertia import principal_moments
+from ..naming import shown
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -80,30 +88,38 @@ def axis(q: ArrayLike) -> Array:
     return third_column
 
 
-def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: Sequence[float]) -> Array:
+def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: InertiaLike) -> Array:
     """Return Ω = J⁻¹ l with l = ½ L(q) p (19), in body axes, shape (..., 3), in rad/s.
 
     Raises
     ------
     InputError
-        Unless q and p have shape (..., 4) and the three moments are finite and above 0.
+        Unless q and p have shape (..., 4) and the inertia is three finite moments above 0 or a
+        tensor with such.
     """
+    given = as_moments_or_tensor(inertia)
     twice_l = np.einsum("...ij,...j->...i", left_matrix(q), _vectors(p, 4, "momentum p"))
-    omega: Array = twice_l / (2 * np.array(principal_moments(inertia)))
+    if is_tensor(given):
+        turning: Array = np.linalg.solve(inertia_matrix(given), twice_l[..., None] / 2)[..., 0]
+        return turning
+    omega: Array = twice_l / (2 * np.array(given))
     return omega
 
 
-def momentum(q: ArrayLike, omega: ArrayLike, inertia: Sequence[float]) -> Array:
+def momentum(q: ArrayLike, omega: ArrayLike, inertia: InertiaLike) -> Array:
     """Return p = 2 L(q)ᵀ J Ω (82), shape (..., 4), in kg m²/s; qᵀp = 0 holds by (9).
 
     Raises
     ------
     InputError
-        Unless q has shape (..., 4), Ω has shape (..., 3) and the moments are finite and above 0.
+        Unless q has shape (..., 4), Ω has shape (..., 3) and the inertia is three finite moments
+        above 0 or a tensor with such.
     """
-    moments, turning = np.array(principal_moments(inertia)), _vectors(omega, 3, "angular velocity")
+    given, turning = as_moments_or_tensor(inertia), _vectors(omega, 3, "angular velocity")
     with np.errstate(over="ignore", invalid="ignore"):  # states that are not finite are refused
-        p: Array = 2 * np.einsum("...ij,...i->...j", left_matrix(q), moments * turning)
+        l = turning @ inertia_matrix(given) if is_tensor(given) else (  # noqa: E741
+            np.array(given) * turning)
+        p: Array = 2 * np.einsum("...ij,...i->...j", left_matrix(q), l)
     return p
 
 
@@ -143,59 +159,61 @@ def to_rotation(q: ArrayLike) -> Rotation:
     return Rotation.from_quat(np.stack([q1, q2, q3, q0], axis=-1))
 
 
-def from_rotation(rotation: Rotation) -> Array:
-    """Return q, scalar first, shape (4,) or (N, 4), of a SciPy Rotation from body to space axes.
+def from_rotation(rotation: Rotation | ArrayLike) -> Array:
+    """Return q, scalar first, shape (4,) or (N, 4), of rotations from body to space axes.
 
-    Of q and −q, which are the same attitude, it returns the one that SciPy stores.
+    Of q and −q, which are the same attitude, it returns the one that SciPy stores; of a matrix the
+    one whose scalar is not negative.
 
     Raises
     ------
     InputError
-        If it is not a SciPy Rotation.
-    MissingDependencyError
-        If SciPy is not installed.
+        If it is neither a SciPy Rotation nor a rotation matrix, shape (3, 3) or (N, 3, 3).
     """
-    if not isinstance(rotation, _scipy_rotation()):
+    if hasattr(rotation, "as_quat"):  # SciPy is not needed to know its Rotation
+        scalar_last: Array = np.asarray(rotation.as_quat(), dtype=np.float64)
+        return scalar_last[..., [3, 0, 1, 2]]
+    matrices = real_array(rotation)
+    if matrices is None or matrices.shape[-2:] != (3, 3) or matrices.ndim not in (2, 3):
         raise InputError(
-            f"{rotation!r} is not a scipy.spatial.transform.Rotation; "
-            "make one with Rotation.from_matrix, from_euler or from_quat."
+            f"The rotation {shown(rotation)} is neither a scipy.spatial.transform.Rotation nor a "
+            "3 × 3 matrix; make one with Rotation.from_euler or from_quat."
         )
-    scalar_last: Array = np.asarray(rotation.as_quat(), dtype=np.float64)
-    return scalar_last[..., [3, 0, 1, 2]]
+    if matrices.ndim == 2:
+        return quaternion_of_matrix(matrices)
+    return np.array([quaternion_of_matrix(R) for R in matrices]).reshape(-1, 4)
 
 
 def state_from_rotation(
-    rotation: Rotation, angular_velocity: ArrayLike, inertia: Sequence[float]
+    rotation: Rotation | ArrayLike, angular_velocity: ArrayLike, inertia: InertiaLike
 ) -> tuple[Array, Array]:
     """Return the state (q, p) of a body, each (4,) or (N, 4), to start a stepper from.
 
     Parameters
     ----------
     rotation
-        SciPy Rotation (one or a stack) that maps body to space axes.
+        SciPy Rotation (one or a stack) that maps body to space axes, or such a matrix, 3 × 3.
     angular_velocity
         Ω in body axes, shape (3,) or (N, 3), in rad/s.
     inertia
-        Principal moments I₁, I₂, I₃ about the fixed point, in kg m².
+        About the fixed point, in kg m²: principal moments I₁, I₂, I₃, or the tensor in body axes,
+        3 × 3, for a system that has such (``Multibody``, a model file).
 
     Raises
     ------
     InputError
-        If an argument is not of that kind.
-    MissingDependencyError
-        If SciPy is not installed.
+        If an argument is not of that kind, or no body has that inertia.
     """
     q = from_rotation(rotation)
-    p = momentum(q, angular_velocity, inertia)
+    p = momentum(q, angular_velocity, as_inertia(inertia))
     q = np.broadcast_to(q, p.shape).copy()
     return q, p
 
 
 def _vectors(values: ArrayLike, length: int, what: str) -> Array:
-    try:
-        vectors = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"The {what} {values!r} is no array of real numbers.") from error
+    vectors = real_array(values)
+    if vectors is None:
+        raise InputError(f"The {what} {shown(values)} is no array of real numbers.")
     if vectors.ndim == 0 or vectors.shape[-1] != length:
         raise InputError(
             f"The {what} has shape {vectors.shape}; its last axis must have length {length}."

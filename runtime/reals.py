@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..exact import as_double, decimal, exact, nearest
+from ..real import REALS, RealName
 
-__all__ = ["as_float", "from_text", "is_wide", "rounding"]
-
-
-def is_wide(real: str) -> bool:
-    """Whether a type has more digits than a double."""
-    return real in ("long-double", "float128")
+__all__ = ["as_float", "from_text", "rounding"]
 
 
-def rounding(real: str) -> Callable[[Fraction], Any]:
+def rounding(real: RealName) -> Callable[[Fraction], Any]:
     """Return what rounds a number to a type: to NumPy's long double, to mpf, else to double."""
     if real == "float128":
         from .quad import rounded  # mpmath costs time, and only float128 needs it
@@ -44,7 +40,7 @@ def _as_long_double(value: Fraction) -> Any:
     return as_float(value, np.longdouble)
 
 
-def from_text(value: Any, real: str) -> Any:
+def from_text(value: Any, real: RealName) -> Any:
     """Return the number that ``exact.digits_of`` wrote, in that type.
 
     Raises
@@ -52,11 +48,11 @@ def from_text(value: Any, real: str) -> Any:
     ValueError
         For anything else.
     """
-    if type(value) not in (int, float) and not (is_wide(real) and type(value) is str):
+    if type(value) not in (int, float) and not (REALS[real].wide and type(value) is str):
         raise ValueError(f"{value!r} is no number")
     if type(value) is int and abs(value) >= 2**63:
         raise ValueError("an integer is huge")
-    if not is_wide(real):
+    if not REALS[real].wide:
         return value
     found = decimal(value) if isinstance(value, str) else exact(value)
     if not isinstance(found, Fraction):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from ..exact import Rounded, exact
+from ..exact import Rounded, knowing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,10 +34,15 @@ class Start:
         All but those of ``bodies`` that are left to be chosen.
     q0, p0 : list of float
         State at t = 0.
-    bodies : mapping of str to list of three floats
-        Name of each inertia parameter (γ or α of a body) → the body's principal moments.
+    bodies : mapping of str to list
+        Name of each inertia parameter (γ or α of a body) → the body's inertia: three principal
+        moments, or a tensor in rows.
     dt, steps : float and int, or None
         Where the model names them.
+    free : list of str
+        Parameters that another value may be given for and nothing else changes.
+    remarks : list of str
+        What is to be said of the file that the model came from.
     """
 
     name: str
@@ -45,9 +50,11 @@ class Start:
     parameters: Mapping[str, float]
     q0: list[float]
     p0: list[float]
-    bodies: Mapping[str, list[float]]
+    bodies: Mapping[str, Any]
     dt: float | None
     steps: int | None
+    free: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return (f"<Start of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
@@ -64,10 +71,11 @@ class Start:
     def of(cls, model: Any) -> Start:
         """Return the numbers of a model, a ``gyrospark.Model`` or what has its attributes."""
         return cls(
-            model.name, model.description, {k: _double(x) for k, x in model.parameters.items()},
-            [_double(x) for x in model.q0], [_double(x) for x in model.p0],
-            {name: [_double(x) for x in inertia] for name, inertia in model.bodies.items()},
-            None if model.dt is None else _double(model.dt), model.steps,
+            model.name, model.description, {k: knowing(x) for k, x in model.parameters.items()},
+            [knowing(x) for x in model.q0], [knowing(x) for x in model.p0],
+            {name: [_mapped(list(x), knowing) if isinstance(x, tuple) else knowing(x)
+                    for x in inertia] for name, inertia in model.bodies.items()},
+            None if model.dt is None else knowing(model.dt), model.steps,
         )
 
     @property
@@ -87,14 +95,6 @@ class Start:
     def from_json(cls, content: dict[str, Any]) -> Start:
         """Return what ``as_json`` was made of."""
         return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS})
-
-
-def _double(value: Any) -> float:
-    """Return a number as a double that knows its digits, if a double does not hold them."""
-    number = exact(value)
-    if isinstance(number, Fraction) and number != Fraction(float(number)):
-        return Rounded(number)
-    return float(value)
 
 
 def _mapped(content: Any, change: Any) -> Any:

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import GyrosparkError, InputError
 from ..exact import Number
+from ..naming import choose
 from ..projection import Projection, project, report
-from .binding import REASONS, SOLVERS, Binding
-from .checks import as_parameters, as_positive_count, as_real, as_step, shown
+from ..real import REALS, RealName
+from .binding import REASONS, SOLVERS, Binding, SolverName
+from .checks import as_callback, as_parameters, as_positive_count, as_real, as_step
 from .compiled_constraints import CompiledConstraints
 from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
@@ -89,9 +91,9 @@ class Stepper:
         p: ArrayLike,
         *,
         dt: Number,
-        parameters: Mapping[str, Number],
+        parameters: Mapping[str, Any],
         t0: Number = 0.0,
-        solver: str = "auto",
+        solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
     ) -> tuple[Array, Array]:
@@ -126,7 +128,7 @@ class Stepper:
         parameters: Mapping[str, Any],
         t0: Number = 0.0,
         every: int = 1,
-        solver: str = "auto",
+        solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
         progress: Callable[[int], None] | None = None,
@@ -145,9 +147,10 @@ class Stepper:
         steps : int
             Number of steps, 0 or more.
         parameters : mapping
-            Exactly the parameters in ``parameter_domains``. The value ``"auto"`` for ``gamma`` or
-            ``alpha`` is replaced by what ``gyrospark.choose_gamma`` finds for this start and dt,
-            ``"auto-energy"`` by the same with its aim at the energy; ``Trajectory.parameters`` has
+            Exactly the parameters in ``parameter_domains``. For ``gamma`` or ``alpha``, ``"m"``,
+            ``"h"``, ``"mt"`` and ``"ht"`` are the means of the moments beside it; ``"auto"`` is
+            replaced by what ``gyrospark.choose_gamma`` finds for this start and dt,
+            ``"auto-energy"`` by the same with its aim at the energy. ``Trajectory.parameters`` has
             the number.
         t0 : float
             Time at the start, in seconds: for forces and quantities that depend on time. Step k
@@ -179,7 +182,7 @@ class Stepper:
                                  t0=t0)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-        return integrate(self.binding, self.manifest, run, progress)
+        return integrate(self.binding, self.manifest, run, as_callback("progress", progress))
 
     def integrate_ensemble(
         self,
@@ -191,7 +194,7 @@ class Stepper:
         parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
         t0: Number | ArrayLike = 0.0,
         every: int = 1,
-        solver: str = "auto",
+        solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
         workers: int | None = None,
@@ -209,6 +212,7 @@ class Stepper:
 
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
+        choose("solver", solver, SOLVERS)
         return integrate_members(
             self, q, p, dt, t0, parameters, workers,
             steps=steps, every=every, solver=solver, tolerance=tolerance,
@@ -391,7 +395,7 @@ class Stepper:
 
     def checked_run(
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int, every: int,
-        parameters: Mapping[str, Number], solver: str, tolerance: Number | None,
+        parameters: Mapping[str, Any], solver: SolverName, tolerance: Number | None,
         max_iterations: int, t0: Number = 0.0,
     ) -> Run:
         """Return the arguments of ``integrate`` as a run, or raise InputError."""
@@ -402,11 +406,10 @@ class Stepper:
 
     def _run(
         self, q: ArrayLike, p: ArrayLike, dt: Number, steps: int, every: int,
-        parameters: Mapping[str, Number], solver: str, tolerance: Number | None,
+        parameters: Mapping[str, Any], solver: SolverName, tolerance: Number | None,
         max_iterations: int, t0: Number,
     ) -> Run:
-        if not isinstance(solver, str) or solver not in SOLVERS:
-            raise InputError(f"Unknown solver {shown(solver)}; choose {', '.join(SOLVERS)}.")
+        choose("solver", solver, SOLVERS)
         if solver == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
                              f"{self.manifest['fast_path']['reason']}; choose auto or newton.")
@@ -453,9 +456,9 @@ def _stepper_of(name: str, files: tuple[tuple[str, str], ...]) -> Stepper:
     return Stepper(name, dict(files))
 
 
-def _binding_type(real: str) -> type[Binding]:
+def _binding_type(real: RealName) -> type[Binding]:
     """Return the class for a floating-point type; only float128 costs the import of mpmath."""
-    if real != "float128":
+    if not REALS[real].in_mpmath:
         return Binding
     from .quad_binding import QuadBinding
 

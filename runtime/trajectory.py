@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._version import __version__
+from ..arguments import as_path
 from ..errors import GyrosparkError, InputError
 from ..exact import digits_of
+from ..naming import choose, proposal, shown
+from ..real import REALS
 from . import quaternion
 from .endings import ENDINGS, ending_of
-from .manifest import sizes_of
+from .manifest import BodyAt, bodies_of, sizes_of
 from .memory import without_padding
 from .reals import from_text
 from .states import finished, save_csv
@@ -185,10 +188,11 @@ class Trajectory:
         InputError
             If the system has no quantity of that name.
         """
-        if name not in self.quantities:
+        if not isinstance(name, str) or name not in self.quantities:
             raise InputError(
-                f"System {self.manifest['system']['name']!r} has no quantity {name!r}; it has "
-                f"{', '.join(self.quantities) or 'none: give System(..., quantities={...})'}."
+                f"System {self.manifest['system']['name']!r} has no quantity {shown(name)}; it has "
+                f"{', '.join(self.quantities) or 'none: give System(..., quantities={...})'}"
+                f"{proposal(name, self.quantities)}."
             )
         values: Array = self.quantity_values[:, self.quantities.index(name)]
         return values
@@ -197,30 +201,59 @@ class Trajectory:
         """Return |g(q)| and |qᵀp| (or the system's own momentum constraint) of each state."""
         return self.g_errors, self.f_errors
 
-    def angular_velocity(self) -> Array:
-        """Return Ω = J⁻¹ ½ L(q) p in body axes (19), shape (N+1, 3), in rad/s."""
-        return quaternion.angular_velocity(self.q, self.p, self._inertia())
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The names of the rigid bodies, which ``rotation`` and its like take."""
+        return tuple(bodies_of(self.manifest))
 
-    def axis(self) -> Array:
-        """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3)."""
-        self._refuse_unless_body()
-        return quaternion.axis(self.q)
+    def angular_velocity(self, body: str | None = None) -> Array:
+        """Return Ω = J⁻¹ ½ L(q) p in body axes (19), shape (N+1, 3), in rad/s.
 
-    def rotation(self) -> Any:
-        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space."""
-        self._refuse_unless_body()
-        return quaternion.to_rotation(self.q)
+        In a model whose space axes turn (``gs.models.satellite``) it is the angular velocity
+        against axes that do not.
 
-    def _inertia(self) -> tuple[float, float, float]:
-        self._refuse_unless_body()
-        return (self.parameters["I1"], self.parameters["I2"], self.parameters["I3"])
+        Parameters
+        ----------
+        body : str, optional
+            Which of several bodies.
 
-    def _refuse_unless_body(self) -> None:
-        if not self.manifest["system"]["rigid_body"]:
-            raise GyrosparkError(
-                f"System {self.manifest['system']['name']!r} is not one rigid body; "
-                "only t, q, p, multipliers and energy() are defined for it."
-            )
+        Raises
+        ------
+        InputError
+            Where there is no body, or several and none is named.
+        """
+        at = self._body(body)
+        return quaternion.angular_velocity(self.q[:, at.q], self.p[:, at.q],
+                                           at.inertia_of(self.parameters))
+
+    def axis(self, body: str | None = None) -> Array:
+        """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3).
+
+        ``body`` and what is raised are those of ``angular_velocity``.
+        """
+        return quaternion.axis(self.q[:, self._body(body).q])
+
+    def rotation(self, body: str | None = None) -> Any:
+        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space.
+
+        ``body`` and what is raised are those of ``angular_velocity``.
+        """
+        return quaternion.to_rotation(self.q[:, self._body(body).q])
+
+    def _body(self, name: str | None) -> BodyAt:
+        """Return where a body is in q and p."""
+        bodies, system = bodies_of(self.manifest), self.manifest["system"]["name"]
+        if not bodies:
+            raise InputError(
+                f"System {system!r} is not one rigid body; t, q, p, multipliers and energy() are "
+                "defined for it. (That a gyrospark.System is one, rigid_body=True says.)")
+        if name is None and len(bodies) > 1:
+            one = next(iter(bodies))
+            raise InputError(f"System {system!r} is not one rigid body but {len(bodies)}, "
+                             f"{', '.join(bodies)}; say which, as in rotation(body={one!r}).")
+        if name is None:
+            return next(iter(bodies.values()))
+        return bodies[choose(f"body of system {system!r}", name, bodies)]
 
     # ------------------------------------------------------------ file
 
@@ -239,9 +272,7 @@ class Trajectory:
         GyrosparkError
             If the file cannot be written.
         """
-        target = Path(path)
-        if not target.name:
-            raise InputError(f"{str(path)!r} is no file name; give one ending in .npz.")
+        target = as_path("path", path, "run.npz")
         if ending_of(target) == "":
             target = target.with_name(target.name + ".npz")
         if ending_of(target) not in ENDINGS:
@@ -286,9 +317,10 @@ class Trajectory:
         InputError
             If the file is missing, damaged or of another kind.
         """
+        file_name = as_path("path", path, "run.npz")
         try:
             # Opened here because np.load leaves a damaged file open.
-            with Path(path).open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            with file_name.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 about = json.loads(str(file["about"]))
                 if about["format"] != _FORMAT:
                     raise InputError(
@@ -298,7 +330,7 @@ class Trajectory:
                 arrays = {name: file[name] for name in _ARRAYS}
                 names = {name: tuple(file[name].tolist()) for name in _NAMES if name in file}
             real = about["manifest"]["real"]
-            if real == "float128":
+            if REALS[real].in_mpmath:
                 in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
                 arrays |= {name: _from_bytes(arrays[name]) for name in {*_QUADS} - in_double}
             report = known_fields(Report, about["report"])

@@ -17,6 +17,7 @@ from typing import Any
 from zarr.core.buffer import Buffer
 from zarr.storage import LocalStore
 
+from ..arguments import as_path
 from ..errors import InputError, StorageError
 from ..runtime.endings import ENDINGS, ending_of
 
@@ -124,13 +125,7 @@ def store_path(path: Any) -> Path:
     InputError
         If it is none.
     """
-    try:
-        found = Path(path)
-    except TypeError:
-        found = Path()
-    if not found.name or "\0" in found.name:
-        raise InputError(f"{path!r} is no path of a store; give a name such as 'run.zarr'.")
-    return found
+    return as_path("The store", path, "run.zarr")
 
 
 def new_store_path(path: Any, cure: str) -> Path:

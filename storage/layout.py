@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import zarr
 
-from ..runtime.reals import is_wide
+from ..real import REALS
 from ..runtime.states import QUANTITY
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
@@ -95,9 +95,8 @@ def wide_name(name: str) -> str:
 
 def fields_of(manifest: dict[str, Any]) -> list[Field]:
     """Return the arrays of a run of the stepper with this manifest."""
-    system, real = manifest["system"], manifest["real"]
-    wide = is_wide(real)
-    dtype = "f4" if real == "float" else "f8"
+    system, real = manifest["system"], REALS[manifest["real"]]
+    wide, dtype = real.wide, real.stored
     body = system["rigid_body"]
     n, m = len(system["coordinates"]), len(system["constraints"])
 

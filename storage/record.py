@@ -7,24 +7,27 @@ recorded is what ``Stepper.integrate`` returns, to the bit, however often a run 
 
 from __future__ import annotations
 
-import operator
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import zarr
 from numpy.typing import ArrayLike
 
+from ..arguments import as_flag
 from ..errors import InputError, Stopped
 from ..exact import Number
-from ..runtime.binding import REASONS
+from ..naming import shown, whole
+from ..runtime.binding import REASONS, SolverName
+from ..runtime.checks import as_callback
 from ..runtime.gamma_choice import with_choice
 from ..runtime.integration import Pace, Rows, Run, advance, ended_at, next_chunk
 from ..runtime.interrupts import Interrupts, watched
+from ..runtime.stepper import Stepper
 from ..runtime.trajectory import Report
 from .checkpoint import State, pack, room, unpack
 from .durable import new_store_path, remove_parts, storage_errors
@@ -44,9 +47,6 @@ from .lock import claim
 from .recording import Recording, stored_values
 from .soundness import COMPLETE, FAILED, RUNNING, refuse_other_arrays
 from .writer import CURE, Batch, Writer
-
-if TYPE_CHECKING:
-    from ..runtime.stepper import Stepper
 
 __all__ = ["record"]
 
@@ -69,7 +69,7 @@ def record(
     parameters: Mapping[str, Any],
     t0: Number = 0.0,
     every: int = 1,
-    solver: str = "auto",
+    solver: SolverName = "auto",
     tolerance: Number | None = None,
     max_iterations: int = 50,
     resume: bool = False,
@@ -111,10 +111,15 @@ def record(
     Stopped
         After SIGINT, SIGTERM or SIGHUP, with everything computed in the store.
     """
+    if not isinstance(stepper, Stepper):
+        raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
+                         "gyrospark.stepper.")
+    as_flag("resume", resume)
     parameters = with_choice(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
     run = stepper.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
     path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
+    as_callback("progress", progress)
     with claim(path):
         group = _opened(stepper, run, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
@@ -182,11 +187,12 @@ def _course(
 
 def _as_seed(seed: Any) -> int | None:
     """Return a seed as a whole number."""
-    try:
-        return None if seed is None else operator.index(seed)
-    except TypeError:
-        raise InputError(f"seed = {seed!r} is no whole number; give the one that the start was "
-                         "drawn with, or leave it out.") from None
+    drawn = None if seed is None else whole(seed)
+    if seed is not None and drawn is None:
+        raise InputError(f"seed = {shown(seed)} is no whole number; give the one that the start "
+                         "was drawn with, or leave it out.")
+    return drawn
+
 
 
 class _Course:

@@ -10,9 +10,11 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from ..arguments import as_path
 from ..errors import InputError, StepFailed
-from ..runtime.binding import DTYPES
-from ..runtime.reals import from_text, is_wide
+from ..real import REALS
+from ..runtime.checks import as_positive_count
+from ..runtime.reals import from_text
 from ..runtime.trajectory import Report, Trajectory, known_fields
 from .durable import one_line, store_path
 from .layout import QUANTITY, array_of, labels_of, open_group, wide_name
@@ -129,10 +131,12 @@ class Recording:
         """
         if self.report is None:
             raise InputError(f"{str(self.path)!r} holds no state yet; go on with its run first.")
+        first = as_positive_count("first", first)
+        thin = as_positive_count("thin", thin, least=1)
         group, manifest, run = self.group(), self.attributes["manifest"], self.attributes["run"]
         refuse_missing_blocks(self.path, group, first, self.states)
-        real = manifest["real"]
-        wide, dtype = is_wide(real), DTYPES[real]
+        real = REALS[manifest["real"]]
+        wide, dtype = real.wide, real.dtype
 
         def read(name: str, *, after_start: bool = False) -> Array:
             """Return an array's rows in the stepper's type; zeros where the store has none."""
@@ -149,8 +153,8 @@ class Recording:
         return Trajectory(
             t=t, q=read("q"), p=read("p"), multipliers=self._multipliers(read, len(t)),
             iterations=read("iterations", after_start=True).astype(np.intc),
-            dt=from_text(run["dt"], real), every=run["every"] * thin,
-            parameters={name: from_text(x, real) for name, x in run["parameters"].items()},
+            dt=from_text(run["dt"], real.name), every=run["every"] * thin,
+            parameters={name: from_text(x, real.name) for name, x in run["parameters"].items()},
             report=self.report, manifest=manifest, energies=read("energy"),
             g_errors=read("g_error"), f_errors=read("f_error"), work=read("work"),
             quantity_values=np.stack(values, axis=1) if values else np.zeros((len(t), 0), dtype),
@@ -160,13 +164,13 @@ class Recording:
         if "multipliers" in self.group():
             found: Array = read("multipliers", after_start=True)
             return found
-        return np.zeros((states - 1, 0), dtype=DTYPES[self.attributes["manifest"]["real"]])
+        return np.zeros((states - 1, 0), dtype=REALS[self.attributes["manifest"]["real"]].dtype)
 
     def export(self, path: str | os.PathLike[str]) -> Path:
         """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""
         from .export import export
 
-        return export(self, Path(path))
+        return export(self, as_path("path", path, "night.csv"))
 
 
 def stored_values(

@@ -16,7 +16,7 @@ import zarr
 
 from .._version import __version__
 from ..errors import InputError
-from ..runtime.binding import DTYPES
+from ..real import REALS, RealName
 from ..runtime.reals import from_text
 from ..runtime.trajectory import Report, known_fields
 from .identity import FORMAT, written_by
@@ -79,7 +79,7 @@ def _is_count(value: Any, least: int) -> bool:
     return type(value) is int and value >= least
 
 
-def _is_number(value: Any, real: str = "double") -> bool:
+def _is_number(value: Any, real: RealName = "double") -> bool:
     """Whether a number is as stores hold it: of a wide type a text may have its digits."""
     try:
         from_text(value, real)
@@ -107,7 +107,7 @@ def _about_manifest(about: Mapping[str, Any]) -> Iterator[str]:
     system = manifest.get("system") if isinstance(manifest, Mapping) else None
     if not isinstance(manifest, Mapping) or not isinstance(system, Mapping):
         yield "it has no manifest"
-    elif manifest.get("real") not in list(DTYPES):
+    elif manifest.get("real") not in list(REALS):
         yield f"manifest.real is {manifest.get('real')!r}"
     elif not isinstance(system.get("quantities", {}), (Mapping, list)):
         yield f"manifest.system.quantities are {system['quantities']!r}"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exact import digits_of
-from ..runtime.binding import DTYPES
+from ..real import REALS
 from ..runtime.states import states_of
 from .layout import Field, array_of, fields_of, wide_name
 from .recording import Recording, stored_values
@@ -84,7 +84,7 @@ class Table:
     @property
     def numbers(self) -> list[Column]:
         """The columns of numbers: wide ones in their own type, not as doubles and as bytes."""
-        dtype = DTYPES[self.attributes["manifest"]["real"]]
+        dtype = REALS[self.attributes["manifest"]["real"]].dtype
         known = {column.name: column for column in self.columns}
 
         def whole(column: Column) -> Column:

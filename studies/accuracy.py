@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ..generator.spec import REPS
+from ..naming import choose
 from ..runtime.closed_forms import RegularPrecession
 from .engine import Case, Engine, Quantity, scheme_of
 from .labels import NORMS, row_name
@@ -44,7 +46,8 @@ class Setting:
     def case(self, method: str, rep: str, parameter: float | str) -> Case:
         """Return the case of one cell."""
         scheme, stages = scheme_of(method)
-        return Case(self.problem, scheme, stages, rep, parameter, self.dt, self.steps,
+        kind = choose("representation", rep, REPS)
+        return Case(self.problem, scheme, stages, kind, parameter, self.dt, self.steps,
                     self.settings)
 
 

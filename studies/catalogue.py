@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ..errors import InputError
+from ..naming import proposal
 from . import accuracy, beyond, convergence, invariants, iterations, parameter, robustness
 from .engine import Engine
 from .model import Result
@@ -54,7 +55,7 @@ def chosen(name: str) -> list[str]:
     if name not in RESULTS:
         findings = [known for known in RESULTS if known.startswith("finding-")]
         raise InputError(f"Unknown result {name!r}; choose all, table-2 to table-14, figure-5 to "
-                         f"figure-16, or {', '.join(findings)}.")
+                         f"figure-16, or {', '.join(findings)}{proposal(name, RESULTS)}.")
     return [name]
 
 

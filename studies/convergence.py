@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..generator.spec import RepName
+from ..real import RealName
 from .engine import Case, Engine, Quantity, scheme_of
 from .fit import fit_slope
 from .labels import PARAMETERS, letter
@@ -29,9 +31,9 @@ class Study:
 
     method: str
     order: int
-    rep: str = "gamma"
+    rep: RepName = "gamma"
     parameter: str = "m"
-    real: str = "double"
+    real: RealName = "double"
     style: str = "o-"
 
     @property
@@ -51,10 +53,11 @@ class Study:
                     round(DURATION / dt), real=self.real)
 
 
+STYLES: tuple[tuple[RepName, str], ...] = (("gamma", "o-"), ("alpha", "x--"))
 FIGURE_10 = tuple(
     Study(method, order, rep, style=style)
     for method, order in (("IMS", 2), ("EMS", 2), ("3-LIIIA-B", 4), ("2-G-L", 4))
-    for rep, style in (("gamma", "o-"), ("alpha", "x--"))
+    for rep, style in STYLES
 )
 FIGURE_16 = {
     stages: tuple(

@@ -20,11 +20,15 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..catalogue import PROBLEMS
 from ..errors import InputError
 from ..facade import stepper
+from ..generator.scheme import SchemeName, scheme_named
+from ..generator.spec import RepName
+from ..real import RealName
 from ..reference import reference_axis
 from ..runtime.inertia import MEANS
-from ..runtime.problems import PROBLEMS, Problem
+from ..runtime.problems import Problem
 from ..runtime.stepper import Stepper
 from ..runtime.trajectory import Trajectory
 
@@ -51,14 +55,14 @@ class Case:
     """
 
     problem: str
-    scheme: str
+    scheme: SchemeName
     stages: int | None
-    rep: str
+    rep: RepName
     parameter: float | str
     dt: float
     steps: int
     settings: tuple[tuple[str, float], ...] = ()
-    real: str = "double"
+    real: RealName = "double"
 
     @property
     def method(self) -> str:
@@ -69,10 +73,12 @@ class Case:
         return f"{self.problem}, {self.method}-{'γ' if self.rep == 'gamma' else 'α'}"
 
 
-def scheme_of(method: str) -> tuple[str, int | None]:
+def scheme_of(method: str) -> tuple[SchemeName, int | None]:
     """Return scheme and stages of the paper's name, ("LIIIA-B", 3) for "3-LIIIA-B"."""
     stages, sign, scheme = method.partition("-")
-    return (scheme, int(stages)) if sign and stages.isdecimal() else (method, None)
+    if sign and stages.isdecimal():
+        return scheme_named(scheme).name, int(stages)
+    return scheme_named(method).name, None
 
 
 class Engine:
@@ -185,7 +191,7 @@ class Engine:
 
 @cache
 def _problem(name: str, settings: tuple[tuple[str, float], ...]) -> Problem:
-    make: Callable[..., Problem] = PROBLEMS[name]
+    make: Callable[..., Problem] = PROBLEMS[name].make
     return make(**dict(settings))
 
 

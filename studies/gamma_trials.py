@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..facade import stepper
+from ..generator.scheme import SchemeName
 from ..runtime.gamma_choice import GammaChoice, choose_gamma
 from ..runtime.inertia import MEANS_BY_SYMBOL, Aim, gamma_m
 from ..runtime.motion_error import MotionError, sizes
@@ -89,7 +90,7 @@ class Trial:
     """One body and one method, with the γ chosen for it."""
 
     body: Body
-    scheme: str
+    scheme: SchemeName
     stages: int | None
 
     @property

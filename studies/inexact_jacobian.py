@@ -17,11 +17,11 @@ import sympy as sp
 
 from ..generator.emit import emit
 from ..generator.pipeline import tableau_of
-from ..generator.real import REALS
 from ..generator.rigid_body import double_momentum, heavy_top
 from ..generator.schemes import SparkScheme, hoisted
 from ..generator.spec import Spec
 from ..generator.system import System
+from ..real import REALS
 from ..runtime.stepper import Stepper
 
 __all__ = ["InexactTop", "dropped_term", "inexact_stepper"]

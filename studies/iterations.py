@@ -14,6 +14,8 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 
 from ..facade import stepper
+from ..generator.scheme import SchemeName
+from ..generator.spec import RepName
 from ..runtime.problems import fast_top
 from .engine import Engine, parameter_value
 from .inexact_jacobian import inexact_stepper
@@ -108,7 +110,7 @@ def table_14(engine: Engine) -> Table:
 
 @cache
 def _march(
-    scheme: str, stages: int | None, rep: str, rule: str, dt: str, steps: int, how: Rule,
+    scheme: SchemeName, stages: int | None, rep: RepName, rule: str, dt: str, steps: int, how: Rule,
     inexact: bool,
 ) -> March:
     top = fast_top()
@@ -121,7 +123,7 @@ def _march(
 class _Counts:
     """The runs of one table; with ``engine.short`` 16 steps instead of 80."""
 
-    def __init__(self, engine: Engine, table: int, scheme: str, stages: int | None) -> None:
+    def __init__(self, engine: Engine, table: int, scheme: SchemeName, stages: int | None) -> None:
         self.engine, self.table, self.scheme, self.stages = engine, table, scheme, stages
         self.steps = 16 if engine.short else 80
 

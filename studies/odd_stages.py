@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..real import RealName
 from ..runtime.inertia import gamma_m
 from ..runtime.problems import fast_top
 from .energy_law import Law, energy_law, node_numbers
@@ -118,7 +119,7 @@ def sweep(s: int, steps: int) -> tuple[Sweep, Sweep]:
     """Return the sweeps at half the time of the turning point and at the turning point."""
     dt = turning_time() / steps
     gammas = tuple(1 / x for x in INVERSE_GAMMA)
-    real = "long-double" if s % 2 else "double"
+    real: RealName = "long-double" if s % 2 else "double"
     runs = [run("LIIIA-B", s, dt, steps, g, real=real) for g in gammas]
     errors = [energy_errors(r) for r in runs]
     at_rows = [tuple(float(e[row]) for e in errors) for row in (steps // 2, steps)]

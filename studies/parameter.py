@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..generator.spec import RepName
+from ..real import RealName
 from .engine import Case, Engine, Quantity, scheme_of
 from .fit import Line, crossing, fit_line
 from .labels import letter
@@ -37,9 +39,9 @@ class Sweep:
 
     method: str
     dt: float
-    rep: str = "gamma"
+    rep: RepName = "gamma"
     quantity: Quantity = "H"
-    real: str = "double"
+    real: RealName = "double"
 
     def case(self, inverse: float) -> Case:
         """Return the case of 1/γ or 1/α."""

@@ -6,6 +6,8 @@ cell that our copy of the paper lost; None in Table 8 also where the paper has a
 
 from __future__ import annotations
 
+from ..generator.scheme import SchemeName
+
 __all__ = [
     "COLUMNS_8",
     "COPIED_ROWS",
@@ -85,7 +87,7 @@ ITERATIONS: dict[int, dict[Row, tuple[str | None, ...]]] = {
 #: Rows of Table 12 that are copies of Table 11 (erratum 19).
 COPIED_ROWS: tuple[Row, ...] = (("alpha", "m"), ("alpha", "h"))
 
-COLUMNS_8 = ("IMS", "EMS", "LIIIA-B", "G-L")
+COLUMNS_8: tuple[SchemeName, ...] = ("IMS", "EMS", "LIIIA-B", "G-L")
 
 #: (order, representation, rule) → largest Δt of each column.
 TABLE_8: dict[tuple[int, str, str], tuple[str | None, ...]] = {

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from functools import cache
 
 from ..facade import stepper
+from ..generator.scheme import SchemeName
+from ..generator.spec import RepName
 from ..runtime.problems import fast_top
 from .engine import Engine, parameter_value
 from .inexact_jacobian import inexact_stepper
@@ -63,7 +65,7 @@ def table_8(engine: Engine) -> Table:
     )
 
 
-def _stages(scheme: str, order: int) -> int | None:
+def _stages(scheme: SchemeName, order: int) -> int | None:
     if scheme in ("IMS", "EMS"):
         return None
     return _STAGES[order][("LIIIA-B", "G-L").index(scheme)]
@@ -79,7 +81,8 @@ def _unit(printed: str) -> float:
 
 @cache
 def largest_step(
-    scheme: str, stages: int | None, rep: str, rule: str, unit: float, steps: int, inexact: bool
+    scheme: SchemeName, stages: int | None, rep: RepName, rule: str, unit: float, steps: int,
+    inexact: bool,
 ) -> float:
     """Return the largest Δt that converges, a multiple of ``unit``; 0.0 if none does."""
     top = fast_top()

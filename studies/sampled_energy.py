@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..facade import stepper
+from ..generator.scheme import SchemeName
+from ..generator.spec import RepName
+from ..real import RealName
 from ..runtime.problems import fast_top
 from ..runtime.quaternion import rotation_matrix
 from ..runtime.trajectory import Trajectory
@@ -20,8 +23,8 @@ Array = NDArray[Any]
 
 
 def run(
-    scheme: str, stages: int | None, dt: float, steps: int, parameter: float, *,
-    rep: str = "gamma", real: str = "double",
+    scheme: SchemeName, stages: int | None, dt: float, steps: int, parameter: float, *,
+    rep: RepName = "gamma", real: RealName = "double",
 ) -> Trajectory:
     """Integrate the fast top; ``parameter`` is γ or α, as ``rep`` says."""
     problem = fast_top()

@@ -9,6 +9,7 @@ import numpy as np
 import sympy as sp
 
 from ..generator.rigid_body import double_momentum, gravity_potential, heavy_top, moments
+from ..generator.scheme import SchemeName
 from ..runtime.inertia import gamma_h, gamma_m
 from ..runtime.problems import fast_top
 from .engine import Engine
@@ -31,7 +32,7 @@ class ZeroCase:
     The error is that of H, for EMS, which keeps H, that of l₃.
     """
 
-    scheme: str
+    scheme: SchemeName
     stages: int | None
     dt: float
     expected: float | None

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body_values import unit_quaternions
+from ..catalogue import entry_named
 from ..errors import InputError
-from ..generator.spec import Spec, is_model_file
+from ..generator.spec import REPS, Spec, is_model_file
+from ..naming import choose, proposal
 from ..runtime.inertia import MEANS, gamma_m
-from ..runtime.problems import Problem, problem_maker
+from ..runtime.problems import Problem
 from ..runtime.quaternion import momentum
 from ..runtime.start import Start
 from .axes import Axis, as_rows, start_axis
@@ -39,36 +42,46 @@ def resolve(
     InputError
     """
     if isinstance(model, (str, Path)) and not is_model_file(str(model)):
-        model = _problem(str(model), settings or {})
+        model, rep = _named(str(model), settings or {}, rep)
     elif settings:
-        raise InputError("Settings belong to the built-in problems; change the model itself.")
+        raise InputError("Settings belong to problems and models with names; change the model "
+                         "itself.")
     made = [_stepper(model, scheme, rep, real) for scheme in schemes]
     return [stepper for stepper, _ in made], made[0][1]
 
 
-def _problem(name: str, settings: Mapping[str, Any]) -> Problem:
-    try:
-        return problem_maker(name)(**settings)
-    except TypeError as error:
-        raise InputError(f"The settings {', '.join(settings)} do not fit {name}: {error}."
-                         ) from error
+def _named(
+    name: str, settings: Mapping[str, Any], rep: str | None
+) -> tuple[Any, str | None]:
+    """Return the problem or model of a name, made with the settings, and the rep it still lacks."""
+    entry = entry_named(name, "model")
+    for key in settings:
+        if key not in entry.options:
+            raise InputError(f"The setting {key!r} does not fit {name}; give "
+                             f"{', '.join(entry.options) or 'none'}{proposal(key, entry.options)}.")
+    if entry.kind == "problem":
+        return entry.make(**settings), rep
+    own = {} if rep is None else {"rep": choose("representation", rep, REPS)}
+    return entry.make(**settings, **own), None
 
 
 def _stepper(
     model: Any, label: str, rep: str | None, real: str | None
 ) -> tuple[Stepper, Start]:
-    from ..facade import model_stepper, stepper
+    from ..facade import model_stepper, stepper_of
 
     scheme, stages = _scheme(label)
     if isinstance(model, (str, Path)):
         return model_stepper(Spec.checked(scheme, stages, rep, str(model), real))
     if isinstance(model, Problem):
-        made = stepper(scheme, stages, rep, system=model.system, real=real or "double")
+        made = stepper_of(Spec.checked(scheme, stages, rep, model.system, real))
         return made, Start.of_problem(model)
     if not hasattr(model, "system") or not hasattr(model, "q0"):
         raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a model or a "
                          "file.")
-    return stepper(scheme, stages, rep, system=model, real=real or "double"), Start.of(model)
+    if rep is not None:
+        raise InputError(f"rep = {rep!r} belongs to names and files; a Model brings its own H.")
+    return stepper_of(Spec.checked(scheme, stages, real=real), model.system), Start.of(model)
 
 
 def _scheme(label: str) -> tuple[str, int | None]:
@@ -131,8 +144,7 @@ def starts(table: Any, start: Start, varied: set[str]) -> Axis:
     if len(q) not in (1, len(omega)):
         raise InputError(f"{len(q)} quaternions are given for {len(omega)} angular velocities; "
                          "give one, or one for each.")
-    size = np.linalg.norm(q, axis=-1, keepdims=True)
-    q = np.broadcast_to(q / np.where(size > 0, size, 1.0), (len(omega), 4))
+    q = np.broadcast_to(unit_quaternions(q), (len(omega), 4))
     return start_axis(q, momentum(q, omega, inertia))
 
 

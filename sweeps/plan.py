@@ -8,7 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import as_mapping
 from ..errors import InputError
+from ..generator.scheme import SCHEMES
+from ..naming import listed, shown, whole
+from ..real import REALS
 from ..runtime.checks import as_positive_count
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
 from .model import base_parameters, resolve, starts
@@ -24,18 +28,20 @@ def plan(
     settings: Mapping[str, Any] | None = None, **options: Any,
 ) -> Study:
     """Return the checked study of a sweep; see ``sweep`` for the arguments."""
-    if not isinstance(over, Mapping):
-        raise InputError(f"over = {over!r} is no dict; write what varies, for example "
-                         '{"gamma": [4e-4, 8e-4]}.')
+    over = as_mapping("over", over, '{"gamma": [4e-4, 8e-4]}')
+    given = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
     if SCHEME in over:
         if scheme is not None or stages is not None:
             raise InputError("scheme varies along an axis; leave out scheme and stages.")
         labels = list(value_axis(SCHEME, over[SCHEME]).labels)
     else:
         if scheme is None:
-            raise InputError("scheme is not given; choose IMS, EMS, G-L or LIIIA-B, or let an axis "
-                             'vary it: {"scheme": ["EMS", "G-L 2"]}.')
-        labels = [scheme if stages is None else f"{scheme} {stages}"]
+            raise InputError(f"scheme is not given; choose {listed(SCHEMES)}, or let an axis vary "
+                             'it: {"scheme": ["EMS", "G-L 2"]}.')
+        count = whole(stages)
+        if stages is not None and count is None:
+            raise InputError(f"stages = {shown(stages)} is not a whole number.")
+        labels = [str(scheme) if stages is None else f"{scheme} {count}"]
     steppers, start = resolve(model, labels, rep, real, settings)
     names = {*steppers[0].parameter_domains, "dt", SCHEME}
     varied = {key for key in over if key in names} | {
@@ -51,7 +57,7 @@ def plan(
             axis, drawn = _points(key, values)
             axes.append(axis)
             seed = drawn if seed is None else seed
-    found = base_parameters(steppers[0], start, parameters or {}, varied)
+    found = base_parameters(steppers[0], start, given, varied)
     study = checked_study(Study(
         name or f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
         found, np.array(start.q0), np.array(start.p0), start.dt if dt is None else dt,
@@ -81,7 +87,7 @@ def _on_constraints(study: Study) -> Study:
     stepper = study.steppers[0]
     values = study.parameters | {name: float(axis.columns[name][0]) for axis in study.axes
                                  for name in axis.columns if name in stepper.parameter_domains}
-    wide = stepper.manifest["real"] == "long-double"
+    wide = REALS[stepper.manifest["real"]].wide
 
     def moved(q: Any, p: Any) -> tuple[Any, Any]:
         return stepper.project(q, p, parameters=values)

@@ -17,7 +17,9 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from ..arguments import as_items, as_path
 from ..errors import InputError
+from ..naming import proposal, shown
 from ..runtime.binding import REASONS
 from ..storage.chunks import Chunk, write_chunks
 from ..storage.durable import DurableStore, storage_errors
@@ -109,11 +111,11 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[Field]:
 
 def _kept(found: list[Field], keep: Iterable[str] | None) -> list[Field]:
     names = [field.name for field in found]
-    wanted = names if keep is None else list(keep)
+    wanted = names if keep is None else as_items("keep", keep, "results")
     for name in wanted:
-        if name not in (*names, STATUS):
-            raise InputError(f"{name!r} is no result of this sweep; keep some of "
-                             f"{', '.join(names)}.")
+        if not isinstance(name, str) or name not in (*names, STATUS):
+            raise InputError(f"{shown(name)} is no result of this sweep; keep some of "
+                             f"{', '.join(names)}{proposal(name, names)}.")
     return [field for field in found if field.name in wanted]
 
 
@@ -265,7 +267,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     """
     import xarray
 
-    root = Path(path)
+    root = as_path("path", path, "study.zarr")
     try:
         about = attributes_of(open_group(root))
         if about["sweep"]["format"] != FORMAT:

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..runtime.binding import SOLVERS
+from ..naming import choose, listed, proposal
+from ..real import REALS
+from ..runtime.binding import SOLVERS, SolverName
 from ..runtime.checks import as_parameters, as_positive_count, as_real, as_step
 from .axes import SCHEME, START, Axis
 
@@ -62,7 +64,7 @@ class Study:
     steps: int | None = None
     duration: float | None = None
     every: int | None = None
-    solver: str = "auto"
+    solver: SolverName = "auto"
     tolerance: float | None = None
     max_iterations: int = 50
     t0: float = 0.0
@@ -126,20 +128,21 @@ def checked_study(study: Study) -> Study:
     if (study.steps is None) == (study.duration is None):
         raise InputError("Give a sweep either steps, the number for every cell, or duration, the "
                          "seconds of every cell.")
-    if study.steps is not None:
-        as_positive_count("steps", study.steps, least=1)
-    elif as_real("duration", study.duration) <= 0:
+    names_of_counts = [name for name in ("steps", "every", "max_iterations")
+                       if getattr(study, name) is not None or name == "max_iterations"]
+    counts: dict[str, Any] = {name: as_positive_count(name, getattr(study, name), least=1)
+                              for name in names_of_counts}
+    study = replace(study, **counts)
+    if study.duration is not None and as_real("duration", study.duration) <= 0:
         raise InputError(f"duration = {study.duration} is not positive; give seconds above 0.")
-    if study.every is not None:
-        as_positive_count("every", study.every, least=1)
+    if study.tolerance is not None and as_real("tolerance", study.tolerance) <= 0:
+        raise InputError(f"tolerance = {study.tolerance} is not positive; give none for round-off.")
     if study.every is not None and study.steps is None:
         raise InputError("every needs steps: with a duration cells have different numbers of them.")
     dt = None if study.varied("dt") else as_step(study.dt)
-    if study.solver not in SOLVERS or study.solver == "python":
-        raise InputError(f"solver = {study.solver!r} does not do sweeps; choose auto, newton or "
-                         "fixed-point.")
+    choose("solver for sweeps:", study.solver, [name for name in SOLVERS if name != "python"])
     for one in study.steppers:
-        if one.manifest["real"] == "float128":
+        if REALS[one.manifest["real"]].in_mpmath:
             raise InputError("A sweep's results are doubles: float128 is for single runs; choose "
                              "long-double, double or float.")
         if study.solver == "fixed-point" and not one.binding.lanes:
@@ -176,8 +179,9 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
             if len(value):
                 as_step(float(value[0]))
     elif column not in (*_OWN, *names):
+        choices = [*names, "dt", SCHEME, START]
         raise InputError(f"{column!r} is nothing that a sweep of {stepper.name} can vary; choose "
-                         f"{', '.join(names)}, dt, {SCHEME} or {START}.")
+                         f"{listed(choices)}{proposal(column, choices)}.")
     elif column in names:
         domain = stepper.parameter_domains[column]
         wrong = {"positive": values <= 0, "nonzero": values == 0}.get(domain, values != values)

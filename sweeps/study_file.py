@@ -29,6 +29,7 @@ from ..errors import InputError
 from ..generator.model_table import load_toml
 from ..generator.spec import is_model_file
 from ..generator.text_file import UnusableFileError, read_text
+from ..naming import proposal, whole
 from .plan import plan
 from .study import Study, as_table
 
@@ -78,7 +79,7 @@ def parse_study(text: str, path: Path) -> StudyFile:
     for key in content:
         if key not in _KEYS:
             raise InputError(f"{where} has the unknown key {key!r}; it may have "
-                             f"{', '.join(sorted(_KEYS))}.")
+                             f"{', '.join(sorted(_KEYS))}{proposal(key, _KEYS)}.")
     try:
         return StudyFile(_study(content, path), _keep(content))
     except InputError as error:
@@ -91,7 +92,10 @@ def _study(content: dict[str, Any], path: Path) -> Study:
         model = str(path.parent / model)
     options = {key: content[key] for key in _OPTIONS if key in content}
     for key, value in options.items():
-        if isinstance(value, bool) or not isinstance(value, _OPTIONS[key]):
+        count = whole(value)
+        if _OPTIONS[key] == (int,) and count is not None:
+            options[key] = count  # 1e3 is a float in TOML
+        elif isinstance(value, bool) or not isinstance(value, _OPTIONS[key]):
             kind = "text" if str in _OPTIONS[key] else "a number"
             raise InputError(f"{key} = {value!r} is not {kind}.")
     name = content.get("name", path.stem)

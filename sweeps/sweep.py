@@ -11,9 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._version import __version__
+from ..arguments import as_flag
 from ..errors import InputError, Stopped, StorageError
 from ..exact import digits_of
-from ..runtime.checks import as_positive_count
+from ..generator.scheme import SchemeName
+from ..generator.spec import RepName
+from ..real import RealName
+from ..runtime.binding import SolverName
+from ..runtime.checks import as_callback, as_positive_count
 from ..runtime.interrupts import ctrl_c, watched
 from ..storage.durable import new_store_path, remove_parts, storage_errors
 from ..storage.fresh import appearing, is_new
@@ -52,16 +57,16 @@ def sweep(
     model: Any,
     over: Mapping[str, Any],
     *,
-    scheme: str | None = None,
+    scheme: SchemeName | None = None,
     stages: int | None = None,
-    rep: str | None = None,
-    real: str | None = None,
+    rep: RepName | None = None,
+    real: RealName | None = None,
     parameters: Mapping[str, Any] | None = None,
     dt: float | None = None,
     steps: int | None = None,
     duration: float | None = None,
     every: int | None = None,
-    solver: str = "auto",
+    solver: SolverName = "auto",
     tolerance: float | None = None,
     max_iterations: int = 50,
     keep: Iterable[str] | None = None,
@@ -137,9 +142,11 @@ def run_study(
     progress: Progress | None = None,
 ) -> xarray.Dataset:
     """Compute what is not computed yet of a study, and return its result; see ``sweep``."""
+    as_flag("resume", resume)
     fields = fields_of(study, keep)
     count = os.cpu_count() or 1
     threads = count if workers is None else as_positive_count("workers", workers, least=1)
+    as_callback("progress", progress)
     client = None if dask is None else cluster.client_of(dask)
     attributes = _attributes(study, fields)
     if out is None:

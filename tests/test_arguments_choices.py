@@ -16,7 +16,7 @@ from processes import ROOT
 @pytest.mark.parametrize(("arguments", "words"), [
     (("RK4",), "'RK4'.*IMS, EMS, G-L or LIIIA-B"), ((3,), "3.*IMS"), ((None,), "No scheme"),
     (("G-L",), "not given.*1 to 16"), (("G-L", 0), "0.*1 to 16"), (("G-L", -1), "-1"),
-    (("G-L", 17), "17.*16"), (("G-L", "three"), "'three'"), (("G-L", 2.0), "2.0.*whole"),
+    (("G-L", 17), "17.*16"), (("G-L", "three"), "'three'"), (("G-L", 2.5), "2.5.*whole"),
     (("G-L", True), "True.*whole"), (("LIIIA-B", 1), "1.*2 to 16"), (("IMS", 2), "no stages"),
     (("IMS", None, "beta"), "'beta'.*alpha or gamma"),
 ], ids=str)
@@ -25,8 +25,9 @@ def test_unusable_stepper_choice_is_refused(arguments, words):
         gs.stepper(*arguments)
 
 
-def test_numpy_integers_count_stages():
-    assert gs.stepper("G-L", np.int64(2)).name == "heavy_top_gl2_gamma"
+def test_whole_numbers_of_any_type_count_stages():
+    for two in (np.int64(2), 2.0, np.float32(2)):
+        assert gs.stepper("G-L", two).name == "heavy_top_gl2_gamma"
 
 
 def test_unusable_system_and_tableau_are_refused():
@@ -35,7 +36,7 @@ def test_unusable_system_and_tableau_are_refused():
                          H=sum(y**2 for y in sp.symbols("y:2")) / 2,
                          constraints=[sum(x**2 for x in sp.symbols("x:2")) - 1], name="p")
     for options, words in [
-        ({"scheme": "IMS", "system": "car"}, "'car'.*heavy_top or free_body"),
+        ({"scheme": "IMS", "system": "car"}, "'car'.*heavy_top, free_body.*model file"),
         ({"scheme": "IMS", "system": 42}, "42"),
         ({"scheme": "IMS", "real": "quad"}, "'quad'.*double"),
         ({"tableau": tableau, "real": "quad"}, "'quad'"),

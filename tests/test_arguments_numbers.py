@@ -77,7 +77,7 @@ def test_alpha_zero_is_refused():
         step.step(TOP.q0, TOP.p0, dt=1e-3, parameters=parameters)
 
 
-@pytest.mark.parametrize("bad", [-1, 1.0, 2.5, "3", None, np.nan, True, [3], 2**64, 10**30])
+@pytest.mark.parametrize("bad", [-1, 2.5, "3", None, np.nan, True, [3], 2**64, 10**30])
 def test_unusable_counts_are_refused(bad, gl3):
     with refused("steps"):
         gl3.integrate(TOP.q0, TOP.p0, steps=bad, **RUN)
@@ -108,7 +108,7 @@ def test_large_limits_are_taken(gl3):
 
 def test_solver_and_tolerance_are_checked(gl3):
     for bad in ("fast", "", None, 3, "Newton"):
-        with refused("solver.*auto, newton, fixed-point, python"):
+        with refused("solver.*auto, newton, fixed-point or python"):
             gl3.step(TOP.q0, TOP.p0, solver=bad, **RUN)
     for bad in (0, -1e-9, np.nan, np.inf, "1e-9", True):
         with refused("tolerance"):

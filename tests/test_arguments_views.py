@@ -85,7 +85,6 @@ def test_pictures_of_special_trajectories(tmp_path, gl3):
 @pytest.mark.parametrize(("module", "call", "cure"), [
     ("matplotlib", "made.plot('top.png')", "matplotlib"),
     ("scipy", "made.rotation()", "scipy"),
-    ("scipy", "gs.state_from_rotation(None, [0, 0, 1], top.inertia)", "scipy"),
 ])
 def test_missing_extra_is_told_with_the_cure(module, call, cure):
     code = FAST_TOP + (

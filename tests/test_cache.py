@@ -481,6 +481,8 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
     for folder in ("generator", "templates"):
         shutil.copytree(ROOT / folder, tmp_path / folder,
                         ignore=shutil.ignore_patterns("__pycache__"))
+    for path in ROOT.glob("*.py"):
+        shutil.copy(path, tmp_path)
 
     def key(spec=spec):
         facade._generator_fingerprint.cache_clear()
@@ -491,7 +493,8 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
         patch.setattr(facade, "ROOT", tmp_path)
         keys = [key()]
         assert keys == [here]
-        for path in (tmp_path / "templates" / "mean.c.jinja", tmp_path / "generator" / "nodes.py"):
+        for path in (tmp_path / "templates" / "mean.c.jinja", tmp_path / "generator" / "nodes.py",
+                     tmp_path / "real.py"):
             path.write_text(path.read_text(encoding="utf-8") + "\n", encoding="utf-8")
             keys.append(key())
         (tmp_path / "templates" / "mean.c.jinja").unlink()

@@ -12,7 +12,7 @@ import sympy as sp
 
 from gyrospark.generator.cardinal import Asinhc, Atanc, Atanhc, Sinc, Sinhc, c_names_with_needs
 from gyrospark.generator.emit import TEMPLATES
-from gyrospark.generator.real import REALS
+from gyrospark.real import REALS
 
 FUNCTIONS = [f for g in (Sinc, Sinhc, Asinhc, Atanc, Atanhc) for f in (g, g.slope)]
 #: Around 0, where the form of a derivative changes, moderate and large.

@@ -12,8 +12,8 @@ import gyrospark as gs
 from calls import TOP
 from gyrospark.generator.families import gauss_lobatto, lobatto_iiiab
 from gyrospark.generator.fast_path import FastSystem, FastTableau, Folds
-from gyrospark.generator.real import REALS
 from gyrospark.generator.rigid_body import free_body, heavy_top
+from gyrospark.real import REALS
 
 FAMILIES = [*(gauss_lobatto(s) for s in range(1, 9)), *(lobatto_iiiab(s) for s in range(2, 9))]
 BODIES = {f"{make.__name__}_{rep}": make(rep) for make in (heavy_top, free_body)

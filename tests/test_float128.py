@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.errors import CompilerError, InputError
-from gyrospark.generator.real import REALS, round_binary
 from gyrospark.generator.spec import Spec
+from gyrospark.real import REALS, round_binary
 from gyrospark.runtime import quad
 from gyrospark.runtime.compiler import _refuse_without_quad, find_compiler
 from gyrospark.runtime.inertia import gamma_m
-from gyrospark.runtime.problems import PROBLEMS
+from gyrospark.runtime.problems import fast_top
 from processes import cli
 from reference import reference
 from strategies import random_case, tableau_of
@@ -163,7 +163,7 @@ def test_a_step_against_fifty_digits(method):
     2, 3, 5, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 4, 6, 7, 8))])
 def test_order_is_twice_the_stages(stages):
     """The paper's fast top, 126 rad/s, over 1/128 s; differences of runs with dt, dt/2, dt/4."""
-    top = PROBLEMS["fast-top"]()
+    top = fast_top()
     parameters = {name: top.parameters[name] for name in ("I1", "I2", "I3", "mgl")}
     parameters["gamma"] = gamma_m(top.inertia)
     step = stepper("G-L", stages)

@@ -28,11 +28,11 @@ from gyrospark.errors import InputError
 from gyrospark.generator.c_printer import CPrinter
 from gyrospark.generator.families import gauss_lobatto
 from gyrospark.generator.kernels import Constants, Kernel, emit_kernel, total_operations, wrap
-from gyrospark.generator.real import REALS
 from gyrospark.generator.rigid_body import heavy_top
 from gyrospark.generator.schemes import MeanScheme, SparkScheme, common_kernels, hoisted
 from gyrospark.generator.switches import Max, Min, Where
 from gyrospark.generator.system import System
+from gyrospark.real import REALS
 
 DOUBLE = REALS["double"]
 THIRD, HALF = sp.Rational(1, 3), sp.Rational(1, 2)

@@ -265,7 +265,9 @@ def test_paths_that_are_no_file(bounded, tmp_path):
     (["--gamma", "m"], ["--gamma", "no body"]),
     (["--rep", "gamma"], ["rep 'gamma'", "[body]"]),
     (["--system", "heavy_top"], ["--system", "give one"]),
-    (["--set", "m=2"], ["--set", "[parameters]"]),
+    (["--set", "mm=2"], ["'mm'", "choose", "did you mean m?"]),
+    (["--set", "m"], ["--set 'm'", "KEY=VALUE"]),
+    (["--set", "m=0"], ["m", "divides"]),
     (["--reference"], ["--reference"]),
     (["--stages", "2"], ["IMS", "no stages"]),
 ])

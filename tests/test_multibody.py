@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
 from gyrospark.generator.evaluation import evaluate
@@ -15,6 +16,12 @@ from gyrospark.runtime.quaternion import angular_velocity, rotation_matrix
 from strategies import EPS, unit_quaternions
 
 INERTIA = (0.1, 0.12, 0.03)
+
+
+def unit(q):
+    return np.array(q) / np.linalg.norm(q)
+
+
 vectors = st.tuples(*[st.floats(-2, 2)] * 3)
 
 
@@ -22,9 +29,9 @@ def pair(rep="gamma", **b):
     """Return a builder with a top and a body on it."""
     build = gs.Multibody("pair")
     top = build.top("a", mass=1.5, inertia=INERTIA, centre=(0, 0.1, 0.3), at=(1, 0, 2), rep=rep,
-                    quaternion=(0.9, 0.3, -0.1, 0.2), angular_velocity=(1, 2, 30))
+                    quaternion=unit([0.9, 0.3, -0.1, 0.2]), angular_velocity=(1, 2, 30))
     body = build.body("b", mass=0.5, inertia=(0.02, 0.03, 0.04), rep=rep,
-                      quaternion=(1, -2, 0.5, 0.1), angular_velocity=(3, -1, 20), **b)
+                      quaternion=unit([1, -2, 0.5, 0.1]), angular_velocity=(3, -1, 20), **b)
     build.ball("joint", top, body, on_a=(0.1, 0, 0.6), on_b=(0, 0.2, -0.3))
     return build
 
@@ -76,8 +83,9 @@ def test_a_body_is_where_joints_put_it(qa, qb, on_a, on_b):
     """The same start from the point in space, from the points on the bodies, and from both."""
     def start(**joint):
         build = gs.Multibody("placed")
-        a = build.body("a", mass=1, inertia=INERTIA, position=(1, 2, 3), quaternion=qa)
-        b = build.body("b", mass=1, inertia=INERTIA, quaternion=qb)
+        qa_first, qb_first = (Rotation.from_quat(q[[1, 2, 3, 0]]) for q in (qa, qb))
+        a = build.body("a", mass=1, inertia=INERTIA, position=(1, 2, 3), rotation=qa_first)
+        b = build.body("b", mass=1, inertia=INERTIA, rotation=qb_first)
         build.ball("joint", a, b, **joint)
         return build.model()
 
@@ -157,7 +165,7 @@ def test_rod_keeps_the_distance_of_the_start():
     (lambda b, x: b.body("2a", mass=1, inertia=INERTIA), "'2a' is no name"),
     (lambda b, x: b.body("c", mass=0, inertia=INERTIA), "mass of 'c' is 0.0"),
     (lambda b, x: b.body("c", mass=1, inertia=(1, -1, 1)), "inertia of 'c'"),
-    (lambda b, x: b.body("c", mass=1, inertia=(1, 1)), "inertia of 'c'.*3 finite"),
+    (lambda b, x: b.body("c", mass=1, inertia=(1, 1)), "inertia of 'c' has 2 moments"),
     (lambda b, x: b.body("c", mass=1, inertia=INERTIA, rep="beta"), "'beta'.*alpha or gamma"),
     (lambda b, x: b.body("c", mass=1, inertia=INERTIA, quaternion=(0,) * 4), "is zero"),
     (lambda b, x: b.body("c", mass=1, inertia=INERTIA, rotation=2 * np.eye(3)), "no rotation"),
@@ -208,7 +216,7 @@ def test_expressions_of_a_body():
     """Velocity of a point, angular velocity and momentum, against vectors in NumPy."""
     build = gs.Multibody("thrown")
     body = build.body("a", mass=2.0, inertia=INERTIA, position=(1, 2, 3), velocity=(4, 5, 6),
-                      quaternion=(0.5, -0.1, 0.7, 0.3), angular_velocity=(0.3, -0.6, 0.9))
+                      quaternion=unit([0.5, -0.1, 0.7, 0.3]), angular_velocity=(0.3, -0.6, 0.9))
     model = build.model()
     R, omega = rotation_matrix(model.q0[:4]), np.array([0.3, -0.6, 0.9])
     at = dict(zip(model.system.q, model.q0, strict=True))

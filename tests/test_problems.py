@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from gyrospark.errors import InputError
+from gyrospark.catalogue import PROBLEMS
+from gyrospark.errors import InputError, InputWarning
 from gyrospark.runtime.closed_forms import FreeRotation, SteadyRotation
 from gyrospark.runtime.problems import (
-    PROBLEMS,
     Problem,
     cone_mass,
     fast_top,
@@ -28,7 +28,7 @@ from gyrospark.runtime.quaternion import angular_velocity, axis, left_matrix, ro
 
 ASYMMETRIC = [(0.002, 0.0013, 0.0008), (5.0, 3.0, 2.5), (1.0, 0.6, 0.59)]
 ORDERS = list(itertools.permutations(range(3)))
-ATTITUDE = (0.5, 0.1, -0.7, 0.3)
+ATTITUDE = tuple(np.array((0.5, 0.1, -0.7, 0.3)) / math.sqrt(0.84))
 
 
 def derivative(function, t, h, one=1.0):
@@ -67,7 +67,7 @@ def in_space(problem, times):
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_every_problem(name):
-    problem = PROBLEMS[name]()
+    problem = PROBLEMS[name].make()
     assert problem.name == name
     assert problem.system == "heavy_top"
     assert problem.description.endswith(".")
@@ -86,7 +86,7 @@ def test_every_problem(name):
 
 @pytest.mark.parametrize("name", ["regular-precession", "free-body"])
 def test_exact_motion_starts_at_the_problem(name):
-    problem = PROBLEMS[name]()
+    problem = PROBLEMS[name].make()
     np.testing.assert_allclose(problem.exact.attitude(0.0), problem.q0, atol=2e-16)
     omega = angular_velocity(problem.q0, problem.p0, problem.inertia)
     np.testing.assert_allclose(problem.exact.angular_velocity(0.0), omega, rtol=1e-14, atol=1e-12)
@@ -225,7 +225,7 @@ def test_free_symmetric_body(inertia, omega):
         ((3, 2, 1), (0, -4, 0)),
         ((3, 2, 1), (0, 0, 4)),
         ((3, 3, 1), (3, 4, 0)),
-        ((3, 1, 1), (0, 3, -4)),
+        ((3, 2, 2), (0, 3, -4)),
         ((3, 2, 1), (0, 0, 0)),
     ],
 )
@@ -237,13 +237,14 @@ def test_free_body_in_steady_rotation(inertia, omega):
     np.testing.assert_array_equal(problem.exact.angular_velocity(times), [omega] * 4)
 
 
-moments = st.floats(0.1, 10)
+#: Of three points on the axes: no moment exceeds the sum of the others.
+moments = st.tuples(*[st.floats(0.1, 10)] * 3).map(lambda x: tuple(sum(x) - y for y in x))
 # Not so small that the energy underflows.
 speeds = st.floats(-20, 20).map(lambda w: w if abs(w) > 1e-100 else 0.0)
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.tuples(moments, moments, moments), st.tuples(speeds, speeds, speeds))
+@given(moments, st.tuples(speeds, speeds, speeds))
 def test_free_body_conserves_energy_and_angular_momentum(inertia, omega):
     problem = free_body(inertia, omega, ATTITUDE)
     I, times = np.array(problem.inertia), np.array([0.0, -0.4, 1.3, 1e3])  # noqa: E741
@@ -317,7 +318,8 @@ def test_attitude_is_continuous():
 
 def test_free_body_takes_any_length_of_attitude():
     for length in (2, 1e-200, 1e200):
-        q0 = free_body(attitude=(length, 0, 0, -length)).q0
+        with pytest.warns(InputWarning, match="attitude has length .* not 1"):
+            q0 = free_body(attitude=(length, 0, 0, -length)).q0
         np.testing.assert_allclose(q0, [math.sqrt(0.5), 0, 0, -math.sqrt(0.5)], rtol=2e-16)
 
 
@@ -357,7 +359,7 @@ def test_nobodys_precision_is_changed(exact):
         (lambda: free_body(angular_velocity=(1, 2)), "angular_velocity .* 3 finite numbers"),
         (lambda: free_body(angular_velocity=(1, 2, math.inf)), "3 finite numbers"),
         (lambda: free_body(angular_velocity="fast"), "is not 3 numbers"),
-        (lambda: free_body(attitude=(0, 0, 0, 0)), "zero quaternion"),
+        (lambda: free_body(attitude=(0, 0, 0, 0)), "attitude is zero"),
         (lambda: free_body(attitude=(1, 0, 0)), "4 finite numbers"),
         (lambda: Problem("x", {}, [1, 0], [0] * 4, (1, 1, 1)), "q0 .* 4 finite numbers"),
     ],

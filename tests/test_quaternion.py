@@ -138,14 +138,9 @@ def test_state_from_a_stack_of_rotations():
 
 def test_without_scipy(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.spatial.transform", None)
-    rotation = Rotation.identity()
-    for call in (
-        lambda: to_rotation([1, 0, 0, 0]),
-        lambda: from_rotation(rotation),
-        lambda: state_from_rotation(rotation, [0, 0, 1], INERTIA),
-    ):
-        with pytest.raises(MissingDependencyError, match="pip install scipy"):
-            call()
+    with pytest.raises(MissingDependencyError, match="pip install scipy"):
+        to_rotation([1, 0, 0, 0])
+    assert np.array_equal(from_rotation(np.eye(3)), [1, 0, 0, 0])  # which needs none
 
 
 @pytest.mark.parametrize(
@@ -159,7 +154,7 @@ def test_without_scipy(monkeypatch):
         (lambda: angular_velocity([1, 0, 0, 0], [1, 2, 3], INERTIA), "momentum p has shape"),
         (lambda: to_rotation([0, 0, 0, 0]), "no attitude"),
         (lambda: to_rotation([np.nan, 0, 0, 0]), "no attitude"),
-        (lambda: from_rotation([1, 0, 0, 0]), r"not a scipy\.spatial\.transform\.Rotation"),
+        (lambda: from_rotation([1, 0, 0, 0]), r"neither a scipy\.spatial\.transform\.Rotation nor"),
     ],
 )
 def test_refusals(call, words):

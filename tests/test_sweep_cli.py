@@ -57,7 +57,7 @@ def test_dry_run_computes_nothing_and_is_about_right(tmp_path, gyrospark):
     (STUDY.replace("fast-top", "slow-top"), ["slow-top"]),
     (STUDY.replace("fast-top", "nothing.toml"), ["nothing.toml"]),
     (STUDY.replace("steps", "keep = 3\nsteps"), ["keep"]),
-    (STUDY.replace("steps", "settings = { x = 1 }\nsteps"), ["settings", "x"]),
+    (STUDY.replace("steps", "settings = { x = 1 }\nsteps"), ["setting", "'x'", "fast-top"]),
     (STUDY.replace("steps", "name = 1\nsteps"), ["name"]),
     (STUDY.replace("[grid]", "[grid]\nstart = { q = 1 }"), ["start"]),
 ])

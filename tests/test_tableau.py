@@ -36,8 +36,8 @@ from gyrospark.generator.nodes import (
     gauss_polynomial,
     lobatto_polynomial,
 )
-from gyrospark.generator.real import REALS, round_binary
 from gyrospark.generator.tableau import FIELDS
+from gyrospark.real import REALS, round_binary
 
 X = sp.Symbol("x")
 SQRT3 = sp.sqrt(3)

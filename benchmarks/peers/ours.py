@@ -10,6 +10,9 @@ import numpy as np
 from ..._version import __version__
 from ...errors import InputError
 from ...facade import stepper
+from ...generator.scheme import SchemeName
+from ...generator.spec import RepName
+from ...naming import choose
 from ...runtime.quaternion import angular_velocity
 from ...runtime.stepper import SOLVERS as KNOWN
 from ..tops import INERTIA, State, parameters, tops
@@ -26,10 +29,10 @@ SOLVERS = ("auto", "newton", "fixed-point")
 class Method:
     """A scheme with its time step, its γ or α (None: γ_m) and tolerance (None: round-off)."""
 
-    scheme: str
+    scheme: SchemeName
     stages: int | None
     dt: float
-    rep: str = "gamma"
+    rep: RepName = "gamma"
     inertia: float | None = None
     note: str = ""
     tolerance: float | None = None
@@ -93,7 +96,8 @@ def prepare(method: Method, solver: str) -> Run:
         if abs(steps * method.dt - t_end) > 1e-9 * t_end:
             raise InputError(f"t = {t_end:g} s is no whole number of steps of {method.dt:g} s.")
         end = step.integrate(top.q, top.p, dt=method.dt, steps=steps, every=max(steps, 1),
-                             parameters=values, solver=solver, tolerance=method.tolerance)
+                             parameters=values, solver=choose("solver", solver, KNOWN),
+                             tolerance=method.tolerance)
         q = np.asarray(end.q[-1], dtype=np.float64)
         return State(q, angular_velocity(q, end.p[-1], INERTIA))
 

@@ -7,9 +7,12 @@ import fractions
 import math
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import sympy as sp
 
 import gyrospark as gs
 from gyrospark.errors import GyrosparkError
@@ -70,6 +73,9 @@ def odd(choices: Choices) -> Any:
         fractions.Fraction(1, 3), decimal.Decimal("0.1"), np.float32(1), np.int64(3), np.bool_(1),
         np.array(1.0), np.array([]), np.zeros((0, 4)), np.array([None] * 4), [[]], [10**400] * 4,
         np.longdouble("1e4000"), float, 1j, "auto", np.datetime64("2020"), [1, "a", 2, 3],
+        "m", lambda *a: None, sp.Symbol("x"), sp.pi, sp.eye(2), pd.Series([1.0, 2.0]),
+        pd.DataFrame({"a": [1.0]}), ["a", "b"], np.array(["a", "b", "c", "d"]), {1.0, 2.0},
+        [None] * 4, [True] * 4, 1e1, -0.0, np.zeros((2, 3, 4)), Path("nowhere"), "\ud800",
     ))
 
 

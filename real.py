@@ -1,15 +1,23 @@
-"""The floating-point types that C can be emitted in, and correct rounding to them."""
+"""The floating-point types: one record each, for the generator, the runtime and the stores.
+
+Known here and nowhere else: how C writes a type, how many digits it has, how Python holds it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Literal
 
-import mpmath as mp
+import numpy as np
 
-from .nodes import Enclosure
+if TYPE_CHECKING:
+    from .generator.nodes import Enclosure
 
-__all__ = ["REALS", "Real", "round_binary"]
+__all__ = ["REALS", "Real", "RealName", "round_binary"]
+
+#: What ``real`` may be; the keys of ``REALS``, for editors and type checkers.
+RealName = Literal["double", "float", "long-double", "float128"]
 
 
 @dataclass(frozen=True)
@@ -32,15 +40,31 @@ class Real:
         What the names of the type's limits in ``<float.h>`` begin with.
     bytes : int
         The most it takes in memory.
+    dtype : type
+        Of NumPy's arrays of it; ``object`` where they hold mpmath numbers.
+    stored : str
+        NumPy's code of the numbers that stores and tables hold: at most a double.
     """
 
-    name: str
+    name: RealName
     c_type: str
     bits: int
     digits: int
     suffix: str
     limits: str
     bytes: int
+    dtype: Any
+    stored: str
+
+    @property
+    def wide(self) -> bool:
+        """Whether it has more digits than a double."""
+        return self.bits > 53
+
+    @property
+    def in_mpmath(self) -> bool:
+        """Whether Python holds it as mpmath numbers."""
+        return self.dtype is object
 
     def literal(self, value: Fraction) -> str:
         """Return a C literal that reads back to the value rounded to this type."""
@@ -49,6 +73,8 @@ class Real:
             return f"{int(rounded)}.0{self.suffix}"
         if self.bits == 53:
             return repr(float(rounded))
+        import mpmath as mp  # costs time, and running a stepper writes no literals
+
         with mp.workprec(self.bits + 64):
             number = mp.mpf(rounded.numerator) / rounded.denominator
             return str(mp.nstr(number, self.digits, strip_zeros=True)) + self.suffix
@@ -62,13 +88,13 @@ class Real:
         return low
 
 
-REALS = {
+REALS: dict[RealName, Real] = {
     real.name: real
     for real in (
-        Real("float", "float", 24, 9, "f", "FLT", 4),
-        Real("double", "double", 53, 17, "", "DBL", 8),
-        Real("long-double", "long double", 64, 21, "L", "LDBL", 16),
-        Real("float128", "_Float128", 113, 36, "F128", "FLT128", 16),
+        Real("double", "double", 53, 17, "", "DBL", 8, np.float64, "f8"),
+        Real("float", "float", 24, 9, "f", "FLT", 4, np.float32, "f4"),
+        Real("long-double", "long double", 64, 21, "L", "LDBL", 16, np.longdouble, "f8"),
+        Real("float128", "_Float128", 113, 36, "F128", "FLT128", 16, object, "f8"),
     )
 }
 

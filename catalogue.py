@@ -1,0 +1,81 @@
+"""Everything with a name that can be integrated: systems, problems and models, one list.
+
+    system     H and g alone: a stepper can be made for it
+    problem    a system of the paper with its numbers and, where known, its exact motion
+    model      bodies put together, with their numbers
+
+Python (``gs.problems``, ``gs.models``, ``stepper(system=...)``), the command line, certificates
+and sweeps all look names up here. An entry costs nothing until it is made.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Literal
+
+from .errors import InputError
+from .naming import listed, proposal, shown
+
+__all__ = ["MODELS", "PROBLEMS", "SYSTEMS", "Entry", "entry_named"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A name, and where the function lives that makes what it stands for.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line; ``-`` and ``_`` are the same there.
+    kind : {"system", "problem", "model"}
+        What ``make`` returns: a System, a Problem or a Model.
+    home : str
+        The module of the function, which is called as the entry with ``_``.
+    """
+
+    name: str
+    kind: Literal["system", "problem", "model"]
+    home: str
+
+    def make(self, *arguments: Any, **options: Any) -> Any:
+        """Return what the name stands for; a system takes ``rep`` as its argument."""
+        return self._function(*arguments, **options)
+
+    @property
+    def options(self) -> list[str]:
+        """The names of the arguments that ``make`` takes, but for ``rep``."""
+        return [name for name in inspect.signature(self._function).parameters if name != "rep"]
+
+    @property
+    def _function(self) -> Any:
+        module = import_module(f".{self.home}", __package__)
+        return getattr(module, self.name.replace("-", "_"))
+
+
+def _entries(kind: Literal["system", "problem", "model"], home: str, *names: str
+             ) -> dict[str, Entry]:
+    return {name: Entry(name, kind, home) for name in names}
+
+
+SYSTEMS = _entries("system", "generator.rigid_body", "heavy_top", "free_body")
+PROBLEMS = _entries("problem", "runtime.problems", "fast-top", "regular-precession", "free-body")
+MODELS = _entries("model", "generator.example_models", "lagrange_top", "satellite",
+                  "double_pendulum", "double_top", "gimbal", "four_bar", "chain")
+
+
+def entry_named(name: Any, what: str = "problem") -> Entry:
+    """Return the problem or model of a name.
+
+    Raises
+    ------
+    InputError
+        Naming them all.
+    """
+    for entry in (*PROBLEMS.values(), *MODELS.values()):
+        if isinstance(name, str) and name.replace("_", "-") == entry.name.replace("_", "-"):
+            return entry
+    names = [*PROBLEMS, *MODELS]
+    raise InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "
+                     f"ending in .toml{proposal(name, names)}.")

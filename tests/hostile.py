@@ -1,0 +1,235 @@
+"""Calls of everything public with arguments that nobody should give, one at a time.
+
+Each call is one that works; then each of its arguments in turn is each of ``WRONG``. What comes
+back is a result or an error of gyrospark's own, in a sentence: never an AttributeError, KeyError
+or TypeError from within.
+"""
+
+from __future__ import annotations
+
+import decimal
+import fractions
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import sympy as sp
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+
+WRONG: dict[str, Any] = {
+    "text": "abc", "empty text": "", "bytes": b"ab", "none": None, "function": lambda *a: None,
+    "texts": ["a", "b"], "nan": math.nan, "inf": math.inf, "complex": 1j, "huge": 10**400,
+    "bool": True, "minus": -1, "zero": 0, "half": 0.5, "block": np.zeros((2, 3, 4)),
+    "empty": [], "dict": {}, "other dict": {1: object()}, "set": {1.0, 2.0}, "object": object(),
+    "class": float, "symbol": sp.Symbol("x"), "pi": sp.pi, "matrix": sp.eye(2),
+    "fraction": fractions.Fraction(1, 3), "decimal": decimal.Decimal("NaN"),
+    "ragged": [[1.0], [1.0, 2.0]], "strings": np.array(["a", "b", "c", "d"]),
+    "complexes": np.array([1j, 2, 3, 4]), "nones": [None] * 4, "bools": [True] * 4,
+    "series": pd.Series([1.0, 2.0]), "frame": pd.DataFrame({"a": [1.0]}),
+    "date": np.datetime64("2020-01-01"), "generator": (x for x in ()), "path": Path("nowhere"),
+    "surrogate": "\ud800", "nul": "a\0b", "long": "x" * 1000,
+}
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call that works: ``make()`` returns what is called and its arguments."""
+
+    name: str
+    make: Callable[[], tuple[Callable[..., Any], dict[str, Any]]]
+    #: Arguments that are left as they are: whatever stands there is meant so, or costs too much.
+    kept: tuple[str, ...] = ()
+    #: Wrong values that are left out.
+    spared: tuple[str, ...] = field(default=())
+
+    def variants(self) -> Iterator[tuple[str, str]]:
+        """Yield the names of arguments and of wrong values."""
+        _, arguments = self.make()
+        for argument in arguments:
+            if argument not in self.kept:
+                for wrong in WRONG:
+                    spared = argument == "progress" and wrong == "class"  # it can be called
+                    if wrong not in self.spared and not spared:
+                        yield argument, wrong
+
+    def try_one(self, argument: str, wrong: str) -> str:
+        """Make the call with one wrong argument; return how it ended."""
+        function, arguments = self.make()
+        try:
+            function(**arguments | {argument: WRONG[wrong]})
+        except gs.GyrosparkError as error:
+            text = str(error)
+            assert text.rstrip().endswith((".", ")", "]", "?")) or "\n" in text, text
+            assert len(text) < 3000, text[:200]
+            return "refused"
+        return "accepted"
+
+
+def calls(tmp_path: Path | None) -> list[Call]:
+    """Return a call for everything public; without a folder only to name them."""
+    tmp_path = tmp_path or Path()
+    step = gs.stepper("G-L", 3)
+    q, p = TOP.q0, TOP.p0
+    run = {"dt": 1e-3, "parameters": PARAMETERS}
+    state = {"q": q, "p": p}
+    made = step.integrate(q, p, steps=3, **run)
+    x, y = sp.symbols("x y", real=True)
+    m = sp.Symbol("m", positive=True)
+
+    def plain(name: str, function: Callable[..., Any], /, **arguments: Any) -> Call:
+        return Call(name, lambda: (function, arguments))
+
+    found = [
+        plain("stepper", gs.stepper, scheme="G-L", stages=3, rep="gamma", system="heavy_top",
+              tableau=None, real="double", allow_invalid=False),
+        plain("tableau", gs.tableau, scheme="G-L", stages=2),
+        plain("gamma_m", gs.gamma_m, inertia=TOP.inertia),
+        plain("gamma_h", gs.gamma_h, inertia=TOP.inertia),
+        plain("gamma_m_tilde", gs.gamma_m_tilde, inertia=TOP.inertia),
+        plain("gamma_h_tilde", gs.gamma_h_tilde, inertia=TOP.inertia),
+        plain("gamma_fast", gs.gamma_fast, inertia=TOP.inertia, omega=(0, 0, 1)),
+        plain("momentum", gs.momentum, q=q, omega=(1, 2, 3), inertia=TOP.inertia),
+        plain("rotation_matrix", gs.rotation_matrix, x=sp.symbols("q0:4")),
+        plain("state_from_rotation", gs.state_from_rotation, rotation=np.eye(3),
+              angular_velocity=(1, 2, 3), inertia=TOP.inertia),
+        plain("consistent", gs.consistent, system=step, **state, parameters=PARAMETERS),
+        plain("consistent", gs.consistent, system=gs.System((x,), (y,), (m,), y**2 / (2 * m)),
+              q=[1.0], p=[1.0], parameters={"m": 1.0}),
+        plain("choose_gamma", gs.choose_gamma, stepper=step, **state, dt=1e-2,
+              parameters=TOP.parameters, bodies={"gamma": TOP.inertia}, steps=4, aim="energy",
+              t0=0.0, run_steps=4),
+        plain("load_model", gs.load_model, path=str(tmp_path / "none.toml"), rep="gamma"),
+        plain("open_recording", gs.open_recording, path=str(tmp_path / "none.zarr")),
+        plain("open_sweep", gs.open_sweep, path=str(tmp_path / "none.zarr")),
+        plain("fast_top", gs.problems.fast_top),
+        plain("regular_precession", gs.problems.regular_precession, radius_ratio=0.5, rate=30.0,
+              height=0.1, density=2700.0, mass=1.0, gravity=9.81),
+        plain("free_body", gs.problems.free_body, inertia=(2, 1.5, 1), angular_velocity=(1, 2, 3),
+              attitude=(1, 0, 0, 0)),
+        plain("cone_mass", gs.problems.cone_mass, density=1.0, radius=1.0, height=1.0),
+        plain("Problem", gs.problems.Problem, name="a", parameters={}, q0=q, p0=p,
+              inertia=TOP.inertia, system="heavy_top", exact=None, description=""),
+        plain("lagrange_top", gs.models.lagrange_top, rep="gamma"),
+        plain("satellite", gs.models.satellite, rep="gamma", rate=1e-3),
+        plain("double_pendulum", gs.models.double_pendulum, angles=(1, 2)),
+        plain("double_top", gs.models.double_top, rep="gamma"),
+        plain("gimbal", gs.models.gimbal, rep="gamma"),
+        plain("four_bar", gs.models.four_bar, rate=1.0),
+        plain("chain", gs.models.chain, count=1, rep="gamma"),
+        plain("step", step.step, **state, **run, t0=0.0, solver="auto", tolerance=1e-12,
+              max_iterations=50),
+        plain("integrate", step.integrate, **state, **run, steps=3, t0=0.0, every=1, solver="auto",
+              tolerance=1e-12, max_iterations=50, progress=None),
+        plain("integrate_ensemble", step.integrate_ensemble, q=[q, q], p=[p, p], **run, steps=3,
+              t0=0.0, every=1, solver="auto", tolerance=1e-12, max_iterations=50, workers=1),
+        plain("residual", step.residual, x=np.zeros(step.unknowns), **state, **run, t=0.0),
+        plain("jacobian", step.jacobian, x=np.zeros(step.unknowns), **state, **run, t=0.0),
+        plain("guess", step.guess, **state, **run, t=0.0),
+        plain("energy", step.energy, **state, parameters=PARAMETERS),
+        plain("quantities", step.quantities, **state, parameters=PARAMETERS, t=0.0),
+        plain("defects", step.defects, **state, parameters=PARAMETERS),
+        plain("project", step.project, **state, parameters=PARAMETERS),
+        plain("Stepper.consistent", step.consistent, **state, parameters=PARAMETERS),
+        plain("quantity", made.quantity, name="none"),
+        plain("axis", made.axis, body=None),
+        plain("rotation", made.rotation, body=None),
+        plain("angular_velocity", made.angular_velocity, body=None),
+        plain("save", made.save, path=tmp_path / "a.npz"),
+        plain("load", gs.Trajectory.load, path=tmp_path / "none.npz"),
+        plain("plot", made.plot, path=tmp_path / "a.png"),
+        plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
+              constraints=(), name="a", constraint_names=(), forces=(), time=None,
+              quantities={"z": x}, rigid_body=False, bodies=()),
+        plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),
+              parameters=(), torque=(), quantities={}, tensor=False),
+        plain("Multibody", gs.Multibody, name="a", gravity=(0, 0, -9.81), dt=0.1, steps=3,
+              description=""),
+        Call("certify", lambda: (gs.certify, {
+            "model": gs.problems.fast_top(), "scheme": "IMS", "stages": None, "rep": "gamma",
+            "tableau": None, "allow_invalid": False, "dt": 1e-3, "steps": 2, "parameters": {}}),
+            kept=("allow_invalid",), spared=("half", "none", "zero", "empty text", "fraction",
+                                             "dict", "pi")),
+        Call("record", lambda: (gs.record, {
+            "stepper": step, **state, **run, "out": tmp_path / "a.zarr", "steps": 3, "t0": 0.0,
+            "every": 1, "solver": "auto", "tolerance": 1e-12, "max_iterations": 50,
+            "resume": True, "seed": 1, "progress": None})),
+        Call("sweep", lambda: (gs.sweep, {
+            "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
+            "rep": "gamma", "real": "double", "parameters": {}, "dt": 1e-3, "steps": 2,
+            "duration": None, "every": None, "solver": "auto", "tolerance": 1e-12,
+            "max_iterations": 50, "keep": None, "out": None, "resume": False, "workers": 1,
+            "dask": None, "progress": None})),
+    ]
+    return [*found, *recording_calls(tmp_path), *model_calls(), *multibody_calls()]
+
+
+def recording_calls(tmp_path: Path) -> Iterator[Call]:
+    """Yield calls of what a stored run offers."""
+    def stored() -> gs.Recording:
+        path = tmp_path / "kept.zarr"
+        return gs.record(gs.stepper("G-L", 3), TOP.q0, TOP.p0, dt=1e-3, steps=3, resume=True,
+                         parameters=PARAMETERS, out=path)
+
+    yield Call("Recording.trajectory", lambda: (stored().trajectory, {"first": 0, "thin": 1}))
+    yield Call("Recording.export", lambda: (stored().export, {"path": tmp_path / "a.npz"}))
+
+
+def model_calls() -> Iterator[Call]:
+    """Yield calls about models and their numbers."""
+    x, y = sp.symbols("x y", real=True)
+    system = gs.System((x,), (y,), (), H=y**2 / 2)
+
+    def model() -> tuple[Callable[..., Any], dict[str, Any]]:
+        return gs.Model, {"system": system, "parameters": {}, "q0": [1.0], "p0": [1.0],
+                          "bodies": {}, "dt": 0.1, "steps": 3, "description": ""}
+
+    yield Call("Model", model)
+
+
+def multibody_calls() -> Iterator[Call]:
+    """Yield calls of every method of a builder, and of a body."""
+    inertia = (0.1, 0.12, 0.13)
+
+    def of(method: str, /, **arguments: Any) -> Call:
+        def make() -> tuple[Callable[..., Any], dict[str, Any]]:
+            build = gs.Multibody("b")
+            top = build.top("t", mass=1, inertia=inertia, centre=(0, 0, 1))
+            body = build.body("u", mass=1, inertia=inertia)
+            known = {"top": top, "body": body, "ground": build.ground}
+            given = {key: known.get(value, value) if isinstance(value, str) else value
+                     for key, value in arguments.items()}
+            return getattr(build, method), given
+
+        return Call(f"Multibody.{method}", make)
+
+    yield of("body", name="c", mass=1.0, inertia=inertia, rep="gamma", weight=0.1,
+             position=(0, 0, 0), quaternion=(1, 0, 0, 0), velocity=(0, 0, 0),
+             angular_velocity=(0, 0, 0))
+    yield of("body", name="c", mass=1.0, inertia=inertia, rotation=np.eye(3))
+    yield of("top", name="c", mass=1.0, inertia=inertia, centre=(0, 0, 1), at=(0, 0, 0),
+             rep="gamma", weight=0.1, quaternion=(1, 0, 0, 0), angular_velocity=(0, 0, 0))
+    yield of("ball", name="j", a="top", b="body", at=None, on_a=(0, 0, 1), on_b=(0, 0, 0))
+    yield of("fixed_point", name="j", body="body", at=(0, 0, 0), on_body=(0, 0, 1))
+    yield of("revolute", name="j", a="top", b="body", axis=(0, 0, 1), at=None, on_a=(0, 0, 1),
+             on_b=(0, 0, 0), rate=1.0)
+    yield of("align", name="j", a="top", b="body", axis=(0, 0, 1), rate=1.0)
+    yield of("rod", name="j", a="top", b="body", on_a=(0, 0, 1), on_b=(0, 0, 0), length=1.0)
+    yield of("spring", name="j", a="top", b="body", stiffness=1.0, length=1.0, on_a=(0, 0, 1),
+             on_b=(0, 0, 0))
+    yield of("potential", expression=sp.Integer(1))
+    yield of("parameter", name="k", value=1.0, positive=False)
+    yield of("force", body="body", force=(0, 0, 1), on_body=(0, 0, 1))
+    yield of("torque", body="body", torque=(0, 0, 1))
+    yield of("quantity", name="k", expression=sp.Integer(1))
+    yield of("model", without=())
+    build = gs.Multibody("b")
+    body = build.body("u", mass=1, inertia=inertia)
+    for method, argument in (("point", "r"), ("direction", "v"), ("point_velocity", "r")):
+        yield Call(f"Body.{method}", lambda method=method, argument=argument: (
+            getattr(body, method), {argument: (0, 0, 1)}))
