@@ -1044,7 +1044,7 @@ typedef struct {
     lanes f2; /* 0.25*k3 */
     lanes f3; /* 0.25*k0 */
     lanes f4; /* 2.0*mgl */
-    int LANES_USED; /* lanes that differ; the others repeat lane 0 */
+    int _used; /* lanes that differ, the others repeat lane 0; no constant begins with _ */
 } lane_constants;
 
 /* Lane i of the constants. */
@@ -2523,7 +2523,7 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     f->patience = 32;
     f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
     const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
-    f->run.constants.LANES_USED = most < W ? most : W;
+    f->run.constants._used = most < W ? most : W;
     for (int i = 0; i < W; ++i)
         stages_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
@@ -2938,7 +2938,7 @@ static int is_finite_lane(const trajectories_t *run, int lane)
 static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
 {
-    b->run.constants.LANES_USED = count < W ? count : W;
+    b->run.constants._used = count < W ? count : W;
     for (int i = 0; i < W; ++i) {
         const int from = i < count ? i : 0;
         constants c;

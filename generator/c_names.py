@@ -1,4 +1,4 @@
-"""Names that C, and the C we write, keep for themselves, so that no constant can have them."""
+"""Names that C keeps for itself, so that no struct member can have them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ KEYWORDS = frozenset(
 )
 
 #: Macros without arguments that <float.h>, <math.h> and <stddef.h> define or reserve, under any
-#: edition of C, those that compilers define on their own, and ours.
+#: edition of C, and those that compilers define on their own.
 _MACRO = re.compile(
     r"""
     NULL | NAN | INFINITY | HUGE | HUGE_VAL\w* | SNAN\w* | MAXFLOAT | DECIMAL_DIG
-    | GYROSPARK_PLAIN | LANE_BYTES | LANES_USED | INLINE | NOINLINE
+    | GYROSPARK_PLAIN | LANE_BYTES | INLINE | NOINLINE
     | math_errhandling | linux | unix | i386
     | (FLT | DBL | LDBL | DEC[0-9]* | FP | MATH)_[A-Z0-9_]+
     | M_(E | LOG2E | LOG10E | LN2 | LN10 | PI | PI_2 | PI_4 | 1_PI | 2_PI | 2_SQRTPI | SQRT2

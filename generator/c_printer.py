@@ -66,7 +66,7 @@ class CPrinter:
         self.operations[name] += 1
         end = "" if self.prefix or not suffix else self.real.suffix.lower()
         singly = self.prefix and name not in ON_LANES
-        texts = [*(["c->LANES_USED"] if singly else []), *map(self.number, arguments)]
+        texts = [*(["c->_used"] if singly else []), *map(self.number, arguments)]
         return f"{self.prefix}{name}{end}({', '.join(texts)})"
 
     def _text(self, e: sp.Expr) -> tuple[str, int]:

@@ -88,7 +88,7 @@ def _is_number(value: Any, real: RealName = "double") -> bool:
     return True
 
 
-def _about_run(run: Mapping[str, Any], real: str) -> Iterator[str]:
+def _about_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
     """Yield what is wrong with the run's arguments."""
     for name, least in (("steps", 0), ("every", 1)):
         if not _is_count(run.get(name), least):
