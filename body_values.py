@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from fractions import Fraction
-from typing import Any, TypeAlias, cast
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,15 @@ from .exact import exact, knowing
 from .naming import shown
 from .remarks import remark
 
-__all__ = ["Inertia", "InertiaLike", "Moments", "Tensor", "as_inertia", "as_moments",
-           "as_moments_or_tensor", "inertia_matrix", "inertia_rows", "inverse_entries", "is_tensor",
-           "moments_of", "quaternion_of_matrix", "real_array", "remark_on_angles",
-           "tensor_of_inverse", "unit_quaternions"]
+__all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
+           "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
+           "inverse_entries", "is_tensor", "moments_of", "quaternion_of_matrix", "real_array",
+           "remark_on_angles", "tensor_of_inverse", "unit_quaternions"]
+
+#: The two representations of the inertia, by the parameter that each adds; ``RepName`` are its
+#: entries, for editors and type checkers.
+RepName = Literal["alpha", "gamma"]
+REPS: tuple[RepName, ...] = ("alpha", "gamma")
 
 Array = NDArray[np.float64]
 Moments: TypeAlias = tuple[float, float, float]

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .arguments import as_mapping
+from .body_values import RepName
 from .catalogue import SYSTEMS
 from .errors import InputError
 from .facade import stepper as make_stepper
@@ -26,7 +27,6 @@ from .generator.model import Model
 from .generator.momentum_maps import MAX_COORDINATES, MomentumMap, momentum_maps
 from .generator.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeName, scheme_named
 from .generator.smoothness import Switching
-from .generator.spec import RepName
 from .naming import shown
 from .runtime.checks import as_positive_count, as_step
 from .runtime.inertia import gamma_m

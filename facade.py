@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 
 from ._version import __version__
 from .arguments import as_flag
+from .body_values import RepName
 from .catalogue import MODELS
 from .errors import InputError
 from .generator.scheme import SchemeName
-from .generator.spec import RepName, Spec
+from .generator.spec import Spec
 from .generator.text_file import UnusableFileError, model_text, read_text
 from .naming import shown
 from .projection import Projection, project

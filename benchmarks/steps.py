@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from ..body_values import RepName
 from ..errors import GyrosparkError
 from ..facade import stepper
 from ..generator.scheme import SchemeName
-from ..generator.spec import RepName
 from ..naming import choose
 from ..runtime.inertia import gamma_m
 from ..runtime.problems import Problem, fast_top, free_body

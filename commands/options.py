@@ -11,10 +11,11 @@ from typing import Any
 
 import click
 
+from ..body_values import REPS
 from ..errors import InputError
 from ..exact import Rounded, decimal
 from ..generator.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
-from ..generator.spec import REPS, Spec
+from ..generator.spec import Spec
 from ..naming import listed
 from ..real import REALS
 from ..runtime.endings import PICTURES, ending_of

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..body_values import REPS
 from ..catalogue import SYSTEMS, entry_named
 from ..errors import InputError
 from ..generator.scheme import SCHEMES
-from ..generator.spec import PAPER_SPECS, REPS, Spec, is_model_file
+from ..generator.spec import PAPER_SPECS, Spec, is_model_file
 from ..real import REALS
 from ..runtime.notices import doing
 from .options import (

@@ -20,14 +20,13 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..body_values import remark_on_angles
+from ..body_values import RepName, remark_on_angles
 from ..errors import InputError
 from ..naming import shown, whole
 from .bodies import Body, Frame
 from .model import Model
 from .multibody import Multibody
 from .poses import finite, rotation
-from .spec import RepName
 
 __all__ = [
     "chain", "double_pendulum", "double_top", "four_bar", "gimbal", "lagrange_top", "satellite",

@@ -35,6 +35,7 @@ from typing import Any, cast
 
 import sympy as sp
 
+from ..body_values import REPS, RepName
 from ..errors import InputError
 from .bodies import Body, Frame
 from .grammar import RATES
@@ -44,7 +45,6 @@ from .model_parts import Formulas, run_length
 from .model_table import Table
 from .multibody import Multibody
 from .poses import Attitude
-from .spec import REPS, RepName
 
 __all__ = ["read_bodies"]
 

@@ -14,6 +14,7 @@ from typing import Any, cast
 import sympy as sp
 
 from ..body_values import (
+    REPS,
     Inertia,
     Moments,
     as_inertia,
@@ -30,7 +31,6 @@ from .model import Model, whole_array
 from .model_parts import Formulas, run_length
 from .model_table import Table
 from .rigid_body import INVERSE, Rep, body_system, moments, p, q
-from .spec import REPS
 
 __all__ = ["ATTITUDES", "inertia_numbers", "read_attitude", "read_body"]
 

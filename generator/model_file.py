@@ -48,6 +48,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ..arguments import as_path
+from ..body_values import REPS, RepName
 from ..catalogue import SYSTEMS
 from ..errors import InputError
 from ..naming import choose, listed, proposal, shown
@@ -59,7 +60,6 @@ from .model_body import read_body
 from .model_parts import Formulas, Numbers
 from .model_system import read_system
 from .model_table import Table, load_toml
-from .spec import REPS, RepName
 from .text_file import model_text
 
 __all__ = ["ModelFile", "load_model", "parse_model", "read_model"]

@@ -19,7 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import as_flag, as_items, as_text
 from ..body_values import (
+    REPS,
     Inertia,
+    RepName,
     as_inertia,
     inverse_entries,
     is_tensor,
@@ -34,7 +36,6 @@ from .model import Model
 from .numeric_system import NumericConstraints, NumericSystem
 from .poses import Pose, attitude, finite, in_range, rotation, settle, three, unit
 from .redundancy import refuse_redundant
-from .spec import REPS, RepName
 from .system import System, as_expression, few
 
 __all__ = ["Multibody"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..body_values import REPS
 from ..catalogue import MODELS, SYSTEMS
 from ..errors import TableauError
 from ..real import REALS
@@ -16,7 +17,7 @@ from .redundancy import refuse_redundant_anywhere
 from .scheme import scheme_named
 from .schemes import MeanScheme, SparkScheme, hoisted
 from .smoothness import refuse_kinks
-from .spec import REPS, Spec, join_name
+from .spec import Spec, join_name
 from .system import System
 from .tableau import Tableau
 from .tableau_file import read_tableau

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
+from ..body_values import REPS
 from ..catalogue import MODELS, SYSTEMS
 from ..errors import InputError
 from ..naming import choose, listed, shown, whole
 from ..real import REALS, RealName
 from .scheme import SCHEMES, Scheme, scheme_named
 
-__all__ = ["MAX_STAGES", "PAPER_SPECS", "REPS", "RepName", "Spec", "is_model_file"]
+__all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
 
-#: What ``rep`` may be; the entries of ``REPS``, for editors and type checkers.
-RepName = Literal["alpha", "gamma"]
-REPS: tuple[RepName, ...] = ("alpha", "gamma")
 MAX_STAGES = 16
 #: The scheme of a spec whose tableau is given.
 OWN = "SPARK"

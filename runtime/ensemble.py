@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, StepFailed, Stopped
 from ..exact import Number
-from .checks import as_numbers, as_positive_count, refuse_auto, shown
+from ..naming import shown
+from .checks import as_numbers, as_positive_count
 from .interrupts import ctrl_c
+from .parameters import refuse_auto
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:

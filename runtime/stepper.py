@@ -16,7 +16,7 @@ from ..naming import choose
 from ..projection import Projection, project, report
 from ..real import REALS, RealName
 from .binding import REASONS, SOLVERS, Binding, SolverName
-from .checks import as_callback, as_parameters, as_positive_count, as_real, as_step
+from .checks import as_callback, as_positive_count, as_real, as_step
 from .compiled_constraints import CompiledConstraints
 from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
@@ -27,6 +27,7 @@ from .integration import Run, course, failure_of, integrate
 from .lanes import Member, integrate_lanes
 from .manifest import read_manifest, remarks_of
 from .module import load_module, provenance
+from .parameters import as_parameters
 from .trajectory import Trajectory
 
 __all__ = ["SOLVERS", "Stepper"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..generator.spec import REPS
+from ..body_values import REPS
 from ..naming import choose
 from ..runtime.closed_forms import RegularPrecession
 from .engine import Case, Engine, Quantity, scheme_of

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..generator.spec import RepName
+from ..body_values import RepName
 from ..real import RealName
 from .engine import Case, Engine, Quantity, scheme_of
 from .fit import fit_slope

@@ -20,11 +20,11 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body_values import RepName
 from ..catalogue import PROBLEMS
 from ..errors import InputError
 from ..facade import stepper
 from ..generator.scheme import SchemeName, scheme_named
-from ..generator.spec import RepName
 from ..real import RealName
 from ..reference import reference_axis
 from ..runtime.inertia import MEANS

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..generator.spec import RepName
+from ..body_values import RepName
 from ..real import RealName
 from .engine import Case, Engine, Quantity, scheme_of
 from .fit import Line, crossing, fit_line

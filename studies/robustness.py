@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
+from ..body_values import RepName
 from ..facade import stepper
 from ..generator.scheme import SchemeName
-from ..generator.spec import RepName
 from ..runtime.problems import fast_top
 from .engine import Engine, parameter_value
 from .inexact_jacobian import inexact_stepper

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body_values import RepName
 from ..facade import stepper
 from ..generator.scheme import SchemeName
-from ..generator.spec import RepName
 from ..real import RealName
 from ..runtime.problems import fast_top
 from ..runtime.quaternion import rotation_matrix

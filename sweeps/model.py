@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body_values import unit_quaternions
+from ..body_values import REPS, unit_quaternions
 from ..catalogue import entry_named
 from ..errors import InputError
-from ..generator.spec import REPS, Spec, is_model_file
+from ..generator.spec import Spec, is_model_file
 from ..naming import choose, proposal
 from ..runtime.inertia import MEANS, gamma_m
 from ..runtime.problems import Problem

@@ -13,7 +13,8 @@ from ..errors import InputError
 from ..naming import choose, listed, proposal
 from ..real import REALS
 from ..runtime.binding import SOLVERS, SolverName
-from ..runtime.checks import as_parameters, as_positive_count, as_real, as_step
+from ..runtime.checks import as_positive_count, as_real, as_step
+from ..runtime.parameters import as_parameters
 from .axes import SCHEME, START, Axis
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ import numpy as np
 
 from .._version import __version__
 from ..arguments import as_flag
+from ..body_values import RepName
 from ..errors import InputError, Stopped, StorageError
 from ..exact import digits_of
 from ..generator.scheme import SchemeName
-from ..generator.spec import RepName
 from ..real import RealName
 from ..runtime.binding import SolverName
 from ..runtime.checks import as_callback, as_positive_count

@@ -12,12 +12,13 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark import naming
+from gyrospark.body_values import REPS, RepName
 from gyrospark.catalogue import MODELS, PROBLEMS, SYSTEMS, entry_named
 from gyrospark.commands.verify import _model as model_of_verify
 from gyrospark.generator.model_expressions import parse_formula
 from gyrospark.generator.pipeline import generate, tableau_of
 from gyrospark.generator.scheme import SCHEMES, SchemeName
-from gyrospark.generator.spec import REPS, RepName, Spec
+from gyrospark.generator.spec import Spec
 from gyrospark.real import REALS, RealName
 from gyrospark.runtime.binding import SOLVERS, SolverName
 from gyrospark.runtime.inertia import AIMS, Aim

@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from ..._version import __version__
+from ...body_values import RepName
 from ...errors import InputError
 from ...facade import stepper
 from ...generator.scheme import SchemeName
-from ...generator.spec import RepName
 from ...naming import choose
 from ...runtime.quaternion import angular_velocity
 from ...runtime.stepper import SOLVERS as KNOWN
