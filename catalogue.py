@@ -44,6 +44,12 @@ class Entry:
         return self._function(*arguments, **options)
 
     @property
+    def about(self) -> str:
+        """What it is, the first sentence of its function's docstring."""
+        first = inspect.getdoc(self._function) or ""
+        return " ".join(first.partition("\n\n")[0].split()).removeprefix("Return ")
+
+    @property
     def options(self) -> list[str]:
         """The names of the arguments that ``make`` takes, but for ``rep``."""
         return [name for name in inspect.signature(self._function).parameters if name != "rep"]

@@ -24,6 +24,7 @@ from .bench import bench
 from .cache import cache
 from .export import export
 from .generate import generate
+from .models import models
 from .reproduce import reproduce
 from .run import run
 from .sweep import sweep
@@ -45,7 +46,7 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, verify, run, sweep, export, reproduce, bench, cache):
+for command in (generate, models, verify, run, sweep, export, reproduce, bench, cache):
     gyrospark.add_command(command)
 
 
