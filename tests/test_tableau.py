@@ -154,6 +154,15 @@ def test_conditions_that_cannot_fix_every_column_are_refused():
         solve_rows(nodes, nodes, 2)
 
 
+def test_coefficients_of_large_polynomials_cancel_without_harm():
+    """Degree 34: terms of 1e13 and more, of which nothing but a root is left."""
+    roots = enclose_roots(gauss_polynomial(34))
+    assert len(roots) == 34
+    with mpmath.workdps(60):
+        for e, root in zip(roots, independent_nodes("gauss", 34), strict=True):
+            assert abs(mpmath.mpf(e.centre.numerator) / e.centre.denominator - root) < 1e-50
+
+
 @pytest.mark.parametrize("polynomial", [sp.Poly((X - 1) ** 2, X), sp.Poly(X**2 + 1, X)])
 def test_polynomial_without_simple_real_roots_is_refused(polynomial):
     with pytest.raises(TableauError, match=r"No sign change|not distinct|not simple"):
