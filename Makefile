@@ -19,7 +19,7 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
 	    -m gyrospark $(addprefix -p gyrospark.,benchmarks commands generator runtime storage studies sweeps) \
-	    $(addprefix -m gyrospark.,__main__ certificate exact facade reference verification)
+	    $(addprefix -m gyrospark.,__main__ certificate exact examination facade promises reference round_off verification)
 
 # Bring the checked-in steppers up to date.
 generated: .venv/ready

@@ -50,6 +50,8 @@ def verify(
 ) -> int:
     """Check every condition of a tableau exactly, its order, and the compiled coefficients.
 
+    A tableau in decimals is checked to the digits that it has, and told so.
+
     NAME is a stepper such as heavy_top_gl3_gamma, FILE a tableau as JSON; without either and
     without --scheme, every stepper of the paper is checked. With --model, a run of a problem or
     of a model file is checked instead (3-G-L without --scheme): the loop invariant, reversal,

@@ -11,7 +11,7 @@ Residuals are exact: zero is proved, not measured (``node_algebra``).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
@@ -22,10 +22,10 @@ import sympy as sp
 from .multipliers import multiplier_condition, multiplier_inverse
 from .node_algebra import Nodes, ValueNodes, column, power
 from .nodes import enclose_roots
-from .separation import enclosure, vanishes
+from .separation import enclosure, vanishes_to
 from .tableau import Tableau
 
-__all__ = ["Condition", "check_tableau", "order", "remarks"]
+__all__ = ["Condition", "check_tableau", "invariant_conditions", "order", "remarks"]
 
 Matrix = Any
 
@@ -48,7 +48,8 @@ class Condition:
     ``required`` conditions make the step well defined and keep its constraints, or are what the
     family (or the file) says of itself; the others are properties that a method may lack.
     ``found`` says what is so, ``holds`` whether that is as it should be or was said to be.
-    ``residual`` is 0 where it was proved zero, else its largest entry as a number.
+    ``residual`` is "0" where it was proved zero, "0 to 16 digits" where it is as far as decimals
+    can say, else its largest entry as a number.
     """
 
     name: str
@@ -117,10 +118,7 @@ def is_zero(residual: Matrix, tableau: Tableau) -> bool:
 
 @cache
 def _entry_is_zero(entry: sp.Expr, digits_given: int | None) -> bool:
-    if digits_given is None:
-        return vanishes(entry)
-    # s products of entries that are each half a unit off in their last given digit
-    return bool(abs(enclosure(entry)).b < mp.mpf(10) ** (1 - min(digits_given, 50)))
+    return vanishes_to(entry, digits_given)
 
 
 def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp.mpf:
@@ -174,10 +172,12 @@ def order(tableau: Tableau) -> int:
     """Return the order that B, C and D guarantee, for each of the four coefficient matrices.
 
     Butcher's theorem, order = min(B, C + D + 1, 2C + 2), carried to partitioned and constrained
-    systems by Jay (SIAM J. Numer. Anal. 45, 2007). ``observed_order`` measures the same number
-    on a test problem, which is the second way to it.
+    systems by Jay (SIAM J. Numer. Anal. 45, 2007); the order of a symmetric method is even. A
+    method may have a higher order than these conditions show: they are sufficient.
+    ``observed_order`` measures it on a test problem, which is the second way to it.
     """
-    return min(bound for bound, _ in _bounds(tableau))
+    bound = min(bound for bound, _ in _bounds(tableau))
+    return bound + bound % 2 if is_symmetric(tableau) else bound
 
 
 def _bounds(tableau: Tableau) -> list[tuple[int, str]]:
@@ -202,7 +202,7 @@ def check_tableau(tableau: Tableau) -> list[Condition]:
 @cache
 def _checked(tableau: Tableau) -> tuple[Condition, ...]:
     found = counts(tableau)
-    return (
+    lines = (
         *_structure(tableau),
         _determined(tableau),
         *(_symplectic(tableau)),
@@ -210,6 +210,10 @@ def _checked(tableau: Tableau) -> tuple[Condition, ...]:
         _symmetric(tableau),
         _order(tableau),
     )
+    if tableau.digits_given is None:
+        return lines
+    size = f"0 to {tableau.digits_given} digits"  # of rounded numbers no more can be known
+    return tuple(replace(line, residual=size) if line.residual == "0" else line for line in lines)
 
 
 def remarks(tableau: Tableau) -> list[str]:
@@ -226,9 +230,10 @@ def remarks(tableau: Tableau) -> list[str]:
             said.append(f"not {clause}")
     quadrature = counts(tableau)["B"]
     if tableau.order < quadrature:
-        limits = dict.fromkeys(text for bound, text in _bounds(tableau) if bound == tableau.order)
-        said.append(f"order {tableau.order} although b is exact to order {quadrature}: limited by "
-                    f"{', '.join(limits)}")
+        least = min(bound for bound, _ in _bounds(tableau))
+        limits = dict.fromkeys(text for bound, text in _bounds(tableau) if bound == least)
+        said.append(f"order {tableau.order} is proved, although b is exact to order {quadrature}: "
+                    f"limited by {', '.join(limits)}")
     return said
 
 
@@ -291,6 +296,26 @@ def _symplectic(tableau: Tableau) -> list[Condition]:
     ]
 
 
+def invariant_conditions(tableau: Tableau) -> list[Condition]:
+    """Return what keeps every invariant that is quadratic in (q, p) together, without constraints.
+
+    The pair of A and Â keeps those that are bilinear in q and p (Sanz-Serna, Abia), A alone and Â
+    alone those in q and in p (Cooper).
+    """
+    t, part, s = tableau, tableau.basis, tableau.stages
+    lines = [
+        ("b_i = b̂_i", part["b"] - part["b_hat"], None),
+        ("b_i â_ij + b̂_j a_ji = b_i b̂_j",
+         symplectic_residual(s, s, part["A_hat"], part["A"], part["b"], part["b_hat"]), s),
+        ("b_i a_ij + b_j a_ji = b_i b_j",
+         symplectic_residual(s, s, part["A"], part["A"], part["b"], part["b"]), s),
+        ("b̂_i â_ij + b̂_j â_ji = b̂_i b̂_j",
+         symplectic_residual(s, s, part["A_hat"], part["A_hat"], part["b_hat"], part["b_hat"]), s),
+    ]
+    return [_condition(t, equation, equation, residual, s, columns, required=False)
+            for equation, residual, columns in lines]
+
+
 def _range(tableau: Tableau, label: str, found: dict[str, int]) -> Condition:
     """A quadrature or stage condition: how far it holds, and the residual of the next k."""
     t, part = tableau, tableau.basis
@@ -319,19 +344,26 @@ def _range(tableau: Tableau, label: str, found: dict[str, int]) -> Condition:
     )
 
 
-def _symmetric(tableau: Tableau) -> Condition:
-    t, part = tableau, tableau.basis
-    sizes = []
-    holds, mirrored = True, True
+def is_symmetric(tableau: Tableau) -> bool:
+    """Whether step(−h) undoes step(h)."""
+    return all(residual is not None and is_zero(residual, tableau)
+               for residual, _, _ in _symmetry_residuals(tableau))
+
+
+def _symmetry_residuals(tableau: Tableau) -> Iterator[tuple[Matrix | None, Nodes, Nodes]]:
+    part = tableau.basis
     for name, (_, _, b_columns) in MATRICES.items():
-        rows, columns = t.nodes_of(name)
-        residual = symmetry_residual(rows, columns, part[name], part[b_columns])
-        if residual is None:
-            holds = mirrored = False
-        elif not is_zero(residual, t):
-            holds = False
-            sizes.append(magnitude(residual, rows, columns))
-    claimed = t.claims.get("symmetric")
+        rows, columns = tableau.nodes_of(name)
+        yield symmetry_residual(rows, columns, part[name], part[b_columns]), rows, columns
+
+
+def _symmetric(tableau: Tableau) -> Condition:
+    residuals = list(_symmetry_residuals(tableau))
+    mirrored = all(residual is not None for residual, _, _ in residuals)
+    sizes = [magnitude(*residual) for residual in residuals
+             if residual[0] is not None and not is_zero(residual[0], tableau)]
+    holds = mirrored and not sizes
+    claimed = tableau.claims.get("symmetric")
     return Condition(
         "symmetric",
         "a_(s+1−i,s+1−j) + a_ij = b_j for A, Â, Ã, Ā",
@@ -347,7 +379,8 @@ def _order(tableau: Tableau) -> Condition:
     claimed = tableau.claims.get("order")
     return Condition(
         "order",
-        "min(B, C + D + 1, 2C + 2)" + ("" if claimed is None else f" = {claimed}"),
+        "min(B, C + D + 1, 2C + 2), even if symmetric"
+        + ("" if claimed is None else f", = {claimed}"),
         found=str(found),
         holds=found >= 1 and claimed in (None, found),
         residual="0" if claimed in (None, found) else str(found - (claimed or 0)),

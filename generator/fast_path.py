@@ -317,6 +317,16 @@ class FastTableau:
         return None
 
     @property
+    def _slack(self) -> Fraction:
+        """How far decimals may be from a pair x, 1 − x: as far as conditions on them allow."""
+        digits = self.tableau.digits_given
+        if digits is None:
+            return Fraction(0)
+        weights = [*self.centres["b"], *self.centres["b_tilde"]]
+        smallest: Fraction = min(abs(w) for w in weights if w)
+        return Fraction(1, 10 ** (digits - 1)) / smallest**2
+
+    @property
     def _inverse(self) -> mp.matrix | None:
         return multiplier_inverse(self.tableau)
 
@@ -352,11 +362,12 @@ class FastTableau:
     def tables(self, real: Real) -> dict[str, list[Row]]:
         """Return μ, μ̂, ν, ν̃ and the scaled M⁻¹ as numbers of that type, row by row."""
         part, exact, bits = self.centres, self.scaled, real.bits
-        mu, mu_hat = _paired(exact["mu"], exact["mu_hat"], bits)
+        slack = max(Fraction(1, 2**bits), self._slack)
+        mu, mu_hat = _paired(exact["mu"], exact["mu_hat"], bits, slack)
         onward = _onward(part["c"], part["b"], list(range(self.tableau.s)), bits)
         if not self.tableau.p:
             return {"mu": mu, "mu_hat": mu_hat, "onward": onward}
-        nu, nu_tilde = _paired(exact["nu"], exact["nu_tilde"], bits)
+        nu, nu_tilde = _paired(exact["nu"], exact["nu_tilde"], bits, slack)
         assert self._inverse is not None
         return {
             "mu": mu,
@@ -416,8 +427,10 @@ def _fraction(value: mp.mpf) -> Fraction:
     return -size if sign else size
 
 
-def _paired(x: list[Row], y: list[Row], bits: int) -> tuple[list[Row], list[Row]]:
-    """Round two tables so that y_ij = 1 − x_ji stays exact wherever it holds.
+def _paired(
+    x: list[Row], y: list[Row], bits: int, slack: Fraction
+) -> tuple[list[Row], list[Row]]:
+    """Round two tables so that y_ij = 1 − x_ji is exact wherever it holds to a slack.
 
     Of such a pair the member of at least ½ is rounded; 1 minus it is a binary number again.
     """
@@ -425,7 +438,7 @@ def _paired(x: list[Row], y: list[Row], bits: int) -> tuple[list[Row], list[Row]
     y_rounded = [[round_binary(e, bits) for e in row] for row in y]
     for i, row in enumerate(y):
         for j, value in enumerate(row):
-            if abs(value + x[j][i] - 1) * 2**bits > 1:
+            if abs(value + x[j][i] - 1) > slack:
                 continue  # not a symplectic pair: each stays as it is
             if value >= x[j][i]:
                 x_rounded[j][i] = 1 - y_rounded[i][j]

@@ -7,8 +7,10 @@ that is no such thing costs nothing: its fields are then no symmetries.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -25,23 +27,54 @@ Array = NDArray[np.float64]
 _AXES = ("e1", "e2", "e3")
 
 
+#: Entries of A and a by row and column, a as column n; those that are left out are 0.
+Weights = Mapping[tuple[int, int], Fraction]
+
+
 @dataclass(frozen=True, eq=False)
 class Field:
-    """X(q) = A q + a, A of shape (n, n) and a of shape (n,)."""
+    """X(q) = A q + a on n coordinates, its entries exact."""
 
     name: str
-    A: Array
-    a: Array
-
-    @property
-    def flat(self) -> Array:
-        """A row by row, then a: n² + n numbers."""
-        return np.concatenate([self.A.ravel(), self.a])
+    n: int
+    weights: Weights
 
     @classmethod
-    def from_flat(cls, name: str, flat: Array, n: int) -> Field:
-        """Return the field of n² + n numbers."""
-        return cls(name, flat[: n * n].reshape(n, n), flat[n * n :])
+    def combined(
+        cls, name: str, factors: Iterable[Fraction], fields: Iterable[Field], n: int
+    ) -> Field:
+        """Return a linear combination of fields."""
+        weights: dict[tuple[int, int], Fraction] = {}
+        for factor, field in zip(factors, fields, strict=True):
+            for place, x in field.weights.items() if factor else ():
+                weights[place] = weights.get(place, Fraction(0)) + factor * x
+        return cls(name, n, {place: x for place, x in weights.items() if x})
+
+    @cached_property
+    def matrix(self) -> Array:
+        """(A, a), shape (n, n + 1)."""
+        entries = np.zeros((self.n, self.n + 1))
+        for place, x in self.weights.items():
+            entries[place] = float(x)
+        return entries
+
+    @property
+    def A(self) -> Array:
+        """A, shape (n, n)."""
+        return self.matrix[:, : self.n]
+
+    @property
+    def a(self) -> Array:
+        """a, shape (n,)."""
+        return self.matrix[:, self.n]
+
+    def momentum(self, q: Sequence[sp.Expr], p: Sequence[sp.Expr]) -> sp.Expr:
+        """Return J = pᵀ(A q + a), its numbers exact."""
+        reach = [*q, sp.Integer(1)]
+        rows: dict[int, list[sp.Expr]] = {}
+        for (i, j), x in sorted(self.weights.items()):
+            rows.setdefault(i, []).append(sp.Rational(x.numerator, x.denominator) * reach[j])
+        return sp.Add(*(p[i] * sp.Add(*terms) for i, terms in rows.items()))
 
 
 @dataclass(frozen=True)
@@ -67,10 +100,10 @@ def known_fields(system: System) -> list[Field]:
         for block in blocks.points:
             alone = _Blocks([], [block], blocks.size)
             name = ", ".join(str(system.q[i]) for i in block)
-            fields += [Field(f"{f.name} of ({name})", f.A, f.a) for f in _motions(n, alone)]
+            fields += [Field(f"{f.name} of ({name})", n, f.weights) for f in _motions(n, alone)]
         for block, name in zip(blocks.quaternions, names, strict=True):
             alone = _Blocks([block], [], blocks.size)
-            fields += [Field(f"{f.name} of body ({name})", f.A, f.a)
+            fields += [Field(f"{f.name} of body ({name})", n, f.weights)
                        for f in _motions(n, alone) if f.A.any()]
     return fields
 
@@ -123,38 +156,37 @@ def _motions(n: int, blocks: _Blocks) -> list[Field]:
 
 
 def _shift(n: int, points: Sequence[Sequence[int]], k: int, name: str) -> Field:
-    a = np.zeros(n)
-    a[[block[k] for block in points]] = 1
-    return Field(name, np.zeros((n, n)), a)
+    return Field(name, n, {(block[k], n): Fraction(1) for block in points})
 
 
 def _turn(n: int, blocks: _Blocks, k: int, name: str) -> Field:
     """Return the rotation about e_k: e_k × x for points, ½ e_k q for quaternions."""
-    A = np.zeros((n, n))
+    weights: dict[tuple[int, int], Fraction] = {}
     i, j = (k + 1) % 3, (k + 2) % 3
     for block in blocks.points:
-        A[block[j], block[i]], A[block[i], block[j]] = 1, -1
+        weights[block[j], block[i]] = Fraction(1)
+        weights[block[i], block[j]] = Fraction(-1)
     for block in blocks.quaternions:
-        A[np.ix_(block, block)] = _product(k, from_left=True) / 2
-    return Field(name, A, np.zeros(n))
+        weights |= _half_product(block, k, from_left=True)
+    return Field(name, n, weights)
 
 
 def _spin(n: int, block: Sequence[int], k: int, name: str) -> Field:
     """Return the rotation of a body about its own axis k: ½ q e_k."""
-    A = np.zeros((n, n))
-    A[np.ix_(block, block)] = _product(k, from_left=False) / 2
-    return Field(name, A, np.zeros(n))
+    return Field(name, n, _half_product(block, k, from_left=False))
 
 
-def _product(k: int, *, from_left: bool) -> Array:
-    """Return the matrix of x → e_k x or x → x e_k.
+def _half_product(
+    block: Sequence[int], k: int, *, from_left: bool
+) -> dict[tuple[int, int], Fraction]:
+    """Return the matrix of x → ½ e_k x or x → ½ x e_k on a block of four coordinates.
 
     Row k of L(x) y is yᵀ(x e_k), so its derivative by x is the second; from the left the cross
     product of the vector parts changes its sign.
     """
     x = sp.symbols("x0:4")
-    row = left_matrix(x).row(k)
-    matrix = np.array(row.jacobian(x).tolist(), dtype=float)
-    if from_left:
-        matrix[1:, 1:] *= -1
-    return matrix
+    matrix = left_matrix(x).row(k).jacobian(x).tolist()
+    return {
+        (block[i], block[j]): Fraction(int(e), 2) * (-1 if from_left and i and j else 1)
+        for i, row in enumerate(matrix) for j, e in enumerate(row) if e
+    }

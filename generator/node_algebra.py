@@ -22,6 +22,8 @@ import sympy as sp
 from sympy import EXRAW, QQ
 from sympy.polys.matrices import DomainMatrix
 
+from .separation import vanishes_to
+
 __all__ = ["Nodes", "PolynomialNodes", "ValueNodes", "column"]
 
 Matrix = Any  # DomainMatrix; SymPy ships no types
@@ -139,13 +141,14 @@ class PolynomialNodes:
 
 
 class ValueNodes:
-    """Functions on given nodes, by their values."""
+    """Functions on given nodes, by their values; of decimals so many digits count."""
 
     domain = EXRAW
 
-    def __init__(self, values: Sequence[sp.Expr]) -> None:
+    def __init__(self, values: Sequence[sp.Expr], digits_given: int | None = None) -> None:
         self.values = list(values)
         self.size = len(self.values)
+        self._digits_given = digits_given
 
     def __repr__(self) -> str:
         return f"<ValueNodes: {self.size} given nodes>"
@@ -167,9 +170,9 @@ class ValueNodes:
 
     @cached_property
     def reflection(self) -> Matrix | None:
-        """The reversal of the nodes when c_i + c_{s+1−i} = 1, to 30 digits."""
+        """The reversal of the nodes when c_i + c_{s+1−i} = 1, exactly or to the digits given."""
         for c, mirrored in zip(self.values, reversed(self.values), strict=True):
-            if abs(sp.N(c + mirrored - 1, 40)) > sp.Float("1e-12"):
+            if not vanishes_to(c + mirrored - 1, self._digits_given):
                 return None
         s = self.size
         rows = [[sp.Integer(int(i + j == s - 1)) for j in range(s)] for i in range(s)]

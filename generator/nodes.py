@@ -118,8 +118,11 @@ def _next_root(integer: list[int], known: list[Any], start: Any) -> Any:
 
 
 def _rounded_roots(integer: list[int], roots: list[Any], bits: int) -> list[int]:
-    """Return 2^bits times the roots, rounded; each Newton step doubles the bits that are right."""
-    with mp.workprec(bits + 64):
+    """Return 2^bits times the roots, rounded; each Newton step doubles the bits that are right.
+
+    Terms are as large as the coefficients and cancel: their bits are carried along.
+    """
+    with mp.workprec(bits + 64 + max(map(int.bit_length, integer))):
         for _ in range(max(bits.bit_length() - 5, 0)):
             pairs = [mp.polyval(integer, r, derivative=True) for r in roots]
             roots = [r - value / slope for r, (value, slope) in zip(roots, pairs, strict=True)]

@@ -22,7 +22,7 @@ from mpmath.ctx_iv import MPIntervalContext
 
 from ..errors import TableauError
 
-__all__ = ["enclosure", "vanishes"]
+__all__ = ["enclosure", "vanishes", "vanishes_to"]
 
 MAX_BITS = 100_000
 
@@ -48,6 +48,14 @@ def vanishes(expression: sp.Expr) -> bool:
         return False
     bits = _separation_bits(expression)
     return _contains_zero(expression, bits)
+
+
+def vanishes_to(expression: sp.Expr, digits_given: int | None) -> bool:
+    """Return whether a number is zero: exactly, or as far as decimals with so many digits say."""
+    if digits_given is None:
+        return vanishes(expression)
+    # s products of entries that are each half a unit off in their last given digit
+    return bool(abs(enclosure(expression)).b < mp.mpf(10) ** (1 - min(digits_given, 50)))
 
 
 def enclosure(expression: sp.Expr, bits: int = 256) -> Any:

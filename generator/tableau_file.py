@@ -106,14 +106,11 @@ class _Reader:
         basis = {key: _matrix(rows) for key, rows in parts.items()}
         for key, source in DEFAULTS.items():
             basis.setdefault(key, basis[source])
-        return Tableau(
-            name,
-            ValueNodes([row[0] for row in parts["c"]]),
-            ValueNodes([row[0] for row in parts["c_tilde"]]),
-            {key: basis[key] for key in FIELDS},
-            claims,
-            min(self.digits, default=None),
-        )
+        digits = min(self.digits, default=None)
+        stages, constraints = (ValueNodes([row[0] for row in parts[key]], digits)
+                               for key in ("c", "c_tilde"))
+        return Tableau(name, stages, constraints, {key: basis[key] for key in FIELDS}, claims,
+                       digits)
 
     # ------------------------------------------------------------ the file
 

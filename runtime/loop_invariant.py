@@ -39,8 +39,9 @@ class LoopDrift:
     ----------
     start : float
         ∮ p·dq at the start.
-    size : float
-        ∮ Σ|p_i dq_i|, the sum of the magnitudes of its terms, at its largest.
+    scale : float
+        ∮ Σ s_i |dq_i| + r_i |dp_i| at its largest, with the round-off r and s of q and p in units
+        of ε: what ε of the states is worth in ∮ p·dq.
     drift : float
         Largest |I_k − I_0| over the instants looked at.
     halfway : float
@@ -56,7 +57,7 @@ class LoopDrift:
     """
 
     start: float
-    size: float
+    scale: float
     drift: float
     halfway: float
     points: int
@@ -70,30 +71,36 @@ class LoopDrift:
         return self.tail <= _RESOLVED
 
 
-def loop_integral(q: Array, p: Array) -> tuple[float, float, float]:
-    """Return ∮ p·dq, the sum of its terms' magnitudes, and the tail of the spectrum.
+def loop_integral(
+    q: Array, p: Array, rounded: tuple[Array, Array] | None = None
+) -> tuple[float, float, float]:
+    """Return ∮ p·dq, ∮ Σ s_i |dq_i| + r_i |dp_i|, and the tail of the spectrum.
 
     Parameters
     ----------
     q, p : arrays, shape (M, n)
         States at equal steps of the parameter along a closed curve, M even.
+    rounded : pair of arrays, shape (n,), optional
+        What r and s are at least, beside |q| and |p|.
     """
     M = len(q)
     modes = [np.fft.rfft(x, axis=0) for x in (q, p)]
     order = np.arange(len(modes[0]))[:, None]
     order[-1] = 0  # the highest mode of an even number of points has no derivative
-    slope = np.fft.irfft(1j * order * modes[0], M, axis=0)
+    slopes = [np.fft.irfft(1j * order * mode, M, axis=0) for mode in modes]
     # ∮ dq = 0, so p less its mean gives the same number with less round-off.
-    terms = (p - p.mean(axis=0)) * slope * (2 * np.pi / M)
-    size = float(np.abs(p * slope).sum() * 2 * np.pi / M)
+    value = ((p - p.mean(axis=0)) * slopes[0]).sum() * 2 * np.pi / M
+    least_r, least_s = rounded or (np.zeros(1), np.zeros(1))
+    r, s = np.maximum(np.abs(q), least_r), np.maximum(np.abs(p), least_s)
+    scale = (np.abs(slopes[0]) * s + np.abs(slopes[1]) * r).sum() * 2 * np.pi / M
     tail = max(_tail(mode, x) for mode, x in zip(modes, (q, p), strict=True))
-    return float(terms.sum()), size, tail
+    return float(value), float(scale), tail
 
 
 def _tail(modes: Array, x: Array) -> float:
     """Return the last eighth of a spectrum relative to the largest mode, less round-off."""
     sizes = np.abs(modes).max(axis=1)
-    floor = 4 * np.finfo(float).eps * np.sqrt(len(x)) * np.abs(x).max()
+    floor = 4 * np.finfo(x.dtype).eps * np.sqrt(len(x)) * np.abs(x).max()
     largest = sizes[1:].max()
     last = sizes[-max(1, len(sizes) // 8) :].max()
     return float(last / largest) if last > floor else 0.0
@@ -123,18 +130,21 @@ def closed_loop(
 
 
 def loop_drift(
-    stepper: Stepper, q0: Array, p0: Array, sizes: tuple[Array, Array], *, dt: float, steps: int,
+    stepper: Stepper, q0: Array, p0: Array, sizes: tuple[Array, Array],
+    rounded: tuple[Array, Array] | None = None, *, dt: float, steps: int,
     parameters: Mapping[str, float],
 ) -> LoopDrift | None:
     """Return how ∮ p·dq around a start changes in a run; None if no loop can be followed.
 
+    ``sizes`` are those of the loop in q and p, ``rounded`` their round-off (``loop_integral``).
     The largest loop and the fewest points are taken with which the spectrum of the curve is
     resolved at the start, at the end and at seven instants between.
     """
     best: LoopDrift | None = None
     for radius in _RADII:
         for points in _POINTS:
-            found = _followed(stepper, q0, p0, sizes, radius, points, dt, steps, parameters)
+            found = _followed(stepper, q0, p0, sizes, rounded, radius, points, dt, steps,
+                              parameters)
             if found is None:
                 break  # too large a loop: no step or no projection from some of its states
             if best is None or found.tail < best.tail:
@@ -147,8 +157,9 @@ def loop_drift(
 
 
 def _followed(
-    stepper: Stepper, q0: Array, p0: Array, sizes: tuple[Array, Array], radius: float, points: int,
-    dt: float, steps: int, parameters: Mapping[str, float],
+    stepper: Stepper, q0: Array, p0: Array, sizes: tuple[Array, Array],
+    rounded: tuple[Array, Array] | None, radius: float, points: int, dt: float, steps: int,
+    parameters: Mapping[str, float],
 ) -> LoopDrift | None:
     try:
         q, p = closed_loop(stepper, q0, p0, sizes, radius, points, parameters)
@@ -158,11 +169,11 @@ def _followed(
         return None
     if many.failures:
         return None
-    seen = [loop_integral(many.q[:, k].astype(float), many.p[:, k].astype(float))
+    seen = [loop_integral(many.q[:, k].astype(float), many.p[:, k].astype(float), rounded)
             for k in range(many.q.shape[1])]
     changes = [abs(value - seen[0][0]) for value, _, _ in seen]
     return LoopDrift(
-        start=seen[0][0], size=max(size for _, size, _ in seen), drift=max(changes),
+        start=seen[0][0], scale=max(scale for _, scale, _ in seen), drift=max(changes),
         halfway=max(changes[: len(changes) // 2 + 1]), points=points, radius=radius,
         tail=max(tail for _, _, tail in seen), steps=steps,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise, takewhile
 from typing import Any
@@ -19,8 +19,9 @@ __all__ = ["OrderSeen", "Reversal", "constraint_scales", "order_seen", "reversal
 
 Array = NDArray[Any]
 
-#: Errors below this, relative to the state, are too near round-off to show an order.
-_MEASURABLE = 1e-11
+#: Errors below this, relative to the state and in units of ε, are too near round-off to show an
+#: order.
+_MEASURABLE = 2**9
 #: How often a step is halved to see slopes.
 _HALVINGS = 6
 #: A slope below this is that of round-off: it stays where it is, or grows as steps shrink.
@@ -31,62 +32,55 @@ _NO_ORDER = 0.5
 class Reversal:
     """The error of N steps forward and N back.
 
-    ``q_error`` and ``p_error`` are largest differences, ``q_size`` and ``p_size`` the largest
-    coordinate and momentum of the run, ``growth`` how many times further apart the flow moved
-    neighbours on the way there or back.
+    ``q_error`` and ``p_error`` are largest differences, ``growth`` how many times further apart the
+    flow moved neighbours on the way there or back.
     """
 
     q_error: float
     p_error: float
-    q_size: float
-    p_size: float
     growth: float
-    steps: int
 
 
 def reversal(
-    stepper: Stepper, run: Trajectory, parameters: Mapping[str, float]
+    stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
+    sizes: tuple[float, float],
 ) -> Reversal | None:
-    """Go back from the end of a run, step by step; None if that fails."""
+    """Go back from the end of a run, step by step; None if that, or a neighbour's run, fails.
+
+    ``sizes`` are those of coordinates and momenta, over the whole run.
+    """
     steps = run.report.steps
     try:
         back = stepper.integrate(run.q[-1], run.p[-1], dt=-run.dt, steps=steps,
                                  parameters=parameters, t0=float(run.t[-1]))
+        growth = max(_growth(stepper, one, parameters, sizes) for one in (run, back))
     except GyrosparkError:
         return None
-    growth = max(_growth(stepper, run.q[0], run.p[0], run.dt, run, parameters),
-                 _growth(stepper, run.q[-1], run.p[-1], -run.dt, back, parameters))
-    return Reversal(
-        q_error=_largest(back.q[-1] - run.q[0]), p_error=_largest(back.p[-1] - run.p[0]),
-        q_size=_largest(run.q), p_size=_largest(run.p), growth=growth, steps=steps,
-    )
+    return Reversal(q_error=_largest(back.q[-1] - run.q[0]),
+                    p_error=_largest(back.p[-1] - run.p[0]), growth=growth)
 
 
 def _growth(
-    stepper: Stepper, q: Array, p: Array, dt: float, run: Trajectory,
-    parameters: Mapping[str, float],
+    stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
+    sizes: tuple[float, float],
 ) -> float:
     """Return how many times further from a run its neighbours are, at most, than at its start.
 
     Six neighbours, 1e-6 of the sizes away, in seeded directions; distances in units of the sizes.
     """
     rng, count = np.random.default_rng(11), 6
-    sizes = [_largest(x) or 1.0 for x in (run.q, run.p)]
-    near = [x + 1e-6 * size * rng.standard_normal((count, len(x)))
-            for x, size in zip((q, p), sizes, strict=True)]
-    try:
-        starts = [stepper.project(*state, parameters=parameters)
-                  for state in zip(*near, strict=True)]
-        qs, ps = (np.array(part) for part in zip(*starts, strict=True))
-        many = stepper.integrate_ensemble(qs, ps, dt=dt, steps=run.report.steps,
-                                          parameters=parameters, t0=float(run.t[0]))
-    except GyrosparkError:
-        return 1.0
-    distance = np.maximum(
-        np.abs(many.q - run.q).max(axis=2) / sizes[0], np.abs(many.p - run.p).max(axis=2) / sizes[1]
-    ).astype(float)
-    ratio = distance / distance[:, :1]
-    return max(1.0, float(np.nanmax(ratio)))
+    near = [x[0].astype(float) + 1e-6 * size * rng.standard_normal((count, x.shape[1]))
+            for x, size in zip((run.q, run.p), sizes, strict=True)]
+    starts = [stepper.project(*state, parameters=parameters)
+              for state in zip(*near, strict=True)]
+    qs, ps = (np.array(part) for part in zip(*starts, strict=True))
+    many = stepper.integrate_ensemble(qs, ps, dt=run.dt, steps=run.report.steps,
+                                      parameters=parameters, t0=float(run.t[0]))
+    distance = np.maximum(*(np.abs(states - own).max(axis=2) / size for states, own, size in
+                            zip((many.q, many.p), (run.q, run.p), sizes, strict=True)))
+    with np.errstate(all="ignore"):  # a neighbour may be projected onto the start
+        ratio = distance.astype(float) / distance[:, :1].astype(float)
+    return float(np.max(ratio, where=np.isfinite(ratio), initial=1.0))
 
 
 def _largest(x: Array) -> float:
@@ -95,29 +89,34 @@ def _largest(x: Array) -> float:
 
 # ---------------------------------------------------------------- constraints
 
+#: Numbers that are kept at a time.
+_ROOM = 2**20
+
 
 def constraint_scales(
-    stepper: Stepper, q: Array, p: Array, parameters: Mapping[str, float]
-) -> tuple[float, float]:
-    """Return what a relative change of every coordinate and momentum changes in g and in f.
+    stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
+    sizes: tuple[Array, Array],
+) -> tuple[Array, Array]:
+    """Return what sizes of coordinates and momenta are worth in g and in f, m entries each.
 
-    Σ_i |∂g/∂q_i| |q| and Σ_i |∂f/∂q_i| |q| + |∂f/∂p_i| |p| by differences, |q| and |p| the norms;
-    the largest entry of each: times ε this is what rounding a state is worth in them.
+    Σ_i |∂g/∂q_i| r_i and Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i by differences, the largest over the
+    run; with the round-off r and s of q and p in units of ε, that of g and f.
     """
-    if not stepper.m:
-        return 0.0, 0.0
-    nudge = 2.0**-15
-    at = [np.asarray(x, float) for x in stepper.defects(q, p, parameters=parameters)]
-    totals = [np.zeros(stepper.m), np.zeros(stepper.m)]
-    for which, x in enumerate((q, p)):
-        width = nudge * float(np.linalg.norm(x))
-        for i in range(len(x)):
-            moved = [np.array(q, float), np.array(p, float)]
-            moved[which][i] += width
-            there = stepper.defects(*moved, parameters=parameters)
-            for total, a, b in zip(totals, there, at, strict=True):
-                total += np.abs(np.asarray(a, float) - b) / nudge
-    return float(totals[0].max()), float(totals[1].max())
+    n, m, nudge, binding = stepper.n, stepper.m, 2.0**-15, stepper.binding
+    given = binding.parameters(dict(parameters))
+    moves = nudge * np.concatenate([np.zeros((1, 2 * n)), np.diag(np.concatenate(sizes))])
+    largest = np.zeros((2, m))
+    count = max(1, _ROOM // (2 * n * (n + m)))
+    for start in range(0, len(run.q), count):
+        rows = slice(start, start + count)
+        states = np.concatenate([run.q[rows], run.p[rows]], axis=1).astype(float)
+        moved = (states[:, None] + moves).reshape(-1, 2 * n)
+        q, p = (np.ascontiguousarray(x, dtype=binding.dtype) for x in (moved[:, :n], moved[:, n:]))
+        for k, defects in enumerate(binding.defects(given, q, p)):
+            d = defects.reshape(-1, 2 * n + 1, m)
+            changes = np.abs(d[:, 1:] - d[:, :1]).sum(axis=1).astype(float)
+            largest[k] = np.maximum(largest[k], changes.max(axis=0))
+    return largest[0] / nudge, largest[1] / nudge
 
 
 # ---------------------------------------------------------------- order
@@ -143,18 +142,19 @@ class OrderSeen:
 
 
 def order_seen(
-    stepper: Stepper, q: Array, p: Array, dt: float, parameters: Mapping[str, float]
+    stepper: Stepper, q: Array, p: Array, dt: float, parameters: Mapping[str, float],
+    sizes: Callable[[float], tuple[float, float]],
 ) -> OrderSeen | None:
     """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight steps of the longest.
 
     The longest step is dt, doubled until three errors stand out of round-off, or halved until two
-    neighbouring slopes agree. None if there are no two.
+    neighbouring slopes agree. None if there are no two. ``sizes`` are those of q and p of which
+    ε is round-off in steps of a given length.
     """
-    sizes = [_largest(x) or 1.0 for x in (q, p)]
     found: list[OrderSeen] = []
     h, doubled = dt, False
     for _ in range(14):
-        errors = _halving_errors(stepper, q, p, h, sizes, parameters)
+        errors = _halving_errors(stepper, q, p, h, sizes(h), parameters)
         seen = None if errors is None else _agreeing(errors, h)
         if errors is None or (seen is None and found):
             break
@@ -186,7 +186,7 @@ def _agreeing(errors: list[float], h: float) -> OrderSeen | None:
 
 
 def _halving_errors(
-    stepper: Stepper, q: Array, p: Array, h: float, sizes: list[float],
+    stepper: Stepper, q: Array, p: Array, h: float, sizes: tuple[float, float],
     parameters: Mapping[str, float],
 ) -> list[float] | None:
     """Return e(h), e(h/2), … relative to the sizes, down to round-off; None if a step fails."""
@@ -202,7 +202,7 @@ def _halving_errors(
         if k == 0:
             continue
         error = max(_largest(a - b) / size for a, b, size in zip(*ends[-2:], sizes, strict=True))
-        if error < _MEASURABLE:
+        if error < _MEASURABLE * stepper.binding.epsilon:
             break
         errors.append(error)
     return errors

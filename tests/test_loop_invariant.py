@@ -25,9 +25,11 @@ def waves(points, coefficients):
 def test_area_of_an_ellipse():
     s = 2 * np.pi * np.arange(16) / 16
     q, p = (3 * np.cos(s))[:, None], (0.5 * np.sin(s))[:, None]
-    value, size, tail = loop_integral(q, p)
+    value, scale, tail = loop_integral(q, p)
     assert abs(value + 1.5 * np.pi) <= 8 * EPS
-    assert abs(size - 1.5 * np.pi) <= 8 * EPS  # p dq has one sign
+    assert abs(scale - 3 * np.pi) <= 16 * EPS  # p dq has one sign, q dp the other
+    least = np.array([3.0]), np.array([0.5])  # 4 · (3 · 0.5 + 0.5 · 3) around
+    assert abs(loop_integral(q, p, least)[1] - 12) <= 0.2
     assert tail == 0.0
 
 
@@ -83,9 +85,9 @@ def test_drift_of_schemes(scheme, stages, kept):
     loop = loop_drift(gs.stepper(scheme, stages), TOP.q0, TOP.p0, SIZES, dt=1e-3, steps=1000,
                       parameters=PARAMETERS)
     assert loop.resolved
-    assert abs(loop.start) > 1e-4 * loop.size
+    assert abs(loop.start) > 1e-4 * loop.scale
     assert loop.halfway <= loop.drift
-    assert loop.drift <= 1e-13 * loop.size if kept else loop.drift > 1e-8 * loop.size
+    assert loop.drift <= 1e-13 * loop.scale if kept else loop.drift > 1e-8 * loop.scale
 
 
 def test_a_smaller_loop_where_a_large_one_tears():
@@ -95,7 +97,7 @@ def test_a_smaller_loop_where_a_large_one_tears():
     step = gs.stepper("G-L", 3)
     short = loop_drift(step, *upright, SIZES, dt=0.02, steps=100, parameters=parameters)
     assert short.resolved
-    assert short.drift <= 1e-13 * short.size
+    assert short.drift <= 1e-13 * short.scale
     no_room = loop_drift(step, *upright, (1e9 * SIZES[0], SIZES[1]), dt=0.02, steps=1000,
                          parameters=parameters)
-    assert no_room is None or not no_room.resolved or no_room.drift <= 1e-12 * no_room.size
+    assert no_room is None or not no_room.resolved or no_room.drift <= 1e-12 * no_room.scale

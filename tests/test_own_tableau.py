@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.errors import TableauError
-from gyrospark.generator.conditions import check_tableau, remarks
+from gyrospark.generator.conditions import _bounds, check_tableau, remarks
 from gyrospark.generator.families import gauss_lobatto, lobatto_iiiab
 from gyrospark.generator.multipliers import multiplier_condition, multiplier_inverse
 from gyrospark.generator.observed_order import observed_order
@@ -171,6 +171,84 @@ def test_other_nodes(name: str, written: Any) -> None:
     assert observed_order(tableau) == pytest.approx(order, abs=0.1)
 
 
+@pytest.mark.parametrize("s", [6, pytest.param(16, marks=pytest.mark.slow)])
+def test_high_orders(s: int) -> None:
+    """Beside a reference of order 2s + 4, for as many stages as there are named steppers."""
+    assert observed_order(gauss_lobatto(s)) == pytest.approx(2 * s, abs=0.1)
+
+
+def in_decimals(table: dict[str, Any], digits: int) -> dict[str, Any]:
+    """Return a table with its entries as decimals."""
+
+    def text(e: Any) -> Any:
+        return [text(x) for x in e] if isinstance(e, (list, tuple)) else str(
+            sp.N(e, digits + 10).round(digits))
+
+    return {key: text(part) if key in FIELDS else part for key, part in table.items()}
+
+
+@pytest.mark.parametrize(("s", "digits"), [(2, 16), (2, 9), (3, 9)])
+def test_orders_of_tableaux_in_decimals(tmp_path: Path, s: int, digits: int) -> None:
+    """Where the rounding of the digits hides the order that is said; the tableau is not accused."""
+    family = gauss_lobatto(s)
+    table = {"name": "rounded"} | {key: getattr(family, key) for key in FIELDS}
+    path = tmp_path / "rounded.json"
+    path.write_text(json.dumps(in_decimals(table, digits)), encoding="utf-8")
+    tableau = read_tableau(path)
+    assert tableau.order == 2 * s
+    if s == 2:
+        assert observed_order(tableau) == pytest.approx(2 * s, abs=0.1)
+        return
+    verdict = verify_stepper(Spec.checked(tableau=path))
+    assert verdict.holds
+    measured = next(line for line in verdict.conditions if line.name == "order, measured")
+    assert measured.found == "hidden by the rounding of 9 digits"
+    assert measured.residual == "not measured"
+
+
+def triple_jump() -> dict[str, Any]:
+    """Return Yoshida's composition of three 1-stage steps, order 4; 2^(1/3) in 40 decimals."""
+    first = 1 / (2 - sp.root(2, 3))
+    b = [first, 1 - 2 * first, first]
+    ends = [sum(b[:k], sp.Integer(0)) for k in range(4)]
+    b_tilde = [(x + y) / 2 for x, y in zip([0, *b], [*b, 0], strict=True)]
+    zero = sp.Integer(0)
+    return in_decimals({
+        "name": "triple_jump", "order": 4, "symmetric": True, "symplectic": True,
+        "A": [[b[j] if j < i else b[i] / 2 if j == i else zero for j in range(3)]
+              for i in range(3)],
+        "A_tilde": [[b_tilde[j] if j <= i else zero for j in range(4)] for i in range(3)],
+        "A_bar": [[b[j] if j < i else zero for j in range(3)] for i in range(4)],
+        "b": b, "b_tilde": b_tilde, "c": [x + y / 2 for x, y in zip(ends[:3], b, strict=True)],
+        "c_tilde": ends,
+    }, 40)
+
+
+def test_a_symmetric_method_has_an_even_order(tmp_path: Path) -> None:
+    """C(1) and D(1) prove order 3 for a composition; it is symmetric, and of order 4."""
+    path = tmp_path / "triple_jump.json"
+    path.write_text(json.dumps(triple_jump()), encoding="utf-8")
+    tableau = read_tableau(path)
+    assert min(bound for bound, _ in _bounds(tableau)) == 3
+    assert tableau.order == 4
+    assert failed(path) == []
+    assert observed_order(tableau) == pytest.approx(4, abs=0.1)
+    assert remarks(tableau) == []
+
+
+@pytest.mark.parametrize(("order", "holds"), [(3.98, True), (3.02, True), (2.01, False),
+                                              (3.4, False)])
+def test_the_measured_order_is_at_least_the_proved_one(
+    order: float, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The conditions are sufficient: more is no failure, and told as more."""
+    monkeypatch.setattr("gyrospark.verification.observed_order", lambda tableau: order)
+    lines = verify_stepper(Spec.checked(tableau=FOLDER / "radau_iia_2.json")).conditions
+    measured = next(line for line in lines if line.name == "order, measured")
+    assert measured.holds is holds
+    assert ("more than is proved" in measured.found) == (order > 3.5)
+
+
 def zero_weight() -> dict[str, Any]:
     """Return a method of order 1 whose middle stage has b_2 = 0; not symplectic."""
     h = sp.Rational(1, 2)
@@ -245,7 +323,7 @@ def test_several_violations_are_all_named(written: Any) -> None:
 
 def test_remarks_name_what_limits_the_order() -> None:
     assert remarks(read_tableau(FOLDER / "gauss_3_2.json")) == [
-        "order 4 although b is exact to order 6: limited by B̃, C̃(1)"]
+        "order 4 is proved, although b is exact to order 6: limited by B̃, C̃(1)"]
     assert remarks(read_tableau(FOLDER / "lobatto_iiid_3.json")) == []
     plain = remarks(read_tableau(FOLDER / "radau_plain_2.json"))
     assert plain[0].startswith("not symplectic, forces (b_i â_ij + b̂_j a_ji = b_i b̂_j; residual 0.")
