@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .exact import exact, knowing
+from .exact import Rounded, exact, knowing
 from .naming import shown
 from .remarks import remark
 
@@ -105,7 +105,7 @@ def as_moments_or_tensor(inertia: Any, what: str = "inertia") -> Inertia:
     if np.abs(tensor - tensor.T).max() > 1e-6 * size:
         raise InputError(f"The {what} {shown(inertia)} is not symmetric, as inertia tensors are; "
                          "give both products of inertia of a pair of axes one value, −∫xy dm.")
-    rows = [[knowing(x) for x in row] for row in inertia]
+    rows = [[_kept(x) for x in row] for row in inertia]
     if not (np.tril(tensor, -1).any() or np.triu(tensor, 1).any()):
         return as_moments([rows[i][i] for i in range(3)], what)
     tensor = (tensor + tensor.T) / 2
@@ -118,7 +118,7 @@ def as_moments_or_tensor(inertia: Any, what: str = "inertia") -> Inertia:
 
 
 def as_moments(inertia: Any, what: str = "inertia", *, zeros: int = 0) -> Moments:
-    """Return three principal moments as floats that know their digits, in kg m².
+    """Return three principal moments as floats, or as given where those lose digits, in kg m².
 
     Raises
     ------
@@ -139,15 +139,21 @@ def as_moments(inertia: Any, what: str = "inertia", *, zeros: int = 0) -> Moment
             where = "" if what == "inertia" else f", in the {what}"
             raise InputError(f"The moment I{axis} = {moment!r} kg m² must be finite and above 0"
                              f"{where}.")
-    I1, I2, I3 = (knowing(moment) for moment in inertia)
+    I1, I2, I3 = (_kept(moment) for moment in inertia)
     return I1, I2, I3
 
 
+def _kept(value: Any) -> float:
+    """Return a number as it is given where a double would lose digits, else as a float."""
+    return cast("float", value) if isinstance(knowing(value), Rounded) else float(value)
+
+
 def moments_of(inertia: Inertia) -> Moments:
-    """Return the principal moments; those of a tensor in rising order."""
+    """Return the principal moments as floats; those of a tensor in rising order."""
     if not is_tensor(inertia):
-        return cast("Moments", inertia)
-    matrix = np.array(inertia)
+        I1, I2, I3 = map(float, cast("Moments", inertia))
+        return I1, I2, I3
+    matrix = np.array(inertia, dtype=float)
     size = np.abs(matrix).max()  # so that no square leaves the range of doubles
     I1, I2, I3 = (np.linalg.eigvalsh(matrix / size) * size).tolist()
     return I1, I2, I3

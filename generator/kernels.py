@@ -12,7 +12,7 @@ import sympy as sp
 
 from ..real import Real
 from .bounded_algebra import is_small
-from .c_printer import CPrinter
+from .c_printer import ON_LANES, CPrinter
 from .sharing import Shared, parts_of, symbols_of, tree_size
 from .switches import Where
 
@@ -159,8 +159,8 @@ def emit_kernel(
     used = symbols_of(e for _, e in targets)
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
-    called_by_lanes = target.prefix and printer.functions  # which are told how many lanes to do
-    if not own_constants and not used & target.names.keys() and not called_by_lanes:
+    singly = target.prefix and printer.functions - ON_LANES  # are told how many lanes to do
+    if not own_constants and not used & target.names.keys() and not singly:
         unused.insert(0, "c")
     return EmittedKernel(
         target.prefix + kernel.name,

@@ -187,7 +187,9 @@ def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
 
 def _two_or_three(inertia: InertiaLike) -> Moments:
     """Return the principal moments, of which the smallest may be 0."""
-    return principal_moments(inertia) if is_tensor(inertia) else as_moments(inertia, zeros=1)
+    if is_tensor(inertia):
+        return principal_moments(inertia)
+    return moments_of(as_moments(inertia, zeros=1))
 
 
 def _arithmetic(moments: Sequence[Any]) -> Any:

@@ -12,7 +12,7 @@ from hypothesis import settings
 
 import gyrospark as gs
 from calls import SCHEMES, identify, late_failures
-from gyrospark.commands import main
+from gyrospark.commands import main, main_generate
 
 # Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
 # itself. Set another level to test its code.
@@ -86,3 +86,9 @@ def gyrospark(monkeypatch, capsys, tmp_path):
         return Answer(end.value.code, said.out, said.err)
 
     return caller
+
+
+@pytest.fixture
+def generate(gyrospark):
+    """Call the entry point of ``generate``."""
+    return lambda *arguments: gyrospark(*arguments, entry=main_generate, name="generate")

@@ -490,7 +490,7 @@ def test_command_refuses_in_a_sentence(bench, arguments, message):
 
 
 @pytest.mark.parametrize(("package", "extra", "arguments"), [
-    ("matplotlib.figure", "plot", ["--out", "new"]), ("zarr", "storage", ["store"])])
+    ("gyrospark.runtime.picture", "plot", ["--out", "new"]), ("zarr", "storage", ["store"])])
 def test_command_says_what_is_missing_before_it_measures(
     bench, monkeypatch, tmp_path, package, extra, arguments
 ):

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.commands import main_generate
 from processes import ROOT, call, cli
 
 EXAMPLE = ROOT / "examples" / "tableaux" / "gauss_lobatto_2.json"
@@ -22,11 +21,6 @@ CONTRACT = {
     "steps", "dt", "t_end", "q", "p", "energy_error_max", "energy_error_mean", "constraint_max",
     "momentum_constraint_max", "iterations_mean", "iterations_max", "seconds", "ns_per_step",
 }
-
-
-@pytest.fixture
-def generate(gyrospark):
-    return lambda *arguments: gyrospark(*arguments, entry=main_generate, name="generate")
 
 
 def refused(answer, *fragments, code=2):

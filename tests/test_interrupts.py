@@ -22,7 +22,6 @@ from processes import PATIENCE, catches, environment, gyrospark_command, wait_fo
 from stores import START, assert_same, assert_same_states
 from sweeping import GAMMAS
 from test_cli import RUN as COMMAND
-from test_cli import gyrospark  # noqa: F401 (the fixture)
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
@@ -217,7 +216,7 @@ def test_command_without_a_file_reports_what_it_has(tmp_path):
 
 
 @pytest.mark.parametrize("out", [(), ("--out", "x.npz"), ("--out", "x.csv"), ("--out", "x.zarr")])
-def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):  # noqa: F811
+def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):
     """The run is complete, and is told so, with its report."""
     run = sys.modules["gyrospark.commands.run"]  # the package has the command under that name
     report = run.result_of
@@ -231,7 +230,7 @@ def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):  # n
     assert left == {*out[1:]} | ({".x.zarr.lock"} if out[1:] == ("x.zarr",) else set())
 
 
-def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):  # noqa: F811
+def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):
     """Nothing hidden is left without a word."""
     from gyrospark.storage.recording import Recording
 

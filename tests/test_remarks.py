@@ -10,13 +10,10 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-import test_cli
 from calls import TOP
 from gyrospark.generator.model_file import parse_model
 from gyrospark.remarks import listening, remark
 from processes import ROOT
-
-generate, gyrospark = (test_cli.generate, test_cli.gyrospark)
 
 BODY = """
 name = "said"

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-import test_cli
 from calls import TOP
 from gyrospark.catalogue import MODELS
 from processes import ROOT
-
-generate, gyrospark, refused = (test_cli.generate, test_cli.gyrospark, test_cli.refused)
+from test_cli import refused
 
 EXAMPLES = ROOT / "examples"
 PENDULUM = EXAMPLES / "pendulum.toml"

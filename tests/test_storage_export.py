@@ -77,7 +77,9 @@ def test_csv_has_the_doubles(stored, tmp_path):
                 for array in (dataset["time"], *dataset.data_vars.values())
                 if "byte" not in array.dims]
     found = np.stack(list(columns.values()), axis=1)
-    np.testing.assert_array_equal(found, np.concatenate(expected, axis=1).astype(float))
+    # Times of wide types have more digits there, and may lie halfway between doubles.
+    np.testing.assert_array_max_ulp(found[:, 0], expected[0][:, 0].astype(float))
+    np.testing.assert_array_equal(found[:, 1:], np.concatenate(expected[1:], axis=1).astype(float))
 
 
 NAMES = {

@@ -18,7 +18,6 @@ from gyrospark.sweeps.sweep import run_study
 from killing import differences
 from processes import ROOT, call, environment, gyrospark_command, wait_for
 from sweeping import STUDY, study_file
-from test_cli import gyrospark  # noqa: F401 (the fixture)
 
 
 def killed(folder, kills, seed):
@@ -56,7 +55,7 @@ def test_ctrl_c_keeps_every_finished_cell(tmp_path):
     assert cells == int((gs.open_sweep(store).status == 0).sum()) > 0
 
 
-def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):  # noqa: F811
+def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):
     """The sweep is complete, and is told so, with its report."""
     study_file(tmp_path)
     sweep = sys.modules["gyrospark.commands.sweep"]  # the package has the command by that name

@@ -6,11 +6,14 @@ import random
 import signal
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+
+from gyrospark.errors import InputWarning
 
 __all__ = ["CORPUS", "Failure", "Verdict", "corpus", "judge", "random_input", "shrunk"]
 
@@ -51,7 +54,8 @@ def judge(check: Check, data: bytes, limit: float) -> Verdict:
     failure = None
     outcome = "failed"
     try:
-        with time_limit(limit), memory_limit():
+        with time_limit(limit), memory_limit(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # strange inputs are remarked on
             outcome = check(data)
     except KeyboardInterrupt:
         raise
