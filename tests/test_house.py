@@ -21,10 +21,10 @@ from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
 from processes import FAST_TOP, ROOT, call, cli, python
 
-ROOMS = ("commands", "generator", "runtime", "storage", "sweeps")
+HALLS = ("certificates", "commands", "generator", "runtime", "storage", "sweeps")
 #: Where code of the package lies; studies, examples and tests are no part of it.
 FACE = [p for p in ROOT.glob("*.py") if p.name != "setup.py"]
-SOURCES = sorted([*FACE, *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
+SOURCES = sorted([*FACE, *(p for hall in HALLS for p in (ROOT / hall).rglob("*.py"))])
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath", "zarr", "xarray", "dask")
@@ -59,7 +59,8 @@ def imports_of(path: Path) -> set[str]:
 def folders_to_install() -> list[Path]:
     """Return the folders of the package: of modules, and of data that are installed as well."""
     data = [ROOT / name for name in ("examples", "generated", "templates")]
-    modules = [path.parent for depth in ("*", "*/*") for path in ROOT.glob(f"{depth}/__init__.py")]
+    modules = [path.parent for depth in ("*", "*/*") for path in ROOT.glob(f"{depth}/__init__.py")
+               if path.parts[len(ROOT.parts)] not in ("build", "tests", ".venv")]
     inner = [path for path in (ROOT / "examples").iterdir() if path.is_dir()]
     return [path for path in (*data, *modules, *inner) if path.name != "__pycache__"]
 
@@ -165,11 +166,11 @@ def test_run_command_imports_no_sympy():
 
 
 def test_runtime_and_generator_do_not_know_each_other():
-    for path in (ROOT / "runtime").glob("*.py"):
+    for path in (ROOT / "runtime").rglob("*.py"):
         for name in imports_of(path):
             assert not name.startswith(("gyrospark.generator", "gyrospark.facade", "sympy",
                                         "jinja2", "gyrospark.commands")), (path, name)
-    for path in (ROOT / "generator").glob("*.py"):
+    for path in (ROOT / "generator").rglob("*.py"):
         for name in imports_of(path):
             assert not name.startswith(("gyrospark.runtime", "gyrospark.facade", "cffi",
                                         "gyrospark.commands", "subprocess")), (path, name)
@@ -249,9 +250,9 @@ def test_public_names_are_those_of_the_contract():
 
 def modules() -> list[ModuleType]:
     names = [f"gyrospark.{p.stem}" for p in FACE if p.stem not in ("__init__", "__main__")]
-    for room in ROOMS:
-        package = importlib.import_module(f"gyrospark.{room}")
-        names += [m.name for m in pkgutil.iter_modules(package.__path__, f"gyrospark.{room}.")]
+    for hall in HALLS:
+        package = importlib.import_module(f"gyrospark.{hall}")
+        names += [m.name for m in pkgutil.walk_packages(package.__path__, f"gyrospark.{hall}.")]
     return [importlib.import_module(name) for name in names]
 
 
