@@ -21,7 +21,7 @@ from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
 from processes import FAST_TOP, ROOT, call, cli, python
 
-ROOMS = ("commands", "generator", "runtime", "storage", "sweeps")
+ROOMS = ("commands", "generator", "generator/spelling", "runtime", "storage", "sweeps")
 #: Where code of the package lies; studies, examples and tests are no part of it.
 FACE = [p for p in ROOT.glob("*.py") if p.name != "setup.py"]
 SOURCES = sorted([*FACE, *(p for room in ROOMS for p in (ROOT / room).glob("*.py"))])
@@ -169,7 +169,7 @@ def test_runtime_and_generator_do_not_know_each_other():
         for name in imports_of(path):
             assert not name.startswith(("gyrospark.generator", "gyrospark.facade", "sympy",
                                         "jinja2", "gyrospark.commands")), (path, name)
-    for path in (ROOT / "generator").glob("*.py"):
+    for path in (ROOT / "generator").rglob("*.py"):
         for name in imports_of(path):
             assert not name.startswith(("gyrospark.runtime", "gyrospark.facade", "cffi",
                                         "gyrospark.commands", "subprocess")), (path, name)
@@ -250,8 +250,9 @@ def test_public_names_are_those_of_the_contract():
 def modules() -> list[ModuleType]:
     names = [f"gyrospark.{p.stem}" for p in FACE if p.stem not in ("__init__", "__main__")]
     for room in ROOMS:
-        package = importlib.import_module(f"gyrospark.{room}")
-        names += [m.name for m in pkgutil.iter_modules(package.__path__, f"gyrospark.{room}.")]
+        prefix = f"gyrospark.{room.replace('/', '.')}"
+        package = importlib.import_module(prefix)
+        names += [m.name for m in pkgutil.iter_modules(package.__path__, f"{prefix}.")]
     return [importlib.import_module(name) for name in names]
 
 
