@@ -6,7 +6,8 @@ The pipeline, told once; ``pipeline.generate`` runs it.
 2. **system**   name → H(q, p), g(q), derivatives (``rigid_body``, ``system``); subexpressions of
    the parameters alone get names (``kernels``); a model file → the same with numbers
    (``model_file``, by the parser of ``grammar``); what has two sides, as Piecewise and |x|, is
-   written with ``switches``, and where sides do not meet smoothly is found (``smoothness``)
+   written with ``switches``, and where sides do not meet smoothly is found (``smoothness``); all
+   spellings of one H become one (``spelling``)
 3. **tableau**  scheme and s → exact coefficients from (A.8)-(A.18) (``nodes``, ``node_algebra``,
    ``families``, ``tableau``), or a file (``tableau_file``), and as numbers in proved bounds
    (``enclosures``); what they satisfy is proved (``conditions``) and the order measured

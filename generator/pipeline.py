@@ -18,6 +18,7 @@ from .scheme import scheme_named
 from .schemes import MeanScheme, SparkScheme, hoisted
 from .smoothness import refuse_kinks
 from .spec import Spec, join_name
+from .spelling.canonical import canonical
 from .system import System
 from .tableau import Tableau
 from .tableau_file import read_tableau
@@ -75,6 +76,7 @@ def generate(
     if given and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
+    system = canonical(system)
     reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)
     scheme: SparkScheme | MeanScheme

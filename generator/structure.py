@@ -313,7 +313,7 @@ class Structure:
             for i in form.instances:
                 reached = set(i.q).union(*(cell_of.get(a, ()) for a in i.q))
                 sets.append({("q", a) for a in reached} | {("g", row) for row in i.rows})
-        return sets
+        return [nodes for nodes in sets if nodes]  # a constant in H has none
 
 
 def local(letter: str, count: int) -> tuple[sp.Symbol, ...]:

@@ -311,3 +311,11 @@ def test_names_do_not_matter():
                       parameters=[letters[s] for s in system.parameters])
     ours, theirs = (Structure(hoisted(s)[0]) for s in (system, renamed))
     assert [f.expressions for f in ours.forms] == [f.expressions for f in theirs.forms]
+
+
+def test_a_constant_in_H_is_no_body():
+    """It depends on nothing, and once ended the generation."""
+    system = chain(4)
+    plain, more = (Structure(hoisted(replace(system, H=system.H + value))[0]) for value in (0, 3))
+    assert more.coupled == plain.coupled
+    assert generate(Spec.checked("G-L", 1), system=replace(system, H=system.H + 3))
