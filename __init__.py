@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
-    from .certificate import Certificate, certify
+    from .certificates.certificate import Certificate, certify
     from .errors import (
         CompilerError,
         GyrosparkError,
@@ -30,20 +30,20 @@ if TYPE_CHECKING:
         TableauError,
     )
     from .facade import consistent, load_model, stepper, tableau
-    from .generator import example_models as models
-    from .generator import symbols
-    from .generator.model import Model
-    from .generator.multibody import Multibody
-    from .generator.rigid_body import body_system, rotation_matrix
-    from .generator.system import System
+    from .generator.bodies import example_models as models
+    from .generator.bodies import symbols
+    from .generator.bodies.model import Model
+    from .generator.bodies.multibody import Multibody
+    from .generator.bodies.rigid_body import body_system, rotation_matrix
+    from .generator.systems.system import System
     from .projection import Projection
-    from .runtime import problems
-    from .runtime.ensemble import Ensemble
-    from .runtime.gamma_choice import GammaChoice, choose_gamma
-    from .runtime.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
-    from .runtime.quaternion import momentum, state_from_rotation
-    from .runtime.stepper import Stepper
-    from .runtime.trajectory import Trajectory
+    from .runtime.body import problems
+    from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+    from .runtime.body.quaternion import momentum, state_from_rotation
+    from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
+    from .runtime.run.ensemble import Ensemble
+    from .runtime.run.stepper import Stepper
+    from .runtime.run.trajectory import Trajectory
     from .storage.record import record
     from .storage.recording import Recording, open_recording
     from .sweeps.results import open_sweep
@@ -51,8 +51,8 @@ if TYPE_CHECKING:
 
 #: Public name → where it lives; resolved on first use.
 _HOMES = {
-    "Certificate": "certificate",
-    "certify": "certificate",
+    "Certificate": "certificates.certificate",
+    "certify": "certificates.certificate",
     "CompilerError": "errors",
     "GyrosparkError": "errors",
     "InputError": "errors",
@@ -65,25 +65,25 @@ _HOMES = {
     "consistent": "facade",
     "stepper": "facade",
     "tableau": "facade",
-    "Model": "generator.model",
-    "Multibody": "generator.multibody",
-    "body_system": "generator.rigid_body",
+    "Model": "generator.bodies.model",
+    "Multibody": "generator.bodies.multibody",
+    "body_system": "generator.bodies.rigid_body",
     "load_model": "facade",
-    "rotation_matrix": "generator.rigid_body",
-    "System": "generator.system",
+    "rotation_matrix": "generator.bodies.rigid_body",
+    "System": "generator.systems.system",
     "Projection": "projection",
-    "Ensemble": "runtime.ensemble",
-    "GammaChoice": "runtime.gamma_choice",
-    "choose_gamma": "runtime.gamma_choice",
-    "gamma_fast": "runtime.inertia",
-    "gamma_h": "runtime.inertia",
-    "gamma_h_tilde": "runtime.inertia",
-    "gamma_m": "runtime.inertia",
-    "gamma_m_tilde": "runtime.inertia",
-    "momentum": "runtime.quaternion",
-    "state_from_rotation": "runtime.quaternion",
-    "Stepper": "runtime.stepper",
-    "Trajectory": "runtime.trajectory",
+    "Ensemble": "runtime.run.ensemble",
+    "GammaChoice": "runtime.choice.gamma_choice",
+    "choose_gamma": "runtime.choice.gamma_choice",
+    "gamma_fast": "runtime.body.inertia",
+    "gamma_h": "runtime.body.inertia",
+    "gamma_h_tilde": "runtime.body.inertia",
+    "gamma_m": "runtime.body.inertia",
+    "gamma_m_tilde": "runtime.body.inertia",
+    "momentum": "runtime.body.quaternion",
+    "state_from_rotation": "runtime.body.quaternion",
+    "Stepper": "runtime.run.stepper",
+    "Trajectory": "runtime.run.trajectory",
     "Recording": "storage.recording",
     "open_recording": "storage.recording",
     "record": "storage.record",
@@ -93,8 +93,8 @@ _HOMES = {
 
 #: The same for modules.
 _MODULES = {
-    "models": "generator.example_models", "problems": "runtime.problems",
-    "symbols": "generator.symbols",
+    "models": "generator.bodies.example_models", "problems": "runtime.body.problems",
+    "symbols": "generator.bodies.symbols",
 }
 
 __all__ = [

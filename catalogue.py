@@ -65,9 +65,10 @@ def _entries(kind: Literal["system", "problem", "model"], home: str, *names: str
     return {name: Entry(name, kind, home) for name in names}
 
 
-SYSTEMS = _entries("system", "generator.rigid_body", "heavy_top", "free_body")
-PROBLEMS = _entries("problem", "runtime.problems", "fast-top", "regular-precession", "free-body")
-MODELS = _entries("model", "generator.example_models", "lagrange_top", "satellite",
+SYSTEMS = _entries("system", "generator.bodies.rigid_body", "heavy_top", "free_body")
+PROBLEMS = _entries("problem", "runtime.body.problems", "fast-top", "regular-precession",
+                    "free-body")
+MODELS = _entries("model", "generator.bodies.example_models", "lagrange_top", "satellite",
                   "double_pendulum", "double_top", "gimbal", "four_bar", "chain")
 
 

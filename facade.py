@@ -18,25 +18,25 @@ from .arguments import as_flag
 from .body_values import RepName
 from .catalogue import MODELS
 from .errors import InputError
-from .generator.scheme import SchemeName
+from .generator.schemes.scheme import SchemeName
 from .generator.spec import Spec
-from .generator.text_file import UnusableFileError, model_text, read_text
+from .generator.text.text_file import UnusableFileError, model_text, read_text
 from .naming import shown
 from .projection import Projection, project
 from .real import RealName
 from .remarks import listening, remark
-from .runtime.cache import digest, keep, kept
-from .runtime.checks import as_array
+from .runtime.build.cache import digest, keep, kept
+from .runtime.call.checks import as_array
+from .runtime.call.reals import rounding
 from .runtime.notices import doing
-from .runtime.reals import rounding
-from .runtime.start import Start
-from .runtime.stepper import Stepper
+from .runtime.run.start import Start
+from .runtime.run.stepper import Stepper
 
 if TYPE_CHECKING:
-    from .generator.model import Model
+    from .generator.bodies.model import Model
     from .generator.pipeline import Generated
-    from .generator.system import System
-    from .generator.tableau import Tableau
+    from .generator.systems.system import System
+    from .generator.tableaux.tableau import Tableau
 
 __all__ = ["checked_in_files", "consistent", "files_of", "load_model", "model_stepper",
            "named_model_stepper", "stepper", "stepper_of", "tableau"]
@@ -151,8 +151,8 @@ def consistent(
     """
     if isinstance(system, Stepper):
         return system.consistent(q, p, parameters=parameters)
-    from .generator.numeric_system import NumericSystem
-    from .generator.system import System as AnySystem
+    from .generator.systems.numeric_system import NumericSystem
+    from .generator.systems.system import System as AnySystem
 
     if not isinstance(system, AnySystem):
         raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
@@ -180,7 +180,7 @@ def load_model(
     InputError
         With file, key and cure, for whatever in the file is no model.
     """
-    from .generator.model_file import load_model as load
+    from .generator.model_files.model_file import load_model as load
 
     number = rounding(Spec.checked("EMS", real=real).real)  # or says what may be chosen
     return load(path, rep).in_type(number)
@@ -300,7 +300,7 @@ def _generate_model(
 def _model_of_file(
     spec: Spec, text: str, settings: Mapping[str, str]
 ) -> tuple[Model, list[str]]:
-    from .generator.model_file import read_model
+    from .generator.model_files.model_file import read_model
 
     found = read_model(text, spec.model or "", spec.rep or None, settings)
     return found.model, found.free
@@ -359,7 +359,7 @@ def _source_key(spec: Spec, *texts: object) -> str:
 @cache
 def _generator_fingerprint() -> str:
     """Return a hash of the generator's own text, so that no old source outlives a change to it."""
-    paths = [*ROOT.glob("*.py"), *(ROOT / "generator").glob("*.py"),
+    paths = [*ROOT.glob("*.py"), *(ROOT / "generator").rglob("*.py"),
              *(ROOT / "templates").glob("*.jinja")]
     return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
 
@@ -368,8 +368,8 @@ def _generate(
     spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool
 ) -> Generated:
     from .generator.pipeline import generate
-    from .generator.system import System
-    from .generator.tableau import Tableau
+    from .generator.systems.system import System
+    from .generator.tableaux.tableau import Tableau
 
     if system is not None and not isinstance(system, System):
         raise InputError(f"system = {shown(system)} is neither a name nor a gyrospark.System.")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 if TYPE_CHECKING:
-    from .generator.nodes import Enclosure
+    from .generator.tableaux.nodes import Enclosure
 
 __all__ = ["REALS", "Real", "RealName", "round_binary"]
 

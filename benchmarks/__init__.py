@@ -1,7 +1,7 @@
 """How fast, how exact: gyrospark beside other programs on the paper's fast top.
 
     tops.py         the problem, as gyrospark and as its peers see it
-    reference.py    where the top is at t = 1, 10, 100 and 1000 s, in long double
+    certificates/reference.py    where the top is at t = 1, 10, 100 and 1000 s, in long double
     peers/          one file a program; each is optional
     timing.py       CPU time, contestants in turn, medians
     contest.py      entries timed and judged: the table of ``gyrospark bench peers``

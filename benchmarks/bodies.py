@@ -18,7 +18,7 @@ import numpy as np
 from .._version import __version__
 from ..errors import GyrosparkError
 from ..facade import stepper
-from ..runtime.stepper import Stepper
+from ..runtime.run.stepper import Stepper
 from .linkages import Array, Linkage, chain_of, closed_loop
 from .peers.exudyn_bodies import PACKAGE, SOLVERS, Machine
 from .peers.optional import Unavailable, version

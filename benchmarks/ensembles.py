@@ -15,7 +15,7 @@ import numpy as np
 
 from .._version import __version__
 from ..facade import stepper
-from ..runtime.quaternion import angular_velocity
+from ..runtime.body.quaternion import angular_velocity
 from .contest import Limits, Row, judged
 from .peers.entry import Entry, Run
 from .peers.heyoka_taylor import prepare_batch

@@ -21,15 +21,15 @@ from typing import Any
 import numpy as np
 
 from ..errors import GyrosparkError
-from ..generator.derivatives import derivative
-from ..generator.example_models import chain
-from ..generator.model import Model
+from ..generator.algebra.derivatives import derivative
+from ..generator.bodies.example_models import chain
+from ..generator.bodies.model import Model
 from ..generator.pipeline import Generated, generate
 from ..generator.spec import Spec
-from ..generator.structure import Structure
-from ..runtime.compiler import compile_module, find_compiler
-from ..runtime.stepper import Stepper
-from ..runtime.trajectory import Trajectory
+from ..generator.systems.structure import Structure
+from ..runtime.build.compiler import compile_module, find_compiler
+from ..runtime.run.stepper import Stepper
+from ..runtime.run.trajectory import Trajectory
 from .timing import Sample, alternate, repeated
 
 __all__ = ["COUNTS", "QUICK", "Size", "grow", "laws"]

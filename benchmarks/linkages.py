@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body_values import Inertia, as_moments
-from ..generator.example_models import chain, four_bar
-from ..generator.model import Model
-from ..runtime.quaternion import angular_velocity, rotation_matrix
+from ..generator.bodies.example_models import chain, four_bar
+from ..generator.bodies.model import Model
+from ..runtime.body.quaternion import angular_velocity, rotation_matrix
 
 __all__ = ["BodyStart", "Hold", "Linkage", "chain_of", "closed_loop"]
 

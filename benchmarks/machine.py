@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..runtime.compiler import find_compiler
+from ..runtime.build.compiler import find_compiler
 from .peers.optional import version
 from .reference import about as reference_about
 

@@ -7,7 +7,7 @@ from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..runtime.plots import figure_class
+from ..runtime.show.plots import figure_class
 from .bodies import BodyRow
 from .contest import Row
 from .drift import Course

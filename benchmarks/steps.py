@@ -15,12 +15,12 @@ import numpy as np
 from ..body_values import RepName
 from ..errors import GyrosparkError
 from ..facade import stepper
-from ..generator.scheme import SchemeName
+from ..generator.schemes.scheme import SchemeName
 from ..naming import choose
-from ..runtime.inertia import gamma_m
-from ..runtime.problems import Problem, fast_top, free_body
-from ..runtime.stepper import SOLVERS as KNOWN
-from ..runtime.stepper import Stepper
+from ..runtime.body.inertia import gamma_m
+from ..runtime.body.problems import Problem, fast_top, free_body
+from ..runtime.run.stepper import SOLVERS as KNOWN
+from ..runtime.run.stepper import Stepper
 from .peers.ours import SOLVERS, available
 from .timing import alternate, stopwatch
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from ..facade import stepper
-from ..runtime.inertia import gamma_m
-from ..runtime.problems import fast_top
+from ..runtime.body.inertia import gamma_m
+from ..runtime.body.problems import fast_top
 from ..storage.durable import write_durably
 from ..storage.record import record
 

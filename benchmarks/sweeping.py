@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GyrosparkError
-from ..runtime.problems import fast_top
+from ..runtime.body.problems import fast_top
 from ..sweeps.plan import plan
 from ..sweeps.study import Study
 from ..sweeps.sweep import run_study

@@ -1,5 +1,10 @@
 """The command line: one command a file, each a thin face of the Python calls.
 
+    generate, models, verify, run, sweep, export, reproduce, bench, cache   the commands
+    options                   options that several of them share
+    run_outputs, run_report   where states go, and what is said of them
+    bench_tables              what ``bench`` prints
+
 Exit codes: 0 done, 1 a check failed or a step did not converge, 2 bad input or environment (one
 sentence on stderr, no traceback), 130 interrupted.
 """

@@ -96,7 +96,7 @@ def bench(
         raise unknown("benchmark", what, [*_WHAT, "all"])
     choice = _checked(peers, quick, t_end, rounds, base)
     if out is not None:  # before hours of work
-        from ..runtime.plots import figure_class
+        from ..runtime.show.plots import figure_class
 
         check_folder("--out", out)
         figure_class()
@@ -124,7 +124,7 @@ def _refuse_without_extras(names: Sequence[str], out: Path | None) -> None:
     if {"store", "sweeps"} & set(names):
         from .. import storage  # noqa: F401
     if out is not None:
-        from ..runtime.plots import figure_class
+        from ..runtime.show.plots import figure_class
 
         figure_class()
 

@@ -14,7 +14,7 @@ import click
 
 from ..errors import InputError
 from ..generator.spec import PAPER_SPECS, Spec
-from ..runtime.manifest import remarks_of
+from ..runtime.build.manifest import remarks_of
 from ..runtime.notices import doing
 from .options import check_no_file, spec_from, stepper_options, with_default_scheme
 
@@ -72,7 +72,7 @@ def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: boo
         derived = time.perf_counter()
         if compile_it:
             from ..facade import keep_files
-            from ..runtime.module import load_module
+            from ..runtime.build.module import load_module
 
             load_module(made.source.name, made.source.files())
             if spec.tableau is None and spec.model is None:

@@ -14,12 +14,12 @@ import click
 from ..body_values import REPS
 from ..errors import InputError
 from ..exact import Rounded, decimal
-from ..generator.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
+from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..generator.spec import Spec
 from ..naming import listed
 from ..real import REALS
-from ..runtime.endings import PICTURES, ending_of
 from ..runtime.notices import hush
+from ..runtime.show.endings import PICTURES, ending_of
 
 __all__ = ["check_ending", "check_folder", "check_no_file", "check_picture", "check_writable",
            "json_option", "real_number", "spec_from", "stepper_options", "whole_number",
@@ -145,7 +145,7 @@ def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
 
 def check_picture(path: Path) -> None:
     """Refuse a file of --plot that no picture can be written to."""
-    from ..runtime.plots import check_target
+    from ..runtime.show.plots import check_target
 
     check_writable("--plot", path)
     check_target(path)

@@ -77,7 +77,7 @@ def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path 
     InputError, MissingDependencyError
         If it cannot be written.
     """
-    from ..runtime.plots import figure_class
+    from ..runtime.show.plots import figure_class
 
     if out is not None:
         check_folder("--out", out)

@@ -17,10 +17,10 @@ from ..exact import Rounded, decimal
 from ..generator.spec import is_model_file
 from ..naming import listed, proposal
 from ..real import REALS
-from ..runtime.inertia import AIMS
+from ..runtime.body.inertia import AIMS
+from ..runtime.build.manifest import remarks_of
 from ..runtime.interrupts import watched
-from ..runtime.manifest import remarks_of
-from ..runtime.start import Start
+from ..runtime.run.start import Start
 from .options import (
     json_option,
     real_number,
@@ -33,10 +33,10 @@ from .run_outputs import check_targets, integrate_to, where_it_is
 from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 
 if TYPE_CHECKING:
-    from ..runtime.gamma_choice import GammaChoice
-    from ..runtime.inertia import Aim
-    from ..runtime.problems import Problem
-    from ..runtime.stepper import Stepper
+    from ..runtime.body.inertia import Aim
+    from ..runtime.body.problems import Problem
+    from ..runtime.choice.gamma_choice import GammaChoice
+    from ..runtime.run.stepper import Stepper
 
 __all__ = ["run"]
 
@@ -285,7 +285,7 @@ def _choice(
     parameters: dict[str, float], aim: Aim | None,
 ) -> GammaChoice | None:
     """Return the choice of γ or α with this aim, made on pilot runs no longer than the run."""
-    from ..runtime.gamma_choice import PILOT_STEPS, choose_gamma
+    from ..runtime.choice.gamma_choice import PILOT_STEPS, choose_gamma
 
     if aim is None:
         return None
@@ -297,8 +297,8 @@ def _choice(
 
 def _fast_gamma(step: Stepper, start: Start) -> float:
     """Return the γ with the fewest sweeps; refuse it where γ would change the solution."""
-    from ..runtime.inertia import gamma_fast
-    from ..runtime.quaternion import angular_velocity
+    from ..runtime.body.inertia import gamma_fast
+    from ..runtime.body.quaternion import angular_velocity
 
     stages = step.manifest["scheme"]["stages"] or 0
     if stages < 6:
@@ -314,7 +314,7 @@ def _fast_gamma(step: Stepper, start: Start) -> float:
 
 def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
     """Return γ or α from m, h, mt, ht or a number."""
-    from ..runtime.inertia import MEANS
+    from ..runtime.body.inertia import MEANS
 
     if text in MEANS:
         return MEANS[text](inertia)

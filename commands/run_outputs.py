@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
-from ..runtime.endings import ENDINGS, ending_of
+from ..runtime.show.endings import ENDINGS, ending_of
 from .options import check_ending, check_picture, check_writable
 
 if TYPE_CHECKING:
-    from ..runtime.stepper import Stepper
-    from ..runtime.trajectory import Trajectory
+    from ..runtime.run.stepper import Stepper
+    from ..runtime.run.trajectory import Trajectory
     from ..storage.recording import Recording
 
 __all__ = ["Done", "check_targets", "integrate_to", "where_it_is"]
@@ -171,7 +171,7 @@ def _in_memory(
 
 def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
     """Return what a signal has ended with where its states are, for people."""
-    from ..runtime.integration import ended_at
+    from ..runtime.run.integration import ended_at
 
     where = "--out would keep its states." if written is None else f"It is in {written!r}."
     if done < steps and written is not None:

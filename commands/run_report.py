@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import StepFailed, Stopped
 from ..exact import digits_of
-from ..runtime.inertia import AIMS
+from ..runtime.body.inertia import AIMS
 
 if TYPE_CHECKING:
-    from ..runtime.gamma_choice import GammaChoice
-    from ..runtime.problems import Problem
-    from ..runtime.start import Start
-    from ..runtime.stepper import Stepper
-    from ..runtime.trajectory import Trajectory
+    from ..runtime.body.problems import Problem
+    from ..runtime.choice.gamma_choice import GammaChoice
+    from ..runtime.run.start import Start
+    from ..runtime.run.stepper import Stepper
+    from ..runtime.run.trajectory import Trajectory
     from .run_outputs import Done
 
 __all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of"]
@@ -106,7 +106,7 @@ def _all_digits(trajectory: Trajectory) -> dict[str, Any]:
 
 def axis_errors(problem: Problem, step: Stepper, trajectory: Trajectory) -> dict[str, Any]:
     """Return the mean and largest errors of the unit axis over the stored states (87)."""
-    from ..reference import reference_axis
+    from ..certificates.reference import reference_axis
 
     exact, source = reference_axis(problem, trajectory)
     error = abs(trajectory.axis() - exact[: len(trajectory)])  # fewer after a failed step

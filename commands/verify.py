@@ -12,7 +12,7 @@ import click
 from ..body_values import REPS
 from ..catalogue import SYSTEMS, entry_named
 from ..errors import InputError
-from ..generator.scheme import SCHEMES
+from ..generator.schemes.scheme import SCHEMES
 from ..generator.spec import PAPER_SPECS, Spec, is_model_file
 from ..real import REALS
 from ..runtime.notices import doing
@@ -26,10 +26,10 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..certificate import Certificate
-    from ..generator.model import Model
-    from ..runtime.problems import Problem
-    from ..verification import Verdict
+    from ..certificates.certificate import Certificate
+    from ..certificates.verification import Verdict
+    from ..generator.bodies.model import Model
+    from ..runtime.body.problems import Problem
 
 __all__ = ["verify"]
 
@@ -71,7 +71,7 @@ def verify(
         if value is not None:
             raise InputError(f"{option} belongs to --model; name the model, or leave it out.")
     specs = _specs(target, choice)
-    from ..verification import verify_stepper
+    from ..certificates.verification import verify_stepper
 
     verdicts = []
     for spec in specs:
@@ -144,8 +144,8 @@ def _certify(
     choice, note = with_default_scheme(choice)
     count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
     Spec.checked(choice["scheme"], count, choice["rep"], tableau=choice["tableau"])
-    from ..certificate import certify
-    from ..runtime.problems import Problem
+    from ..certificates.certificate import certify
+    from ..runtime.body.problems import Problem
 
     step_size = None if dt is None else real_number("--dt", dt)
     with doing(f"checking what {name} keeps"):
@@ -171,8 +171,8 @@ def _model(name: str, rep: str | None) -> Model | Problem:
         own = {"rep": rep} if rep is not None and entry.kind == "model" else {}
         made: Model | Problem = entry.make(**own)
         return made
-    from ..generator.model_file import parse_model
-    from ..generator.text_file import model_text
+    from ..generator.model_files.model_file import parse_model
+    from ..generator.text.text_file import model_text
 
     return parse_model(model_text(name), name, rep)
 

@@ -9,19 +9,19 @@ from ..body_values import REPS
 from ..catalogue import MODELS, SYSTEMS
 from ..errors import TableauError
 from ..real import REALS
-from .conditions import Condition, check_tableau
-from .emit import Source, emit
-from .model import Model
-from .model_file import load_model
-from .redundancy import refuse_redundant_anywhere
-from .scheme import scheme_named
-from .schemes import MeanScheme, SparkScheme, hoisted
-from .smoothness import refuse_kinks
+from .bodies.model import Model
+from .emission.emit import Source, emit
+from .model_files.model_file import load_model
+from .schemes.scheme import scheme_named
+from .schemes.schemes import MeanScheme, SparkScheme, hoisted
 from .spec import Spec, join_name
 from .spelling.canonical import canonical
-from .system import System
-from .tableau import Tableau
-from .tableau_file import read_tableau
+from .systems.redundancy import refuse_redundant_anywhere
+from .systems.smoothness import refuse_kinks
+from .systems.system import System
+from .tableaux.conditions import Condition, check_tableau
+from .tableaux.tableau import Tableau
+from .tableaux.tableau_file import read_tableau
 
 __all__ = ["Generated", "generate", "refuse_violations", "tableau_of"]
 

@@ -11,7 +11,7 @@ from ..catalogue import MODELS, SYSTEMS
 from ..errors import InputError
 from ..naming import choose, listed, shown, whole
 from ..real import REALS, RealName
-from .scheme import SCHEMES, Scheme, scheme_named
+from .schemes.scheme import SCHEMES, Scheme, scheme_named
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
 

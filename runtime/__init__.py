@@ -1,1 +1,12 @@
-"""Keep and run: compile a stepper's C once, cache it, call it. Knows cffi and NumPy, no SymPy."""
+"""Keep and run: compile a stepper's C once, cache it, call it. Knows cffi and NumPy, no SymPy.
+
+    build/   text of a stepper to its loaded module
+    call/    compiled functions on arrays of every type
+    body/    the rigid body in numbers
+    choice/  γ chosen by measurement
+    show/    pictures, endings of files
+    run/     steppers, trajectories, ensembles
+
+At the door: ``interrupts``, Ctrl-C and the end a cluster asks for, and ``notices``, what takes
+seconds is said.
+"""

@@ -2,11 +2,15 @@
 
     durable      a Zarr store each of whose files appears whole and stays, whatever happens
     lock         one writer a store
+    fresh        a store that is begun appears whole
+    wide         numbers with more digits than a double, as bytes
+    chunks       how arrays are cut and packed
     identity     what makes two runs the same, and what differs
     layout       the arrays of a run: names, dimensions, units
     checkpoint   the bytes from which a run goes on
     writer       writes in a thread what another computes
     record       the loop: steps, commits, the end
+    soundness    a store is read only if it is whole
     recording    a stored run, to read
     table        the states as columns, of a store or in memory
     export       these as .csv and .nc

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.binding import Binding
+from ..runtime.call.binding import Binding
 from .wide import as_bytes, from_bytes
 
 __all__ = ["State", "pack", "room", "unpack"]

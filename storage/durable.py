@@ -19,7 +19,7 @@ from zarr.storage import LocalStore
 
 from ..arguments import as_path
 from ..errors import InputError, StorageError
-from ..runtime.endings import ENDINGS, ending_of
+from ..runtime.show.endings import ENDINGS, ending_of
 
 __all__ = ["DurableStore", "finished", "new_store_path", "one_line", "remove_parts",
            "storage_errors", "store_path", "sync_folder", "write_durably"]

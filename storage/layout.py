@@ -23,7 +23,7 @@ import numpy as np
 import zarr
 
 from ..real import REALS
-from ..runtime.states import QUANTITY
+from ..runtime.run.states import QUANTITY
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES

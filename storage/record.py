@@ -22,13 +22,13 @@ from ..arguments import as_flag
 from ..errors import InputError, Stopped
 from ..exact import Number
 from ..naming import shown, whole
-from ..runtime.binding import REASONS, SolverName
-from ..runtime.checks import as_callback
-from ..runtime.gamma_choice import with_choice
-from ..runtime.integration import Pace, Rows, Run, advance, ended_at, next_chunk
+from ..runtime.call.binding import REASONS, SolverName
+from ..runtime.call.checks import as_callback
+from ..runtime.choice.gamma_choice import with_choice
 from ..runtime.interrupts import Interrupts, watched
-from ..runtime.stepper import Stepper
-from ..runtime.trajectory import Report
+from ..runtime.run.integration import Pace, Rows, Run, advance, ended_at, next_chunk
+from ..runtime.run.stepper import Stepper
+from ..runtime.run.trajectory import Report
 from .checkpoint import State, pack, room, unpack
 from .durable import new_store_path, remove_parts, storage_errors
 from .fresh import appearing, is_new

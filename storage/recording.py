@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ..arguments import as_path
 from ..errors import InputError, StepFailed
 from ..real import REALS
-from ..runtime.checks import as_positive_count
-from ..runtime.reals import from_text
-from ..runtime.trajectory import Report, Trajectory, known_fields
+from ..runtime.call.checks import as_positive_count
+from ..runtime.call.reals import from_text
+from ..runtime.run.trajectory import Report, Trajectory, known_fields
 from .durable import one_line, store_path
 from .layout import QUANTITY, array_of, labels_of, open_group, wide_name
 from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, rows_of, sound_attributes

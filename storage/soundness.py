@@ -17,8 +17,8 @@ import zarr
 from .._version import __version__
 from ..errors import InputError
 from ..real import REALS, RealName
-from ..runtime.reals import from_text
-from ..runtime.trajectory import Report, known_fields
+from ..runtime.call.reals import from_text
+from ..runtime.run.trajectory import Report, known_fields
 from .identity import FORMAT, written_by
 from .layout import CHECKPOINT, EXTENDS, Field, array_of, attributes_of, wide_name
 

@@ -13,14 +13,14 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..runtime.integration import Rows, Run, defect_sizes
+from ..runtime.run.integration import Rows, Run, defect_sizes
 from .chunks import Chunk, write_chunks
 from .durable import storage_errors
 from .layout import CHECKPOINT, QUANTITY, Field, array_of, attributes_of, wide_name
 from .wide import as_bytes
 
 if TYPE_CHECKING:
-    from ..runtime.binding import Binding
+    from ..runtime.call.binding import Binding
 
 __all__ = ["CURE", "Batch", "Writer", "stored_arrays"]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from ..body_values import REPS
 from ..naming import choose
-from ..runtime.closed_forms import RegularPrecession
+from ..runtime.body.closed_forms import RegularPrecession
 from .engine import Case, Engine, Quantity, scheme_of
 from .labels import NORMS, row_name
 from .model import Cell, Claim, Figure, Panel, Series, Table

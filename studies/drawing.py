@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from ..runtime.plots import figure_class
+from ..runtime.show.plots import figure_class
 from .model import Panel, Series
 
 __all__ = ["arrange", "draw", "inline"]

@@ -27,8 +27,8 @@ from typing import Any
 import sympy as sp
 from sympy import QQ
 
-from ..generator.families import lobatto_iiiab
-from ..generator.node_algebra import Nodes, power
+from ..generator.tableaux.families import lobatto_iiiab
+from ..generator.tableaux.node_algebra import Nodes, power
 from .body_frame import Top, dot, motion, over
 
 __all__ = ["Law", "NodeNumbers", "energy_law", "node_numbers", "node_slope"]

@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 
 from ..body_values import RepName
 from ..catalogue import PROBLEMS
+from ..certificates.reference import reference_axis
 from ..errors import InputError
 from ..facade import stepper
-from ..generator.scheme import SchemeName, scheme_named
+from ..generator.schemes.scheme import SchemeName, scheme_named
 from ..real import RealName
-from ..reference import reference_axis
-from ..runtime.inertia import MEANS
-from ..runtime.problems import Problem
-from ..runtime.stepper import Stepper
-from ..runtime.trajectory import Trajectory
+from ..runtime.body.inertia import MEANS
+from ..runtime.body.problems import Problem
+from ..runtime.run.stepper import Stepper
+from ..runtime.run.trajectory import Trajectory
 
 __all__ = ["Case", "Engine", "Quantity", "parameter_value", "scheme_of"]
 

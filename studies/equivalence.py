@@ -9,12 +9,12 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ..facade import stepper
-from ..generator.families import lobatto_iiiab
-from ..generator.rigid_body import heavy_top
-from ..generator.tableau import Tableau
-from ..runtime.inertia import gamma_m
-from ..runtime.problems import fast_top
-from ..runtime.stepper import Stepper
+from ..generator.bodies.rigid_body import heavy_top
+from ..generator.tableaux.families import lobatto_iiiab
+from ..generator.tableaux.tableau import Tableau
+from ..runtime.body.inertia import gamma_m
+from ..runtime.body.problems import fast_top
+from ..runtime.run.stepper import Stepper
 from .engine import Engine
 from .model import Claim, Finding
 from .sampled_energy import run

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.inertia import MEANS_BY_SYMBOL, gamma_m
+from ..runtime.body.inertia import MEANS_BY_SYMBOL, gamma_m
 from .engine import Engine
 from .fit import Line, fit_line
 from .gamma_trials import BODIES, METHODS, TIMES, Body, Trial

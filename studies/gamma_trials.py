@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..facade import stepper
-from ..generator.scheme import SchemeName
-from ..runtime.gamma_choice import GammaChoice, choose_gamma
-from ..runtime.inertia import MEANS_BY_SYMBOL, Aim, gamma_m
-from ..runtime.motion_error import MotionError, sizes
-from ..runtime.problems import Problem, fast_top, free_body, regular_precession
-from ..runtime.quaternion import euler_quaternion, momentum
-from ..runtime.trajectory import Trajectory
+from ..generator.schemes.scheme import SchemeName
+from ..runtime.body.inertia import MEANS_BY_SYMBOL, Aim, gamma_m
+from ..runtime.body.problems import Problem, fast_top, free_body, regular_precession
+from ..runtime.body.quaternion import euler_quaternion, momentum
+from ..runtime.choice.gamma_choice import GammaChoice, choose_gamma
+from ..runtime.choice.motion_error import MotionError, sizes
+from ..runtime.run.trajectory import Trajectory
 
 __all__ = ["BODIES", "METHODS", "TIMES", "Body", "Trial", "asymmetric_top"]
 

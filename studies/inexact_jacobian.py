@@ -15,14 +15,14 @@ from functools import cache, cached_property
 
 import sympy as sp
 
-from ..generator.emit import emit
+from ..generator.bodies.rigid_body import double_momentum, heavy_top
+from ..generator.emission.emit import emit
 from ..generator.pipeline import tableau_of
-from ..generator.rigid_body import double_momentum, heavy_top
-from ..generator.schemes import SparkScheme, hoisted
+from ..generator.schemes.schemes import SparkScheme, hoisted
 from ..generator.spec import Spec
-from ..generator.system import System
+from ..generator.systems.system import System
 from ..real import REALS
-from ..runtime.stepper import Stepper
+from ..runtime.run.stepper import Stepper
 
 __all__ = ["InexactTop", "dropped_term", "inexact_stepper"]
 

@@ -15,8 +15,8 @@ from functools import cache
 
 from ..body_values import RepName
 from ..facade import stepper
-from ..generator.scheme import SchemeName
-from ..runtime.problems import fast_top
+from ..generator.schemes.scheme import SchemeName
+from ..runtime.body.problems import fast_top
 from .engine import Engine, parameter_value
 from .inexact_jacobian import inexact_stepper
 from .labels import PARAMETERS, letter

@@ -27,7 +27,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.stepper import Stepper
+from ..runtime.run.stepper import Stepper
 
 __all__ = ["March", "Rule", "march"]
 

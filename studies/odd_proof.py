@@ -14,8 +14,8 @@ from typing import Any
 import sympy as sp
 from sympy import QQ, ring
 
-from ..generator.families import lobatto_iiiab
-from ..generator.tableau import Tableau
+from ..generator.tableaux.families import lobatto_iiiab
+from ..generator.tableaux.tableau import Tableau
 from .body_frame import Top
 from .energy_law import energy_law, node_numbers, node_slope
 from .model import Claim

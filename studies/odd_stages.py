@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..real import RealName
-from ..runtime.inertia import gamma_m
-from ..runtime.problems import fast_top
+from ..runtime.body.inertia import gamma_m
+from ..runtime.body.problems import fast_top
 from .energy_law import Law, energy_law, node_numbers
 from .engine import Engine
 from .fit import Line, fit_line

@@ -20,7 +20,7 @@ from typing import Any
 import sympy as sp
 from sympy import QQ
 
-from ..generator.tableau import Tableau
+from ..generator.tableaux.tableau import Tableau
 from .body_frame import Top, conjugate, dot, multiply, over
 from .power_series import Series
 

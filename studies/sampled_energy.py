@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ..body_values import RepName
 from ..facade import stepper
-from ..generator.scheme import SchemeName
+from ..generator.schemes.scheme import SchemeName
 from ..real import RealName
-from ..runtime.problems import fast_top
-from ..runtime.quaternion import rotation_matrix
-from ..runtime.trajectory import Trajectory
+from ..runtime.body.problems import fast_top
+from ..runtime.body.quaternion import rotation_matrix
+from ..runtime.run.trajectory import Trajectory
 from .body_frame import Top
 
 __all__ = ["energy_errors", "peak", "run", "top_along"]

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 import sympy as sp
 
-from ..generator.rigid_body import double_momentum, gravity_potential, heavy_top, moments
-from ..generator.scheme import SchemeName
-from ..runtime.inertia import gamma_h, gamma_m
-from ..runtime.problems import fast_top
+from ..generator.bodies.rigid_body import double_momentum, gravity_potential, heavy_top, moments
+from ..generator.schemes.scheme import SchemeName
+from ..runtime.body.inertia import gamma_h, gamma_m
+from ..runtime.body.problems import fast_top
 from .engine import Engine
 from .fit import Line, fit_line
 from .model import Claim, Finding, Panel, Series

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..runtime.checks import as_positive_count
+from ..runtime.call.checks import as_positive_count
 
 __all__ = ["SCHEME", "START", "Axis", "as_rows", "list_axis", "random_axis", "start_axis",
            "value_axis"]

@@ -14,14 +14,14 @@ from ..catalogue import entry_named
 from ..errors import InputError
 from ..generator.spec import Spec, is_model_file
 from ..naming import choose, proposal
-from ..runtime.inertia import MEANS, gamma_m
-from ..runtime.problems import Problem
-from ..runtime.quaternion import momentum
-from ..runtime.start import Start
+from ..runtime.body.inertia import MEANS, gamma_m
+from ..runtime.body.problems import Problem
+from ..runtime.body.quaternion import momentum
+from ..runtime.run.start import Start
 from .axes import Axis, as_rows, start_axis
 
 if TYPE_CHECKING:
-    from ..runtime.stepper import Stepper
+    from ..runtime.run.stepper import Stepper
 
 __all__ = ["base_parameters", "resolve", "starts"]
 

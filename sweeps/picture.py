@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..runtime.plots import check_target, figure_class, save
+from ..runtime.show.plots import check_target, figure_class, save
 
 if TYPE_CHECKING:
     import xarray

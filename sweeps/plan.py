@@ -10,10 +10,10 @@ import numpy as np
 
 from ..arguments import as_mapping
 from ..errors import InputError
-from ..generator.scheme import SCHEMES
+from ..generator.schemes.scheme import SCHEMES
 from ..naming import listed, shown, whole
 from ..real import REALS
-from ..runtime.checks import as_positive_count
+from ..runtime.call.checks import as_positive_count
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
 from .model import base_parameters, resolve, starts
 from .study import Study, checked_study

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..arguments import as_items, as_path
 from ..errors import InputError
 from ..naming import proposal, shown
-from ..runtime.binding import REASONS
+from ..runtime.call.binding import REASONS
 from ..storage.chunks import Chunk, write_chunks
 from ..storage.durable import DurableStore, storage_errors
 from ..storage.identity import written_by

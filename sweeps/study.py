@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..naming import choose, listed, proposal
 from ..real import REALS
-from ..runtime.binding import SOLVERS, SolverName
-from ..runtime.checks import as_positive_count, as_real, as_step
-from ..runtime.parameters import as_parameters
+from ..runtime.call.binding import SOLVERS, SolverName
+from ..runtime.call.checks import as_positive_count, as_real, as_step
+from ..runtime.run.parameters import as_parameters
 from .axes import SCHEME, START, Axis
 
 if TYPE_CHECKING:
-    from ..runtime.stepper import Stepper
+    from ..runtime.run.stepper import Stepper
 
 __all__ = ["Study", "checked_study"]
 

@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..generator.model_table import load_toml
+from ..generator.model_files.model_table import load_toml
 from ..generator.spec import is_model_file
-from ..generator.text_file import UnusableFileError, read_text
+from ..generator.text.text_file import UnusableFileError, read_text
 from ..naming import proposal, whole
 from .plan import plan
 from .study import Study, as_table

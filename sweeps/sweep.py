@@ -15,10 +15,10 @@ from ..arguments import as_flag
 from ..body_values import RepName
 from ..errors import InputError, Stopped, StorageError
 from ..exact import digits_of
-from ..generator.scheme import SchemeName
+from ..generator.schemes.scheme import SchemeName
 from ..real import RealName
-from ..runtime.binding import SolverName
-from ..runtime.checks import as_callback, as_positive_count
+from ..runtime.call.binding import SolverName
+from ..runtime.call.checks import as_callback, as_positive_count
 from ..runtime.interrupts import ctrl_c, watched
 from ..storage.durable import new_store_path, remove_parts, storage_errors
 from ..storage.fresh import appearing, is_new

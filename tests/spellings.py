@@ -11,7 +11,7 @@ from typing import Any
 import sympy as sp
 
 from gyrospark.generator.spelling.terms import stand_in
-from gyrospark.generator.system import System
+from gyrospark.generator.systems.system import System
 
 HALF = sp.Rational(1, 2)
 

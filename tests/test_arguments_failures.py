@@ -10,7 +10,7 @@ import pytest
 
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP, equal
-from gyrospark.runtime.binding import REASONS
+from gyrospark.runtime.call.binding import REASONS
 
 
 def test_failed_step_carries_everything_before_it(failures):

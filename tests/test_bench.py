@@ -30,7 +30,7 @@ from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_rati
 from gyrospark.benchmarks.peers import exudyn_bodies, optional, ours
 from gyrospark.benchmarks.peers.entry import Entry
 from gyrospark.commands import main
-from gyrospark.runtime.quaternion import rotation_matrix
+from gyrospark.runtime.body.quaternion import rotation_matrix
 from gyrospark.sweeps.sweep import run_study
 
 SHORT = Limits(t_end=1.0, rounds=3, least=1e-4, most=60.0)
@@ -490,7 +490,7 @@ def test_command_refuses_in_a_sentence(bench, arguments, message):
 
 
 @pytest.mark.parametrize(("package", "extra", "arguments"), [
-    ("gyrospark.runtime.picture", "plot", ["--out", "new"]), ("zarr", "storage", ["store"])])
+    ("gyrospark.runtime.show.picture", "plot", ["--out", "new"]), ("zarr", "storage", ["store"])])
 def test_command_says_what_is_missing_before_it_measures(
     bench, monkeypatch, tmp_path, package, extra, arguments
 ):

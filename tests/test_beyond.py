@@ -13,8 +13,8 @@ import sympy as sp
 from sympy import QQ
 
 from gyrospark import stepper
-from gyrospark.generator.families import gauss_lobatto, lobatto_iiiab
-from gyrospark.runtime.quaternion import momentum
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
+from gyrospark.runtime.body.quaternion import momentum
 from gyrospark.studies import odd_proof
 from gyrospark.studies.beyond import FINDINGS
 from gyrospark.studies.body_frame import Top, motion

@@ -19,9 +19,9 @@ from gyrospark.body_values import (
     tensor_of_inverse,
     unit_quaternions,
 )
-from gyrospark.generator.model_file import parse_model
-from gyrospark.generator.rigid_body import kinetic_energy
-from gyrospark.runtime.quaternion import (
+from gyrospark.generator.bodies.rigid_body import kinetic_energy
+from gyrospark.generator.model_files.model_file import parse_model
+from gyrospark.runtime.body.quaternion import (
     angular_velocity,
     from_rotation,
     momentum,

@@ -10,9 +10,9 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import TOP
-from gyrospark.generator.model_file import parse_model
-from gyrospark.runtime.manifest import bodies_of, sizes_of
-from gyrospark.runtime.quaternion import rotation_matrix
+from gyrospark.generator.model_files.model_file import parse_model
+from gyrospark.runtime.body.quaternion import rotation_matrix
+from gyrospark.runtime.build.manifest import bodies_of, sizes_of
 
 VIEWS = ("rotation", "axis", "angular_velocity")
 EPS = float(np.finfo(float).eps)

@@ -19,7 +19,7 @@ import pytest
 import gyrospark as gs
 from gyrospark import facade
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime import cache, compiler, module
+from gyrospark.runtime.build import cache, compiler, module
 from processes import FAST_TOP, PATIENCE, ROOT, call, cli, environment
 
 BUILD = FAST_TOP + """
@@ -493,8 +493,8 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
         patch.setattr(facade, "ROOT", tmp_path)
         keys = [key()]
         assert keys == [here]
-        for path in (tmp_path / "templates" / "mean.c.jinja", tmp_path / "generator" / "nodes.py",
-                     tmp_path / "real.py"):
+        for path in (tmp_path / "templates" / "mean.c.jinja",
+                     tmp_path / "generator" / "tableaux" / "nodes.py", tmp_path / "real.py"):
             path.write_text(path.read_text(encoding="utf-8") + "\n", encoding="utf-8")
             keys.append(key())
         (tmp_path / "templates" / "mean.c.jinja").unlink()

@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.generator import pipeline
-from gyrospark.generator.identities import compare
+from gyrospark.generator.algebra.identities import compare
+from gyrospark.generator.bodies.rigid_body import heavy_top, kinetic_energy
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.rigid_body import heavy_top, kinetic_energy
-from gyrospark.generator.schemes import hoisted
+from gyrospark.generator.schemes.schemes import hoisted
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.spelling import normal_form
 from gyrospark.generator.spelling.canonical import canonical
 from gyrospark.generator.spelling.compact import cost
-from gyrospark.generator.structure import Structure
-from gyrospark.generator.system import System
+from gyrospark.generator.systems.structure import Structure
+from gyrospark.generator.systems.system import System
 from spellings import HALF, TEN, everywhere, lattice, links, rewritten, stand_ins
 
 x, y, z = sp.symbols("x y z", real=True)

@@ -10,8 +10,15 @@ import mpmath as mp
 import pytest
 import sympy as sp
 
-from gyrospark.generator.cardinal import Asinhc, Atanc, Atanhc, Sinc, Sinhc, c_names_with_needs
-from gyrospark.generator.emit import TEMPLATES
+from gyrospark.generator.algebra.cardinal import (
+    Asinhc,
+    Atanc,
+    Atanhc,
+    Sinc,
+    Sinhc,
+    c_names_with_needs,
+)
+from gyrospark.generator.emission.emit import TEMPLATES
 from gyrospark.real import REALS
 
 FUNCTIONS = [f for g in (Sinc, Sinhc, Asinhc, Atanc, Atanhc) for f in (g, g.slope)]

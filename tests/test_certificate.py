@@ -14,10 +14,10 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark import examination
-from gyrospark.generator.rigid_body import heavy_top
-from gyrospark.round_off import RoundOff
-from gyrospark.runtime.measurements import OrderSeen, order_seen, reversal, trend
+from gyrospark.certificates import examination
+from gyrospark.certificates.measurements import OrderSeen, order_seen, reversal, trend
+from gyrospark.certificates.round_off import RoundOff
+from gyrospark.generator.bodies.rigid_body import heavy_top
 from strategies import EPS
 from test_cli import EXAMPLE
 from test_generic_system import EXAMPLES

@@ -18,12 +18,12 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.conditions import check_tableau
-from gyrospark.generator.momentum_maps import momentum_maps
-from gyrospark.generator.observed_order import observed_order
-from gyrospark.generator.rigid_body import body_system, mgl, rotation_matrix
-from gyrospark.generator.tableau_file import read_tableau
-from gyrospark.promises import MeanPromises, SparkPromises
+from gyrospark.certificates.promises import MeanPromises, SparkPromises
+from gyrospark.generator.bodies.rigid_body import body_system, mgl, rotation_matrix
+from gyrospark.generator.symmetry.momentum_maps import momentum_maps
+from gyrospark.generator.tableaux.conditions import check_tableau
+from gyrospark.generator.tableaux.observed_order import observed_order
+from gyrospark.generator.tableaux.tableau_file import read_tableau
 from test_cli import EXAMPLE
 
 SIZES = (1e-6, 1e-9, 1e-12)

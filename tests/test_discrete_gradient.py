@@ -17,10 +17,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gyrospark.errors import InputError
-from gyrospark.generator.discrete_gradient import Difference, differentiate, discrete_gradient
-from gyrospark.generator.rigid_body import alpha, gamma, heavy_top, left_matrix, mgl, moments
-from gyrospark.generator.schemes import MeanScheme, constraint_increment, vector
-from gyrospark.generator.sharing import spelled_out
+from gyrospark.generator.algebra.sharing import spelled_out
+from gyrospark.generator.bodies.rigid_body import alpha, gamma, heavy_top, left_matrix, mgl, moments
+from gyrospark.generator.discrete.discrete_gradient import (
+    Difference,
+    differentiate,
+    discrete_gradient,
+)
+from gyrospark.generator.schemes.schemes import MeanScheme, constraint_increment, vector
 
 EPS = 2.0**-52
 x = sp.symbols("x0:3", real=True)

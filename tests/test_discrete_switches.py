@@ -18,14 +18,14 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.errors import InputError
-from gyrospark.generator.discrete_gradient import discrete_gradient
-from gyrospark.generator.identities import evaluate
-from gyrospark.generator.mean_conditions import check_mean_scheme
-from gyrospark.generator.pieces import ScatteredError, pieces_of
+from gyrospark.generator.algebra.identities import evaluate
+from gyrospark.generator.algebra.pieces import ScatteredError, pieces_of
+from gyrospark.generator.algebra.switches import as_switches
+from gyrospark.generator.discrete.discrete_gradient import discrete_gradient
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes import MeanScheme
+from gyrospark.generator.schemes.mean_conditions import check_mean_scheme
+from gyrospark.generator.schemes.schemes import MeanScheme
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.switches import as_switches
 from random_expressions import in_doubles
 from strategies import EPS
 

@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.exact import Rounded, as_double, decimal, digits_of, exact, nearest
-from gyrospark.runtime import quad
-from gyrospark.runtime.reals import as_float, from_text, rounding
+from gyrospark.runtime.call import quad
+from gyrospark.runtime.call.reals import as_float, from_text, rounding
 
 LONG = np.finfo(np.longdouble)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.errors import InputError
-from gyrospark.generator.expressions import decimal_digits, parse_expression
+from gyrospark.generator.text.expressions import decimal_digits, parse_expression
 
 SQRT2, SQRT3 = sp.sqrt(2), sp.sqrt(3)
 

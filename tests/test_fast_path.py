@@ -10,9 +10,9 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import TOP
-from gyrospark.generator.families import gauss_lobatto, lobatto_iiiab
-from gyrospark.generator.fast_path import FastSystem, FastTableau, Folds
-from gyrospark.generator.rigid_body import free_body, heavy_top
+from gyrospark.generator.bodies.rigid_body import free_body, heavy_top
+from gyrospark.generator.schemes.fast_path import FastSystem, FastTableau, Folds
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
 from gyrospark.real import REALS
 
 FAMILIES = [*(gauss_lobatto(s) for s in range(1, 9)), *(lobatto_iiiab(s) for s in range(2, 9))]

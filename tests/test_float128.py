@@ -20,10 +20,10 @@ import gyrospark as gs
 from gyrospark.errors import CompilerError, InputError
 from gyrospark.generator.spec import Spec
 from gyrospark.real import REALS, round_binary
-from gyrospark.runtime import quad
-from gyrospark.runtime.compiler import _refuse_without_quad, find_compiler
-from gyrospark.runtime.inertia import gamma_m
-from gyrospark.runtime.problems import fast_top
+from gyrospark.runtime.body.inertia import gamma_m
+from gyrospark.runtime.body.problems import fast_top
+from gyrospark.runtime.build.compiler import _refuse_without_quad, find_compiler
+from gyrospark.runtime.call import quad
 from processes import cli
 from reference import reference
 from strategies import random_case, tableau_of

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from calls import refused
-from gyrospark.generator.rigid_body import gamma, gravity_potential, kinetic_energy, mgl
-from gyrospark.runtime.gamma_choice import PILOT_STEPS
-from gyrospark.runtime.gamma_law import least
-from gyrospark.runtime.gamma_pilots import WORTHWHILE
-from gyrospark.runtime.inertia import MEANS_BY_SYMBOL, known_inertia
-from gyrospark.runtime.quaternion import rotation_matrix
+from gyrospark.generator.bodies.rigid_body import gamma, gravity_potential, kinetic_energy, mgl
+from gyrospark.runtime.body.inertia import MEANS_BY_SYMBOL, known_inertia
+from gyrospark.runtime.body.quaternion import rotation_matrix
+from gyrospark.runtime.choice.gamma_choice import PILOT_STEPS
+from gyrospark.runtime.choice.gamma_law import least
+from gyrospark.runtime.choice.gamma_pilots import WORTHWHILE
 from gyrospark.studies.gamma_auto import ALLOWED, LONGER
 from gyrospark.studies.gamma_trials import BODIES, METHODS, TIMES, Body, Trial, asymmetric_top
 

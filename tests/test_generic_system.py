@@ -21,8 +21,8 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.system import System
-from gyrospark.runtime.binding import REASONS
+from gyrospark.generator.systems.system import System
+from gyrospark.runtime.call.binding import REASONS
 from reference import WORKING_DIGITS, Equations, Method, doubles, numbers
 from strategies import EPS
 

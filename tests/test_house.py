@@ -21,7 +21,7 @@ from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
 from processes import FAST_TOP, ROOT, call, cli, python
 
-HALLS = ("commands", "generator", "runtime", "storage", "sweeps")
+HALLS = ("certificates", "commands", "generator", "runtime", "storage", "sweeps")
 #: Where code of the package lies; studies, examples and tests are no part of it.
 FACE = [p for p in ROOT.glob("*.py") if p.name != "setup.py"]
 SOURCES = sorted([*FACE, *(p for hall in HALLS for p in (ROOT / hall).rglob("*.py"))])

@@ -25,13 +25,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.errors import InputError
-from gyrospark.generator.c_printer import CPrinter
-from gyrospark.generator.families import gauss_lobatto
-from gyrospark.generator.kernels import Constants, Kernel, emit_kernel, total_operations, wrap
-from gyrospark.generator.rigid_body import heavy_top
-from gyrospark.generator.schemes import MeanScheme, SparkScheme, common_kernels, hoisted
-from gyrospark.generator.switches import Max, Min, Where
-from gyrospark.generator.system import System
+from gyrospark.generator.algebra.switches import Max, Min, Where
+from gyrospark.generator.bodies.rigid_body import heavy_top
+from gyrospark.generator.kernels.c_printer import CPrinter
+from gyrospark.generator.kernels.kernel import (
+    Constants,
+    Kernel,
+    emit_kernel,
+    total_operations,
+    wrap,
+)
+from gyrospark.generator.schemes.schemes import MeanScheme, SparkScheme, common_kernels, hoisted
+from gyrospark.generator.systems.system import System
+from gyrospark.generator.tableaux.families import gauss_lobatto
 from gyrospark.real import REALS
 
 DOUBLE = REALS["double"]

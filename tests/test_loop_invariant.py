@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.runtime.loop_invariant import closed_loop, loop_drift, loop_integral
+from gyrospark.certificates.loop_invariant import closed_loop, loop_drift, loop_integral
 from strategies import EPS
 
 TOP = gs.problems.fast_top()

@@ -11,8 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.errors import InputError
-from gyrospark.generator.model_expressions import CONSTANTS, FUNCTIONS, parse_formula, parse_number
-from gyrospark.generator.switches import Max, Min, Where
+from gyrospark.generator.algebra.switches import Max, Min, Where
+from gyrospark.generator.model_files.model_expressions import (
+    CONSTANTS,
+    FUNCTIONS,
+    parse_formula,
+    parse_number,
+)
 
 x, y = sp.symbols("x y", real=True)
 k = sp.Symbol("k", real=True)

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.errors import InputError
-from gyrospark.generator.attitude import from_euler
-from gyrospark.generator.model_file import parse_model
-from gyrospark.runtime import quaternion
+from gyrospark.generator.bodies.attitude import from_euler
+from gyrospark.generator.model_files.model_file import parse_model
+from gyrospark.runtime.body import quaternion
 from processes import ROOT
 
 EPS = float(np.finfo(float).eps)
@@ -471,7 +471,7 @@ def test_any_text_is_refused(text):
 
 def test_documented_forms_are_models():
     """The two files in the module's docstring."""
-    from gyrospark.generator import model_file
+    from gyrospark.generator.model_files import model_file
 
     blocks = (model_file.__doc__ or "").split("\n\n")
     found = [block for block in blocks if block.lstrip().startswith("name =")]

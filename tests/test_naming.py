@@ -15,13 +15,13 @@ from gyrospark import naming
 from gyrospark.body_values import REPS, RepName
 from gyrospark.catalogue import MODELS, PROBLEMS, SYSTEMS, entry_named
 from gyrospark.commands.verify import _model as model_of_verify
-from gyrospark.generator.model_expressions import parse_formula
+from gyrospark.generator.model_files.model_expressions import parse_formula
 from gyrospark.generator.pipeline import generate, tableau_of
-from gyrospark.generator.scheme import SCHEMES, SchemeName
+from gyrospark.generator.schemes.scheme import SCHEMES, SchemeName
 from gyrospark.generator.spec import Spec
 from gyrospark.real import REALS, RealName
-from gyrospark.runtime.binding import SOLVERS, SolverName
-from gyrospark.runtime.inertia import AIMS, Aim
+from gyrospark.runtime.body.inertia import AIMS, Aim
+from gyrospark.runtime.call.binding import SOLVERS, SolverName
 
 TOP = gs.problems.fast_top()
 

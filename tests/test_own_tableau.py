@@ -15,16 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+from gyrospark.certificates.verification import verify_stepper
 from gyrospark.errors import TableauError
-from gyrospark.generator.conditions import _bounds, check_tableau, remarks
-from gyrospark.generator.families import gauss_lobatto, lobatto_iiiab
-from gyrospark.generator.multipliers import multiplier_condition, multiplier_inverse
-from gyrospark.generator.observed_order import observed_order
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.tableau import FIELDS
-from gyrospark.generator.tableau_file import read_tableau
+from gyrospark.generator.tableaux.conditions import _bounds, check_tableau, remarks
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
+from gyrospark.generator.tableaux.multipliers import multiplier_condition, multiplier_inverse
+from gyrospark.generator.tableaux.observed_order import observed_order
+from gyrospark.generator.tableaux.tableau import FIELDS
+from gyrospark.generator.tableaux.tableau_file import read_tableau
 from gyrospark.studies.gamma_trials import asymmetric_top
-from gyrospark.verification import verify_stepper
 
 FOLDER = Path(gs.__file__).parent / "examples" / "tableaux"
 EXAMPLES = {"gauss_3_2": 4, "lobatto_iiid_3": 4, "radau_iia_2": 3, "radau_plain_2": 3}
@@ -242,7 +242,7 @@ def test_the_measured_order_is_at_least_the_proved_one(
     order: float, holds: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The conditions are sufficient: more is no failure, and told as more."""
-    monkeypatch.setattr("gyrospark.verification.observed_order", lambda tableau: order)
+    monkeypatch.setattr("gyrospark.certificates.verification.observed_order", lambda tableau: order)
     lines = verify_stepper(Spec.checked(tableau=FOLDER / "radau_iia_2.json")).conditions
     measured = next(line for line in lines if line.name == "order, measured")
     assert measured.holds is holds

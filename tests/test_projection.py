@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.numeric_system import NumericSystem
+from gyrospark.generator.systems.numeric_system import NumericSystem
 from gyrospark.projection import dependent_rows
 from strategies import EPS
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gyrospark.errors import InputError, MissingDependencyError
-from gyrospark.runtime.quaternion import (
+from gyrospark.runtime.body.quaternion import (
     angular_velocity,
     axis,
     euler_quaternion,

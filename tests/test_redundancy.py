@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.redundancy import refuse_redundant_anywhere
+from gyrospark.generator.systems.redundancy import refuse_redundant_anywhere
 
 x, y, z, w, a, b, c, d = sp.symbols("x y z w a b c d", real=True)
 k = sp.Symbol("k", positive=True)

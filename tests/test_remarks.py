@@ -11,7 +11,7 @@ import pytest
 
 import gyrospark as gs
 from calls import TOP
-from gyrospark.generator.model_file import parse_model
+from gyrospark.generator.model_files.model_file import parse_model
 from gyrospark.remarks import listening, remark
 from processes import ROOT
 

@@ -10,9 +10,9 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP
+from gyrospark.certificates.verification import verify_stepper
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.start import Start
-from gyrospark.verification import verify_stepper
+from gyrospark.runtime.run.start import Start
 
 
 def built():

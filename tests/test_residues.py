@@ -11,9 +11,14 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.generator.rational_spaces import NullSpace, reduced
-from gyrospark.generator.residues import Residues, UnsuitablePrimeError, identically_zero, primes
-from gyrospark.generator.sharing import share
+from gyrospark.generator.algebra.rational_spaces import NullSpace, reduced
+from gyrospark.generator.algebra.residues import (
+    Residues,
+    UnsuitablePrimeError,
+    identically_zero,
+    primes,
+)
+from gyrospark.generator.algebra.sharing import share
 
 x, y, z = sp.symbols("x y z", real=True)
 r = sp.sqrt(x**2 + y**2)

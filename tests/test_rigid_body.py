@@ -13,7 +13,7 @@ import pytest
 import sympy as sp
 
 from gyrospark.errors import InputError
-from gyrospark.generator.rigid_body import (
+from gyrospark.generator.bodies.rigid_body import (
     alpha,
     double_momentum,
     free_body,

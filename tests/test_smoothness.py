@@ -14,9 +14,9 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.momentum_maps import momentum_maps
-from gyrospark.generator.smoothness import Meeting, Switching, meeting
-from gyrospark.generator.switches import as_switches, switches_of
+from gyrospark.generator.algebra.switches import as_switches, switches_of
+from gyrospark.generator.symmetry.momentum_maps import momentum_maps
+from gyrospark.generator.systems.smoothness import Meeting, Switching, meeting
 from processes import cli
 from strategies import EPS
 

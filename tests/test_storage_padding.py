@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.runtime.compiler import find_compiler
-from gyrospark.runtime.memory import without_padding
+from gyrospark.runtime.build.compiler import find_compiler
+from gyrospark.runtime.call.memory import without_padding
 from stores import assert_same_bytes, recorded
 from test_forces import PARAMETERS as FORCED
 from test_forces import pendulum

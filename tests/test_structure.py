@@ -12,13 +12,18 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gyrospark.generator.bodies.rigid_body import kinetic_energy, left_matrix, rotation_matrix
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.rigid_body import kinetic_energy, left_matrix, rotation_matrix
-from gyrospark.generator.schemes import hoisted
+from gyrospark.generator.schemes.schemes import hoisted
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.structure import Structure, connected, eliminate, reverse_cuthill_mckee
-from gyrospark.generator.system import System
-from gyrospark.runtime.stepper import Stepper
+from gyrospark.generator.systems.structure import (
+    Structure,
+    connected,
+    eliminate,
+    reverse_cuthill_mckee,
+)
+from gyrospark.generator.systems.system import System
+from gyrospark.runtime.run.stepper import Stepper
 
 EPS = 2.0**-52
 

@@ -12,10 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.errors import InputError
-from gyrospark.generator.kernels import Constants
-from gyrospark.generator.rigid_body import free_body, heavy_top
-from gyrospark.generator.schemes import common_kernels, hoisted
-from gyrospark.generator.system import System, gradient, jacobian, shortest, symmetric_jacobian
+from gyrospark.generator.bodies.rigid_body import free_body, heavy_top
+from gyrospark.generator.kernels.kernel import Constants
+from gyrospark.generator.schemes.schemes import common_kernels, hoisted
+from gyrospark.generator.systems.system import (
+    System,
+    gradient,
+    jacobian,
+    shortest,
+    symmetric_jacobian,
+)
 
 q = sp.symbols("x y z", real=True)
 p = sp.symbols("px py pz", real=True)

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.errors import InputError, TableauError
-from gyrospark.generator.conditions import (
+from gyrospark.generator.tableaux.conditions import (
     MATRICES,
     check_tableau,
     counts,
@@ -25,10 +25,10 @@ from gyrospark.generator.conditions import (
     symmetry_residual,
     symplectic_residual,
 )
-from gyrospark.generator.enclosures import horner
-from gyrospark.generator.families import gauss_lobatto, lobatto_iiiab, solve_rows
-from gyrospark.generator.node_algebra import PolynomialNodes, column, power
-from gyrospark.generator.nodes import (
+from gyrospark.generator.tableaux.enclosures import horner
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab, solve_rows
+from gyrospark.generator.tableaux.node_algebra import PolynomialNodes, column, power
+from gyrospark.generator.tableaux.nodes import (
     BITS,
     Enclosure,
     enclose_roots,
@@ -36,7 +36,7 @@ from gyrospark.generator.nodes import (
     gauss_polynomial,
     lobatto_polynomial,
 )
-from gyrospark.generator.tableau import FIELDS
+from gyrospark.generator.tableaux.tableau import FIELDS
 from gyrospark.real import REALS, round_binary
 
 X = sp.Symbol("x")
@@ -289,7 +289,7 @@ def test_order_is_proved_in_rational_arithmetic_alone(family, s, monkeypatch):
     """No residual of a derived tableau becomes a SymPy expression; that took seconds."""
     tableau = dataclasses.replace(make(family, s))  # not proved before
     for name in ("vanishes_to", "enclosure"):
-        monkeypatch.setattr(f"gyrospark.generator.conditions.{name}", None)
+        monkeypatch.setattr(f"gyrospark.generator.tableaux.conditions.{name}", None)
     start = time.process_time()
     assert tableau.order == (2 * s if family == "gl" else 2 * s - 2)
     assert time.process_time() - start < 2  # 0.2 s where nothing else runs

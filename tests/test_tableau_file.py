@@ -13,13 +13,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gyrospark.errors import TableauError
-from gyrospark.generator import tableau_file
-from gyrospark.generator.conditions import check_tableau
-from gyrospark.generator.families import gauss_lobatto, lobatto_iiiab
-from gyrospark.generator.tableau import FIELDS, Tableau
-from gyrospark.generator.tableau_file import read_tableau
+from gyrospark.generator.tableaux import tableau_file
+from gyrospark.generator.tableaux.conditions import check_tableau
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
+from gyrospark.generator.tableaux.tableau import FIELDS, Tableau
+from gyrospark.generator.tableaux.tableau_file import read_tableau
+from processes import ROOT
 
-EXAMPLE = Path(tableau_file.__file__).parents[1] / "examples" / "tableaux" / "gauss_lobatto_2.json"
+EXAMPLE = ROOT / "examples" / "tableaux" / "gauss_lobatto_2.json"
 
 
 def example() -> dict[str, Any]:

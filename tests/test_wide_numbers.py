@@ -20,7 +20,7 @@ import gyrospark as gs
 from calls import equal
 from gyrospark.exact import digits_of, exact
 from gyrospark.remarks import listening
-from gyrospark.runtime.reals import from_text, rounding
+from gyrospark.runtime.call.reals import from_text, rounding
 from processes import cli
 from stores import assert_same
 from strategies import tableau_of

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from ...facade import tableau
-from ...runtime.compiler import find_compiler
-from ...runtime.quaternion import angular_velocity
+from ...runtime.body.quaternion import angular_velocity
+from ...runtime.build.compiler import find_compiler
 from ..tops import (
     INERTIA,
     MGL,

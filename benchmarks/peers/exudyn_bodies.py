@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.quaternion import rotation_matrix
+from ...runtime.body.quaternion import rotation_matrix
 from ..linkages import Array, BodyStart, Hold, Linkage
 from .optional import need
 

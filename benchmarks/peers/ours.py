@@ -11,10 +11,10 @@ from ..._version import __version__
 from ...body_values import RepName
 from ...errors import InputError
 from ...facade import stepper
-from ...generator.scheme import SchemeName
+from ...generator.schemes.scheme import SchemeName
 from ...naming import choose
-from ...runtime.quaternion import angular_velocity
-from ...runtime.stepper import SOLVERS as KNOWN
+from ...runtime.body.quaternion import angular_velocity
+from ...runtime.run.stepper import SOLVERS as KNOWN
 from ..tops import INERTIA, State, parameters, tops
 from .entry import Entry, Run
 from .optional import Unavailable

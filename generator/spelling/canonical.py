@@ -20,7 +20,7 @@ from functools import lru_cache
 
 import sympy as sp
 
-from ..system import System
+from ..systems.system import System
 from .forms import Forms
 from .pieces import ForcePieces, HamiltonianPieces
 from .terms import stand_in

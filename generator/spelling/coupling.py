@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from itertools import combinations
 
-from ..structure import connected
+from ..systems.structure import connected
 
 __all__ = ["Coupling"]
 

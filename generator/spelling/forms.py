@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import sympy as sp
 
-from ..sharing import parts_of
+from ..algebra.sharing import parts_of
 from .compact import Compact, cost
 from .normal_form import NormalForm, TooLongError, rebuilt
 from .powers import Power, split_off_powers

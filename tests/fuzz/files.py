@@ -22,9 +22,9 @@ import gyrospark as gs
 from gyrospark import facade
 from gyrospark.errors import GyrosparkError, InputError
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime import stepper as stepper_module
-from gyrospark.runtime.cache import keep, kept
-from gyrospark.runtime.stepper import Stepper
+from gyrospark.runtime.build.cache import keep, kept
+from gyrospark.runtime.run import stepper as stepper_module
+from gyrospark.runtime.run.stepper import Stepper
 
 from .choices import Choices
 from .mutations import changed_bytes, changed_text, changed_tree

@@ -7,8 +7,8 @@ from functools import cache
 from typing import Any
 
 from gyrospark.errors import InputError
-from gyrospark.generator.expressions import parse_expression
-from gyrospark.generator.model_expressions import FUNCTIONS, parse_formula, parse_number
+from gyrospark.generator.model_files.model_expressions import FUNCTIONS, parse_formula, parse_number
+from gyrospark.generator.text.expressions import parse_expression
 
 from .choices import Choices
 from .mutations import changed_text

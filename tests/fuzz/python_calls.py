@@ -16,7 +16,7 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.errors import GyrosparkError
-from gyrospark.runtime.binding import REASONS
+from gyrospark.runtime.call.binding import REASONS
 
 from .choices import Choices
 from .sentences import refuse_unless_sentence

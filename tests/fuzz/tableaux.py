@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any
 
 from gyrospark.errors import InputError
-from gyrospark.generator.tableau_file import read_tableau
+from gyrospark.generator.tableaux.tableau_file import read_tableau
 
 from .choices import Choices
 from .formulas import grown

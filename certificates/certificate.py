@@ -1,0 +1,184 @@
+"""What a model keeps when it is integrated: each promise of a scheme beside its measurement.
+
+Like ``facade`` and ``verification`` one of the places where generator and runtime meet: what must
+hold is derived (``promises``), what does hold is measured (``examination``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..arguments import as_mapping
+from ..body_values import RepName
+from ..catalogue import SYSTEMS
+from ..errors import InputError
+from ..facade import stepper as make_stepper
+from ..facade import tableau as make_tableau
+from ..generator.algebra.evaluation import as_rational
+from ..generator.bodies.model import Model
+from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeName, scheme_named
+from ..naming import shown
+from ..runtime.body.inertia import gamma_m
+from ..runtime.body.problems import Problem
+from ..runtime.call.checks import as_positive_count, as_step
+from ..runtime.run.stepper import Stepper
+from .examination import Examination, Line
+from .promises import MeanPromises, Promises, SparkPromises
+from .round_off import RoundOff
+
+if TYPE_CHECKING:
+    from ..generator.tableaux.tableau import Tableau
+
+__all__ = ["Certificate", "Line", "certify"]
+
+#: Steps where the model names none; of a named problem also the step.
+STEPS, PROBLEM_DT = 1000, 1e-3
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The lines of a certificate, and what was run for it."""
+
+    model: str
+    stepper: str
+    order: int
+    dt: float
+    steps: int
+    parameters: dict[str, float]
+    lines: list[Line]
+
+    def __repr__(self) -> str:
+        judged = [line for line in self.lines if line.holds is not None]
+        return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
+                f"{self.dt:g} s: {sum(line.holds is True for line in judged)} of {len(judged)} "
+                "promises hold>")
+
+    @property
+    def holds(self) -> bool:
+        """Whether no promise is broken."""
+        return all(line.holds is not False for line in self.lines)
+
+    def line(self, quantity: str) -> Line:
+        """Return the first line whose quantity begins so; KeyError if there is none."""
+        for line in self.lines:
+            if line.quantity.startswith(quantity):
+                return line
+        raise KeyError(quantity)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the certificate as JSON can hold it: what is not finite becomes None."""
+        content = asdict(self) | {"holds": self.holds}
+        for line in content["lines"]:
+            for key in ("value", "bound"):
+                if line[key] is not None and not math.isfinite(line[key]):
+                    line[key] = None
+        return content
+
+
+def certify(
+    model: Model | Problem,
+    scheme: SchemeName | None = None,
+    stages: int | None = None,
+    *,
+    rep: RepName | None = None,
+    tableau: str | Path | Tableau | None = None,
+    allow_invalid: bool = False,
+    dt: float | None = None,
+    steps: int | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> Certificate:
+    """Integrate a model and check what the scheme promises to keep.
+
+    Parameters
+    ----------
+    model : Model or Problem
+        A system with its numbers, or one of ``gyrospark.problems``.
+    scheme, stages, tableau, allow_invalid
+        As for ``gyrospark.stepper``; G-L with 3 stages if neither scheme nor tableau is given.
+    rep : {"gamma", "alpha"}
+        Inertia representation of a named problem.
+    dt, steps : float, int
+        Step in s and number of steps; by default the model's own.
+    parameters : mapping, optional
+        Values in place of the model's. An inertia parameter of a body without a value is γ_m.
+
+    Returns
+    -------
+    Certificate
+        Lines for the loop invariant ∮p·dq, reversibility, |g|, the constraint on the momenta,
+        energy, each momentum map and the order, with ``holds`` of each and of all.
+
+    Raises
+    ------
+    InputError
+        For unusable arguments, a start off the constraints included.
+    StepFailed
+        If the run itself does not get to its end.
+    """
+    if scheme is None and tableau is None:
+        scheme, stages = DEFAULT_SCHEME, stages or DEFAULT_STAGES
+    known, step = _compiled(model, scheme, stages, rep, tableau, allow_invalid)
+    if dt is None:
+        dt = known.dt
+    if dt is None:
+        raise InputError(f"Model {known.name!r} names no time step; give dt.")
+    count = as_positive_count("steps", (known.steps or STEPS) if steps is None else steps, least=2)
+    values = _parameters(known, {} if parameters is None else as_mapping(
+        "parameters", parameters, '{"mgl": 0.4}'))
+    run = step.integrate(known.q0, known.p0, dt=as_step(dt), steps=count, parameters=values)
+    values = dict(run.parameters)  # with a number where a rule was given
+    promises = _promises(known, step, scheme, stages, tableau, values)
+    round_off = RoundOff(known.system, run, values, step)
+    lines = Examination(known, step, promises, run, values, round_off).lines()
+    return Certificate(model.name, step.name, step.order, run.dt, count, values, list(lines))
+
+
+def _compiled(
+    model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
+    tableau: str | Path | Tableau | None, allow_invalid: bool,
+) -> tuple[Model, Stepper]:
+    """Return the model and its stepper; a named problem has its stepper checked in."""
+    if isinstance(model, Problem):
+        rep = "gamma" if rep is None else rep
+        made = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
+                            allow_invalid=allow_invalid)
+        system = SYSTEMS[model.system].make(rep)
+        known = {str(s) for s in system.parameters}
+        return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
+                     model.p0, {rep: model.inertia}, PROBLEM_DT, STEPS, model.description), made
+    if not isinstance(model, Model):
+        raise InputError(f"model = {shown(model)} is no gyrospark.Model; make one with "
+                         "gyrospark.Model(system, parameters, q0, p0).")
+    if rep is not None:
+        raise InputError("rep belongs to the named problems; a Model brings its own H.")
+    return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
+                               allow_invalid=allow_invalid)
+
+
+def _promises(
+    model: Model, step: Stepper, scheme: SchemeName | None, stages: int | None,
+    tableau: str | Path | Tableau | None, values: Mapping[str, float],
+) -> Promises:
+    """Return what the scheme promises at these parameters: fractions, as doubles are."""
+    numbers = {s: as_rational(values[str(s)]) for s in model.system.parameters}
+    if tableau is None and scheme_named(scheme).tableau is None:
+        return MeanPromises(model.system, numbers, str(scheme), step.order)
+    if tableau is None:
+        return SparkPromises(model.system, numbers, make_tableau(str(scheme), stages))
+    exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
+    return SparkPromises(model.system, numbers, exact)
+
+
+def _parameters(model: Model, changes: Mapping[str, float]) -> dict[str, float]:
+    """Return a value for every parameter, γ_m for inertia parameters that have none."""
+    chosen = {name: gamma_m(inertia) for name, inertia in model.bodies.items()}
+    values: dict[str, Any] = chosen | dict(model.parameters) | dict(changes)
+    for name in changes:
+        if name not in {str(s) for s in model.system.parameters}:
+            raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "
+                             f"are {', '.join(map(str, model.system.parameters)) or 'none'}.")
+    return values

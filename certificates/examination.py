@@ -1,0 +1,285 @@
+"""What a run of a model shows of the promises of its scheme, a line each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..generator.algebra.derivatives import derivative
+from ..generator.algebra.evaluation import evaluate
+from ..generator.bodies.model import Model
+from ..generator.symmetry.momentum_maps import MAX_COORDINATES, momentum_maps
+from ..generator.systems.smoothness import Switching
+from ..runtime.run.stepper import Stepper
+from ..runtime.run.trajectory import Trajectory
+from .loop_invariant import loop_drift
+from .measurements import order_seen, reversal, trend
+from .promises import Promise, Promises
+from .round_off import RoundOff
+
+__all__ = ["Examination", "Line"]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One promise of a scheme on a model.
+
+    Attributes
+    ----------
+    quantity : str
+        What is kept.
+    found : str
+        What was measured, for people.
+    expected : str
+        What it should be.
+    holds : bool or None
+        The verdict; None where the scheme promises nothing.
+    why : str
+        Where the expectation comes from.
+    value, bound : float or None
+        The number that is judged, and its bound.
+    """
+
+    quantity: str
+    found: str
+    expected: str
+    holds: bool | None
+    why: str
+    value: float | None = None
+    bound: float | None = None
+
+    def __repr__(self) -> str:
+        return f"<Line {self.quantity}: {self.found}; should be {self.expected}: {self.verdict}>"
+
+    @property
+    def verdict(self) -> str:
+        """``holds``, ``FAILS``, or ``-`` for a line that is for information."""
+        return {True: "holds", False: "FAILS", None: "-"}[self.holds]
+
+
+def judged(
+    quantity: str, found: str, expected: str, promise: Promise, value: float, bound: float
+) -> Line:
+    """Return a line that holds if its value is within its bound; NaN is not.
+
+    A promise that exact algebra refutes fails however small the value is, and the line then says
+    that the run does not show it.
+    """
+    within = bool(value <= bound)
+    why = promise.why
+    if promise.broken:
+        why = f"refuted in exact algebra: {promise.broken}"
+        found += " (not told from round-off in this run)" if within else ""
+    return Line(quantity, found, expected, within and not promise.broken, why, float(value),
+                float(bound))
+
+
+def told(
+    quantity: str, found: str, expected: str, why: str, value: float | None = None
+) -> Line:
+    """Return a line for information."""
+    return Line(quantity, found, expected, None, why, None if value is None else float(value))
+
+
+@dataclass(frozen=True)
+class Examination:
+    """One run of a model, and the lines that come of it."""
+
+    model: Model
+    step: Stepper
+    promises: Promises
+    run: Trajectory
+    parameters: dict[str, float]
+    round_off: RoundOff
+
+    @property
+    def steps(self) -> int:
+        """Steps of the run."""
+        return self.run.report.steps
+
+    @cached_property
+    def switching(self) -> Switching:
+        """Where H or forces switch sides, as |x| does: promises are of smooth motion."""
+        return Switching(self.model.system)
+
+    def lines(self) -> Iterator[Line]:
+        """Yield the lines, the strictest promises first."""
+        yield self._loop()
+        yield self._reversal()
+        if self.step.m:
+            yield from self._constraints()
+        yield self._energy()
+        yield from self._momentum_maps()
+        yield self._order()
+        yield from self._quantities()
+
+    # ------------------------------------------------------------ symplecticity, symmetry
+
+    def _loop(self) -> Line:
+        quantity, promise = "loop invariant ∮p·dq", self.promises.loop()
+        rounded = self.round_off
+        loop = loop_drift(self.step, self.run.q[0], self.run.p[0], self._loop_sizes(),
+                          (rounded.q_sizes, rounded.p_sizes), dt=self.run.dt, steps=self.steps,
+                          parameters=self.parameters)
+        if loop is None or not loop.resolved:
+            why = f"refuted in exact algebra: {promise.broken}; " if promise.broken else ""
+            return Line(quantity, "no loop could be followed", "-",
+                        False if promise.broken else None,
+                        f"{why}neighbours of the start part too fast, or some have no step")
+        drift, bound = loop.drift / loop.scale, rounded.walk
+        found = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
+        if not promise.made:
+            return told(quantity, found, "not promised", promise.why, drift)
+        if self.switching.named and not promise.broken:
+            return told(quantity, found, "kept by smooth motion",
+                        f"across {self.switching.named} loops have kinks", drift)
+        return judged(quantity, found, f"drift ≤ {bound * loop.scale:.1e}", promise, drift, bound)
+
+    def _loop_sizes(self) -> tuple[Any, Any]:
+        """Return how far the loop may reach in each coordinate and momentum.
+
+        Momenta are worth the kinetic energy of the run, each by itself, so that a light body is
+        not torn away by the momentum of a heavy one; at rest the work that forces do on q.
+        """
+        system, n = self.model.system, self.model.system.n
+        q, p = (np.abs(x.astype(float)).max(axis=0) for x in (self.run.q, self.run.p))
+        widths = np.maximum(q, 0.1 * (q.max() or 1.0))
+        kinetic, work, inertia = float(np.ptp(self.run.energy())), 0.0, np.zeros(n)
+        rates = [*system.H_p, *system.H_q,
+                 *(derivative(v, x) for v, x in zip(system.H_p, system.p, strict=True))]
+        for at, _ in self.round_off.states(rates):
+            values = evaluate(rates, at)
+            momenta, places = (np.array([at[s] for s in part]) for part in (system.p, system.q))
+            kinetic = max(kinetic, float(np.abs((momenta * values[:n]).sum(axis=0)).max()))
+            work = max(work, float(np.abs(places * values[n : 2 * n]).sum(axis=0).max()))
+            inertia = np.maximum(inertia, np.abs(values[2 * n :]).max(axis=1))
+        with np.errstate(all="ignore"):
+            reach = np.sqrt((kinetic or work) / inertia)
+        return widths, np.where(np.isfinite(reach) & (reach > 0), reach, p.max() or 1.0)
+
+    def _reversal(self) -> Line:
+        quantity = "reversal, N steps and back"
+        sizes = self.round_off.sizes_of_steps(self.run.dt)
+        back = reversal(self.step, self.run, self.parameters, sizes)
+        if back is None:
+            return told(quantity, "a step of the way back, or of a neighbour, failed", "-",
+                        "neighbours part too fast")
+        kicks = 1 + self._kick / sizes[1]
+        bound = back.growth * kicks * self.round_off.epsilon * max(64, 8 * (2 * self.steps) ** 0.5)
+        value = max(back.q_error / sizes[0], back.p_error / sizes[1])
+        found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
+        if not self.promises.symmetric:
+            return told(quantity, found, "not promised", "the tableau is not symmetric", value)
+        jumps = self.switching.named_jumps(discrete=self._manifest["method"] == "EMS")
+        if jumps:
+            return told(quantity, found, "by the same steps back",
+                        f"forces jump at {jumps}: a step may have several ends, or none", value)
+        expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
+        promise = Promise(True, f"symmetric; neighbours part {back.growth:.3g} times")
+        return judged(quantity, found, expected, promise, value, bound)
+
+    @property
+    def _kick(self) -> float:
+        """What rounding of multipliers is worth in p: of those found from g alone, without T2."""
+        if self._projects or not self.step.m:
+            return 0.0
+        return float(self.round_off.impulse.max() / abs(self.run.dt))
+
+    @property
+    def _projects(self) -> bool:
+        return bool(self._manifest["keeps_momentum_constraint"])
+
+    @property
+    def _manifest(self) -> dict[str, Any]:
+        """What the stepper says of its scheme."""
+        about: dict[str, Any] = self.step.manifest["scheme"]
+        return about
+
+    # ------------------------------------------------------------ constraints and energy
+
+    def _constraints(self) -> Iterator[Line]:
+        """Judge every state but the start, which is the user's."""
+        unit = 16 * self.round_off.epsilon
+        g_size, f_size = (float(sizes.max()) for sizes in self.round_off.constraints)
+        g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
+        yield judged("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
+                     Promise(True, "g(q) = 0 is solved in every step: 16 ε of what rounding the "
+                                   "run is worth in it"), g, unit * g_size)
+        quantity = "largest |g_q H_p|"
+        if not self._projects:
+            yield told(quantity, f"{f:.1e}", "O(Δt²), comes back",
+                       f"{self._manifest['method']} has no projection of p", f)
+            return
+        yield judged(quantity, f"{f:.1e}", f"≤ {unit * f_size:.1e}",
+                     Promise(True, "T2 projects p in every step"), f, unit * f_size)
+
+    def _energy(self) -> Line:
+        promise = self.promises.energy()
+        quantity = "energy H less work" if self.model.system.forces else "energy H"
+        error = self.run.energy_error().astype(float)
+        linear, swing = trend(self.run.t, error)
+        value = float(np.abs(error).max())
+        found = f"largest error {value:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
+        if not promise.made:
+            crossed = self.switching.named
+            why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
+            return told(quantity, found, f"O(Δt^{self.step.order})"
+                        f"{' between crossings' if crossed else ''}", promise.why + why, value)
+        bound = self.round_off.walk * self.round_off.energy
+        return judged(quantity, found, f"≤ {bound:.1e}", promise, value, bound)
+
+    # ------------------------------------------------------------ momentum maps
+
+    def _momentum_maps(self) -> Iterator[Line]:
+        system, run, rounded = self.model.system, self.run, self.round_off
+        try:
+            found = momentum_maps(system, self.parameters, run.q[0], run.p[0])
+        except InputError as error:
+            yield told("momentum maps", "not searched", "-", str(error))
+            return
+        if not found:
+            searched = "any A and a" if system.n <= MAX_COORDINATES else "translations, rotations"
+            yield told("momentum maps", "none", "-",
+                       f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
+        for J in found:
+            values, promise = J.values(run.q, run.p), self.promises.momentum(J)
+            value = float(np.abs(values - values[0]).max())
+            bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
+            text = f"{float(values[0]):.6g}, drift {value:.1e}"
+            if promise.made:
+                yield judged(J.name, text, f"drift ≤ {bound:.1e}", promise, value, bound)
+            else:
+                yield told(J.name, text, "not promised", promise.why, value)
+
+    # ------------------------------------------------------------ order, quantities
+
+    def _order(self) -> Line:
+        quantity, wanted = "order", self.step.order
+        run = self.run
+        seen = order_seen(self.step, run.q[0], run.p[0], run.dt, self.parameters,
+                          self.round_off.sizes_of_steps)
+        if seen is None:
+            return told(quantity, "errors are round-off", str(wanted),
+                        "fewer than three errors |y_h − y_(h/2)| stand out of it")
+        if not seen.agrees:
+            slopes = ", ".join(f"{slope:.2f}" for slope in seen.slopes)
+            return told(quantity, f"slopes {slopes}", str(wanted),
+                        "no two neighbours agree to 0.2: steps are too long for the order to show")
+        found = f"{seen.order:.2f} at Δt = {seen.dt:.2g}"
+        if self.switching.named:
+            return told(quantity, found, f"{wanted} between crossings",
+                        f"steps across {self.switching.named} have a lower one", seen.order)
+        lacking = wanted - seen.order  # a run may happen to be better than its method
+        promise = Promise(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
+        return judged(quantity, found, f"at least {wanted}", promise, lacking, 0.3)
+
+    def _quantities(self) -> Iterator[Line]:
+        for name in self.run.quantities:
+            values = self.run.quantity(name).astype(float)
+            drift = float(np.abs(values - values[0]).max())
+            yield told(name, f"{values[0]:.6g}, drift {drift:.1e}", "-", "", drift)

@@ -1,0 +1,220 @@
+"""What is measured of a stepper on a model: reversal, separation of neighbours, order, trend."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise, takewhile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import GyrosparkError, StepFailed
+from ..runtime.run.stepper import Stepper
+from ..runtime.run.trajectory import Trajectory
+
+__all__ = ["OrderSeen", "Reversal", "constraint_scales", "order_seen", "reversal", "trend"]
+
+Array = NDArray[Any]
+
+#: Errors below this, relative to the state and in units of ε, are too near round-off to show an
+#: order.
+_MEASURABLE = 2**9
+#: How often a step is halved to see slopes.
+_HALVINGS = 6
+#: A slope below this is that of round-off: it stays where it is, or grows as steps shrink.
+_NO_ORDER = 0.5
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """The error of N steps forward and N back.
+
+    ``q_error`` and ``p_error`` are largest differences, ``growth`` how many times further apart the
+    flow moved neighbours on the way there or back.
+    """
+
+    q_error: float
+    p_error: float
+    growth: float
+
+
+def reversal(
+    stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
+    sizes: tuple[float, float],
+) -> Reversal | None:
+    """Go back from the end of a run, step by step; None if that, or a neighbour's run, fails.
+
+    ``sizes`` are those of coordinates and momenta, over the whole run.
+    """
+    steps = run.report.steps
+    try:
+        back = stepper.integrate(run.q[-1], run.p[-1], dt=-run.dt, steps=steps,
+                                 parameters=parameters, t0=float(run.t[-1]))
+        growth = max(_growth(stepper, one, parameters, sizes) for one in (run, back))
+    except GyrosparkError:
+        return None
+    return Reversal(q_error=_largest(back.q[-1] - run.q[0]),
+                    p_error=_largest(back.p[-1] - run.p[0]), growth=growth)
+
+
+def _growth(
+    stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
+    sizes: tuple[float, float],
+) -> float:
+    """Return how many times further from a run its neighbours are, at most, than at its start.
+
+    Six neighbours, 1e-6 of the sizes away, in seeded directions; distances in units of the sizes.
+    """
+    rng, count = np.random.default_rng(11), 6
+    near = [x[0].astype(float) + 1e-6 * size * rng.standard_normal((count, x.shape[1]))
+            for x, size in zip((run.q, run.p), sizes, strict=True)]
+    starts = [stepper.project(*state, parameters=parameters)
+              for state in zip(*near, strict=True)]
+    qs, ps = (np.array(part) for part in zip(*starts, strict=True))
+    many = stepper.integrate_ensemble(qs, ps, dt=run.dt, steps=run.report.steps,
+                                      parameters=parameters, t0=float(run.t[0]))
+    distance = np.maximum(*(np.abs(states - own).max(axis=2) / size for states, own, size in
+                            zip((many.q, many.p), (run.q, run.p), sizes, strict=True)))
+    with np.errstate(all="ignore"):  # a neighbour may be projected onto the start
+        ratio = distance.astype(float) / distance[:, :1].astype(float)
+    return float(np.max(ratio, where=np.isfinite(ratio), initial=1.0))
+
+
+def _largest(x: Array) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
+
+# ---------------------------------------------------------------- constraints
+
+#: Numbers that are kept at a time.
+_ROOM = 2**20
+
+
+def constraint_scales(
+    stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
+    sizes: tuple[Array, Array],
+) -> tuple[Array, Array]:
+    """Return what sizes of coordinates and momenta are worth in g and in f, m entries each.
+
+    Σ_i |∂g/∂q_i| r_i and Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i by differences, the largest over the
+    run; with the round-off r and s of q and p in units of ε, that of g and f.
+    """
+    n, m, nudge, binding = stepper.n, stepper.m, 2.0**-15, stepper.binding
+    given = binding.parameters(dict(parameters))
+    moves = nudge * np.concatenate([np.zeros((1, 2 * n)), np.diag(np.concatenate(sizes))])
+    largest = np.zeros((2, m))
+    count = max(1, _ROOM // (2 * n * (n + m)))
+    for start in range(0, len(run.q), count):
+        rows = slice(start, start + count)
+        states = np.concatenate([run.q[rows], run.p[rows]], axis=1).astype(float)
+        moved = (states[:, None] + moves).reshape(-1, 2 * n)
+        q, p = (np.ascontiguousarray(x, dtype=binding.dtype) for x in (moved[:, :n], moved[:, n:]))
+        for k, defects in enumerate(binding.defects(given, q, p)):
+            d = defects.reshape(-1, 2 * n + 1, m)
+            changes = np.abs(d[:, 1:] - d[:, :1]).sum(axis=1).astype(float)
+            largest[k] = np.maximum(largest[k], changes.max(axis=0))
+    return largest[0] / nudge, largest[1] / nudge
+
+
+# ---------------------------------------------------------------- order
+
+
+@dataclass(frozen=True)
+class OrderSeen:
+    """log2 of successive errors' ratio for halved steps, and how much two such slopes differ.
+
+    ``slopes`` are all that were seen from one longest step on; ``order`` is the second of the two
+    neighbours among them that differ least, and ``dt`` the shortest step it was seen at.
+    """
+
+    order: float
+    spread: float
+    dt: float
+    slopes: tuple[float, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the two slopes tell one order."""
+        return self.spread <= 0.2
+
+
+def order_seen(
+    stepper: Stepper, q: Array, p: Array, dt: float, parameters: Mapping[str, float],
+    sizes: Callable[[float], tuple[float, float]],
+) -> OrderSeen | None:
+    """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight steps of the longest.
+
+    The longest step is dt, doubled until three errors stand out of round-off, or halved until two
+    neighbouring slopes agree. None if there are no two. ``sizes`` are those of q and p of which
+    ε is round-off in steps of a given length.
+    """
+    found: list[OrderSeen] = []
+    h, doubled = dt, False
+    for _ in range(14):
+        errors = _halving_errors(stepper, q, p, h, sizes(h), parameters)
+        seen = None if errors is None else _agreeing(errors, h)
+        if errors is None or (seen is None and found):
+            break
+        if seen is None:
+            h, doubled = 2 * h, True
+            continue
+        found.append(seen)
+        if doubled or seen.agrees:
+            break
+        h = h / 2
+    return min(found, key=lambda seen: seen.spread, default=None)
+
+
+def _agreeing(errors: list[float], h: float) -> OrderSeen | None:
+    """Return the two neighbouring slopes from step h on that differ least; None if there are none.
+
+    After two that agree the first that falls ends them: there round-off, which may grow like 1/h
+    as that of multipliers does, takes over.
+    """
+    slopes = list(takewhile(lambda slope: slope > _NO_ORDER,
+                            (math.log2(a / b) for a, b in pairwise(errors))))
+    best: OrderSeen | None = None
+    for k, (one, other) in enumerate(pairwise(slopes)):
+        if best is not None and best.agrees and other < one - 0.3:
+            break
+        seen = OrderSeen(other, abs(other - one), h / 2 ** (k + 3), tuple(slopes))
+        best = seen if best is None or seen.spread < best.spread else best
+    return best
+
+
+def _halving_errors(
+    stepper: Stepper, q: Array, p: Array, h: float, sizes: tuple[float, float],
+    parameters: Mapping[str, float],
+) -> list[float] | None:
+    """Return e(h), e(h/2), … relative to the sizes, down to round-off; None if a step fails."""
+    ends: list[tuple[Array, Array]] = []
+    errors: list[float] = []
+    for k in range(_HALVINGS + 1):
+        try:
+            run = stepper.integrate(q, p, dt=h / 2**k, steps=8 * 2**k, parameters=parameters,
+                                    every=8 * 2**k)
+        except StepFailed:
+            return None
+        ends.append((run.q[-1], run.p[-1]))
+        if k == 0:
+            continue
+        error = max(_largest(a - b) / size for a, b, size in zip(*ends[-2:], sizes, strict=True))
+        if error < _MEASURABLE * stepper.binding.epsilon:
+            break
+        errors.append(error)
+    return errors
+
+
+# ---------------------------------------------------------------- trend
+
+
+def trend(t: Array, values: Array) -> tuple[float, float]:
+    """Return the change over the run by a straight line through the values, and what is left."""
+    if len(t) < 3:
+        return 0.0, float(np.ptp(values)) if len(values) else 0.0
+    x = (t - t.mean()) / (t[-1] - t[0])
+    slope = float((x * (values - values.mean())).sum() / (x * x).sum())
+    return slope, float(np.ptp(values - slope * x))

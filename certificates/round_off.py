@@ -1,0 +1,152 @@
+"""How large round-off may be in a run: of states, of H, of constraints, of multipliers.
+
+All of it over the whole run, never at a few instants: a motion may be at rest wherever one looks.
+In units of ε, the distance from 1 to the next number of the stepper's type.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ..generator.algebra.evaluation import evaluate
+from ..generator.algebra.rounding import rounding
+from ..generator.algebra.sharing import parts_of
+from ..generator.systems.system import System
+from ..runtime.run.stepper import Stepper
+from ..runtime.run.trajectory import Trajectory
+from .measurements import constraint_scales
+
+__all__ = ["RoundOff"]
+
+Array = NDArray[np.float64]
+
+#: Numbers that are kept at a time, of all parts of all expressions.
+_ROOM = 2**22
+
+
+@dataclass(frozen=True)
+class RoundOff:
+    """Round-off of a run in which every step is stored.
+
+    A momentum is rounded to ε of the largest it gets, and in each step by Δt times what rounding is
+    worth in H_q − F: one that stays 0 between forces in balance has the round-off of those forces.
+    A coordinate likewise, with that of the momenta in H_p.
+    """
+
+    system: System
+    run: Trajectory
+    parameters: Mapping[str, float]
+    step: Stepper
+
+    @property
+    def epsilon(self) -> float:
+        """ε of the stepper's type."""
+        return self.step.binding.epsilon
+
+    @property
+    def walk(self) -> float:
+        """What rounding may add up to: a random walk of 4 ε a step, and at least 32 ε."""
+        return self.epsilon * max(32.0, 4 * math.sqrt(self.run.report.steps))
+
+    @cached_property
+    def q_sizes(self) -> Array:
+        """Round-off of each coordinate in units of ε."""
+        return _largest_of(self.run.q) + self._q_step
+
+    @cached_property
+    def p_sizes(self) -> Array:
+        """Round-off of each momentum in units of ε."""
+        return _largest_of(self.run.p) + self._p_step
+
+    @cached_property
+    def _q_step(self) -> Array:
+        errors = self._errors(self.system.p, self.p_sizes)
+        return abs(float(self.run.dt)) * self._largest(self.system.H_p, errors)
+
+    @cached_property
+    def _p_step(self) -> Array:
+        return abs(float(self.run.dt)) * self._largest(self.system.minus_p_rate, {})
+
+    def sizes_of_steps(self, dt: float) -> tuple[float, float]:
+        """Return the largest round-off of q and of p, in units of ε, in steps of another length."""
+        longer = abs(dt / float(self.run.dt))
+        q = _largest_of(self.run.q) + longer * max(1.0, longer) * self._q_step
+        p = _largest_of(self.run.p) + longer * self._p_step
+        return float(q.max()) or 1.0, float(p.max()) or 1.0
+
+    def _errors(self, symbols: Sequence[sp.Symbol], sizes: Array) -> dict[sp.Symbol, float]:
+        return dict(zip(symbols, sizes.tolist(), strict=True))
+
+    @cached_property
+    def energy(self) -> float:
+        """Round-off of H: of the states and of the arithmetic, in units of ε."""
+        system = self.system
+        errors = self._errors(system.q, self.q_sizes) | self._errors(system.p, self.p_sizes)
+        return float(self._largest([self.system.H], errors)[0])
+
+    @cached_property
+    def constraints(self) -> tuple[Array, Array]:
+        """Round-off of each constraint, and of each on the momenta, in units of ε."""
+        return constraint_scales(self.step, self.run, self.parameters,
+                                 (self.q_sizes, self.p_sizes))
+
+    @cached_property
+    def impulse(self) -> Array:
+        """What ε of g is worth in each p, in units of ε and divided by Δt.
+
+        Multipliers that are found from g alone are its round-off divided by Δt:
+        Δp = g_qᵀ (g_q H_pp g_qᵀ)⁻¹ δg/Δt, for a quaternion 4γ δg/Δt.
+        """
+        system, n = self.system, self.system.n
+        largest = np.zeros(n)
+        entries = [*(e for row in system.G for e in row), *(e for row in system.H_pp for e in row)]
+        for at, count in self.states(entries):
+            values = evaluate(entries, at).reshape(-1, n, count).transpose(2, 0, 1)
+            G, masses = values[:, : system.m], values[:, system.m :]
+            with np.errstate(all="ignore"):
+                usable = np.isfinite(values).all(axis=(1, 2))
+                inverse = np.linalg.pinv((G @ masses @ G.transpose(0, 2, 1))[usable])
+                kicks = np.abs(G.transpose(0, 2, 1)[usable] @ inverse) @ self.constraints[0]
+            largest = np.maximum(largest, kicks.max(axis=0, initial=0.0))
+        return largest
+
+    # ------------------------------------------------------------ over the run
+
+    def _largest(self, expressions: Sequence[sp.Expr], errors: Mapping[sp.Symbol, Any]) -> Array:
+        """Return the largest error bound of each expression over the run, where it is finite."""
+        largest = np.zeros(len(expressions))
+        for at, _ in self.states(expressions):
+            bounds = rounding(expressions, at, errors)
+            finite = np.where(np.isfinite(bounds), bounds, 0.0)
+            largest = np.maximum(largest, finite.max(axis=1, initial=0.0))
+        return largest
+
+    def states(self, expressions: Sequence[sp.Expr]) -> Iterator[tuple[dict[Any, Any], int]]:
+        """Yield the values of all symbols, as many states at a time as there is room for."""
+        parts = sum(1 for _ in parts_of(expressions)) + 1
+        size = max(16, _ROOM // parts)
+        for start in range(0, len(self.run.t), size):
+            rows = slice(start, start + size)
+            yield self._values(rows), len(self.run.t[rows])
+
+    def _values(self, rows: slice) -> dict[Any, Any]:
+        """Return the values of all symbols at states of the run, in double."""
+        system, run = self.system, self.run
+        at: dict[Any, Any] = {s: self.parameters[str(s)] for s in system.parameters}
+        at |= dict(zip(system.q, run.q[rows].astype(float).T, strict=True))
+        at |= dict(zip(system.p, run.p[rows].astype(float).T, strict=True))
+        if system.time is not None:
+            at[system.time] = run.t[rows]
+        return at
+
+
+def _largest_of(states: Any) -> Array:
+    return np.asarray(np.abs(states.astype(float)).max(axis=0))

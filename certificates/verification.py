@@ -1,0 +1,121 @@
+"""What ``gyrospark verify`` finds out about a stepper: symbols, measurement, compiled numbers.
+
+The one place besides ``facade`` where generator and runtime meet: it reads the coefficients back
+out of the *compiled* module and compares them with the exact ones to the last bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..generator.pipeline import Generated, generate
+from ..generator.schemes.fast_path import FastTableau
+from ..generator.schemes.mean_conditions import check_mean_scheme
+from ..generator.spec import Spec
+from ..generator.tableaux.conditions import Condition, check_tableau
+from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
+from ..generator.tableaux.tableau import FIELDS, Tableau
+from ..real import REALS, RealName
+from ..runtime.run.stepper import Stepper
+
+__all__ = ["Verdict", "verify_stepper"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Everything that was checked of one stepper."""
+
+    name: str
+    title: str
+    order: int
+    conditions: list[Condition]
+
+    def __repr__(self) -> str:
+        kept = sum(line.holds for line in self.conditions)
+        return (f"<Verdict on {self.name}: order {self.order}, {kept} of {len(self.conditions)} "
+                "conditions hold>")
+
+    @property
+    def holds(self) -> bool:
+        """Whether every condition holds."""
+        return all(line.holds for line in self.conditions)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the verdict as JSON can hold it."""
+        return {"name": self.name, "order": self.order, "holds": self.holds,
+                "conditions": [asdict(line) for line in self.conditions]}
+
+
+def verify_stepper(spec: Spec) -> Verdict:
+    """Check the stepper of a spec; a tableau that violates conditions is checked all the same."""
+    made = generate(spec, allow_invalid=True)
+    if made.tableau is None:
+        conditions = check_mean_scheme(made.scheme)  # type: ignore[arg-type]
+    else:
+        conditions = [
+            *check_tableau(made.tableau),
+            _measured(made.tableau),
+            _compiled(made, made.tableau, spec.real),
+            *_symmetrised(made.tableau, spec.real),
+        ]
+    return Verdict(made.source.name, f"{made.source.name}, order {made.scheme.order}",
+                   made.scheme.order, conditions)
+
+
+def _measured(tableau: Tableau) -> Condition:
+    """The order seen on a constrained test problem: at least the one that the conditions prove."""
+    name, equation = "order, measured", "log2 of the local error's ratio for h, h/2, less 1"
+    try:
+        found = observed_order(tableau)
+    except HiddenOrderError as error:  # nothing is known, and nothing said against the tableau
+        return Condition(name, equation, str(error), holds=True, residual="not measured")
+    except ArithmeticError as error:  # conditions above say why there is no step
+        return Condition(name, equation, str(error), holds=False, residual="no step",
+                         required=True)
+    return Condition(
+        name,
+        equation,
+        f"{found:.3f}{', more than is proved' if round(found) > tableau.order else ''}",
+        holds=round(found) >= tableau.order and abs(found - round(found)) < 0.2,
+        residual=f"{found - tableau.order:.1e}",
+        required=True,
+    )
+
+
+def _compiled(made: Generated, tableau: Tableau, real_name: RealName) -> Condition:
+    """The coefficients in the compiled module against the correctly rounded exact ones."""
+    stepper = Stepper(made.source.name, made.source.files())
+    real = REALS[real_name]
+    exact = tableau.map_enclosures(real.round)
+    wanted = [e for field in FIELDS for row in exact[field]
+              for e in (row if isinstance(row, list) else [row])]
+    total, compiled = len(wanted), stepper.binding.coefficients()
+    different = sum(a != b for a, b in zip(compiled, wanted, strict=True))
+    return Condition(
+        "compiled coefficients",
+        f"equal to the exact ones, correctly rounded to {real.c_type}",
+        f"{total - different} of {total} to the last bit",
+        holds=different == 0,
+        residual="0" if different == 0 else f"{different} differ",
+        required=True,
+    )
+
+
+def _symmetrised(tableau: Tableau, real_name: RealName) -> list[Condition]:
+    """The coefficients of the fast path: scaled by the weights, rounded in pairs x, 1 − x."""
+    fast, real = FastTableau(tableau), REALS[real_name]
+    if fast.refusal is not None:
+        return []
+    if tableau.claims.get("symplectic") == 0:  # it has no pairs to be kept
+        return []
+    errors = fast.rounding_errors(real)
+    most = max(abs(e) for e in errors) * 2**real.bits
+    return [Condition(
+        "scaled coefficients of the sweeps",
+        "mu^_ij + mu_ji = 1 and nu~_ij + nu_ji = 1 after rounding, in rational arithmetic",
+        f"{len(errors)} within {float(most):.2f} of 2^-{real.bits}",
+        holds=fast.is_symplectic(real),
+        residual="0" if fast.is_symplectic(real) else "not symplectic after rounding",
+        required=False,
+    )]

@@ -1,0 +1,569 @@
+"""Rigid bodies together: bodies, joints and forces, put into a ``Model`` with its start.
+
+    H = Σ T_i(q_i, p_i) + |p_x,i|²/(2 m_i) + V,    g = (|q_i|² − 1, joints),  body by body
+
+The coordinates are ordered body by body, the constraints with the later body of each joint: in a
+chain every constraint then meets its two neighbours only, and g_q H_pp g_qᵀ is block-tridiagonal.
+Lengths, masses and moments are parameters, not numbers, so that equal joints have equal form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import as_flag, as_items, as_text
+from ...body_values import (
+    REPS,
+    Inertia,
+    RepName,
+    as_inertia,
+    inverse_entries,
+    is_tensor,
+    moments_of,
+)
+from ...errors import InputError
+from ...naming import proposal, shown, unknown, whole
+from ...projection import Projection, project
+from ..systems.numeric_system import NumericConstraints, NumericSystem
+from ..systems.redundancy import refuse_redundant
+from ..systems.system import System, as_expression, few
+from .bodies import GROUND, Body, Frame, Vector, cross, dot
+from .joints import Align, Equation, Joint, Link, Revolute, Rod, Spring, named_vector
+from .model import Model
+from .poses import Pose, attitude, finite, in_range, rotation, settle, three, unit
+
+__all__ = ["Multibody"]
+
+Array = NDArray[Any]
+
+
+@dataclass
+class Start:
+    """What a caller says of a body's start."""
+
+    q: Array
+    x: Array | None
+    v: Array | None
+    omega: Array | None  # in body axes
+
+    def pose(self) -> Pose:
+        """Return the pose, unknown where nothing was said."""
+        R = rotation(self.q)
+        return Pose(self.q, R, self.x, self.v, None if self.omega is None else R @ self.omega)
+
+
+class Multibody:
+    """A builder of models: add bodies, joints and forces, then ask for ``model()``.
+
+    Attributes
+    ----------
+    name : str
+        A C identifier, the system's name.
+    ground : Frame
+        Space, wherever a joint or spring takes a body.
+    time : Symbol
+        t, for forces, torques and quantities.
+    start : Projection or None
+        After ``model()``: what its start was moved by to be consistent.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> arm = gs.Multibody("arm")
+    >>> upper = arm.body("upper", mass=1.0, inertia=(0.1, 0.1, 0.01))
+    >>> lower = arm.body("lower", mass=1.0, inertia=(0.1, 0.1, 0.01))
+    >>> _ = arm.fixed_point("shoulder", upper, on_body=(0, 0, 0.5), at=(0, 0, 0))
+    >>> _ = arm.ball("elbow", upper, lower, on_a=(0, 0, -0.5), on_b=(0, 0, 0.5))
+    >>> model = arm.model()
+    >>> model.q0[-1], model.system.n, model.system.m
+    (-1.5, 14, 8)
+    """
+
+    def __init__(
+        self, name: str, *, gravity: ArrayLike = (0.0, 0.0, -9.81),
+        dt: float | None = None, steps: int | None = None, description: str = "",
+    ) -> None:
+        self.name = as_text("name of a Multibody", name)
+        self.ground: Frame = GROUND
+        self.time = sp.Symbol("t", real=True)
+        self.start: Projection | None = None
+        self._values: dict[str, float] = {}
+        self._gravity = named_vector("gravity", three("gravity", gravity).tolist(), self._values)
+        self._about: dict[str, Any] = {
+            "dt": None if dt is None else float(finite("time step", dt, ())),
+            "steps": None if steps is None else _count(steps),
+            "description": as_text("description", description),
+        }
+        self._bodies: dict[Body, Start] = {}
+        self._inertia: dict[Body, Inertia] = {}
+        self._links: list[Link | Align] = []
+        self._potential: list[sp.Expr] = []
+        self._forces: dict[sp.Symbol, sp.Expr] = {}
+        self._quantities: dict[str, sp.Expr] = {}
+        self._symbols: dict[str, sp.Symbol] = {}
+
+    def __repr__(self) -> str:
+        return (f"<Multibody {self.name}: bodies {few(body.name for body in self._bodies)}; "
+                f"joints {few(link.name for link in self._links)}>")
+
+    # ------------------------------------------------------------ bodies
+
+    def body(
+        self, name: str, *, mass: float, inertia: ArrayLike, rep: RepName = "gamma",
+        weight: float | None = None, position: ArrayLike | None = None,
+        quaternion: ArrayLike | None = None, rotation: Any = None,
+        velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
+    ) -> Body:
+        """Add a body with 7 coordinates, quaternion and position of its centre of mass.
+
+        Parameters
+        ----------
+        name : str
+            Begins the names of its symbols: a_q0, …, a_x, a_p0, …, a_px, a_m, a_I1, a_gamma.
+        mass : float
+            In kg.
+        inertia : three floats, or 3 × 3
+            About the centre of mass in kg m²: principal moments, body axes being principal axes, or
+            the tensor in any body axes. Joints, points, attitude and angular velocity, before a run
+            and after it, are in the same axes.
+        rep : {"gamma", "alpha"}
+            Inertia representation.
+        weight : float, optional
+            γ or α in kg m², not 0; by default the mean of the moments.
+        position, velocity : three floats, optional
+            Of the centre of mass in space; by default what joints tell, else 0.
+        quaternion, rotation : optional
+            Attitude from body to space axes: four numbers, scalar first, or a 3 × 3 matrix or
+            SciPy Rotation; by default body and space axes agree.
+        angular_velocity : three floats, optional
+            In body axes, rad/s; by default what revolute joints tell, else 0.
+
+        Returns
+        -------
+        Body
+            For joints, and for expressions: ``.point(r)``, ``.velocity``, ``.angular_velocity``.
+
+        Raises
+        ------
+        InputError
+            For names used twice and for numbers that no body can have.
+        """
+        self._claim(name)
+        _check_rep(name, rep)
+        given = as_inertia(inertia, f"inertia of {name!r}")
+        start = self._start(name, quaternion, rotation, position, velocity, angular_velocity)
+        body = Body.free(name, rep, tensor=is_tensor(given))
+        return self._add(body, start, mass, given, weight)
+
+    def top(
+        self, name: str, *, mass: float, inertia: ArrayLike, centre: ArrayLike,
+        at: ArrayLike = (0.0, 0.0, 0.0), rep: RepName = "gamma", weight: float | None = None,
+        quaternion: ArrayLike | None = None, rotation: Any = None,
+        angular_velocity: ArrayLike | None = None,
+    ) -> Body:
+        """Add a body that turns about a fixed point: 4 coordinates, no joint needed.
+
+        ``inertia`` holds the principal moments about that point, or the tensor, ``centre`` the
+        centre of mass from it in body axes, ``at`` where in space it is. All else as for ``body``.
+        """
+        self._claim(name)
+        _check_rep(name, rep)
+        given = as_inertia(inertia, f"inertia of {name!r}")
+        origin = three(f"fixed point of {name!r}", at)
+        middle = three(f"centre of {name!r}", centre)
+        body = Body.held(
+            name, rep, named_vector(f"{name}_at", origin.tolist(), self._values),
+            named_vector(f"{name}_centre", middle.tolist(), self._values),
+            tensor=is_tensor(given),
+        )
+        start = self._start(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
+        return self._add(body, start, mass, given, weight)
+
+    # ------------------------------------------------------------ joints
+
+    def ball(
+        self, name: str, a: Frame | str, b: Frame | str, *, at: ArrayLike | None = None,
+        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None,
+    ) -> Joint:
+        """Join a point of a to a point of b: three constraints, ``name: x``, ``y`` and ``z``.
+
+        Parameters
+        ----------
+        a, b : Body, ``ground``, or a name
+            In the order of the chain.
+        at : three floats, optional
+            Where in space the joint is at the start.
+        on_a, on_b : three floats, optional
+            Where on the bodies it is, in body axes from their origins. Two of the three are
+            enough; a position that is not given follows from them. ``at`` alone is enough for
+            bodies in known places.
+        """
+        joint = Joint(name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+                      at=_three_or_none(f"at of {name!r}", at))
+        self._join(joint)
+        return joint
+
+    def fixed_point(
+        self, name: str, body: Frame | str, *, at: ArrayLike | None = None,
+        on_body: ArrayLike | None = None,
+    ) -> Joint:
+        """Hold a point of a body at a point of space: three constraints.
+
+        Prefer ``top`` where it is the only joint to the ground: it needs no constraint.
+        """
+        return self.ball(name, GROUND, body, at=at, on_b=on_body)
+
+    def revolute(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0,
+    ) -> Revolute:
+        """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
+
+        ``axis`` is its direction in space at the start, of any length; ``rate`` the angular
+        velocity of b against a about it in rad/s, from which an angular velocity that is not
+        given follows. All else as for ``ball``.
+        """
+        joint = Revolute(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+            at=_three_or_none(f"at of {name!r}", at),
+            hinge=self._hinge(name, a, b, axis, rate),
+        )
+        self._join(joint)
+        return joint
+
+    def align(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, rate: float = 0.0
+    ) -> Align:
+        """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
+
+        For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
+        ``axis`` and ``rate`` are those of ``revolute``.
+        """
+        joint = self._hinge(name, a, b, axis, rate)
+        self._join(joint)
+        return joint
+
+    def rod(
+        self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
+        on_b: ArrayLike = (0.0, 0.0, 0.0), length: float | None = None,
+    ) -> Rod:
+        """Keep two points at a distance: one constraint; by default at that of the start."""
+        if length is not None:
+            length = _positive(f"length of {name!r}", length)
+        rod = Rod(name, *self._two(name, a, b), *self._points(name, on_a, on_b), length=length)
+        self._join(rod)
+        return rod
+
+    # ------------------------------------------------------------ forces
+
+    def spring(
+        self, name: str, a: Frame | str, b: Frame | str, *, stiffness: float, length: float = 0.0,
+        on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> Spring:
+        """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m)."""
+        rest = float(finite(f"length of {name!r}", length, ()))
+        if rest < 0:
+            raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
+        spring = Spring(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
+        )
+        self._join(spring)
+        return spring
+
+    def potential(self, expression: Any) -> None:
+        """Add to H: an expression in the bodies' symbols and ``parameter``s.
+
+        It may contain momenta, as −n·l does for axes that turn at n.
+        """
+        self._potential.append(as_expression(expression))
+
+    def parameter(self, name: str, value: float, *, positive: bool = False) -> sp.Symbol:
+        """Return a symbol for potentials, forces and quantities, with its value."""
+        self._claim(name)
+        domain = {"positive": True} if as_flag("positive", positive) else {"real": True}
+        self._values[name] = float(finite(f"parameter {name!r}", value, ()))
+        self._symbols[name] = sp.Symbol(name, **domain)
+        return self._symbols[name]
+
+    def force(
+        self, body: Body | str, force: Sequence[Any], *, on_body: ArrayLike | None = None
+    ) -> None:
+        """Let a force (in space axes, N) act at a point of a body, or of the body of that name.
+
+        By default it acts at the body's origin. Its components are expressions of the bodies'
+        symbols, momenta, ``time`` and parameters.
+        """
+        pushed = self._body(body, "A force")
+        F = _expressions(f"force on {pushed.name!r}", force)
+        r = _three_or_none(f"point of the force on {pushed.name!r}", on_body)
+        self._push(pushed.p_x, F)
+        if r is not None:
+            in_body = [dot(row, F) for row in pushed.rotation.T.tolist()]
+            self.torque(pushed, cross(r.tolist(), in_body))
+
+    def torque(self, body: Body | str, torque: Sequence[Any]) -> None:
+        """Let a torque (in body axes, N m) act on a body, as expressions like a force's.
+
+        For a top it is taken about the fixed point.
+        """
+        turned = self._body(body, "A torque")
+        self._push(turned.p, turned.torque_force(
+            _expressions(f"torque on {turned.name!r}", torque)))
+
+    def quantity(self, name: str, expression: Any) -> None:
+        """Have an expression computed along trajectories under a name."""
+        self._quantities[as_text("name of a quantity", name)] = as_expression(expression)
+
+    # ------------------------------------------------------------ the model
+
+    def model(self, *, without: Iterable[str] = ()) -> Model:
+        """Return the model: system, parameters, and a consistent state at t = 0.
+
+        Parameters
+        ----------
+        without : iterable of str
+            Names of constraints to leave out because others imply them, such as ``"hinge: z"``.
+
+        Raises
+        ------
+        InputError
+            For constraints that depend on each other, with their names and a smallest set to
+            leave out; for a start that cannot meet them.
+        """
+        if not self._bodies:
+            raise InputError(f"Multibody {self.name!r} has no body; add one with body(...).")
+        left_out = {without} if isinstance(without, str) else {
+            as_text("a constraint to leave out", name)
+            for name in as_items("without", without, "constraints' names")}
+        links = [replace(link) for link in self._links]  # placing completes them
+        store = dict(self._values)
+        store |= self._body_values()
+        with in_range(f"Multibody {self.name!r}"):
+            poses = self._poses(links)
+            equations = self._equations(links, poses, store, left_out)
+            q0, p0 = self._state(poses)
+        coordinates = [x for body in self._bodies for x in body.coordinates]
+        refuse_redundant(self.name, NumericConstraints(
+            coordinates, [e.expression for e in equations], [e.name for e in equations], store), q0)
+        system = self._system(self._hamiltonian(links, store), equations, store)
+        self.start = project(NumericSystem(system, store), q0, p0)
+        bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
+        return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
+
+    def _poses(self, links: Sequence[Link | Align]) -> dict[Frame, Pose]:
+        poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
+        poses |= {body: start.pose() for body, start in self._bodies.items()}
+        joints = [link for link in links if isinstance(link, Joint)]
+        settle(poses, "spin", [
+            link.turn for link in links if isinstance(link, (Align, Revolute))])
+        settle(poses, "x", [joint.place for joint in joints])
+        for joint in joints:
+            if joint.on_a is None or joint.on_b is None:
+                raise InputError(f"Joint {joint.name!r} does not say where it is; give at= in "
+                                 "space, or on_a= and on_b= in body axes.")
+        settle(poses, "v", [joint.move for joint in joints])
+        return poses
+
+    def _equations(
+        self, links: Sequence[Link | Align], poses: Mapping[Frame, Pose], store: dict[str, float],
+        without: set[str],
+    ) -> list[Equation]:
+        """Return the constraints, each with the later of its bodies."""
+        order = {body: index for index, body in enumerate(self._bodies)}
+        rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)]
+                for body in self._bodies}
+        for link in links:
+            if isinstance(link, (Align, Joint, Rod)):
+                own = [frame for frame in (link.a, link.b) if isinstance(frame, Body)]
+                rows[max(own, key=order.__getitem__)] += link.equations(poses, store)
+        found = [equation for body in self._bodies for equation in rows[body]]
+        unknown = without - {equation.name for equation in found}
+        if unknown:
+            raise InputError(
+                f"There is no constraint {min(unknown)!r} to leave out; the constraints are "
+                f"{', '.join(repr(equation.name) for equation in found)}."
+            )
+        return [equation for equation in found if equation.name not in without]
+
+    def _hamiltonian(self, links: Sequence[Link | Align], store: dict[str, float]) -> sp.Expr:
+        terms = []
+        for body in self._bodies:
+            terms.append(body.kinetic_energy)
+            terms.append(-body.mass * dot(self._gravity, body.centre_of_mass))
+        terms += [link.energy(store) for link in links if isinstance(link, Spring)]
+        return sp.Add(*terms, *self._potential)
+
+    def _system(
+        self, H: sp.Expr, equations: Sequence[Equation], store: dict[str, float]
+    ) -> System:
+        """Return the system; parameters that nothing uses are dropped from it and the store."""
+        q = tuple(x for body in self._bodies for x in body.coordinates)
+        p = tuple(x for body in self._bodies for x in body.momenta)
+        forces = tuple(self._forces.get(x, sp.Integer(0)) for x in p) if self._forces else ()
+        constraints = tuple(equation.expression for equation in equations)
+        used: set[sp.Symbol] = set().union(*(
+            e.free_symbols for e in (H, *constraints, *forces, *self._quantities.values())))
+        parameters = tuple(sorted(used - {*q, *p, self.time}, key=_by_first_use(store)))
+        unknown = [s for s in parameters if str(s) not in store]
+        if unknown:
+            raise InputError(f"{str(unknown[0])!r} in Multibody {self.name!r} has no value; make "
+                             "it with parameter(name, value).")
+        for name in store.keys() - set(map(str, parameters)):
+            del store[name]
+        return System(
+            q, p, parameters, H, constraints, name=self.name, forces=forces,
+            constraint_names=tuple(equation.name for equation in equations),
+            time=self.time if self.time in used else None, quantities=self._quantities,
+            bodies=tuple(body.at for body in self._bodies),
+        )
+
+    def _state(self, poses: Mapping[Frame, Pose]) -> tuple[Array, Array]:
+        q: list[Array] = []
+        p: list[Array] = []
+        for body in self._bodies:
+            pose = poses[body]
+            q.append(pose.q)
+            p.append(pose.momenta(self._inertia[body]))
+            if body.x:
+                assert pose.x is not None
+                assert pose.v is not None
+                q.append(pose.x)
+                p.append(self._values[str(body.mass)] * pose.v)
+        return np.concatenate(q), np.concatenate(p)
+
+    def _body_values(self) -> dict[str, float]:
+        values: dict[str, float] = {}
+        for body, inertia in self._inertia.items():
+            numbers = np.ravel(inertia).tolist()
+            values |= dict(zip(map(str, body.inertia), numbers, strict=True))
+            if body.inverse:
+                values |= dict(zip(map(str, body.inverse), inverse_entries(inertia), strict=True))
+        return values
+
+    # ------------------------------------------------------------ inside
+
+    def _add(
+        self, body: Body, start: Start, mass: float, inertia: Inertia, weight: float | None
+    ) -> Body:
+        self._values[str(body.mass)] = _positive(f"mass of {body.name!r}", mass)
+        mean = float(np.mean(moments_of(inertia)))
+        self._values[str(body.weight)] = mean if weight is None else _weight(
+            f"{body.rep} of {body.name!r}", weight)
+        self._inertia[body] = inertia
+        self._bodies[body] = start
+        return body
+
+    def _start(
+        self, name: str, quaternion: Any, rotation: Any, position: Any, velocity: Any, omega: Any
+    ) -> Start:
+        return Start(
+            attitude(f"body {name!r}", quaternion, rotation),
+            _three_or_none(f"position of {name!r}", position),
+            _three_or_none(f"velocity of {name!r}", velocity),
+            _three_or_none(f"angular velocity of {name!r}", omega),
+        )
+
+    def _hinge(
+        self, name: str, a: Frame | str, b: Frame | str, axis: ArrayLike, rate: float
+    ) -> Align:
+        direction = three(f"axis of {name!r}", axis)
+        if not direction.any():
+            raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
+        return Align(name, *self._two(name, a, b), unit(direction),
+                     float(finite(f"rate of {name!r}", rate, ())))
+
+    def _join(self, link: Link | Align) -> None:
+        self._claim(link.name)
+        self._links.append(link)
+
+    def _claim(self, name: str) -> None:
+        as_text(f"a name in Multibody {self.name!r}", name)
+        taken = {*(b.name for b in self._bodies), *(link.name for link in self._links),
+                 *self._symbols}
+        if name in taken or name in ("ground", "gravity"):
+            raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; bodies, joints, "
+                             "springs and parameters need names of their own.")
+        if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
+            raise InputError(f"{shown(name)} is no name for a part of Multibody {self.name!r}; use "
+                             "letters, digits and '_', a letter first.")
+
+    def _two(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
+        found = [frame if frame is GROUND else GROUND if isinstance(frame, str) and
+                 frame == "ground" else self._body(frame, shown(name)) for frame in (a, b)]
+        if found[0] is found[1]:
+            raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
+        return found[0], found[1]
+
+    def _body(self, body: Any, what: str) -> Body:
+        """Return a body of this builder: itself, or that of a name."""
+        names = {known.name: known for known in self._bodies}
+        if isinstance(body, str) and body in names:
+            return names[body]
+        if isinstance(body, Body) and body in self._bodies:
+            return body
+        raise InputError(
+            f"{what} holds on to {shown(body)}, which is no body of Multibody {self.name!r}; pass "
+            f"what body(...) returned, or a name: {', '.join(names) or 'there is none yet'}"
+            f"{proposal(body, names)}.")
+
+    def _points(self, name: str, on_a: Any, on_b: Any) -> tuple[Array | None, Array | None]:
+        return (_three_or_none(f"on_a of {name!r}", on_a),
+                _three_or_none(f"on_b of {name!r}", on_b))
+
+    def _push(self, momenta: Sequence[sp.Symbol], force: Sequence[sp.Expr]) -> None:
+        for symbol, e in zip(momenta, force, strict=bool(momenta)):
+            self._forces[symbol] = self._forces.get(symbol, sp.Integer(0)) + e
+
+
+def _by_first_use(store: Mapping[str, float]) -> Any:
+    order = {name: index for index, name in enumerate(store)}
+    return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
+
+
+def _check_rep(name: str, rep: Any) -> None:
+    if not isinstance(rep, str) or rep not in REPS:
+        raise unknown(f"representation of body {name!r}:", rep, REPS)
+
+
+def _count(value: Any) -> int:
+    count = whole(value)
+    if count is None or count < 0:
+        raise InputError(f"steps = {shown(value)} is no whole number from 0 on.")
+    return count
+
+
+def _weight(what: str, value: Any) -> float:
+    number = float(finite(what, value, ()))
+    if number == 0:
+        raise InputError(f"The {what} is 0, and the kinetic energy divides by it; give another "
+                         "number.")
+    return number
+
+
+def _positive(what: str, value: Any) -> float:
+    number = float(finite(what, value, ()))
+    if number <= 0:
+        raise InputError(f"The {what} is {number}; it must be above 0.")
+    return number
+
+
+def _three_or_none(what: str, value: Any) -> Array | None:
+    return None if value is None else three(what, value)
+
+
+def _expressions(what: str, values: Any) -> Vector:
+    if callable(values):
+        raise InputError(f"The {what} is the function {shown(values)}; write three expressions of "
+                         "the body's symbols, such as body.angular_velocity, time and parameters.")
+    entries = [as_expression(value) for value in as_items(what, values, "three expressions")]
+    if len(entries) != 3:
+        raise InputError(f"The {what} has {len(entries)} components; give three.")
+    return entries[0], entries[1], entries[2]

@@ -1,0 +1,169 @@
+"""Where bodies are and how they move at the start, in numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...body_values import (
+    Inertia,
+    inertia_matrix,
+    quaternion_of_matrix,
+    real_array,
+    unit_quaternions,
+)
+from ...errors import InputError
+from ...naming import shown
+from .rigid_body import left_matrix, rotation_matrix
+
+__all__ = ["Attitude", "Pose", "attitude", "finite", "in_range", "rotation", "settle", "three",
+           "unit"]
+
+Array = NDArray[Any]
+
+
+@dataclass(eq=False)
+class Pose:
+    """Attitude and motion of a frame; None where it is not known yet.
+
+    Attributes
+    ----------
+    q : ndarray, shape (4,)
+        Unit quaternion.
+    R : ndarray, shape (3, 3)
+        From body to space axes.
+    x, v : ndarray, shape (3,), or None
+        Position and velocity of the origin in space.
+    spin : ndarray, shape (3,), or None
+        Angular velocity in space.
+    """
+
+    q: Array
+    R: Array
+    x: Array | None
+    v: Array | None
+    spin: Array | None
+
+    @classmethod
+    def ground(cls) -> Pose:
+        """Return the pose of space."""
+        zero = np.zeros(3)
+        return cls(np.array([1.0, 0, 0, 0]), np.eye(3), zero, zero, zero)
+
+    def space(self, r: Array) -> Array:
+        """Return where in space a point of the frame is."""
+        assert self.x is not None
+        where: Array = self.x + self.R @ r
+        return where
+
+    def momenta(self, inertia: Inertia) -> Array:
+        """Return p = 2 L(q)ᵀ J Ω (82)."""
+        assert self.spin is not None
+        L = numbers(left_matrix(self.q.tolist()))
+        p: Array = 2 * L.T @ (inertia_matrix(inertia) @ (self.R.T @ self.spin))
+        return p
+
+
+def numbers(matrix: Any) -> Array:
+    """Return a SymPy matrix of numbers as an array."""
+    return np.array(matrix.tolist(), dtype=float)
+
+
+def rotation(q: Array) -> Array:
+    """Return R(q), 3 × 3."""
+    return numbers(rotation_matrix(q.tolist()))
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """A unit quaternion, scalar first, that nobody need doubt: it stands where a rotation may."""
+
+    q: Sequence[float]
+
+    def as_quat(self) -> Array:
+        """Return it as a SciPy Rotation does: scalar last."""
+        return np.array([*self.q[1:], self.q[0]])
+
+
+def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
+    """Return the unit quaternion of a quaternion of any length, or of a rotation.
+
+    ``matrix`` is 3 × 3 from body to space axes, or a SciPy Rotation.
+
+    Raises
+    ------
+    InputError
+        For both, for the zero quaternion and for a matrix that is no rotation.
+    """
+    if quaternion is not None and matrix is not None:
+        raise InputError(f"{what} has a quaternion and a rotation; give one of them.")
+    if hasattr(matrix, "as_quat"):
+        scalar_last = real_array(matrix.as_quat())
+        if scalar_last is None or scalar_last.shape != (4,):
+            raise InputError(f"The rotation of {what} is {shown(matrix)}; give a single one.")
+        return unit(scalar_last[[3, 0, 1, 2]])
+    if matrix is not None:
+        return quaternion_of_matrix(matrix, f"rotation of {what}")
+    if quaternion is None:
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    q = unit_quaternions(quaternion, f"quaternion of {what}")
+    if q.shape != (4,):
+        raise InputError(f"The quaternion of {what} is {shown(quaternion)}; give 4 numbers.")
+    return q
+
+
+def unit(v: Array) -> Array:
+    """Return a vector's direction; its length may be any but zero."""
+    v = v / np.abs(v).max()  # so that no square leaves the range of doubles
+    direction: Array = v / np.linalg.norm(v)
+    return direction
+
+
+@contextmanager
+def in_range(what: str) -> Iterator[None]:
+    """Refuse what leads out of the range of doubles.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        with np.errstate(over="raise", invalid="raise"):
+            yield
+    except FloatingPointError:
+        raise InputError(f"The start of {what} leads out of the range of doubles: positions, "
+                         "velocities or rates are too large; take other units.") from None
+
+
+def three(what: str, value: Any) -> Array:
+    """Return three finite numbers."""
+    return finite(what, value, (3,))
+
+
+def finite(what: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return finite numbers of a shape as floats."""
+    array = real_array(value)
+    if array is None or array.shape != shape or not np.isfinite(array).all():
+        count = math.prod(shape)
+        raise InputError(f"The {what} is {shown(value)}; give {count} finite "
+                         f"number{'s' if count > 1 else ''}.")
+    return array
+
+
+def settle(
+    poses: Mapping[Any, Pose], attribute: str, steps: Sequence[Callable[[Mapping[Any, Pose]], bool]]
+) -> None:
+    """Let joints hand on what is known, from body to body; what nothing tells is zero."""
+    while True:
+        while sum(step(poses) for step in steps):
+            pass
+        unknown = next((p for p in poses.values() if getattr(p, attribute) is None), None)
+        if unknown is None:
+            return
+        setattr(unknown, attribute, np.zeros(3))

@@ -1,0 +1,7 @@
+"""Emission: kernels, tableau and templates to the header, the source and the manifest.
+
+    emit            the three files of a stepper
+    emit_fast       what the templates are told of the fast path
+    emit_structure  what they are told of a structured system
+    solver_costs    what a sweep and a Newton iteration cost, counted
+"""

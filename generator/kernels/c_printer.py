@@ -1,0 +1,173 @@
+"""SymPy expressions as C text, with a count of the operations they cost."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from fractions import Fraction
+
+import sympy as sp
+
+from ...errors import InputError
+from ...real import Real
+from ..algebra.cardinal import Numeric
+
+__all__ = ["ON_LANES", "SWITCHES", "CPrinter"]
+
+_SUM, _PRODUCT, _ATOM = 1, 2, 3
+#: Of <math.h>, by SymPy's name.
+_FUNCTIONS = {getattr(sp, name): name for name in (
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh",
+    "atanh", "exp", "log", "floor",
+)} | {sp.Abs: "fabs"}
+#: Functions with two sides, of ``templates/switches.c.jinja``.
+SWITCHES = frozenset({"choose", "maximum", "minimum", "sign"})
+#: What takes all lanes at once.
+ON_LANES = SWITCHES | {"fabs"}
+#: Powers up to here are products.
+_LARGEST_PRODUCT = 16
+
+
+class CPrinter:
+    """Writes expressions in terms of C names and counts additions, multiplications and so on.
+
+    Parameters
+    ----------
+    real : Real
+        The floating-point type; fixes literals and the suffix of ``<math.h>`` functions.
+    names : mapping
+        C text for each symbol; a symbol without an entry keeps its own name.
+    prefix : str
+        Of the functions that take and return lanes; empty for plain numbers.
+    """
+
+    def __init__(self, real: Real, names: Mapping[sp.Symbol, str], prefix: str = "") -> None:
+        self.real = real
+        self.names = dict(names)
+        self.prefix = prefix
+        self.operations: Counter[str] = Counter()
+        #: Names of the functions of <math.h>, without suffix, and of our own ones called.
+        self.functions: set[str] = set()
+
+    def __call__(self, expression: sp.Expr) -> str:
+        """Return C text for the expression."""
+        return self._text(expression)[0]
+
+    def number(self, e: sp.Expr) -> str:
+        """Return C text for an expression that must have the kernel's type though it is a number.
+
+        C does not convert a number to lanes by itself.
+        """
+        text = self(e)
+        return f"splat({text})" if self.prefix and e.is_number else text
+
+    def _call(self, name: str, *arguments: sp.Expr, suffix: bool = True) -> str:
+        self.functions.add(name)
+        self.operations[name] += 1
+        end = "" if self.prefix or not suffix else self.real.suffix.lower()
+        singly = self.prefix and name not in ON_LANES
+        texts = [*(["c->_used"] if singly else []), *map(self.number, arguments)]
+        return f"{self.prefix}{name}{end}({', '.join(texts)})"
+
+    def _text(self, e: sp.Expr) -> tuple[str, int]:
+        if e.is_Symbol:
+            return self.names.get(e, str(e)), _ATOM
+        if e.is_Rational:
+            return self._rational(e)
+        if e.is_number and e.is_real and e.is_finite:
+            text = self.real.literal(Fraction(str(sp.N(e, 60))))
+            return text, _SUM if text.startswith("-") else _ATOM
+        if e.is_Add:
+            return self._sum(e), _SUM
+        if e.is_Mul:
+            return self._product(e)
+        if e.is_Pow:
+            return self._power(e.base, e.exp)
+        if e.func in _FUNCTIONS:
+            return self._call(_FUNCTIONS[e.func], *e.args), _ATOM
+        if isinstance(e, Numeric):
+            return self._call(e.c_name, *e.args, suffix=False), _ATOM
+        if isinstance(e, sp.sign):
+            return self._call("sign", *e.args, suffix=False), _ATOM
+        raise InputError(
+            f"No C is known for {e.func.__name__!r} in {e}; write it with + - * /, powers, sqrt, "
+            f"{', '.join(f.__name__ for f in _FUNCTIONS)}, sign, Heaviside, Min, Max, Piecewise, "
+            "ceiling, Mod."
+        )
+
+    def _within(self, e: sp.Expr, level: int) -> str:
+        text, precedence = self._text(e)
+        return text if precedence >= level else f"({text})"
+
+    def _rational(self, e: sp.Rational) -> tuple[str, int]:
+        value = Fraction(int(e.p), int(e.q))
+        denominator = value.denominator
+        if denominator & (denominator - 1) == 0 and denominator <= 2**20:
+            text = self.real.literal(value)
+            return text, _PRODUCT if value < 0 else _ATOM
+        numerator, below = Fraction(value.numerator), Fraction(denominator)
+        return f"{self.real.literal(numerator)}/{self.real.literal(below)}", _PRODUCT
+
+    def _sum(self, e: sp.Add) -> str:
+        self.operations["add"] += len(e.args) - 1
+        positive = [a for a in e.args if not a.could_extract_minus_sign()]
+        negative = [a for a in e.args if a.could_extract_minus_sign()]
+        text = " + ".join(self._within(a, _SUM) for a in positive)
+        for a in negative:
+            text += (" - " if text else "-") + self._within(-a, _PRODUCT)
+        return text
+
+    def _product(self, e: sp.Mul) -> tuple[str, int]:
+        if e.could_extract_minus_sign():
+            return f"-{self._within(-e, _PRODUCT)}", _PRODUCT
+        above: list[sp.Expr] = []
+        below: list[sp.Expr] = []
+        for a in e.args:
+            if a.is_Rational and a.p == 1 and (a.q & (a.q - 1)):
+                below.append(sp.Integer(a.q))
+            elif a.is_Pow and a.exp.is_Rational and a.exp < 0:
+                below.append(a.base ** (-a.exp))
+            else:
+                above.append(a)
+        if products := max(len(above) - 1, 0) + max(len(below) - 1, 0):
+            self.operations["mul"] += products
+        text = "*".join(self._within(a, _PRODUCT) for a in above)
+        if not below:
+            return text, _PRODUCT
+        self.operations["div"] += 1
+        divisor = "*".join(self._within(a, _PRODUCT) for a in below)
+        if len(below) > 1 or not self._is_atom(below[0]):
+            divisor = f"({divisor})"
+        return f"{text or self.real.literal(Fraction(1))}/{divisor}", _PRODUCT
+
+    def _is_atom(self, e: sp.Expr) -> bool:
+        return bool(e.is_Symbol or (e.is_Integer and e > 0))
+
+    def _power(self, base: sp.Expr, exponent: sp.Expr) -> tuple[str, int]:
+        if exponent.is_Rational and exponent < 0:
+            self.operations["div"] += 1
+            text, precedence = self._power(base, -exponent)
+            below = text if precedence == _ATOM else f"({text})"
+            return f"{self.real.literal(Fraction(1))}/{below}", _PRODUCT
+        if exponent == 1:
+            return self._text(base)
+        if exponent.is_Integer and exponent <= _LARGEST_PRODUCT:
+            self.operations["mul"] += int(exponent) - 1
+            return repeated(self._within(base, _ATOM), int(exponent)), _PRODUCT
+        if exponent == sp.Rational(1, 2):
+            return self._call("sqrt", base), _ATOM
+        if exponent.is_Rational and exponent.q == 2:
+            whole = self._within(base ** sp.Integer((exponent.p - 1) // 2), _PRODUCT)
+            if whole.startswith("-"):
+                whole = f"({whole})"
+            self.operations["mul"] += 1
+            return f"{whole}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
+        return self._call("pow", base, exponent), _ATOM
+
+
+def repeated(factor: str, n: int) -> str:
+    """Return the n-th power as a product of equal halves, which the compiler computes once."""
+    if n <= 4:
+        return "*".join([factor] * n)
+    half = repeated(factor, n // 2)
+    return f"({half})*({half})" + (f"*{factor}" if n % 2 else "")

@@ -1,0 +1,351 @@
+"""From expressions to C functions: common subexpressions, constants of a run, operation counts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import count, islice
+from typing import Any
+
+import sympy as sp
+
+from ...real import Real
+from ..algebra.bounded_algebra import is_small
+from ..algebra.sharing import Shared, parts_of, symbols_of, tree_size
+from ..algebra.switches import Where
+from .c_printer import ON_LANES, CPrinter
+
+__all__ = ["Constants", "EmittedKernel", "Kernel", "Target", "emit_kernel"]
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A C function to be: arrays of symbols in, arrays of expressions out.
+
+    Attributes
+    ----------
+    name, doc : str
+        Of the C function; ``doc`` is its comment, an equation.
+    inputs : mapping
+        Name of each input array → its symbols.
+    outputs : mapping
+        Name of each output array → nested lists of expressions (vector or matrix); a bare
+        expression makes the function return it.
+    """
+
+    name: str
+    doc: str
+    inputs: Mapping[str, Sequence[sp.Symbol]]
+    outputs: Mapping[str, Any]
+    #: Add up the terms of polynomials in twice the working precision: for sums that nearly cancel.
+    compensated: bool = False
+
+
+@dataclass(frozen=True)
+class EmittedKernel:
+    """A kernel as the template prints it."""
+
+    name: str
+    doc: str
+    returns: str
+    signature: str
+    lines: list[str]
+    temporaries: int
+    operations: dict[str, int]
+    unused: list[str] = field(default_factory=list)
+    constants: frozenset[str] = frozenset()
+    #: Functions of <math.h> that it calls, without suffix.
+    functions: frozenset[str] = frozenset()
+
+
+#: Nodes of expressions written out as trees, up to which SymPy orders their arguments.
+_LARGEST_TREE = 100_000
+
+
+class Constants:
+    """Subexpressions of the parameters alone: computed once a run instead of in every kernel."""
+
+    def __init__(
+        self, parameters: Sequence[sp.Symbol], others: Sequence[sp.Symbol] = ()
+    ) -> None:
+        self.taken = {str(s) for s in (*parameters, *others)}
+        self.parameters = tuple(parameters)
+        self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
+        self._known = frozenset(parameters)  # made once: H of 100 bodies asks it for every term
+
+    def hoist(self, e: sp.Expr) -> sp.Expr:
+        """Return e with every largest parameter-only subexpression replaced by a symbol."""
+        if not e.free_symbols or e.is_Symbol:
+            return e
+        if e.free_symbols <= self._known:
+            number, rest = e.as_coeff_Mul()
+            return number * self._symbol(rest)
+        if not e.is_Add and e.has(Where, sp.sign):
+            return e  # as it is written, its pieces are seen to meet
+        if e.is_Mul or e.is_Add:
+            own = [a for a in e.args if self._is_own(a)]
+            rest = [self.hoist(a) for a in e.args if not self._is_own(a)]
+            return e.func(self.hoist(e.func(*own)), *rest) if own else e.func(*rest)
+        if e.is_Pow and self._is_own(e.base):
+            return sp.exp(self.hoist(e.exp * sp.log(e.base)))  # a logarithm a run, not a call
+        return e.func(*(self.hoist(a) for a in e.args))
+
+    def _is_own(self, e: sp.Expr) -> bool:
+        free = e.free_symbols
+        return bool(free) and free <= self._known
+
+    def _symbol(self, e: sp.Expr) -> sp.Symbol:
+        if e not in self.definitions:
+            free = (f"k{i}" for i in count() if f"k{i}" not in self.taken)
+            name = next(islice(free, len(self.definitions) - len(self.parameters), None))
+            facts = {"nonzero": True} if e.is_nonzero else {}
+            self.definitions[e] = sp.Symbol(name, real=True, **facts)
+        return self.definitions[e]
+
+    def spelled_out(self, e: sp.Expr) -> sp.Expr:
+        """Return e in terms of the parameters again."""
+        return e.xreplace({symbol: definition for definition, symbol in self.definitions.items()})
+
+    def names(self) -> dict[sp.Symbol, str]:
+        """Return the C text of each constant inside a kernel."""
+        return {symbol: f"c->{symbol}" for symbol in self.definitions.values()}
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a kernel computes with: one number, or lanes of numbers that move together."""
+
+    value: str
+    constants: str
+    prefix: str
+    #: Further symbols with their C text.
+    names: Mapping[sp.Symbol, str] = field(default_factory=dict)
+
+    @classmethod
+    def scalar(cls, real: Real) -> Target:
+        """One state a call."""
+        return cls(real.c_type, "constants", "")
+
+    @classmethod
+    def lanes(cls, names: Mapping[sp.Symbol, str]) -> Target:
+        """As many states a call as a vector register holds."""
+        return cls("lanes", "lane_constants", "lanes_", names)
+
+
+def emit_kernel(
+    kernel: Kernel, constants: Constants, real: Real, target: Target | None = None
+) -> EmittedKernel:
+    """Return the C of a kernel: shared subexpressions first, then one line an output entry."""
+    target = target or Target.scalar(real)
+    names = constants.names() | dict(target.names)
+    for array, symbols in kernel.inputs.items():
+        names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
+    targets = list(_entries(kernel.outputs))
+    if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in targets))):
+        return _emit_compensated(kernel, targets, constants, real, names, target)
+    definitions, outputs = _unfold([e for _, e in targets])
+    expressions = [*definitions.values(), *outputs]
+    # SymPy compares whole trees to bring arguments into order: in deep ones that takes for ever.
+    order = "canonical" if tree_size(expressions) <= _LARGEST_TREE else "none"
+    shared, reduced = sp.cse(expressions, symbols=sp.numbered_symbols("_t", real=True), order=order)
+    named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
+    shared = _sorted(shared, dict(zip(definitions, named, strict=True)))
+    shared, reduced = _name_bases(shared, reduced)
+    names |= {t: t.name.lstrip("_") for t, _ in shared}
+    printer = CPrinter(real, names, target.prefix)
+    lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};") for t, e in shared]
+    lines += map(wrap, _assignments(targets, reduced, printer))
+    used = symbols_of(e for _, e in targets)
+    unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
+    own_constants = used & set(constants.definitions.values())
+    singly = target.prefix and printer.functions - ON_LANES  # are told how many lanes to do
+    if not own_constants and not used & target.names.keys() and not singly:
+        unused.insert(0, "c")
+    return EmittedKernel(
+        target.prefix + kernel.name,
+        kernel.doc,
+        "void" if all(isinstance(v, list) for v in kernel.outputs.values()) else target.value,
+        _signature(kernel, target),
+        lines,
+        len(shared),
+        dict(sorted(printer.operations.items())),
+        unused,
+        frozenset(map(str, own_constants)),
+        frozenset(printer.functions),
+    )
+
+
+def _unfold(
+    expressions: list[sp.Expr],
+) -> tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]:
+    """Return symbols for the parts in ``Shared`` with their definitions, and the rest in them."""
+    fresh = sp.numbered_symbols("_s", real=True)
+    known: dict[sp.Basic, sp.Basic] = {}
+    symbols: dict[sp.Basic, sp.Symbol] = {}  # by definition: some parts become the same
+    for e in parts_of(expressions):
+        arguments = [known[a] for a in e.args]
+        same = all(a is b for a, b in zip(arguments, e.args, strict=True))
+        if not isinstance(e, Shared):
+            known[e] = e if same else e.func(*arguments)
+        elif arguments[0].is_Atom:
+            known[e] = arguments[0]
+        else:
+            if arguments[0] not in symbols:
+                symbols[arguments[0]] = next(fresh)
+            known[e] = symbols[arguments[0]]
+    return {s: e for e, s in symbols.items()}, [known[e] for e in expressions]
+
+
+def _sorted(
+    shared: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
+) -> list[tuple[sp.Symbol, sp.Expr]]:
+    """Return shared subexpressions and definitions, each behind those it is made of."""
+    if not definitions:
+        return shared
+    known, done = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
+
+    def visit(symbol: sp.Symbol) -> None:
+        if symbol not in done and symbol in known:
+            for other in sorted(known[symbol].free_symbols, key=str):
+                visit(other)
+            done[symbol] = known[symbol]
+
+    for symbol in known:
+        visit(symbol)
+    return list(done.items())
+
+
+def _is_exact_polynomial(e: sp.Expr) -> bool:
+    """Whether e is a sum of products with coefficients that every binary format holds exactly."""
+    return is_small(e) and all(
+        (base.is_Symbol or base == 1) and power.is_Integer and power > 0
+        for term in sp.Add.make_args(sp.expand(e))
+        for base, power in term.as_coeff_Mul()[1].as_powers_dict().items()
+    ) and all(
+        number.is_Rational and abs(number.p) < 2**20 and number.q & (number.q - 1) == 0
+        for number in (term.as_coeff_Mul()[0] for term in sp.Add.make_args(sp.expand(e)))
+    )
+
+
+def _emit_compensated(
+    kernel: Kernel,
+    targets: list[tuple[str, sp.Expr]],
+    constants: Constants,
+    real: Real,
+    names: dict[sp.Symbol, str],
+    target: Target,
+) -> EmittedKernel:
+    """Return a kernel that adds the products of each polynomial with ``add_product``."""
+    printer = CPrinter(real, names, target.prefix)
+    zero = "splat(0)" if target.prefix else "0"
+    lines = [f"{target.value} sum[2];"]
+    for entry, e in targets:
+        lines.append(f"sum[0] = sum[1] = {zero};")
+        for term in sp.Add.make_args(sp.expand(e)):
+            number, rest = term.as_coeff_Mul()
+            factors = [] if number == 1 and rest != 1 else [printer.number(number)]
+            for base, power in rest.as_powers_dict().items():
+                factors += [] if base == 1 else [printer(base)] * int(power)
+            lines.append(f"{target.prefix}add_product(sum, {len(factors)}, "
+                         f"(const {target.value}[]){{ {', '.join(factors)} }});")
+        lines.append(f"{entry} = sum[0] + sum[1];")
+    symbols = symbols_of(e for _, e in targets)
+    used = symbols & set(constants.definitions.values())
+    unused = [a for a, s in kernel.inputs.items() if not symbols & set(s)]
+    return EmittedKernel(
+        target.prefix + kernel.name, f"{kernel.doc}, in twice the working precision", "void",
+        _signature(kernel, target), lines, 0,
+        {"product": sum("add_product" in line for line in lines)},
+        ([] if used else ["c"]) + unused, frozenset(map(str, used)),
+    )
+
+
+def sums_products(kernel: EmittedKernel, prefix: str = "") -> bool:
+    """Whether a kernel of numbers calls ``add_product``; one of lanes does with their prefix."""
+    return any(line.lstrip().startswith(f"{prefix}add_product(") for line in kernel.lines)
+
+
+def wrap(statement: str, width: int = 96) -> str:
+    """Break a long statement before + and - signs; continuation lines are indented."""
+    lines, rest, begin = [], statement, 0
+    while len(rest) > width:
+        at = max(rest.rfind(" + ", begin, width), rest.rfind(" - ", begin, width))
+        if at <= 0:
+            break
+        lines.append(rest[:at])
+        rest = "    " + rest[at + 1 :]
+        begin = 5  # not at the sign that this line begins with
+    return "\n    ".join([*lines, rest])
+
+
+def _name_bases(
+    shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
+) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+    """Give every base of an integer power a name of its own: C writes x² as x*x."""
+    fresh = sp.numbered_symbols("_u", real=True)
+    named: list[tuple[sp.Symbol, sp.Expr]] = []
+    known: dict[sp.Expr, sp.Symbol] = {}
+
+    def name(e: sp.Expr) -> sp.Expr:
+        if e.is_Atom:
+            return e
+        e = e.func(*(name(a) for a in e.args))
+        if not (e.is_Pow and (2 * e.exp).is_Integer and abs(e.exp) > 1 and not e.base.is_Atom):
+            return e
+        if e.base not in known:
+            known[e.base] = next(fresh)
+            named.append((known[e.base], e.base))
+        return known[e.base] ** e.exp
+
+    for symbol, e in shared:
+        value = name(e)
+        named.append((symbol, value))
+    return named, [name(e) for e in reduced]
+
+
+def _assignments(
+    targets: list[tuple[str, sp.Expr]], reduced: list[sp.Expr], printer: CPrinter
+) -> Iterator[str]:
+    """Yield one assignment an entry; an entry equal to an earlier one copies it."""
+    seen: dict[sp.Expr, str] = {}
+    for (target, _), e in zip(targets, reduced, strict=True):
+        if not target:
+            yield f"return {printer.number(e)};"
+        elif e.is_number:
+            yield f"{target} = {printer.number(e)};"
+        elif e in seen and not e.is_Atom:
+            yield f"{target} = {seen[e]};"
+        else:
+            seen[e] = target
+            yield f"{target} = {printer(e)};"
+
+
+def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
+    for array, value in outputs.items():
+        if not isinstance(value, list):
+            yield "", value
+            continue
+        for i, row in enumerate(value):
+            if isinstance(row, list):
+                yield from ((f"{array}[{i}][{j}]", entry) for j, entry in enumerate(row))
+            else:
+                yield f"{array}[{i}]", row
+
+
+def _signature(kernel: Kernel, target: Target) -> str:
+    parts = [f"const {target.constants} *c"]
+    parts += [f"const {target.value} {a}[{len(s)}]" for a, s in kernel.inputs.items()]
+    for array, value in kernel.outputs.items():
+        if isinstance(value, list):
+            shape = f"[{len(value)}]" + (f"[{len(value[0])}]" if isinstance(value[0], list) else "")
+            parts.append(f"{target.value} {array}{shape}")
+    return ", ".join(parts)
+
+
+def total_operations(kernels: Sequence[EmittedKernel]) -> dict[str, int]:
+    """Return the sum of the operation counts."""
+    total: Counter[str] = Counter()
+    for kernel in kernels:
+        total.update(kernel.operations)
+    return dict(sorted(total.items()))

@@ -1,0 +1,10 @@
+"""Model files: TOML of a user's own model, read key by key.
+
+    model_file         the door: one file to a ``Model``
+    model_table        tables of TOML; every refusal names file and key
+    model_expressions  formulas in named symbols
+    model_parts        parameters, quantities, run length: what all kinds share
+    model_body         a body with a fixed point
+    model_bodies       several bodies with joints
+    model_system       any Hamiltonian system
+"""

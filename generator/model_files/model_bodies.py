@@ -1,0 +1,200 @@
+"""The model file of several bodies: [[bodies]], [[joints]], [[forces]], gravity.
+
+    name = "double_top"
+    [[bodies]]
+    name = "upper"
+    mass = 1
+    inertia = [0.1, 0.1, 0.02]
+    position = [0, 0, 0.5]
+    angular_velocity = [0, 0, 50]
+    [[bodies]]
+    name = "lower"
+    mass = 1
+    inertia = [0.1, 0.1, 0.02]
+    position = [0, 0, 1.5]
+    [[joints]]
+    name = "foot"
+    type = "fixed_point"
+    bodies = ["upper"]
+    at = [0, 0, 0]
+    [[joints]]
+    name = "hip"
+    type = "ball"
+    bodies = ["upper", "lower"]
+    at = [0, 0, 1]
+
+What the keys mean is told by ``multibody``. Formulas know, for a body named a, a_q0..a_q3, a_x,
+a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_omega3 (body axes)
+and t, beside the file's parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+import sympy as sp
+
+from ...body_values import REPS, RepName
+from ...errors import InputError
+from ..bodies.bodies import Body, Frame
+from ..bodies.model import Model
+from ..bodies.multibody import Multibody
+from ..bodies.poses import Attitude
+from ..text.grammar import RATES
+from .model_body import ATTITUDES, inertia_numbers, read_attitude
+from .model_parts import Formulas, run_length
+from .model_table import Table
+
+__all__ = ["read_bodies"]
+
+MAX_BODIES = 100
+POINTS = ("on_a", "on_b")
+
+#: Type of a joint or force → the keys it takes beside name, type and bodies.
+JOINTS = {
+    "ball": ("at", *POINTS),
+    "fixed_point": ("at", "on_body"),
+    "revolute": ("at", "axis", *POINTS, "rate"),
+    "rod": (*POINTS, "length"),
+}
+FORCES = {
+    "spring": ("stiffness", "length", *POINTS),
+    "force": ("force", "on_body"),
+    "torque": ("torque",),
+}
+
+
+def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+    """Return the model of a file with [[bodies]]; ``rep`` takes the place of every body's.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure; for redundant constraints with a smallest set to leave out.
+    """
+    content.allow("name", "description", "bodies", "joints", "forces", "gravity", "potential",
+                  "without", "parameters", "run", "quantities")
+    gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
+    builder = Multibody(name, gravity=gravity, **run_length(content))
+    bodies = _bodies(content, builder, rep)
+    place, motion = _names(builder, bodies)
+    for table in content.tables("joints"):
+        _telling(table, lambda table: _join(builder, bodies, table), table)
+    for parameter, value in formulas.numbers.values.items():
+        builder.parameter(parameter, value)
+    for table in content.tables("forces"):
+        _telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
+    if "potential" in content:
+        builder.potential(formulas.read(content, "potential", content.formula("potential"), place))
+    for key, e in formulas.quantities(motion).items():
+        builder.quantity(key, e)
+    return builder.model(without=content.strings("without"))
+
+
+def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Frame]:
+    tables = content.tables("bodies")
+    if not 1 <= len(tables) <= MAX_BODIES:
+        raise content.error("bodies", f"has {len(tables)} tables; write 1 to {MAX_BODIES}.")
+    found: dict[str, Frame] = {"ground": builder.ground}
+    for table in tables:
+        table.allow("name", "mass", "inertia", "rep", *REPS, "position", *ATTITUDES, "velocity",
+                    "angular_velocity")
+        table.require("name", "mass", "inertia")
+        name = table.symbol("name", table.text("name"))
+        found[name] = _telling(table, lambda table: _body(builder, table, rep), table)
+    return found
+
+
+def _body(builder: Multibody, table: Table, rep: str | None) -> Body:
+    chosen = table.choice("rep", REPS, "gamma") if rep is None else rep
+    vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
+    if "angular_velocity" in table:
+        vectors["angular_velocity"] = table.vector("angular_velocity", 3, RATES)
+    q = read_attitude(table)
+    return builder.body(
+        table.text("name"), mass=table.number("mass"), inertia=inertia_numbers(table),
+        rep=cast("RepName", chosen), weight=table.number(chosen) if chosen in table else None,
+        rotation=None if q is None else Attitude(q), **cast("dict[str, Any]", vectors),
+    )
+
+
+def _telling(table: Table, build: Callable[[Table], Any], argument: Table) -> Any:
+    """Call a builder and say which table its refusal belongs to."""
+    try:
+        return build(argument)
+    except InputError as problem:
+        if str(problem).startswith("The model file"):
+            raise
+        raise table.file_error(f"{table.where}{problem}") from None
+
+
+def _names(
+    builder: Multibody, bodies: Mapping[str, Frame]
+) -> tuple[dict[str, sp.Expr], dict[str, sp.Expr]]:
+    """Return what formulas of the place know, and those of the motion."""
+    place: dict[str, sp.Expr] = {}
+    motion: dict[str, sp.Expr] = {"t": builder.time}
+    for name, body in bodies.items():
+        if isinstance(body, Body):
+            R = body.rotation
+            place |= {str(x): x for x in (*body.q, *body.x)}
+            place |= {f"{name}_R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
+            motion |= {str(x): x for x in (*body.p, *body.p_x)}
+            motion |= {f"{name}_omega{i}": e for i, e in enumerate(body.angular_velocity, 1)}
+    return place, place | motion
+
+
+def _join(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> None:
+    kind = _kind(table, JOINTS)
+    single = kind == "fixed_point"
+    frames = _frames(table, bodies, 1 if single else 2)
+    numbers = {key: table.number(key, units) for key, units in (("rate", RATES), ("length", {}))
+               if key in table}
+    vectors = {key: table.vector(key, 3) for key in ("at", "axis", "on_body", *POINTS)
+               if key in table}
+    if kind == "revolute":
+        table.require("axis")
+    make = getattr(builder, kind)
+    make(table.symbol("name", table.text("name")), *frames, **vectors, **numbers)
+
+
+def _force(
+    builder: Multibody, bodies: Mapping[str, Frame], table: Table, formulas: Formulas,
+    motion: Mapping[str, sp.Expr],
+) -> None:
+    kind = _kind(table, FORCES)
+    points = {key: table.vector(key, 3) for key in ("on_body", *POINTS) if key in table}
+    if kind == "spring":
+        table.require("name", "stiffness")
+        numbers = {key: table.number(key) for key in ("stiffness", "length") if key in table}
+        builder.spring(table.symbol("name", table.text("name")), *_frames(table, bodies, 2),
+                       **cast("dict[str, Any]", numbers | points))
+        return
+    table.require(kind)
+    (body,) = _frames(table, bodies, 1)
+    if not isinstance(body, Body):
+        raise table.error("bodies", "is the ground, which nothing moves; name a body.")
+    entries = formulas.read_all(table, kind, motion, count=3)
+    getattr(builder, kind)(body, entries, **points)
+
+
+def _kind(table: Table, kinds: Mapping[str, tuple[str, ...]]) -> str:
+    """Return the type of a joint or force, its keys checked."""
+    table.require("type", "bodies")
+    kind = table.choice("type", tuple(kinds), "")
+    table.allow("name", "type", "bodies", *kinds[kind])
+    if kinds is JOINTS:
+        table.require("name")
+    return kind
+
+
+def _frames(table: Table, bodies: Mapping[str, Frame], count: int) -> list[Frame]:
+    names = table.strings("bodies")
+    if len(names) != count:
+        raise table.error("bodies", f"has {len(names)} names; write {count}.")
+    for name in names:
+        if name not in bodies:
+            raise table.error("bodies", f"names {name!r}, which is none of "
+                                        f"{', '.join(bodies)}; correct it.")
+    return [bodies[name] for name in names]

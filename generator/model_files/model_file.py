@@ -1,0 +1,199 @@
+"""A user's own model, read from a TOML file.
+
+A body with a fixed point, ``model_body``:
+
+    name = "satellite"
+    potential = "3*mu/(2*r**3)*(I1*R31**2 + I2*R32**2 + I3*R33**2)"
+    [body]
+    inertia = [1.0, 2.0, 3.0]
+    [parameters]
+    mu = 3.986e14
+    r = 7e6
+    [start]
+    euler = [0, "30 deg", 0]
+    angular_velocity = [0, 0, 0.001]
+    [run]
+    dt = 10
+    steps = 1000
+
+or any holonomic Hamiltonian system, ``model_system``:
+
+    name = "pendulum"
+    [system]
+    coordinates = ["x", "y"]
+    momenta = ["px", "py"]
+    hamiltonian = "(px**2 + py**2)/(2*m) + m*g*y"
+    constraints = ["x**2 + y**2 - l**2"]
+    [parameters]
+    m = 1
+    g = 9.81
+    l = 0.5
+    [start]
+    q = [0.5, 0]
+    p = [0, 0]
+
+or several bodies with joints, ``model_bodies``. Formulas are read by ``model_expressions``;
+wherever a number stands, a text such as "pi/6" may stand too, and an angle or a rate in text may
+have a unit. ``description``, ``[run]``, ``[quantities]`` and forces may be left out.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from ...arguments import as_path
+from ...body_values import REPS, RepName
+from ...catalogue import SYSTEMS
+from ...errors import InputError
+from ...naming import choose, listed, proposal, shown
+from ...remarks import listening, remark
+from ..bodies.model import Model
+from ..text.c_names import KEYWORDS
+from ..text.text_file import model_text
+from .model_bodies import read_bodies
+from .model_body import read_body
+from .model_parts import Formulas, Numbers
+from .model_system import read_system
+from .model_table import Table, load_toml
+
+__all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
+
+NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+
+#: The table that tells a kind of model → what reads it.
+KINDS: Mapping[str, Callable[[Table, str, Formulas, str | None], Model]] = {
+    "body": read_body,
+    "system": read_system,
+    "bodies": read_bodies,
+}
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """What a file says.
+
+    Attributes
+    ----------
+    model : Model
+        The system with its numbers.
+    free : list of str
+        The parameters that no other number of the file mentions: another value changes nothing
+        else.
+    """
+
+    model: Model
+    free: list[str]
+
+
+def load_model(path: str | Path, rep: RepName | None = None) -> Model:
+    """Return the model of a TOML file.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 256 KiB of UTF-8.
+    rep : {"gamma", "alpha"}, optional
+        Takes the place of the file's ``[body] rep``.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    file = as_path("path", path, "top.toml")
+    chosen = None if rep is None else choose("representation", rep, REPS)
+    return parse_model(model_text(file), file, chosen)
+
+
+def parse_model(text: str, path: str | Path, rep: str | None = None) -> Model:
+    """Return the model of a text that was read from a file; see ``load_model``."""
+    return read_model(text, path, rep).model
+
+
+def read_model(
+    text: str, path: str | Path, rep: str | None = None,
+    settings: Mapping[str, str] = MappingProxyType({}),
+) -> ModelFile:
+    """Return what a text says that was read from a file, with other values for some of its keys.
+
+    A key of ``settings`` is a parameter, or a table and a key: ``"start.euler"``; a value is text
+    as it would stand in the file, quotes left out.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    with listening() as heard:
+        found = _read(text, path, rep, settings)
+    for said in dict.fromkeys(heard):
+        remark(f"In the model file {str(path)!r}: {said}")
+    return found
+
+
+def _read(
+    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
+) -> ModelFile:
+    content = load_toml(text, Path(path))
+    for key, value in settings.items():
+        _set(content, key, value)
+    kinds = [kind for kind in KINDS if kind in content]
+    shown = ", ".join(f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS)
+    if len(kinds) != 1:
+        found = " and ".join(f"[{kind}]" for kind in kinds) or "neither of them"
+        raise content.file_error(
+            f"it must have one table among {shown} and has {found}; write one.")
+    content.require("name", *(() if kinds == ["bodies"] else ("start",)))
+    formulas = Formulas(content, Numbers(content))
+    try:
+        model = KINDS[kinds[0]](content, _name(content), formulas, rep)
+        formulas.remark_on_unused()
+        mentioned = formulas.numbers.values.mentioned
+        return ModelFile(model, [name for name in model.parameters if name in content.table(
+            "parameters") and name not in mentioned])
+    except InputError as error:
+        if str(error).startswith("The model file"):
+            raise
+        raise content.file_error(str(error)) from None
+
+
+def _name(content: Table) -> str:
+    name = content.text("name")
+    if not NAME.fullmatch(name) or name in KEYWORDS:
+        raise content.error("name", f"is {name!r}; write at most 40 lower case letters, digits and "
+                                    "'_', with a letter first, and no keyword of C.")
+    if name in SYSTEMS:
+        raise content.error("name", f"is {name!r}, which is a built-in system; choose another.")
+    return name
+
+
+def _set(content: Table, key: str, value: str) -> None:
+    """Put a value in place of the file's, or beside its others."""
+    *path, last = key.split(".") if "." in key else ("parameters", key)
+    table: Any = content.content
+    for part in path:
+        if isinstance(table, list):  # [[bodies]] and their like, by name
+            table = next((one for one in table if isinstance(one, dict)
+                          and one.get("name") == part), None)
+        else:
+            table = table.get(part) if isinstance(table, dict) else None
+    known = list(content.table("parameters").content)
+    if not isinstance(table, dict) or ("." not in key and last not in known):
+        raise content.file_error(
+            f"it has no {shown(key)} to set; choose {listed(known or ['none of its parameters'])}, "
+            f"or a table and a key, such as start.euler{proposal(key, known)}.")
+    table[last] = _value(value)
+
+
+def _value(text: str) -> Any:
+    """Return a value as TOML has it; a formula needs no quotes."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
+    except (ValueError, RecursionError):
+        return text

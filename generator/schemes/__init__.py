@@ -1,0 +1,7 @@
+"""Schemes: which have names, and what a step of each must solve, in terms of any system.
+
+    scheme           the record of each scheme with a name; costs no SymPy
+    schemes          unknowns and kernels of SPARK methods and of means
+    mean_conditions  what IMS and EMS satisfy
+    fast_path        what sweeps may use of a system and a tableau, found by algebra
+"""

@@ -1,0 +1,447 @@
+"""What the fast path may use of a system and a tableau, found by algebra (not declared).
+
+The fast path solves T1 by fixed-point sweeps on scaled unknowns
+
+    L_j = h b_j k_j,   L̂_j = h b̂_j k̂_j,   ι_j = h b̃_j Λ_j,   Y_j = −G(Q̃_j)ᵀ ι_j
+    Q_i = q + Σ μ_ij L_j,   Q̃_l = q + Σ ν_lj L_j,   P_i = p + Σ μ̂_ij L̂_j + Σ ν̃_ij Y_j
+
+with the multipliers corrected in every sweep through the Schur complement of the constraints,
+δι_j = (b̃_j/h) W_j⁻¹ Σ_l (M⁻¹)_jl g(Q̃_l), M = Ā Ã, W = G H_pp Gᵀ. It profits from identities that
+hold where g = 0; each is proved here by reduction modulo g:
+
+- W is constant (1/γ for the quaternion): inverted once a run instead of once a node and step;
+- H_pp Gᵀ = c Gᵀ: the correction of k is c times that of P, no second evaluation of H_p;
+- parts of H_q that a constraint force cannot change ((∂u/∂p) Gᵀ = 0, as L(q)q = 0) are evaluated
+  once a sweep and shared by H_p and H_q.
+
+Forces F(q, p, t) enter through H_q − F, which then stands for H_q in all of this.
+
+Where an identity is not proved the general form is emitted: slower, never wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import mpmath as mp
+import sympy as sp
+
+from ...real import Real, round_binary
+from ..algebra.bounded_algebra import expanded, is_small
+from ..algebra.switches import depends_by_steps, switches_of
+from ..kernels.kernel import Kernel
+from ..systems.system import System, jacobian, shortest
+from ..tableaux.multipliers import multiplier_inverse
+from ..tableaux.tableau import Tableau
+from .schemes import MeanScheme, common_kernels, time_input, vector
+
+__all__ = ["FastSystem", "FastTableau"]
+
+Row = list[Fraction]
+
+#: A constant matrix W is inverted in symbols up to this size.
+_LARGEST_INVERSE = 3
+
+
+@dataclass(frozen=True)
+class FastSystem:
+    """The identities of a system that its sweeps use."""
+
+    system: System
+
+    def reduced(self, e: sp.Expr) -> sp.Expr:
+        """Return the remainder of e modulo g = 0; e itself where that is not a division.
+
+        Whatever the remainder is, e equals it on the constraint manifold.
+        """
+        long = expanded(e)
+        if not long.free_symbols & set(self.system.q) or not is_small(e):
+            return long
+        if not all(x.is_polynomial(*self.system.q) for x in (long, *self.system.constraints)):
+            return long
+        return sp.expand(sp.reduced(long, list(self.system.constraints), *self.system.q)[1])
+
+    def _is_constant(self, e: sp.Expr) -> bool:
+        return not e.has(*self.system.q, *self.system.p)
+
+    @cached_property
+    def forces(self) -> list[list[sp.Expr]]:
+        """H_pp Gᵀ, n × m: how a constraint force changes the velocity."""
+        system = self.system
+        return [
+            [shortest(sum((a * b for a, b in zip(row, g, strict=True)), sp.Integer(0)))
+             for g in system.G]
+            for row in system.H_pp
+        ]
+
+    @cached_property
+    def schur(self) -> list[list[sp.Expr]]:
+        """W = G H_pp Gᵀ, m × m, reduced modulo g entry by entry."""
+        columns = list(zip(*self.forces, strict=True))
+        return [
+            [self.reduced(sum((a * b for a, b in zip(g, column, strict=True)), sp.Integer(0)))
+             for column in columns]
+            for g in self.system.G
+        ]
+
+    @cached_property
+    def schur_inverse(self) -> list[list[sp.Expr]] | None:
+        """W⁻¹ where W is proved constant on g = 0; None where it is not."""
+        W = self.schur
+        if self.system.m > _LARGEST_INVERSE or not all(self._is_constant(e) for r in W for e in r):
+            return None
+        matrix = sp.Matrix(W)
+        return None if sp.expand(matrix.det()) == 0 else matrix.inv().tolist()
+
+    @cached_property
+    def correction(self) -> sp.Expr | None:
+        """The c of H_pp Gᵀ = c Gᵀ on g = 0; None where there is no such number."""
+        if not self.system.m or self.schur_inverse is None:
+            return None
+        g = self.system.G[0]
+        square = self.reduced(sum((a * a for a in g), sp.Integer(0)))
+        if square == 0 or not self._is_constant(square):
+            return None
+        c = sp.cancel(self.schur[0][0] / square)
+        entries = [
+            force - c * row[a]
+            for a, forces in enumerate(self.forces)
+            for force, row in zip(forces, self.system.G, strict=True)
+        ]
+        return c if all(self.reduced(e) == 0 for e in entries) else None
+
+    @cached_property
+    def shared(self) -> list[sp.Expr]:
+        """Sums in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
+        if self.system.m and self.correction is None:
+            return []  # H_p is evaluated again with H_q anyway
+        if self.is_separable:
+            return []  # H_q − F is evaluated at other places than H_p
+        sums = {u for e in self.system.minus_p_rate for u in e.atoms(sp.Add)
+                if self.system.time not in u.free_symbols}
+        return sorted((u for u in sums if u.has(*self.system.p) and self._is_unmoved(u)),
+                      key=sp.default_sort_key)
+
+    def _is_unmoved(self, u: sp.Expr) -> bool:
+        """Whether u, and whatever it switches on, has no derivative along the constraint forces."""
+        return all(
+            expanded(sum((a * b for a, b in zip(by_p, g, strict=True)), sp.Integer(0))) == 0
+            for by_p in jacobian([u, *switches_of([u])], self.system.p)
+            for g in self.system.G
+        )
+
+    @cached_property
+    def is_affine(self) -> bool:
+        """Whether f(q, p), the constraint on the momenta, is affine in p: one solve finds p."""
+        p = self.system.p
+        return not depends_by_steps(self.system.hidden, p) and not any(
+            e.has(*p) for row in jacobian(self.system.hidden, p) for e in row)
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether H_pq = 0: Gauss-Seidel sweeps then square the contraction."""
+        return not depends_by_steps(self.system.H_p, self.system.q) and all(
+            expanded(e) == 0 for row in self.system.H_pq for e in row)
+
+    @cached_property
+    def folds(self) -> Folds:
+        """Numbers times constants, as constants of their own: 2 mgl is not computed in a loop."""
+        return Folds(set(self.system.parameters))
+
+    @cached_property
+    def gradients(self) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr]]:
+        """H_p, H_q − F in terms of the shared w, and w, each times its constant if it has one."""
+        H_p, H_q = ([self.folds(e) for e in side]
+                    for side in (self.system.H_p, self.system.minus_p_rate))
+        w = []
+        for index, u in enumerate(map(self.folds, self.shared)):
+            factor = self._only_factor(u, H_p + H_q)
+            symbol = sp.Symbol(f"_w{index}", real=True)
+            w.append(factor * u)
+            H_q = [e.xreplace({u: symbol / factor}) for e in H_q]
+        return H_p, H_q, w
+
+    def _only_factor(self, u: sp.Expr, expressions: list[sp.Expr]) -> sp.Expr:
+        """Return the constant that multiplies u wherever u occurs; 1 if there is no such one."""
+        factors = set()
+        for e in expressions:
+            inside = [m for m in e.atoms(sp.Mul) if u in m.args]
+            # Not e.count(u), which matches patterns: seconds where nothing but equality is asked.
+            if sum(part == u for part in sp.preorder_traversal(e)) != len(inside):
+                return sp.Integer(1)
+            factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in inside}
+        return factors.pop() if len(factors) == 1 else sp.Integer(1)
+
+    def spark_kernels(self) -> list[Kernel]:
+        """Return the kernels of the sweeps of SPARK methods, to be emitted on lanes."""
+        system = self.system
+        state = {"q": list(system.q), "p": list(system.p)}
+        H_p, H_q, shared = self.gradients
+        w = vector("w", len(shared))
+        velocity: dict[str, list[sp.Expr]] = {"H_p": H_p}
+        force: dict[str, list[sp.Expr]] = {"H_q": H_q}
+        if w:
+            velocity["w"] = shared
+        if system.m and self.correction is None:
+            force = {"H_p": H_p, "H_q": H_q}
+        kernels = [
+            *self._common(projected=True),
+            Kernel("velocity", "H_p" + (", and w: what H_q shares with it" if w else ""), state,
+                   velocity),
+            Kernel("force", "H_q" + (" = dH/dq - F" if system.forces else "") +
+                   (" from the same w" if w else "") + (", H_p" if "H_p" in force else ""),
+                   state | time_input(system) | ({"w": w} if w else {}), force),
+        ]
+        return [*kernels, *self._multiplier_kernels()]
+
+    def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
+        """Return the kernels of the sweeps of IMS or EMS, to be emitted on lanes."""
+        inputs = {"qm": scheme.means[0], "pm": scheme.means[1],
+                  "dq": scheme.differences[0], "dp": scheme.differences[1]}
+        D_q, D_p = ([self.folds(e) for e in side] for side in scheme.mean_rates)
+        less = " - F(qm, pm, t)" if self.system.forces else ""
+        kernels = [
+            *self._common(projected=False),
+            Kernel("mean_velocity", "D_p", inputs, {"D_p": D_p}),
+            Kernel("mean_force", f"D_q{less}", inputs | time_input(self.system), {"D_q": D_q}),
+        ]
+        if self.system.m:
+            kernels.append(Kernel("mean_constraint", "G between q0 and q1",
+                                  {"qm": scheme.means[0], "dq": scheme.differences[0]},
+                                  {"G": scheme.mean_constraint}))
+        return [*kernels, *self._multiplier_kernels()]
+
+    def _multiplier_kernels(self) -> list[Kernel]:
+        """Return W, or what takes its place where that is constant."""
+        if not self.system.m:
+            return []
+        if self.schur_inverse is None:
+            state = {"q": list(self.system.q), "p": list(self.system.p)}
+            return [Kernel("schur", "W = G H_pp G^T", state, {"W": self.schur})]
+        return [
+            Kernel("schur_inverse", "W^-1, with W = G H_pp G^T constant where g = 0", {},
+                   {"W_inverse": self.schur_inverse}),
+            *([Kernel("correction", "c, with H_pp G^T = c G^T where g = 0", {},
+                      {"c_correction": self.correction})] if self.correction is not None else []),
+        ]
+
+    def _common(self, *, projected: bool) -> list[Kernel]:
+        """Return H, g and f on lanes: f in twice the working precision, its matrix reduced.
+
+        Only what is projected onto f = 0 needs the matrix.
+        """
+        kernels = []
+        for kernel in common_kernels(self.system):
+            if kernel.name == "hidden_matrix" and not projected:
+                continue
+            if kernel.name == "hidden_constraint":
+                kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, kernel.outputs,
+                                      compensated=True))
+            elif kernel.name == "hidden_matrix":
+                W = [[self.reduced(e) for e in row] for row in self.system.hidden_matrix]
+                kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, {"W": W}))
+            else:
+                kernels.append(kernel)
+        return kernels
+
+
+class Folds:
+    """Replaces number times constant by a constant of its own, wherever both stand in a product."""
+
+    def __init__(self, constants: set[sp.Symbol]) -> None:
+        self.constants = set(constants)
+        self.definitions: dict[sp.Expr, sp.Symbol] = {}
+        self._known: dict[sp.Expr, sp.Expr] = {}
+
+    def __call__(self, e: sp.Expr) -> sp.Expr:
+        """Return e with its numbers folded into its constants."""
+        if e not in self._known:
+            self._known[e] = e if e.is_Atom else self._fold(e.func(*map(self, e.args)))
+        return self._known[e]
+
+    def _fold(self, e: sp.Expr) -> sp.Expr:
+        if not e.is_Mul:
+            return e
+        number, rest = e.as_coeff_Mul()
+        sign, number = (-1, -number) if number < 0 else (1, number)
+        own = [a for a in sp.Mul.make_args(rest) if a in self.constants]
+        if number == 1 or not own or not is_power_of_two(number):
+            return e
+        product = number * own[0]
+        if product not in self.definitions:
+            symbol = sp.Symbol(f"_f{len(self.definitions)}", real=True, nonzero=True)
+            self.definitions[product] = symbol
+            self.constants.add(symbol)
+        return sp.Mul(sign, self.definitions[product], *(a for a in sp.Mul.make_args(rest)
+                                                         if a is not own[0]))
+
+
+def is_power_of_two(number: sp.Expr) -> bool:
+    """Whether a product with the number is exact in binary."""
+    if not number.is_Rational:
+        return False
+    return all(n & (n - 1) == 0 for n in (int(number.p), int(number.q)))
+
+
+@dataclass(frozen=True)
+class FastTableau:
+    """The coefficients of the scaled unknowns, rounded so that the map stays symplectic.
+
+    Nodes are in lane order: constraint nodes 1, …, p − 1, and last node p where g is asked for,
+    node 0 where a multiplier acts; node 0 has Q̃_0 = q.
+    """
+
+    tableau: Tableau
+
+    @cached_property
+    def centres(self) -> dict[str, Any]:
+        """Every part as exact rationals within 2^−500 of the coefficients."""
+        return self.tableau.map_enclosures(lambda e: e.centre)
+
+    @cached_property
+    def refusal(self) -> str | None:
+        """Why this tableau has no fast path; None if it has one."""
+        part = self.centres
+        p = self.tableau.p
+        if 0 in [*part["b"], *part["b_hat"]]:
+            return "a weight b_i is zero, and the scaled stages divide by it"
+        if 0 in part["b_tilde"][:p]:
+            return "a weight b~_j is zero, and the scaled multipliers divide by it"
+        if any(part["A_bar"][0]):
+            return "the first constraint node is not the start of the step"
+        if p and self._inverse is None:
+            return "the matrix A- A~ of the multipliers is singular"
+        return None
+
+    @property
+    def _slack(self) -> Fraction:
+        """How far decimals may be from a pair x, 1 − x: as far as conditions on them allow."""
+        digits = self.tableau.digits_given
+        if digits is None:
+            return Fraction(0)
+        weights = [*self.centres["b"], *self.centres["b_tilde"]]
+        smallest: Fraction = min(abs(w) for w in weights if w)
+        return Fraction(1, 10 ** (digits - 1)) / smallest**2
+
+    @property
+    def _inverse(self) -> mp.matrix | None:
+        return multiplier_inverse(self.tableau)
+
+    @cached_property
+    def scaled(self) -> dict[str, list[Row]]:
+        """μ, μ̂, ν and ν̃ before rounding, all nodes 0..p in their own order."""
+        part, s, p = self.centres, self.tableau.s, self.tableau.p
+        b, b_hat, b_tilde = part["b"], part["b_hat"], part["b_tilde"]
+        return {
+            "mu": [[part["A"][i][j] / b[j] for j in range(s)] for i in range(s)],
+            "mu_hat": [[part["A_hat"][i][j] / b_hat[j] for j in range(s)] for i in range(s)],
+            "nu": [[part["A_bar"][row][j] / b[j] for j in range(s)] for row in range(p + 1)],
+            "nu_tilde": [[part["A_tilde"][i][j] / (b_tilde[j] or 1) for j in range(p + 1)]
+                         for i in range(s)],
+        }
+
+    @property
+    def _acting(self) -> list[int]:
+        """Nodes where multipliers act, in lane order."""
+        return [*range(1, self.tableau.p), 0]
+
+    @property
+    def _asked(self) -> list[int]:
+        """Nodes where g is asked for, in lane order."""
+        return [*range(1, self.tableau.p), self.tableau.p]
+
+    def _in_lanes(self, name: str, table: list[Row]) -> list[Row]:
+        """Return the rows or columns of a table that belong to nodes in lane order."""
+        if name == "nu":
+            return [table[row] for row in self._asked]
+        return [[row[j] for j in self._acting] for row in table] if name == "nu_tilde" else table
+
+    def tables(self, real: Real) -> dict[str, list[Row]]:
+        """Return μ, μ̂, ν, ν̃ and the scaled M⁻¹ as numbers of that type, row by row."""
+        part, exact, bits = self.centres, self.scaled, real.bits
+        slack = max(Fraction(1, 2**bits), self._slack)
+        mu, mu_hat = _paired(exact["mu"], exact["mu_hat"], bits, slack)
+        onward = _onward(part["c"], part["b"], list(range(self.tableau.s)), bits)
+        if not self.tableau.p:
+            return {"mu": mu, "mu_hat": mu_hat, "onward": onward}
+        nu, nu_tilde = _paired(exact["nu"], exact["nu_tilde"], bits, slack)
+        assert self._inverse is not None
+        return {
+            "mu": mu,
+            "mu_hat": mu_hat,
+            "nu": self._in_lanes("nu", nu),
+            "nu_tilde": self._in_lanes("nu_tilde", nu_tilde),
+            "inverse": [
+                [round_binary(_fraction(self._inverse[j, row - 1]) * part["b_tilde"][j], bits)
+                 for row in self._asked]
+                for j in self._acting
+            ],
+            "onward": onward,
+            "onward_nodes": _onward(part["c_tilde"], part["b_tilde"], self._acting, bits),
+        }
+
+    def rounding_errors(self, real: Real) -> list[Fraction]:
+        """Return how far the entries of μ, μ̂, ν and ν̃ are from the exact ones."""
+        rounded = self.tables(real)
+        return [x - y for name, table in self.scaled.items() if name in rounded
+                for given, row in zip(rounded[name], self._in_lanes(name, table), strict=True)
+                for x, y in zip(given, row, strict=True)]
+
+    def is_symplectic(self, real: Real) -> bool:
+        """Whether the rounded tables fulfil μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji exactly."""
+        tables = self.tables(real)
+        s, p = self.tableau.s, self.tableau.p
+        stages = all(tables["mu_hat"][i][j] + tables["mu"][j][i] == 1
+                     for i in range(s) for j in range(s))
+        nodes = all(tables["nu_tilde"][i][j] + tables["nu"][j][i] == 1
+                    for i in range(s) for j in range(p - 1))
+        return stages and nodes
+
+
+def _onward(nodes: Row, weights: Row, order: list[int], bits: int) -> list[Row]:
+    """Return w_i ℓ_j(1 + c_i)/w_j: values at the nodes, continued by their polynomial for a step.
+
+    Where two nodes coincide there is no such polynomial; the last values themselves stand in.
+    """
+    c, w = [nodes[i] for i in order], [weights[i] for i in order]
+    if len(set(c)) < len(c):
+        return [[Fraction(int(i == j)) for j in range(len(c))] for i in range(len(c))]
+    table = []
+    for i, at in enumerate(c):
+        row = []
+        for j, own in enumerate(c):
+            value = w[i] / w[j]
+            for other in c[:j] + c[j + 1 :]:
+                value *= (1 + at - other) / (own - other)
+            row.append(round_binary(value, bits))
+        table.append(row)
+    return table
+
+
+def _fraction(value: mp.mpf) -> Fraction:
+    sign, mantissa, exponent, _ = value._mpf_
+    size = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+    return -size if sign else size
+
+
+def _paired(
+    x: list[Row], y: list[Row], bits: int, slack: Fraction
+) -> tuple[list[Row], list[Row]]:
+    """Round two tables so that y_ij = 1 − x_ji is exact wherever it holds to a slack.
+
+    Of such a pair the member of at least ½ is rounded; 1 minus it is a binary number again.
+    """
+    x_rounded = [[round_binary(e, bits) for e in row] for row in x]
+    y_rounded = [[round_binary(e, bits) for e in row] for row in y]
+    for i, row in enumerate(y):
+        for j, value in enumerate(row):
+            if abs(value + x[j][i] - 1) > slack:
+                continue  # not a symplectic pair: each stays as it is
+            if value >= x[j][i]:
+                x_rounded[j][i] = 1 - y_rounded[i][j]
+            else:
+                y_rounded[i][j] = 1 - x_rounded[j][i]
+    return x_rounded, y_rounded

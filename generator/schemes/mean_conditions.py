@@ -1,0 +1,69 @@
+"""What IMS and EMS satisfy: proved as polynomial or rational identities, or seen at points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sympy as sp
+
+from ..algebra.identities import Finding, compare
+from ..algebra.sharing import substitute
+from ..tableaux.conditions import Condition
+from .schemes import MeanScheme
+
+__all__ = ["check_mean_scheme"]
+
+
+def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
+    """Return consistency, symmetry and order; for EMS also the exact energy and constraint laws.
+
+    ``found`` says how each was found: "proved", or "seen" at random points (``identities``).
+    """
+    lines = [
+        _condition("consistent", "D(q, p, 0, 0) = (H_q, H_p)", scheme.consistency()),
+        _condition("symmetric", "D unchanged by exchange of the end points", scheme.symmetry()),
+    ]
+    order = 2 * lines[1].holds if lines[0].holds else 0
+    lines.append(Condition("order", "consistent and symmetric: 2", str(order), order == 2,
+                           str(order - 2) if order != 2 else "0", required=True))
+    if scheme.discrete:
+        lines += [_energy(scheme), _constraint(scheme)]
+    return lines
+
+
+def _energy(scheme: MeanScheme) -> Condition:
+    """ΔH = D_qH·Δq + D_pH·Δp: energy is kept exactly, the multiplier's work is λΔg = 0 (60)."""
+    variables = [*scheme.system.q, *scheme.system.p]
+    means = [*scheme.means[0], *scheme.means[1]]
+    differences = [*scheme.differences[0], *scheme.differences[1]]
+    slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1]]
+    return _condition("energy", "H_k − H_(k−1) = D_q·Δq + D_p·Δp",
+                      _increments([scheme.system.H], [slope], variables, means, differences))
+
+
+def _constraint(scheme: MeanScheme) -> Condition:
+    return _condition(
+        "constraint work", "g_k − g_(k−1) = Ḡ·Δq",
+        _increments(scheme.system.constraints, scheme.mean_constraint, scheme.system.q,
+                    scheme.means[0], scheme.differences[0]))
+
+
+def _increments(
+    expressions: Sequence[sp.Expr],
+    slopes: Sequence[Sequence[sp.Expr]],
+    variables: Sequence[sp.Symbol],
+    means: Sequence[sp.Symbol],
+    differences: Sequence[sp.Symbol],
+) -> Finding:
+    """Compare e(end) − e(start) with slope·difference."""
+    start, end = (
+        substitute(expressions, {x: m + sign * d / 2 for x, m, d
+                                 in zip(variables, means, differences, strict=True)})
+        for sign in (-1, 1)
+    )
+    work = [sp.Add(*(a * d for a, d in zip(slope, differences, strict=True))) for slope in slopes]
+    return compare([b - a for a, b in zip(start, end, strict=True)], work, differences)
+
+
+def _condition(name: str, equation: str, finding: Finding) -> Condition:
+    return Condition(name, equation, finding.how, finding.holds, finding.residual, required=True)

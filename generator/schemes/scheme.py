@@ -1,0 +1,84 @@
+"""The schemes that have names: one record each. What they promise is derived elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from ...naming import choose
+
+if TYPE_CHECKING:
+    from ..tableaux.tableau import Tableau
+
+__all__ = ["DEFAULT_SCHEME", "DEFAULT_STAGES", "SCHEMES", "Scheme", "SchemeName", "scheme_named"]
+
+#: What ``scheme`` may be; the keys of ``SCHEMES``, for editors and type checkers.
+SchemeName = Literal["IMS", "EMS", "G-L", "LIIIA-B"]
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A scheme: a family of SPARK tableaux, or one mean value of the gradient.
+
+    Attributes
+    ----------
+    name : str
+        The paper's.
+    title : str
+        What the name stands for.
+    fewest : int
+        The fewest stages it has; 0 where it has none.
+    tableau : callable or None
+        Number of stages → its exact tableau; None for a mean value.
+    discrete : bool
+        Of a mean value: whether it is the discrete gradient, else the gradient at the midpoint.
+    """
+
+    name: SchemeName
+    title: str
+    fewest: int = 0
+    tableau: Callable[[int], Tableau] | None = None
+    discrete: bool = False
+
+    @property
+    def key(self) -> str:
+        """The name as file names have it: ``ims``, ``gl``, ``liiiab``."""
+        return self.name.lower().replace("-", "")
+
+
+def _gauss_lobatto(stages: int) -> Tableau:
+    from ..tableaux.families import gauss_lobatto  # SymPy, only when needed
+
+    return gauss_lobatto(stages)
+
+
+def _lobatto_iiiab(stages: int) -> Tableau:
+    from ..tableaux.families import lobatto_iiiab
+
+    return lobatto_iiiab(stages)
+
+
+SCHEMES: dict[SchemeName, Scheme] = {
+    scheme.name: scheme
+    for scheme in (
+        Scheme("IMS", "implicit midpoint scheme"),
+        Scheme("EMS", "energy-momentum preserving scheme", discrete=True),
+        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto),
+        Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab),
+    )
+}
+#: What the command line takes where no scheme is named: order 6, symplectic.
+DEFAULT_SCHEME: SchemeName = "G-L"
+DEFAULT_STAGES = 3
+
+
+def scheme_named(name: Any) -> Scheme:
+    """Return the scheme of a name.
+
+    Raises
+    ------
+    InputError
+        Naming the allowed ones.
+    """
+    return SCHEMES[choose("scheme", name, SCHEMES)]

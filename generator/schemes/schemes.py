@@ -1,0 +1,313 @@
+"""What a step must solve, scheme by scheme, in terms of any system.
+
+SPARK (B.1), (B.2): unknowns k_1..k_s, k̂_1..k̂_s, Λ_0..Λ_{p−1};
+    r = [k_i − H_p(Q_i, P_i);  k̂_i + H_q(Q_i, P_i);  g(Q̃_l), l = 1..p]
+
+IMS (53) and EMS (61): unknowns Δq, Δp, λ;
+    r = [Δq/Δt − D_pH;  Δp/Δt + D_qH + Ḡᵀλ;  g(q + Δq)]
+with D the gradient at the midpoint (IMS) or the discrete gradient (EMS), Ḡ likewise of g.
+
+With forces F(q, p, t), H_q − F stands where H_q does: SPARK has F(Q_i, P_i, t + c_i Δt), IMS and
+EMS take F at the midpoint, F(q̄, p̄, t + Δt/2), so that ΔH = F·Δq holds exactly for EMS.
+
+Either way the C loops over stages; only the kernels below are expressions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import sympy as sp
+
+from ..algebra.identities import Finding, compare
+from ..algebra.sharing import substitute
+from ..discrete.discrete_gradient import discrete_gradient
+from ..kernels.kernel import Constants, Kernel
+from ..systems.system import System, jacobian
+from ..tableaux.tableau import Tableau
+
+__all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
+
+
+def vector(name: str, count: int) -> list[sp.Symbol]:
+    """Return symbols _name0, _name1, …: no symbol of a system begins with an underscore."""
+    return [sp.Symbol(f"_{name}{i}", real=True) for i in range(count)]
+
+
+def time_input(system: System) -> dict[str, list[sp.Symbol]]:
+    """Return the input of what depends on time, if anything does."""
+    return {"t": [system.time]} if system.time is not None and system.is_driven else {}
+
+
+def common_kernels(system: System) -> list[Kernel]:
+    """Return the kernels that every scheme needs: H, F, g, and what projects onto them."""
+    q, p = list(system.q), list(system.p)
+    d = vector("d", system.n)
+    at_state = {"q": q, "p": p}
+    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": system.H})]
+    if system.forces:
+        kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
+                              at_state | time_input(system), {"F": list(system.forces)}))
+    if system.m == 0:
+        return kernels
+    return [
+        *kernels,
+        Kernel("constraint", "g(q)", {"q": q}, {"g": list(system.constraints)}, compensated=True),
+        Kernel(
+            "constraint_increment",
+            "g(q + d) - g(q), by discrete differentiation: no digit is lost for small d",
+            {"q": q, "d": d},
+            {"dg": constraint_increment(system, d)},
+        ),
+        Kernel("constraint_jacobian", "G = dg/dq", {"q": q}, {"G": system.G}),
+        Kernel(
+            "hidden_constraint",
+            "f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish",
+            at_state,
+            {"f": system.hidden},
+        ),
+        Kernel(
+            "hidden_matrix",
+            "W = (df/dp) G^T",
+            at_state,
+            {"W": system.hidden_matrix},
+        ),
+    ]
+
+
+def constraint_increment(system: System, d: list[sp.Symbol]) -> list[sp.Expr]:
+    """Return g(q + d) − g(q) = Ḡ(q + d/2, d)·d, exact."""
+    return [increment_of(g, system.q, d) for g in system.constraints]
+
+
+def increment_of(g: sp.Expr, q: Sequence[sp.Symbol], d: list[sp.Symbol]) -> sp.Expr:
+    """Return g(q + d) − g(q), exact and without loss of digits for small d."""
+    means = [x + dx / 2 for x, dx in zip(q, d, strict=True)]
+    slopes = discrete_gradient(g, q, means, d)
+    return sum((a * dx for a, dx in zip(slopes, d, strict=True)), sp.Integer(0))
+
+
+def discrete_jacobian(
+    system: System, means: list[Any], differences: list[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Return Ḡ, m × n, with g(q₁) − g(q₀) = Ḡ (q₁ − q₀) exactly."""
+    return [discrete_gradient(g, system.q, means, differences) for g in system.constraints]
+
+
+@dataclass(frozen=True)
+class SparkScheme:
+    """Any (s, p)-SPARK method: T1 solves (B.1), T2 projects the momentum (A.6)."""
+
+    system: System
+    tableau: Tableau
+    template = "spark.c.jinja"
+    #: x holds rates and multipliers themselves, not a state to be reached.
+    unknowns_are_state = False
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns of T1."""
+        return 2 * self.system.n * self.tableau.s + self.system.m * self.tableau.p
+
+    @property
+    def multipliers(self) -> int:
+        """How many multipliers a step reports for each constraint: Λ_0..Λ_p."""
+        return self.tableau.p + 1 if self.system.m else 0
+
+    @cached_property
+    def order(self) -> int:
+        """Order of convergence, derived from the tableau."""
+        return self.tableau.order
+
+    def kernels(self) -> list[Kernel]:
+        """Return the derivative kernels that the stage loops call."""
+        system = self.system
+        state = {"q": list(system.q), "p": list(system.p)}
+        kernels = [
+            Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
+                   {"H_q": system.H_q, "H_p": system.H_p}),
+            Kernel("hessian", "H_qq, H_pq = dH_p/dq and H_pp", state,
+                   {"H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}),
+        ]
+        if system.forces:
+            state |= time_input(system)
+            kernels = [
+                Kernel("gradient", "H_q = dH/dq - F, H_p = dH/dp", state,
+                       {"H_q": system.minus_p_rate, "H_p": system.H_p}),
+                Kernel("hessian", "H_qq and H_qp, derivatives of H_q = dH/dq - F, and those of H_p",
+                       state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
+                               "H_pq": system.H_pq, "H_pp": system.H_pp}),
+            ]
+        if system.m:
+            lam = vector("lambda", system.m)
+            kernels.append(
+                Kernel("constraint_curvature", "K = d(G^T lambda)/dq",
+                       {"q": list(system.q), "lambda": lam}, {"K": system.curvature(lam)})
+            )
+        return kernels
+
+
+@dataclass(frozen=True)
+class MeanScheme:
+    """IMS (53) or EMS (61): one mean value of the gradient carries the whole step."""
+
+    system: System
+    discrete: bool  # EMS: the discrete gradient; IMS: the gradient at the midpoint
+    template = "mean.c.jinja"
+    tableau = None
+    unknowns_are_state = True
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: q_k, p_k, λ."""
+        return 2 * self.system.n + self.system.m
+
+    @property
+    def multipliers(self) -> int:
+        """One λ for each constraint."""
+        return 1 if self.system.m else 0
+
+    @cached_property
+    def means(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+        """The symbols of q̄ and p̄."""
+        return vector("qm", self.system.n), vector("pm", self.system.n)
+
+    @cached_property
+    def differences(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+        """The symbols of Δq and Δp."""
+        return vector("dq", self.system.n), vector("dp", self.system.n)
+
+    @cached_property
+    def mean_gradient(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """D_qH and D_pH in terms of means and differences."""
+        return mean_gradient_of(self.system, self.means, self.differences, self.discrete)
+
+    @cached_property
+    def mean_rates(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """D_qH − F(q̄, p̄, t), −Δp/Δt but for the constraint forces, and D_pH."""
+        D_q, D_p = self.mean_gradient
+        if not self.system.forces:
+            return D_q, D_p
+        variables = [*self.system.q, *self.system.p]
+        at_mean = dict(zip(variables, [*self.means[0], *self.means[1]], strict=True))
+        forces = [f.xreplace(at_mean) for f in self.system.forces]
+        return [d - f for d, f in zip(D_q, forces, strict=True)], D_p
+
+    @cached_property
+    def mean_constraint(self) -> list[list[sp.Expr]]:
+        """Ḡ, m × n: discrete for EMS, g_q at the midpoint for IMS."""
+        if self.discrete:
+            return discrete_jacobian(self.system, self.means[0], self.differences[0])
+        at_mean = dict(zip(self.system.q, self.means[0], strict=True))
+        return [[e.xreplace(at_mean) for e in row] for row in self.system.G]
+
+    @cached_property
+    def order(self) -> int:
+        """2 when the gradient is consistent and symmetric, 1 when only consistent.
+
+        Symmetric methods have even order, and D agrees with the exact mean of the gradient to no
+        more than O(Δ²).
+        """
+        if self.consistency(thorough=False).how == "refuted":
+            return 0
+        return 1 if self.symmetry(thorough=False).how == "refuted" else 2
+
+    def consistency(self, *, thorough: bool = True) -> Finding:
+        """Whether D = (H_q, H_p) for Δ = 0."""
+        system = self.system
+        at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
+        gradient = substitute([*system.H_q, *system.H_p], at_mean)
+        no_step = dict.fromkeys(self._differences, sp.Integer(0))
+        return compare(substitute(self._D, no_step), gradient, thorough=thorough)
+
+    def symmetry(self, *, thorough: bool = True) -> Finding:
+        """Whether exchange of the end points, which turns Δ into −Δ, leaves D as it is."""
+        back = {x: -x for x in self._differences}
+        return compare(self._D, substitute(self._D, back), self._differences, thorough=thorough)
+
+    @property
+    def _D(self) -> list[sp.Expr]:
+        return [*self.mean_gradient[0], *self.mean_gradient[1]]
+
+    @property
+    def _differences(self) -> list[sp.Symbol]:
+        return [*self.differences[0], *self.differences[1]]
+
+    def kernels(self) -> list[Kernel]:
+        """Return the mean gradient and its derivatives by Δq and Δp."""
+        system = self.system
+        inputs = {"qm": self.means[0], "pm": self.means[1],
+                  "dq": self.differences[0], "dp": self.differences[1]}
+        inputs |= time_input(system)
+        D_q, D_p = self.mean_rates
+        by_q, by_p = self._by_increments()
+        kind = "discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly" \
+            if self.discrete else "gradient at the midpoint"
+        less = "; from D_q, F(qm, pm, t) is subtracted" if system.forces else ""
+        kernels = [
+            Kernel("mean_gradient", f"D_q, D_p: {kind}{less}", inputs, {"D_q": D_q, "D_p": D_p}),
+            Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
+                   {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
+        ]
+        if system.m:
+            lam = vector("lambda", system.m)
+            force = [
+                sum((x * row[i] for x, row in zip(lam, self.mean_constraint, strict=True)),
+                    sp.Integer(0))
+                for i in range(system.n)
+            ]
+            at = {"qm": self.means[0], "dq": self.differences[0]}
+            kernels += [
+                Kernel("mean_constraint", "G between q0 and q1", at, {"G": self.mean_constraint}),
+                Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", at | {"lambda": lam},
+                       {"K": by_q(force)}),
+            ]
+        return kernels
+
+    def _by_increments(self) -> tuple[Any, Any]:
+        """Return derivatives by Δq and by Δp at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
+
+        def total(means: list[sp.Symbol], differences: list[sp.Symbol]) -> Any:
+            def derive(expressions: list[sp.Expr]) -> list[list[sp.Expr]]:
+                by_mean = jacobian(expressions, means)
+                by_difference = jacobian(expressions, differences)
+                return [
+                    [a / 2 + b for a, b in zip(row, other, strict=True)]
+                    for row, other in zip(by_mean, by_difference, strict=True)
+                ]
+
+            return derive
+
+        return (total(self.means[0], self.differences[0]),
+                total(self.means[1], self.differences[1]))
+
+
+def mean_gradient_of(
+    system: System,
+    means: tuple[list[sp.Symbol], list[sp.Symbol]],
+    differences: tuple[list[sp.Symbol], list[sp.Symbol]],
+    discrete: bool,
+) -> tuple[list[sp.Expr], list[sp.Expr]]:
+    """Return D_qH and D_pH in terms of means and differences."""
+    variables, all_means = [*system.q, *system.p], [*means[0], *means[1]]
+    if discrete:
+        D = discrete_gradient(system.H, variables, all_means, [*differences[0], *differences[1]])
+    else:
+        at_mean = dict(zip(variables, all_means, strict=True))
+        D = [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p)]
+    return D[: len(system.q)], D[len(system.q) :]
+
+
+def hoisted(system: System) -> tuple[System, Constants]:
+    """Return the system with its parameter-only subexpressions as constants of the run."""
+    time = () if system.time is None else (system.time,)
+    constants = Constants(system.parameters, (*system.q, *system.p, *time))
+    H = constants.hoist(system.H)
+    g = tuple(constants.hoist(e) for e in system.constraints)
+    forces = tuple(constants.hoist(e) for e in system.forces)
+    symbols = tuple(constants.definitions.values())
+    return replace(system, parameters=symbols, H=H, constraints=g, forces=forces,
+                   quantities={}), constants

@@ -1,0 +1,192 @@
+"""Linear vector fields X(q) = A q + a that are likely symmetries, with names for people.
+
+Coordinates are taken in blocks as they stand: four that a constraint holds at unit length are a
+quaternion, between quaternions threes are points in space and twos points in the plane. A block
+that is no such thing costs nothing: its fields are then no symmetries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ..bodies.rigid_body import left_matrix
+from ..systems.system import System
+
+__all__ = ["Field", "known_fields", "motions_of_space"]
+
+Array = NDArray[np.float64]
+
+_AXES = ("e1", "e2", "e3")
+
+
+#: Entries of A and a by row and column, a as column n; those that are left out are 0.
+Weights = Mapping[tuple[int, int], Fraction]
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """X(q) = A q + a on n coordinates, its entries exact."""
+
+    name: str
+    n: int
+    weights: Weights
+
+    @classmethod
+    def combined(
+        cls, name: str, factors: Iterable[Fraction], fields: Iterable[Field], n: int
+    ) -> Field:
+        """Return a linear combination of fields."""
+        weights: dict[tuple[int, int], Fraction] = {}
+        for factor, field in zip(factors, fields, strict=True):
+            for place, x in field.weights.items() if factor else ():
+                weights[place] = weights.get(place, Fraction(0)) + factor * x
+        return cls(name, n, {place: x for place, x in weights.items() if x})
+
+    @cached_property
+    def matrix(self) -> Array:
+        """(A, a), shape (n, n + 1)."""
+        entries = np.zeros((self.n, self.n + 1))
+        for place, x in self.weights.items():
+            entries[place] = float(x)
+        return entries
+
+    @property
+    def A(self) -> Array:
+        """A, shape (n, n)."""
+        return self.matrix[:, : self.n]
+
+    @property
+    def a(self) -> Array:
+        """a, shape (n,)."""
+        return self.matrix[:, self.n]
+
+    def momentum(self, q: Sequence[sp.Expr], p: Sequence[sp.Expr]) -> sp.Expr:
+        """Return J = pᵀ(A q + a), its numbers exact."""
+        reach = [*q, sp.Integer(1)]
+        rows: dict[int, list[sp.Expr]] = {}
+        for (i, j), x in sorted(self.weights.items()):
+            rows.setdefault(i, []).append(sp.Rational(x.numerator, x.denominator) * reach[j])
+        return sp.Add(*(p[i] * sp.Add(*terms) for i, terms in rows.items()))
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Where quaternions and points stand among the coordinates."""
+
+    quaternions: list[list[int]]
+    points: list[list[int]]
+    size: int  # 3 for space, 2 for the plane
+
+
+def known_fields(system: System) -> list[Field]:
+    """Return what is tried first, the most natural before the others."""
+    n = system.n
+    fields = [_shift(n, [[i]], 0, f"momentum {p}") for i, p in enumerate(system.p)]
+    for blocks in _readings(system):
+        fields += _motions(n, blocks)
+        names = [", ".join(str(system.q[i]) for i in block) for block in blocks.quaternions]
+        for block, name in zip(blocks.quaternions, names, strict=True):
+            where = "the body's axis" if len(names) == 1 else f"the axis of body ({name}),"
+            fields += [_spin(n, block, k, f"angular momentum about {where} {k + 1}")
+                       for k in range(3)]
+        for block in blocks.points:
+            alone = _Blocks([], [block], blocks.size)
+            name = ", ".join(str(system.q[i]) for i in block)
+            fields += [Field(f"{f.name} of ({name})", n, f.weights) for f in _motions(n, alone)]
+        for block, name in zip(blocks.quaternions, names, strict=True):
+            alone = _Blocks([block], [], blocks.size)
+            fields += [Field(f"{f.name} of body ({name})", n, f.weights)
+                       for f in _motions(n, alone) if f.A.any()]
+    return fields
+
+
+def motions_of_space(system: System) -> list[Field]:
+    """Return the rotations about e1, e2, e3 and the translations of everything together."""
+    return [f for blocks in _readings(system)[:1] for f in _motions(system.n, blocks)]
+
+
+def _readings(system: System) -> list[_Blocks]:
+    """Return the ways to read the coordinates as blocks: in space, in the plane, or both."""
+    quaternions = list(_unit_quaternions(system))
+    taken = {i for block in quaternions for i in block}
+    free = [i for i in range(system.n) if i not in taken]
+    breaks = [0, *(k for k in range(1, len(free)) if free[k] != free[k - 1] + 1), len(free)]
+    runs = [free[a:b] for a, b in pairwise(breaks)] if free else []
+    found = []
+    for size in (3, 2):
+        if quaternions and size == 2:
+            continue
+        if all(len(run) % size == 0 for run in runs):
+            points = [run[i : i + size] for run in runs for i in range(0, len(run), size)]
+            found.append(_Blocks(quaternions, points, size))
+    return found
+
+
+def _unit_quaternions(system: System) -> Iterator[list[int]]:
+    """Yield the places of four coordinates whose squares add up to a constant by a constraint."""
+    place = {symbol: i for i, symbol in enumerate(system.q)}
+    for g in system.constraints:
+        symbols = sorted(g.free_symbols & place.keys(), key=place.__getitem__)
+        if len(symbols) != 4 or not g.is_polynomial(*symbols):
+            continue
+        rest = sp.expand(g / sp.Poly(g, *symbols).LC() - sum(x**2 for x in symbols))
+        places = [place[x] for x in symbols]
+        if not rest.has(*symbols) and places == list(range(places[0], places[0] + 4)):
+            yield places
+
+
+def _motions(n: int, blocks: _Blocks) -> list[Field]:
+    """Return the rigid motions that move all blocks together."""
+    if blocks.size == 2:
+        turns = [_turn(n, blocks, 2, "angular momentum")]
+    else:
+        turns = [_turn(n, blocks, k, f"angular momentum about {axis}")
+                 for k, axis in enumerate(_AXES)]
+    shifts = [_shift(n, blocks.points, k, f"linear momentum along {_AXES[k]}")
+              for k in range(blocks.size)] if blocks.points else []
+    return [*turns, *shifts]
+
+
+def _shift(n: int, points: Sequence[Sequence[int]], k: int, name: str) -> Field:
+    return Field(name, n, {(block[k], n): Fraction(1) for block in points})
+
+
+def _turn(n: int, blocks: _Blocks, k: int, name: str) -> Field:
+    """Return the rotation about e_k: e_k × x for points, ½ e_k q for quaternions."""
+    weights: dict[tuple[int, int], Fraction] = {}
+    i, j = (k + 1) % 3, (k + 2) % 3
+    for block in blocks.points:
+        weights[block[j], block[i]] = Fraction(1)
+        weights[block[i], block[j]] = Fraction(-1)
+    for block in blocks.quaternions:
+        weights |= _half_product(block, k, from_left=True)
+    return Field(name, n, weights)
+
+
+def _spin(n: int, block: Sequence[int], k: int, name: str) -> Field:
+    """Return the rotation of a body about its own axis k: ½ q e_k."""
+    return Field(name, n, _half_product(block, k, from_left=False))
+
+
+def _half_product(
+    block: Sequence[int], k: int, *, from_left: bool
+) -> dict[tuple[int, int], Fraction]:
+    """Return the matrix of x → ½ e_k x or x → ½ x e_k on a block of four coordinates.
+
+    Row k of L(x) y is yᵀ(x e_k), so its derivative by x is the second; from the left the cross
+    product of the vector parts changes its sign.
+    """
+    x = sp.symbols("x0:4")
+    matrix = left_matrix(x).row(k).jacobian(x).tolist()
+    return {
+        (block[i], block[j]): Fraction(int(e), 2) * (-1 if from_left and i and j else 1)
+        for i, row in enumerate(matrix) for j, e in enumerate(row) if e
+    }

@@ -1,0 +1,263 @@
+"""How far a field is from being a symmetry, measured at random points.
+
+Exact algebra says of a field whether it is a symmetry of H and F for all q and p, and nothing of
+those that are none. Two kinds of these are worth being told of, and neither is proved: fields that
+break the symmetry by a millionth at most, such as a body with I₂ = I₁ (1 + 1e-11), and symmetries
+on the constraints only, as of a potential that is written for |q| = 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ..algebra.derivatives import derivative
+from ..algebra.evaluation import Evaluator, evaluate, mp_context
+from ..systems.system import System
+from .linear_fields import Field
+
+__all__ = ["NEAR", "RandomPoints"]
+
+Array = NDArray[np.float64]
+#: Conditions and their derivatives at many points.
+_Step = tuple[Array, Array]
+
+#: Singular values below this part of the largest are zero in the numeric search.
+_ZERO = 1e-10
+#: What is broken by no more, relative to its terms, is nearly a symmetry.
+NEAR = 1e-6
+_DIGITS, _FEW = 60, 6
+
+
+class RandomPoints:
+    """Random states around a start, and how far fields are from symmetries there.
+
+    Parameters without a value, such as the weights of sides, are drawn from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If H, g or F contains a function that cannot be evaluated.
+    """
+
+    def __init__(
+        self, system: System, parameters: Mapping[sp.Symbol, float], q0: Array, p0: Array
+    ) -> None:
+        self.system, self.q0, self.p0 = system, q0, p0
+        self.parameters = dict(parameters)
+        self.rng = np.random.default_rng(20)
+        self._draw_others(1)
+        self.spread = np.abs(q0) + 0.1 * (np.abs(q0).max() or 1.0)
+        self.momenta = self._momentum_scale()
+        self.many = 200 if system.n <= 20 else 40  # more than fields to combine, or to compare
+
+    def _momentum_scale(self) -> Array:
+        """Return momenta worth the energy of the start, each by itself."""
+        system = self.system
+        at = self._at(self.q0[:, None], self.p0[:, None])
+        slopes = _at_points([*system.H_q, *system.H_p], at)[:, 0]
+        energy = float(np.abs(slopes * np.concatenate([self.q0, self.p0])).sum())
+        masses = _at_points([derivative(v, x) for v, x in zip(system.H_p, system.p, strict=True)],
+                            at)[:, 0]
+        with np.errstate(all="ignore"):
+            scale = np.sqrt(2 * energy / np.abs(masses))
+        usable = np.isfinite(scale) & (scale > 0)
+        return np.where(usable, scale, np.abs(self.p0).max() or 1.0)
+
+    def _draw_others(self, count: int) -> None:
+        """Draw what has no value of its own, the same for all that is asked of the same points."""
+        system = self.system
+        time = () if system.time is None else (system.time,)
+        self._drawn = {s: self.rng.uniform(0, 1, count)
+                       for s in (*system.parameters, *time) if s not in self.parameters}
+
+    def _at(self, q: Array, p: Array) -> dict[Any, Any]:
+        values: dict[Any, Any] = dict(self.parameters)
+        values |= dict(zip(self.system.q, q, strict=True))
+        values |= dict(zip(self.system.p, p, strict=True))
+        return values | self._drawn
+
+    def points(self, count: int, *, manifold: bool) -> dict[Any, Any]:
+        """Draw states, on the constraints if wanted.
+
+        Momenta are drawn over four decades, so that neither kinetic nor potential energy hides
+        what breaks a symmetry of the other; a tenth of them is zero.
+        """
+        n = self.system.n
+        self._draw_others(count)
+        q = self.q0[:, None] + 0.4 * self.spread[:, None] * self.rng.standard_normal((n, count))
+        sizes = 10 ** self.rng.uniform(-2, 2, count) * (self.rng.uniform(size=count) > 0.1)
+        p = self.momenta[:, None] * sizes * self.rng.standard_normal((n, count))
+        if manifold and self.system.m:
+            q = _newton(q, lambda x: self._constraint(x, p))
+            p = _newton(p, lambda y: self._velocity_constraint(q, y))
+        return self._at(q, p)
+
+    def _constraint(self, q: Array, p: Array) -> _Step:
+        """Return g and g_q at each point, shapes (points, m) and (points, m, n)."""
+        system, at = self.system, self._at(q, p)
+        slopes = _at_points([e for row in system.G for e in row], at).T
+        return _at_points(system.constraints, at).T, slopes.reshape(-1, system.m, system.n)
+
+    def _velocity_constraint(self, q: Array, p: Array) -> _Step:
+        """Return g_q H_p and its derivative g_q H_pp by p."""
+        system, at = self.system, self._at(q, p)
+        G = self._constraint(q, p)[1]
+        masses = _at_points([e for row in system.H_pp for e in row], at).T
+        speed = _at_points(system.H_p, at).T
+        return np.einsum("kln,kn->kl", G, speed), G @ masses.reshape(-1, system.n, system.n)
+
+    def moving_states(self) -> tuple[Array, Array]:
+        """Return states on the constraints with p ≠ 0, a row each."""
+        at = self.points(self.many, manifold=True)
+        q, p = (_at_points(s, at).T for s in (self.system.q, self.system.p))
+        usable = np.isfinite(q).all(axis=1) & np.isfinite(p).all(axis=1) & p.any(axis=1)
+        return q[usable], p[usable]
+
+    # ------------------------------------------------------------ how far from a symmetry
+
+    def broken(self, field: Field) -> tuple[float, bool]:
+        """Return |dJ/dt| relative to its terms, and whether it is that small on g = 0 only.
+
+        On the constraints in doubles, for all q and p by arithmetic of 60 digits.
+        """
+        q, p, pull, speed, G = self._on_constraints
+        moved = sorted({i for i, _ in field.weights})
+        reach = (field.A @ q + field.a[:, None])[moved]
+        slide = max((_relative(row * reach) for row in G[:, moved]), default=0.0)
+        turned = sorted({j for _, j in field.weights if j < field.n})
+        rate = np.concatenate([(field.A.T @ p)[turned] * speed[turned], -pull[moved] * reach])
+        on = max(_relative(rate), slide)
+        if on > NEAR or not q.shape[1]:  # where nothing can be evaluated nothing is claimed
+            return max(on, 1.0), True
+        off = max((_relative(np.array(terms)) for terms in self._precise_terms(field)),
+                  default=np.inf)
+        return (on, True) if off > NEAR else (max(off, slide), False)
+
+    def _precise_terms(self, field: Field) -> Iterator[list[Any]]:
+        """Yield the terms of {J, H} + J_p·F at a few states, in many digits."""
+        for q, p, pull, speed in self._precise:
+            yield [x * p[i] * speed[j] for (i, j), x in _numbers(field, self._context)
+                   if j < field.n] + [-x * pull[i] * (q[j] if j < field.n else 1)
+                                      for (i, j), x in _numbers(field, self._context)]
+
+    @cached_property
+    def _context(self) -> Any:
+        return mp_context(_DIGITS)
+
+    @cached_property
+    def _precise(self) -> list[tuple[list[Any], ...]]:
+        """q, p, H_q − F and H_p at a few states where all are real and finite."""
+        system, found = self.system, []
+        drawn = self.points(self.many, manifold=False)
+        for k in range(self.many):
+            at = {s: self._context.mpf(float(np.broadcast_to(x, self.many)[k]))
+                  for s, x in drawn.items()}
+            if k % 2:  # at rest only what breaks the symmetry of V is seen
+                at |= dict.fromkeys(system.p, self._context.zero)
+            walk = Evaluator(at, mp=self._context)
+            try:
+                parts = [[walk(e) for e in part] for part in
+                         (system.q, system.p, system.minus_p_rate, system.H_p)]
+            except (ArithmeticError, ValueError):
+                continue
+            if all(self._context.isfinite(x) and x.imag == 0 for part in parts for x in part):
+                found.append(tuple(parts))
+            if len(found) == _FEW:
+                break
+        return found
+
+    @cached_property
+    def _on_constraints(self) -> tuple[Array, Array, Array, Array, Array]:
+        """q, p, H_q − F, H_p and g_q at many states of the constraint manifold."""
+        system, at = self.system, self.points(self.many, manifold=True)
+        q, p = (_at_points(s, at) for s in (system.q, system.p))
+        pull, speed = _at_points(system.minus_p_rate, at), _at_points(system.H_p, at)
+        G = _at_points([e for row in system.G for e in row], at)
+        usable = np.isfinite(np.concatenate([q, p, pull, speed, G])).all(axis=0)
+        q, p, pull, speed, G = (part[:, usable] for part in (q, p, pull, speed, G))
+        return q, p, pull, speed, G.reshape(system.m, system.n, q.shape[1])
+
+    # ------------------------------------------------------------ combinations
+
+    def null_space(self, fields: Sequence[Field]) -> Array:
+        """Return an orthonormal basis of the combinations that seem to be symmetries.
+
+        On the constraints, to 1e-10 at random points; shape (n (n + 1), dimension), A and a as one
+        matrix.
+        """
+        span = _orthonormal(np.array([field.matrix.ravel() for field in fields]).T)
+        q, p, pull, speed, G = self._on_constraints
+        one, none = np.ones((1, q.shape[1])), np.zeros((1, q.shape[1]))
+        q1, v0 = np.concatenate([q, one]), np.concatenate([speed, none])
+        rows = [np.einsum("ik,jk->kij", p, v0) - np.einsum("ik,jk->kij", pull, q1)]
+        rows += [np.einsum("ik,jk->kij", row, q1) for row in G]
+        return np.asarray(span @ _null_space(np.concatenate([_scaled(part) @ span
+                                                             for part in rows])))
+
+
+def _numbers(field: Field, context: Any) -> list[tuple[tuple[int, int], Any]]:
+    return [(place, context.mpf(x.numerator) / x.denominator)
+            for place, x in field.weights.items()]
+
+
+def _relative(terms: Array) -> float:
+    """Return the largest |Σ| relative to its largest term; further axes are points."""
+    sizes = abs(terms).max(axis=0, initial=0)
+    with np.errstate(all="ignore"):
+        rates = abs(terms.sum(axis=0)) / np.where(sizes > 0, sizes, 1)
+    return float(np.max(rates, initial=0))
+
+
+def _scaled(rows: Array) -> Array:
+    """Return the rows with all numbers finite, each of length 1; matrices are rows."""
+    rows = rows.reshape(len(rows), -1)
+    lengths = np.linalg.norm(rows, axis=1)
+    usable = np.isfinite(lengths) & (lengths > 0)
+    return np.asarray(rows[usable] / lengths[usable, None])
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Return an orthonormal basis of the span."""
+    U, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(U[:, sizes > _ZERO * sizes[0]])
+
+
+def _null_space(rows: Array) -> Array:
+    """Return an orthonormal basis, as columns, of what all rows annihilate."""
+    size = rows.shape[1]
+    if len(rows) < size:  # too few points where everything is finite: nothing is claimed
+        return np.zeros((size, 0))
+    _, sizes, V = np.linalg.svd(np.linalg.qr(rows, mode="r"))  # many more rows than columns
+    rank = int((sizes > _ZERO * max(1.0, sizes[0])).sum())
+    return np.asarray(V[rank:].T)
+
+
+def _newton(x: Array, conditions: Callable[[Array], _Step]) -> Array:
+    """Return points, shape (n, points), moved to where the conditions vanish.
+
+    By the shortest increments that make the linearised conditions vanish; NaN where 12 of them
+    are not enough.
+    """
+    done = np.zeros(x.shape[1], dtype=bool)
+    for _ in range(12):
+        defect, slopes = conditions(x)
+        usable = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(defect).all(axis=1)
+        step = np.full(x.shape, np.nan)
+        step[:, usable] = (np.linalg.pinv(slopes[usable]) @ defect[usable, :, None])[:, :, 0].T
+        x = x - step
+        done = np.abs(step).max(axis=0) <= 1e-12 * np.abs(x).max(axis=0)
+        if done[usable].all():
+            break
+    return np.where(done, x, np.nan)
+
+
+def _at_points(expressions: Sequence[sp.Expr], at: Mapping[Any, Any]) -> Array:
+    """Return the expressions at many points, shape (expressions, points); NaN where undefined."""
+    with np.errstate(all="ignore"):
+        return np.asarray(evaluate(expressions, at), dtype=float)

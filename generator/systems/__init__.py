@@ -1,0 +1,8 @@
+"""Systems: q, p, H, g and forces, and what is found out about them before anything is emitted.
+
+    system          a constrained Hamiltonian system and its derivatives
+    numeric_system  the same with numbers, in NumPy
+    redundancy      constraints that others imply
+    structure       the few forms that many terms have, and how they hang together
+    smoothness      where sides do not meet smoothly
+"""

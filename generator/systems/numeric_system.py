@@ -1,0 +1,116 @@
+"""A system with its numbers, before anything is compiled: g, g_q, H_p in NumPy.
+
+g_q is Im g(q + iε e_k)/ε, exact to round-off: a way that shares nothing with the derived formulas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ...arguments import as_mapping
+from ...body_values import real_array
+from ...errors import InputError
+from ...naming import shown
+from ..algebra.derivatives import derivative
+from ..algebra.evaluation import evaluate
+from .system import System
+
+__all__ = ["NumericConstraints", "NumericSystem"]
+
+Array = NDArray[Any]
+TINY = 1e-100  # ε of the complex step: its square vanishes beside 1
+
+
+class NumericConstraints:
+    """g and g_q at given parameters; states are float arrays, shape (n,)."""
+
+    def __init__(
+        self, q: Sequence[sp.Symbol], constraints: Sequence[sp.Expr], names: Sequence[str],
+        parameters: Mapping[str, float],
+    ) -> None:
+        self.constraint_names = names
+        self.coordinates = [str(x) for x in q]
+        self.expressions = constraints
+        self._q = q
+        used: set[sp.Symbol] = set().union(*(g.free_symbols for g in constraints)) - set(q)
+        self._parameters = values_of(used, parameters)
+
+    def g(self, q: Array) -> Array:
+        """Return g(q), shape (m,)."""
+        return evaluate(self.expressions, self._at(q))
+
+    def G(self, q: Array) -> Array:
+        """Return g_q, shape (m, n); as with g, callers judge what is not finite."""
+        directions = q[:, None] + 1j * TINY * np.eye(len(q))
+        with np.errstate(over="ignore"):
+            slopes: Array = evaluate(self.expressions, self._at(directions)).imag / TINY
+        return slopes
+
+    def _at(self, q: Array) -> dict[sp.Symbol, Any]:
+        return dict(zip(self._q, q, strict=True)) | self._parameters
+
+
+class NumericSystem(NumericConstraints):
+    """g, g_q, H and H_p of a system at given parameters."""
+
+    def __init__(self, system: System, parameters: Mapping[str, float]) -> None:
+        super().__init__(system.q, system.constraints, system.constraint_names, parameters)
+        self.system = system
+        self.momenta = [str(x) for x in system.p]
+        self._parameters = values_of(system.parameters, parameters)
+
+    def H(self, q: Array, p: Array) -> float:
+        """Return H(q, p)."""
+        return float(evaluate([self.system.H], self._state(q, p))[0])
+
+    def H_p(self, q: Array, p: Array) -> Array:
+        """Return the velocity, shape (n,)."""
+        return evaluate(self._velocity, self._state(q, p))
+
+    def f(self, q: Array, p: Array) -> Array:
+        """Return g_q H_p, shape (m,)."""
+        rates: Array = self.G(q) @ self.H_p(q, p)
+        return rates
+
+    def W(self, q: Array, p: Array, G: Array) -> Array:
+        """Return G H_pp Gᵀ, shape (m, m)."""
+        if not len(G):
+            return np.zeros((0, 0))
+        along = self._state(q[:, None], p[:, None] + 1j * TINY * G.T)
+        matrix: Array = G @ evaluate(self._velocity, along).imag / TINY
+        return matrix
+
+    @cached_property
+    def _velocity(self) -> list[sp.Expr]:
+        """H_p, term by term: a term is differentiated by the momenta it contains only."""
+        by_momentum: dict[sp.Symbol, list[sp.Expr]] = {x: [] for x in self.system.p}
+        for term in sp.Add.make_args(self.system.H):
+            for x in term.free_symbols & by_momentum.keys():
+                by_momentum[x].append(derivative(term, x))
+        return [sp.Add(*terms) for terms in by_momentum.values()]
+
+    def _state(self, q: Array, p: Array) -> dict[sp.Symbol, Any]:
+        return self._at(q) | dict(zip(self.system.p, p, strict=True))
+
+
+def values_of(
+    symbols: Any, parameters: Mapping[str, float]
+) -> dict[sp.Symbol, float]:
+    """Return symbol → value, or name the parameter without one."""
+    values = as_mapping("parameters", parameters, "{'m': 1.0}")
+    found = {}
+    for symbol in sorted(symbols, key=str):
+        if str(symbol) not in values:
+            raise InputError(f"Parameter {str(symbol)!r} has no value; give one.")
+        number = real_array(values[str(symbol)])
+        if number is None or number.ndim or not np.isfinite(number):
+            raise InputError(f"Parameter {symbol} = {shown(values[str(symbol)])} is no finite "
+                             "number.")
+        found[symbol] = float(number)
+    return found

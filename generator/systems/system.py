@@ -1,0 +1,420 @@
+"""A constrained Hamiltonian system, and the derivatives that a step needs of it.
+
+    q̇ = H_p(q, p),   ṗ = −H_q(q, p) − g_q(q)ᵀ λ,   0 = g(q)          (paper, eq. 12)
+
+Generalised forces F(q, p, t) that no potential has are added to ṗ.
+
+Nothing here knows of quaternions: a system is its symbols, its H and its g.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+
+import sympy as sp
+from sympy.core.sympify import _sympify
+from sympy.logic.boolalg import Boolean
+
+from ...arguments import as_flag, as_items, as_mapping, as_text
+from ...errors import InputError
+from ...naming import shown
+from ..algebra.bounded_algebra import can_be_factored, expanded
+from ..algebra.derivatives import derivative
+from ..algebra.switches import as_switches
+from ..text.c_names import is_taken
+
+__all__ = ["BodyAt", "System", "few"]
+
+#: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
+MOMENTS = ("I1", "I2", "I3")
+INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
+#: Names that are shown of a list.
+_FEW = 6
+
+
+def few(names: Iterable[object]) -> str:
+    """Return the first of some names, and how many there are if that is not all."""
+    found = [str(name) for name in names]
+    first = ", ".join(found[:_FEW]) or "none"
+    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
+
+
+@dataclass(frozen=True)
+class BodyAt:
+    """Where a rigid body is in a system.
+
+    Attributes
+    ----------
+    name : str
+        The body's.
+    q : tuple of 4 symbols
+        Its unit quaternion among the system's coordinates, scalar first; its momenta stand in the
+        same places.
+    inertia : tuple of symbols
+        Parameters: I1, I2, I3, its principal moments, or K11, K12, K13, K22, K23, K33 of J⁻¹.
+    """
+
+    name: str
+    q: tuple[sp.Symbol, ...]
+    inertia: tuple[sp.Symbol, ...]
+
+
+@dataclass(frozen=True)
+class System:
+    """A holonomic Hamiltonian system with n coordinates and m constraints.
+
+    Parameters
+    ----------
+    q, p : sequence of Symbol
+        Coordinates and conjugate momenta, n of each.
+    parameters : sequence of Symbol
+        Everything else that occurs in H and g. A symbol declared ``positive`` or ``nonzero``
+        is checked at run time against that.
+    H : Expr
+        The Hamiltonian H(q, p; parameters).
+    constraints : sequence of Expr
+        g(q; parameters), m expressions that vanish on the constraint manifold.
+    name : str
+        A C identifier; begins the names of the generated files.
+    constraint_names : sequence of str
+        What each constraint is called in messages, e.g. the name of its joint; by default g0, g1, …
+    forces : sequence of Expr
+        Generalised forces F(q, p, t; parameters), n of them or none: ṗ = −H_q + F − g_qᵀλ.
+    time : Symbol, optional
+        The symbol of t in the forces and quantities.
+    quantities : mapping of str to Expr
+        Quantities of q, p, t and parameters that trajectories offer by name.
+    rigid_body : bool
+        True when q is a unit quaternion of a body with principal moments I1, I2, I3 (or K11, K12,
+        K13, K22, K23, K33, the entries of J⁻¹): the trajectory then offers angular velocity, axis
+        and rotation.
+    bodies : sequence of BodyAt
+        The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
+
+    Notes
+    -----
+    All symbols stand for real numbers. Expressions may have SymPy's Abs, sign, Heaviside, Min, Max,
+    Piecewise, floor, ceiling and Mod (``switches``); Heaviside(0) is ½ unless it is said otherwise.
+    Derivatives are those of the side where q and p are. A constraint must have a continuous
+    derivative all the same, and EMS takes of H what is continuous.
+    """
+
+    q: tuple[sp.Symbol, ...]
+    p: tuple[sp.Symbol, ...]
+    parameters: tuple[sp.Symbol, ...]
+    H: sp.Expr
+    constraints: tuple[sp.Expr, ...] = ()
+    name: str = field(default="system", kw_only=True)
+    constraint_names: tuple[str, ...] = field(default=(), kw_only=True)
+    forces: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
+    time: sp.Symbol | None = field(default=None, kw_only=True)
+    quantities: Mapping[str, sp.Expr] = field(default_factory=dict, kw_only=True, hash=False)
+    rigid_body: bool = field(default=False, kw_only=True)
+    bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name in ("q", "p", "parameters", "constraints", "forces"):
+            values = self._sequence(name)
+            object.__setattr__(self, name, tuple(map(as_expression, values)))
+        as_text("name of the system", self.name)
+        as_flag("rigid_body", self.rigid_body)
+        object.__setattr__(self, "H", as_expression(self.H))
+        quantities = as_mapping("quantities", self.quantities, "{'height': q[1]}")
+        object.__setattr__(self, "quantities", MappingProxyType(
+            {name: as_expression(e) for name, e in quantities.items()}))
+        given = as_items("constraint_names", self.constraint_names, "texts")
+        names = tuple(as_text("a constraint's name", name) for name in given)
+        object.__setattr__(self, "constraint_names",
+                           names or tuple(f"g{i}" for i in range(self.m)))
+        for what in ("q", "p", "parameters"):
+            self._refuse_unless_symbols(what, getattr(self, what))
+        if self.time is not None:
+            self._refuse_unless_symbols("time", (self.time,))
+        if not self.name.isidentifier() or not self.name.isascii():
+            raise InputError(
+                f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
+            )
+        if len(self.q) != len(self.p) or not self.q:
+            raise InputError(
+                f"System {self.name!r} has {len(self.q)} coordinates and {len(self.p)} momenta; "
+                "give one momentum for each of at least one coordinate."
+            )
+        if len(self.constraints) >= len(self.q):
+            raise InputError(
+                f"System {self.name!r} has {len(self.constraints)} constraints on {len(self.q)} "
+                "coordinates; fewer constraints than coordinates must remain."
+            )
+        if len(self.constraint_names) != self.m:
+            raise InputError(
+                f"System {self.name!r} has {self.m} constraints and {len(self.constraint_names)} "
+                "constraint_names; give one name for each constraint, or none."
+            )
+        if len(self.forces) not in (0, self.n):
+            raise InputError(
+                f"System {self.name!r} has {len(self.forces)} forces on {self.n} coordinates; give "
+                "one for each coordinate (0 where none acts), or none at all."
+            )
+        self._refuse_unknown_symbols()
+        bodies = as_items("bodies", self.bodies, "gyrospark.generator.systems.system.BodyAt")
+        if not all(isinstance(body, BodyAt) for body in bodies):
+            raise InputError(f"bodies = {shown(bodies)} are none; Multibody makes them.")
+        object.__setattr__(self, "bodies", tuple(bodies))
+        if self.rigid_body and not self.bodies:
+            object.__setattr__(self, "bodies", (self._whole_body(),))
+
+    def _whole_body(self) -> BodyAt:
+        """Return the body whose quaternion is all of q."""
+        known = {str(s): s for s in self.parameters}
+        inertia = next((letters for letters in (MOMENTS, INVERSE) if {*letters} <= {*known}), ())
+        if self.n != 4 or not inertia:
+            raise InputError(
+                f"System {self.name!r} is no rigid_body: it has {self.n} coordinates and the "
+                f"parameters {', '.join(known) or 'none'}; a body has a quaternion of 4 and the "
+                "moments I1, I2, I3.")
+        return BodyAt("body", self.q, tuple(known[letter] for letter in inertia))
+
+    def __repr__(self) -> str:
+        parts = [f"coordinates {few(self.q)}", f"parameters {few(self.parameters)}",
+                 f"{self.m} constraints"]
+        parts += ["forces"] if self.forces else []
+        parts += [f"quantities {few(self.quantities)}"] if self.quantities else []
+        return f"<System {self.name}: {'; '.join(parts)}>"
+
+    def _sequence(self, name: str) -> Sequence[object]:
+        value = getattr(self, name)
+        if isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
+            raise InputError(f"{name} = {shown(value)} is no sequence; write it as a list.")
+        return tuple(value)
+
+    def _refuse_unless_symbols(self, what: str, values: Sequence[object]) -> None:
+        for value in values:
+            if not isinstance(value, sp.Symbol):
+                raise InputError(f"System {self.name!r} has {shown(value)} in {what}, which is no "
+                                 "symbol; make it with sympy.Symbol.")
+
+    def _refuse_unknown_symbols(self) -> None:
+        time = () if self.time is None else (self.time,)
+        names = [str(s) for s in (*self.q, *self.p, *self.parameters, *time)]
+        for name in names:
+            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
+                raise InputError(
+                    f"System {self.name!r} has a symbol named {name!r}; names are letters, digits "
+                    "and '_' and begin with a letter."
+                )
+            if is_taken(name) or self._is_guard(name):
+                raise InputError(
+                    f"System {self.name!r} has a symbol named {name!r}, which is a keyword or a "
+                    "macro of the generated C; choose another name."
+                )
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(
+                f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
+            )
+        allowed = {*self.q, *self.p, *self.parameters}
+        unknown = self.H.free_symbols - allowed
+        if unknown:
+            raise InputError(
+                f"H of system {self.name!r} contains the unknown symbol "
+                f"{min(map(str, unknown))!r}; declare it in q, p or parameters."
+            )
+        for index, g in enumerate(self.constraints):
+            unknown = g.free_symbols - (allowed - set(self.p))
+            if unknown:
+                raise InputError(
+                    f"Constraint {index} of system {self.name!r} contains "
+                    f"{min(map(str, unknown))!r}; a holonomic constraint depends on q and "
+                    "parameters only."
+                )
+        allowed |= set(time)
+        for what, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
+                        *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):
+            unknown = e.free_symbols - allowed
+            if unknown:
+                raise InputError(
+                    f"{what} of system {self.name!r} contains the unknown symbol "
+                    f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
+                )
+        for name in self.quantities:
+            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
+                raise InputError(
+                    f"System {self.name!r} has a quantity named {name!r}; names are letters, "
+                    "digits and '_' and begin with a letter."
+                )
+
+    def _is_guard(self, name: str) -> bool:
+        """Whether the header of a stepper of this system may have this include guard."""
+        return re.fullmatch(f"{self.name.upper()}_[A-Z0-9_]+_H", name) is not None
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.q)
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return len(self.constraints)
+
+    @cached_property
+    def H_q(self) -> list[sp.Expr]:
+        """∂H/∂q, n entries."""
+        return gradient(self.H, self.q)
+
+    @cached_property
+    def H_p(self) -> list[sp.Expr]:
+        """∂H/∂p, n entries."""
+        return gradient(self.H, self.p)
+
+    @cached_property
+    def H_qq(self) -> list[list[sp.Expr]]:
+        """∂²H/∂q∂q, n × n."""
+        return symmetric_jacobian(self.H_q, self.q)
+
+    @cached_property
+    def H_pq(self) -> list[list[sp.Expr]]:
+        """∂H_p/∂q, n × n; its transpose is ∂H_q/∂p."""
+        return jacobian(self.H_p, self.q)
+
+    @cached_property
+    def H_pp(self) -> list[list[sp.Expr]]:
+        """∂²H/∂p∂p, n × n."""
+        return symmetric_jacobian(self.H_p, self.p)
+
+    @cached_property
+    def minus_p_rate(self) -> list[sp.Expr]:
+        """H_q − F, n entries: −ṗ but for the constraint forces."""
+        if not self.forces:
+            return self.H_q
+        return [h - f for h, f in zip(self.H_q, self.forces, strict=True)]
+
+    @cached_property
+    def minus_p_rate_by_q(self) -> list[list[sp.Expr]]:
+        """H_qq − F_q, n × n."""
+        return difference(self.H_qq, jacobian(self.forces, self.q))
+
+    @cached_property
+    def minus_p_rate_by_p(self) -> list[list[sp.Expr]]:
+        """H_qp − F_p, n × n: the transpose of H_pq only without forces."""
+        transposed = [list(column) for column in zip(*self.H_pq, strict=True)]
+        return difference(transposed, jacobian(self.forces, self.p))
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a force depends on time."""
+        return any(self.time in f.free_symbols for f in self.forces)
+
+    @cached_property
+    def G(self) -> list[list[sp.Expr]]:
+        """g_q = ∂g/∂q, m × n."""
+        return jacobian(self.constraints, self.q)
+
+    def curvature(self, multipliers: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
+        """Σ_l λ_l ∂²g_l/∂q∂q, n × n: the derivative of g_qᵀ λ by q."""
+        weighted = sum((lam * g for lam, g in zip(multipliers, self.constraints, strict=True)),
+                       sp.Integer(0))
+        return symmetric_jacobian(gradient(weighted, self.q), self.q)
+
+    @cached_property
+    def hidden(self) -> list[sp.Expr]:
+        """The constraint on the momenta, m entries: g_q H_p = 0 (12) in its shortest form.
+
+        Expanded, identically vanishing terms such as L(q)q cancel, and with them their
+        round-off; factors that cannot vanish on g = 0 are dropped. For the quaternion both
+        representations come out as qᵀp (17).
+        """
+        products = [sum(a * b for a, b in zip(row, self.H_p, strict=True)) for row in self.G]
+        return [self._without_units(shortest(e)) for e in products]
+
+    def _without_units(self, e: sp.Expr) -> sp.Expr:
+        """Drop factors free of p that are a non-zero constant wherever g = 0."""
+        kept = [f for f in sp.Mul.make_args(e) if f.has(*self.p) or not self._is_unit(f)]
+        return sp.Mul(*kept)
+
+    def _is_unit(self, factor: sp.Expr) -> bool:
+        if not factor.has(*self.q):
+            return bool(factor.is_nonzero)
+        if not all(e.is_polynomial(*self.q) for e in (factor, *self.constraints)):
+            return False
+        _, remainder = sp.reduced(factor, list(self.constraints), *self.q)
+        return not remainder.has(*self.q) and bool(remainder.is_nonzero)
+
+    @cached_property
+    def hidden_matrix(self) -> list[list[sp.Expr]]:
+        """W = (∂f/∂p) g_qᵀ with f = ``hidden``, m × m: g_q H_pp g_qᵀ less dropped factors."""
+        rows = jacobian(self.hidden, self.p)
+        return [
+            [shortest(sum(a * b for a, b in zip(row, other, strict=True))) for other in self.G]
+            for row in rows
+        ]
+
+
+def as_expression(value: object) -> sp.Expr:
+    """Return a SymPy expression or a plain number as an expression; text is refused.
+
+    Its Piecewise, Max, Min, Heaviside, Mod and the like become functions of ``switches``.
+    """
+    try:
+        made = _sympify(value)  # strict: never parses text
+    except (sp.SympifyError, TypeError, ValueError, AttributeError):
+        made = None
+    if isinstance(made, Boolean) and not isinstance(made, sp.Expr):
+        raise InputError(f"{shown(value)} is a condition, no expression; write 1 where it holds "
+                         f"and 0 elsewhere as Piecewise((1, {shown(value)}), (0, True)).")
+    if not isinstance(made, sp.Expr) or made.is_Matrix or isinstance(value, bool):
+        cure = "call it with symbols" if callable(value) else "build it from symbols and numbers"
+        raise InputError(f"{shown(value)} is no SymPy expression; {cure}.")
+    if made.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
+        raise InputError(f"The expression {shown(made)} is not real and finite; write another.")
+    return as_switches(made)
+
+
+def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
+    """Derivative of one expression by each symbol."""
+    return [derivative(expression, symbol) for symbol in symbols]
+
+
+def jacobian(
+    expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Derivative of each expression (row) by each symbol (column)."""
+    return [gradient(expression, symbols) for expression in expressions]
+
+
+def difference(
+    left: list[list[sp.Expr]], right: list[list[sp.Expr]]
+) -> list[list[sp.Expr]]:
+    """Difference of two matrices, entry by entry; the left one where there is no right one."""
+    if not right:
+        return left
+    return [[a - b for a, b in zip(*rows, strict=True)]
+            for rows in zip(left, right, strict=True)]
+
+
+def symmetric_jacobian(
+    grad: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Hessian from a gradient; the lower half is the upper half, entry by entry the same object."""
+    rows = [[sp.Integer(0)] * len(symbols) for _ in symbols]
+    for i, entry in enumerate(grad):
+        for j in range(i, len(symbols)):
+            rows[i][j] = rows[j][i] = derivative(entry, symbols[j])
+    return rows
+
+
+def shortest(expression: sp.Expr) -> sp.Expr:
+    """Return the expression as it is, expanded or factored: whichever has fewest operations.
+
+    Polynomials of many symbols are not factored: it takes seconds each and finds nothing.
+    """
+    long = expanded(expression)
+    candidates = [expression, long]
+    if long.is_Add and len(long.args) <= 64 and len(long.free_symbols) <= 12:
+        candidates.append(sp.factor_terms(long))
+        if can_be_factored(long):
+            candidates.append(sp.factor(long))
+    return min(candidates, key=lambda candidate: int(sp.count_ops(candidate)))

@@ -1,0 +1,107 @@
+"""The two families of the paper, solved for from their defining conditions (A.8)-(A.16).
+
+Each condition is linear in the unknown coefficients. Written for functions on the nodes
+(``node_algebra``) the unknown is a rational matrix, and one exact solve gives all s² entries at
+once: the same few lines for s = 1 and s = 12.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+from sympy import QQ
+from sympy.polys.matrices import DomainMatrix
+
+from ...errors import TableauError
+from .node_algebra import Nodes, PolynomialNodes, column, power
+from .nodes import gauss_polynomial, lobatto_polynomial
+from .tableau import Tableau
+
+__all__ = ["gauss_lobatto", "lobatto_iiiab"]
+
+Matrix = Any
+
+
+def quadrature_weights(nodes: Nodes) -> Matrix:
+    """Solve B(s), (A.8) or (A.10): Σ_i b_i c_i^{k−1} = 1/k for k = 1..s."""
+    system = DomainMatrix.hstack(*[nodes.trace * power(nodes, k) for k in range(nodes.size)])
+    right = column([QQ(1, k + 1) for k in range(nodes.size)], QQ)
+    return system.transpose().lu_solve(right)
+
+
+def solve_rows(rows: Nodes, columns: Nodes, count: int, ends: Matrix | None = None) -> Matrix:
+    """Solve Σ_j a_ij c_j^{k−1} = c_i^k/k, k = 1..count, for the matrix a_ij.
+
+    With ``ends`` (the weight b_1 as a number) the conditions (A.13)/(A.15) join in: the first
+    column is the constant b_1, the last is 0; together they must fix every column.
+    """
+    left, right = [], []
+    for k in range(1, count + 1):
+        left.append(columns.trace * power(columns, k - 1))
+        right.append(power(rows, k) * QQ(1, k))
+    if ends is not None:
+        left += [columns.at(0).transpose(), columns.at(-1).transpose()]
+        right += [rows.one * ends, rows.one * QQ(0)]
+    if len(left) != columns.size:
+        raise TableauError(f"{len(left)} conditions cannot fix {columns.size} columns.")
+    system = DomainMatrix.hstack(*left)
+    return system.transpose().lu_solve(DomainMatrix.hstack(*right).transpose()).transpose()
+
+
+def first_weight(nodes: Nodes, weights: Matrix) -> Any:
+    """Return b at the first node."""
+    return (nodes.at(0) * weights).to_list()[0][0]
+
+
+@lru_cache
+def gauss_lobatto(s: int) -> Tableau:
+    """Return the s-stage Gauss-Lobatto SPARK tableau, p = s (A.15), (A.16).
+
+    C(s) fixes A, C̄(s) fixes Ā; Ã has ã_i0 = b̃_0, ã_is = 0 and C̃ for k = 1..s−1.
+    """
+    if s < 1:
+        raise TableauError(f"A Gauss-Lobatto tableau has at least 1 stage, not {s}.")
+    gauss = PolynomialNodes(gauss_polynomial(s))
+    lobatto = PolynomialNodes(lobatto_polynomial(s + 1))
+    b, b_tilde = quadrature_weights(gauss), quadrature_weights(lobatto)
+    A = solve_rows(gauss, gauss, s)
+    basis = {
+        "A": A,
+        "A_hat": A,
+        "A_tilde": solve_rows(gauss, lobatto, s - 1, first_weight(lobatto, b_tilde)),
+        "A_bar": solve_rows(lobatto, gauss, s),
+        "b": b,
+        "b_hat": b,
+        "b_tilde": b_tilde,
+        "c": power(gauss, 1),
+        "c_tilde": power(lobatto, 1),
+    }
+    claims = {"B": 2 * s, "B_hat": 2 * s, "B_tilde": 2 * s, "C": s, "C_hat": s, "C_tilde": s,
+              "C_bar": s, "symmetric": 1, "symplectic": 1, "order": 2 * s}
+    return Tableau(f"gl{s}", gauss, lobatto, basis, claims)
+
+
+@lru_cache
+def lobatto_iiiab(s: int) -> Tableau:
+    """Return the s-stage Lobatto IIIA-B tableau, p = s − 1 (A.13), (A.14).
+
+    C(s) fixes A (Lobatto IIIA); Â has â_i1 = b_1, â_is = 0 and Ĉ(s−2) (Lobatto IIIB); Ā = A
+    and Ã = Â, as the constraint nodes are the stages.
+    """
+    if s < 2:
+        raise TableauError(f"A Lobatto IIIA-B tableau has at least 2 stages, not {s}.")
+    lobatto = PolynomialNodes(lobatto_polynomial(s))
+    b = quadrature_weights(lobatto)
+    A = solve_rows(lobatto, lobatto, s)
+    A_hat = solve_rows(lobatto, lobatto, s - 2, first_weight(lobatto, b))
+    c = power(lobatto, 1)
+    basis = {
+        "A": A, "A_hat": A_hat, "A_tilde": A_hat, "A_bar": A,
+        "b": b, "b_hat": b, "b_tilde": b,
+        "c": c, "c_tilde": c,
+    }
+    u = 2 * s - 2
+    claims = {"B": u, "B_hat": u, "B_tilde": u, "C": s, "C_hat": s - 2, "C_tilde": s - 2,
+              "C_bar": s, "symmetric": 1, "symplectic": 1, "order": u}
+    return Tableau(f"liiiab{s}", lobatto, lobatto, basis, claims)

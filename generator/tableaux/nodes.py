@@ -1,0 +1,162 @@
+"""Quadrature nodes as roots of rational polynomials, exact and in certified enclosures.
+
+    Lobatto: d^{s−2}/dx^{s−2} [x^{s−1}(x−1)^{s−1}]   (A.17)
+    Gauss:   d^s/dx^s [x^s(x−1)^s]                    (A.18)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import mpmath as mp
+import sympy as sp
+
+from ...errors import TableauError
+
+__all__ = ["Enclosure", "enclose_roots", "exact_roots", "gauss_polynomial", "lobatto_polynomial"]
+
+x = sp.Symbol("x")
+#: Enclosures of roots have radius 2^−BITS; enough for 120 certified digits at s = 16.
+BITS = 512
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """A real number within ``radius`` of the rational ``centre``; radius 0 means exact."""
+
+    centre: Fraction
+    radius: Fraction = Fraction(0)
+
+
+@lru_cache
+def gauss_polynomial(s: int) -> sp.Poly:
+    """Return the s-th shifted Legendre polynomial (A.18), up to a constant factor."""
+    return _derivative_of_bump(s, s)
+
+
+@lru_cache
+def lobatto_polynomial(s: int) -> sp.Poly:
+    """Return the polynomial (A.17) whose s roots are the Lobatto nodes, 0 and 1 included."""
+    if s < 2:
+        raise TableauError(f"A Lobatto quadrature has at least 2 nodes, not {s}.")
+    return _derivative_of_bump(s - 1, s - 2)
+
+
+def _derivative_of_bump(power: int, times: int) -> sp.Poly:
+    polynomial = sp.Poly(x * (x - 1), x, domain="QQ") ** power
+    for _ in range(times):
+        polynomial = polynomial.diff(x)
+    return polynomial.monic()
+
+
+@lru_cache
+def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...]:
+    """Return enclosures of radius 2^−bits of all roots, ascending, each proved by a sign change.
+
+    The polynomial must have only real simple roots; as many disjoint brackets as its degree
+    prove that none is missing.
+    """
+    integer = [int(c) for c in polynomial.clear_denoms()[1].all_coeffs()]
+    try:
+        numerators = _rounded_roots(integer, sorted(_approximate_roots(integer)), bits)
+    except ArithmeticError:
+        raise TableauError(
+            f"The roots of {polynomial.as_expr()} are not simple and real."
+        ) from None
+    step = Fraction(1, 2**bits)
+    enclosures = []
+    for numerator in numerators:
+        low, middle, high = (_scaled_value(integer, numerator + i, bits) for i in (-1, 0, 1))
+        if middle != 0 and (low < 0) == (high < 0):
+            raise TableauError(
+                f"No sign change of {polynomial.as_expr()} near {float(numerator * step)}."
+            )
+        enclosures.append(Enclosure(numerator * step, step if middle else Fraction(0)))
+    if any(after - before <= 2 for before, after in pairwise(numerators)):
+        raise TableauError(f"The roots of {polynomial.as_expr()} are not distinct.")
+    return tuple(enclosures)
+
+
+def _approximate_roots(integer: list[int]) -> list[Any]:
+    """Return the real roots of a polynomial that has no others, the largest first.
+
+    Newton's method falls monotonically to the largest root from above; the next one is the
+    largest once those known are divided out, which takes Σ 1/(x − root) off f′/f (Maehly).
+    """
+    roots: list[Any] = []
+    with mp.workprec(256):
+        start = _upper_bound(integer) + 1
+        for _ in integer[1:]:
+            roots.append(_next_root(integer, roots, start))
+    return roots
+
+
+def _upper_bound(integer: list[int]) -> Any:
+    """Return a bound on all roots when these are real (Laguerre, Samuelson)."""
+    n, (a, b, c) = len(integer) - 1, [*integer, 0][:3]
+    spread = (n - 1) * ((n - 1) * mp.mpf(b) ** 2 - 2 * n * a * c)
+    if spread < 0:
+        raise ArithmeticError("Some roots are not real.")
+    return (mp.sqrt(spread) / abs(a) - mp.mpf(b) / a) / n
+
+
+def _next_root(integer: list[int], known: list[Any], start: Any) -> Any:
+    x = start
+    for _ in range(500):
+        value, slope = mp.polyval(integer, x, derivative=True)
+        if value == 0:
+            return x
+        change = 1 / (slope / value - mp.fsum(1 / (x - root) for root in known))
+        x -= change
+        if abs(change) < mp.ldexp(1, -100):
+            return x
+    raise ArithmeticError("Newton's method does not converge.")
+
+
+def _rounded_roots(integer: list[int], roots: list[Any], bits: int) -> list[int]:
+    """Return 2^bits times the roots, rounded; each Newton step doubles the bits that are right.
+
+    Terms are as large as the coefficients and cancel: their bits are carried along.
+    """
+    with mp.workprec(bits + 64 + max(map(int.bit_length, integer))):
+        for _ in range(max(bits.bit_length() - 5, 0)):
+            pairs = [mp.polyval(integer, r, derivative=True) for r in roots]
+            roots = [r - value / slope for r, (value, slope) in zip(roots, pairs, strict=True)]
+        return [int(mp.nint(mp.ldexp(root, bits))) for root in roots]
+
+
+def _scaled_value(integer: list[int], numerator: int, bits: int) -> int:
+    """Return the value at numerator/2^bits, multiplied by 2^(bits degree): a whole number."""
+    value = 0
+    for k, coefficient in enumerate(integer):
+        value = value * numerator + (coefficient << (bits * k))
+    return value
+
+
+@lru_cache
+def exact_roots(polynomial: sp.Poly) -> tuple[sp.Expr, ...]:
+    """Return the roots in ascending order, in radicals where they are short, else as CRootOf.
+
+    The roots lie symmetric about ½, so with y = x − ½ the polynomial is even or odd in y: a
+    polynomial in y² of half the degree, and radicals stay short while that is at most 2.
+    """
+    roots: list[sp.Expr] = []
+    for factor, _ in polynomial.factor_list()[1]:
+        roots.extend(_short_radicals(factor) or factor.real_roots(radicals=False))
+    return tuple(sorted(roots, key=lambda root: sp.N(root, 30)))
+
+
+def _short_radicals(factor: sp.Poly) -> list[sp.Expr] | None:
+    if factor.degree() == 1:
+        return [-factor.all_coeffs()[1] / factor.all_coeffs()[0]]
+    y, u = sp.symbols("y u")
+    shifted = sp.Poly(factor.as_expr().subs(x, y + sp.Rational(1, 2)), y)
+    if factor.degree() > 4 or any(power[0] % 2 for power in shifted.monoms()):
+        return None
+    in_squares = sp.Poly([shifted.coeff_monomial(y**k) for k in range(factor.degree(), -1, -2)], u)
+    squares = sp.roots(in_squares, quartics=False, cubics=False)
+    return [sp.Rational(1, 2) + sign * sp.sqrt(square) for square in squares for sign in (-1, 1)]

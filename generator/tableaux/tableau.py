@@ -1,0 +1,244 @@
+"""A SPARK tableau: exact until one door turns it into numbers.
+
+        c │ A      │ Â      │ Ã        c̃ │ Ā
+          │ bᵀ     │ b̂ᵀ     │ b̃ᵀ
+
+k_i = H_p(Q_i, P_i), k̂_i = −H_q(Q_i, P_i), k̃_j = −g_q(Q̃_j)ᵀ Λ_j; A weights k in Q_i, Â weights k̂
+and Ã weights k̃ in P_i, Ā weights k in Q̃_j (A.7). Stages i = 1..s, constraint nodes j = 0..p.
+"""
+
+from __future__ import annotations
+
+import itertools
+import numbers
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import mpmath as mp
+import sympy as sp
+
+from ...errors import InputError
+from .enclosures import enclose_part, map_entries, widest_radius
+from .node_algebra import Nodes, ValueNodes
+from .nodes import BITS, Enclosure, exact_roots
+
+__all__ = ["FIELDS", "NumericTableau", "Tableau"]
+
+#: What ``numeric`` may be asked for.
+MAX_DIGITS = 1000
+
+#: The parts of a tableau, in the order in which files, C and reports list them, each with the
+#: node sets of its rows and columns ("s" stages, "p" constraint nodes).
+FIELDS: dict[str, str] = {
+    "A": "ss",
+    "A_hat": "ss",
+    "A_tilde": "sp",
+    "A_bar": "ps",
+    "b": "s",
+    "b_hat": "s",
+    "b_tilde": "p",
+    "c": "s",
+    "c_tilde": "p",
+}
+
+
+@dataclass(frozen=True)
+class NumericTableau:
+    """The tableau's entries as numbers, under the tableau's own attribute names."""
+
+    A: list[list[Any]]
+    A_hat: list[list[Any]]
+    A_tilde: list[list[Any]]
+    A_bar: list[list[Any]]
+    b: list[Any]
+    b_hat: list[Any]
+    b_tilde: list[Any]
+    c: list[Any]
+    c_tilde: list[Any]
+
+    def __repr__(self) -> str:
+        return f"<NumericTableau: {len(self.b)} stages, p = {len(self.c_tilde) - 1}>"
+
+
+@dataclass(frozen=True, eq=False)
+class Tableau:
+    """An (s, p)-SPARK tableau (A.1)-(A.7).
+
+    Attributes
+    ----------
+    name : str
+        Short and fit for a C identifier: ``gl3``, ``liiiab4``, or a user's own.
+    stages, constraints : Nodes
+        The nodes c_1..c_s and c̃_0..c̃_p with their exact arithmetic.
+    basis : dict
+        The parts named in ``FIELDS``, as exact matrices over the two node algebras.
+    A, A_hat, A_tilde, A_bar, b, b_hat, b_tilde, c, c_tilde : nested tuples of Expr
+        The exact coefficients: rationals and radicals while these are short, polynomials in
+        ``CRootOf`` nodes beyond.
+    claims : dict
+        What the family or the file says of itself, for ``conditions`` to prove or refute:
+        ``order``, ``symmetric``, and how far ``B``, ``C``, ``C_hat``, … hold.
+    digits_given : int or None
+        For a tableau given in decimals, how many its least precise entry has; None if exact.
+    """
+
+    name: str
+    stages: Nodes
+    constraints: Nodes
+    basis: dict[str, Any]
+    claims: dict[str, int] = field(default_factory=dict)
+    digits_given: int | None = None
+
+    def __repr__(self) -> str:
+        claimed = f", order {self.claims['order']}" if "order" in self.claims else ""
+        return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{claimed}>"
+
+    @property
+    def s(self) -> int:
+        """Number of stages."""
+        return self.stages.size
+
+    @property
+    def p(self) -> int:
+        """Number of constraint nodes after the first; multipliers Λ_0..Λ_p."""
+        return self.constraints.size - 1
+
+    @property
+    def given(self) -> bool:
+        """Whether the coefficients were given as numbers instead of derived."""
+        return isinstance(self.stages, ValueNodes)
+
+    @cached_property
+    def order(self) -> int:
+        """The order of convergence that the simplifying conditions prove."""
+        from .conditions import order  # the conditions are written in terms of this class
+
+        return order(self)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in FIELDS:
+            raise AttributeError(f"A tableau has no attribute {name!r}.")
+        value = self._evaluate(name)
+        object.__setattr__(self, name, value)  # as cached_property does; the next call finds it
+        return value
+
+    def nodes_of(self, name: str) -> list[Nodes]:
+        """Return the node sets of the rows and columns of a part."""
+        return [self.stages if kind == "s" else self.constraints for kind in FIELDS[name]]
+
+    @cached_property
+    def enclosures(self) -> dict[str, Any]:
+        """Every part as nested tuples of certified enclosures, for correct rounding."""
+        return self._enclosures(BITS)
+
+    def _enclosures(self, bits: int) -> dict[str, Any]:
+        """Enclose every part with nodes of radius 2^−bits."""
+        done: dict[tuple[int, ...], Any] = {}
+        result = {}
+        for name in FIELDS:  # parts that are the same matrix, such as Â = A, are done once
+            key = (id(self.basis[name]), *map(id, self.nodes_of(name)))
+            if key not in done:
+                done[key] = enclose_part(self.basis[name].to_list(), self.nodes_of(name), bits)
+            result[name] = done[key]
+        return result
+
+    def numeric(self, digits: int = 50) -> NumericTableau:
+        """Return the coefficients as nested lists of mpmath numbers.
+
+        They are certain to that many digits after the point: the enclosures behind them are
+        refined until none is wider than 10^−digits.
+
+        Raises
+        ------
+        InputError
+            If ``digits`` is no whole number from 1 to 1000.
+        """
+        count = checked_digits(digits)
+
+        def to_number(value: Enclosure) -> Any:
+            with mp.workdps(count + 5):
+                return mp.mpf(value.centre.numerator) / value.centre.denominator
+
+        return NumericTableau(**map_entries(self._refined(count), to_number))
+
+    def _refined(self, digits: int) -> dict[str, Any]:
+        """Return enclosures of width 10^−digits at most."""
+        bits, parts = BITS, self.enclosures
+        while widest_radius(parts) * 2 * 10**digits > 1:
+            bits = max(bits + 128, digits * 10 // 3 + 128)
+            parts = self._enclosures(bits)
+        return parts
+
+    def map_enclosures(self, function: Callable[[Enclosure], Any]) -> dict[str, Any]:
+        """Return every part as nested lists with the function applied to each entry."""
+        return map_entries(self.enclosures, function)
+
+    def _evaluate(self, name: str) -> tuple[Any, ...]:
+        """Evaluate a part at its exact nodes: Σ_kl C_kl uᵏ vˡ."""
+        rows = self.basis[name].to_list()
+        nodes = self.nodes_of(name)
+        if self.given:
+            return tuple(tuple(row) if len(nodes) == 2 else row[0] for row in rows)
+        roots = [exact_roots(part.polynomial) for part in nodes]  # type: ignore[attr-defined]
+        if len(nodes) == 1:
+            return tuple(polynomial_value(rows, u, sp.Integer(0)) for u in roots[0])
+        return tuple(tuple(polynomial_value(rows, u, v) for v in roots[1])
+                     for u in roots[0])
+
+
+def checked_digits(digits: Any) -> int:
+    """Return a number of digits, refused where it is none that ``numeric`` can give."""
+    whole = isinstance(digits, numbers.Integral) and not isinstance(digits, bool)
+    if not whole or not 1 <= digits <= MAX_DIGITS:
+        raise InputError(
+            f"digits = {digits!r} is not usable; give a whole number from 1 to {MAX_DIGITS}."
+        )
+    return int(digits)
+
+
+def polynomial_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
+    """Return Σ_kl C_kl uᵏ vˡ; multiplied out where u and v are a + b√c, else as it stands."""
+    if is_quadratic(u) and is_quadratic(v):
+        return _quadratic_value(coefficients, u, v)
+    return sp.Add(*(
+        sp.QQ.to_sympy(entry) * u**k * v**l
+        for k, row in enumerate(coefficients)
+        for l, entry in enumerate(row)  # noqa: E741
+        if entry
+    ))
+
+
+def _quadratic_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
+    """Return Σ_kl C_kl uᵏ vˡ as a sum of 1, √c, √d and √c√d with rational factors."""
+    root_u, powers_u = _powers(u, len(coefficients))
+    root_v, powers_v = _powers(v, len(coefficients[0]))
+    roots = itertools.product((sp.Integer(1), root_u), (sp.Integer(1), root_v))
+    factors = (
+        sum((entry * x * y for row, x in zip(coefficients, xs, strict=True)
+             for entry, y in zip(row, ys, strict=True)), sp.QQ(0))
+        for xs, ys in itertools.product(powers_u, powers_v)
+    )
+    return sp.Add(*(sp.QQ.to_sympy(factor) * a * b
+                    for factor, (a, b) in zip(factors, roots, strict=True)))
+
+
+def _powers(number: sp.Expr, count: int) -> tuple[sp.Expr, tuple[list[Any], list[Any]]]:
+    """Return √c, and the rational parts and the factors of √c in the powers of a + b√c."""
+    rational, rest = number.as_coeff_Add()
+    factor, root = rest.as_coeff_Mul()
+    a, b, c = (sp.QQ.from_sympy(part) for part in (rational, factor, root**2))
+    rationals, factors = [sp.QQ(1)], [sp.QQ(0)]
+    for _ in range(count - 1):
+        x, y = rationals[-1], factors[-1]
+        rationals.append(a * x + b * c * y)
+        factors.append(a * y + b * x)
+    return root, (rationals, factors)
+
+
+def is_quadratic(number: sp.Expr) -> bool:
+    """Whether a number is written with square roots of rationals only."""
+    return not number.has(sp.CRootOf) and all(
+        power.base.is_Rational for power in number.atoms(sp.Pow)
+    )

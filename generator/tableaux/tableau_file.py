@@ -1,0 +1,293 @@
+"""A user's own tableau, read from a JSON file.
+
+    {
+      "name": "my_gl2",
+      "order": 4,
+      "symmetric": true,
+      "A": [["1/4", "1/4 - sqrt(3)/6"], ["1/4 + sqrt(3)/6", "1/4"]],
+      "A_tilde": [["1/6", "1/3 - sqrt(3)/6", 0], ["1/6", "1/3 + sqrt(3)/6", 0]],
+      "A_bar": [[0, 0], ["1/4 + sqrt(3)/8", "1/4 - sqrt(3)/8"], ["1/2", "1/2"]],
+      "b": ["1/2", "1/2"],
+      "b_tilde": ["1/6", "2/3", "1/6"],
+      "c": ["1/2 - sqrt(3)/6", "1/2 + sqrt(3)/6"],
+      "c_tilde": [0, "1/2", 1]
+    }
+
+An entry is a string in the grammar of ``expressions``, a JSON integer or a JSON decimal; decimals
+count exactly as they are written. A decimal of more than 8 digits after the point is taken to be
+rounded, and the conditions on the tableau are then checked to the digits it has.
+
+``A_hat`` (default: A), ``b_hat`` (b), ``c`` (row sums of A) and ``c_tilde`` (row sums of A_bar)
+may be left out, and so may the claims ``order``, ``symmetric`` and ``symplectic`` (true or false),
+which are checked if present.
+With s = len(b) and p + 1 = len(b_tilde), A and A_hat are s × s, A_tilde is s × (p + 1) and A_bar
+is (p + 1) × s; ``name`` becomes part of the names in the generated C code.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any, NoReturn
+
+import sympy as sp
+from sympy import EXRAW
+from sympy.polys.matrices import DomainMatrix
+
+from ...errors import InputError, TableauError
+from ..text.c_names import KEYWORDS
+from ..text.expressions import decimal_digits, parse_expression
+from ..text.text_file import UnusableFileError, read_text
+from .node_algebra import ValueNodes, column
+from .tableau import FIELDS, Tableau
+
+__all__ = ["read_tableau"]
+
+MAX_BYTES = 2**20
+MAX_STAGES = 32
+#: Characters of all different entries that are more than a number; 4-stage Gauss-Lobatto
+#: multiplied out from its nested radicals has 28 000.
+MAX_EXPRESSION_CHARACTERS = 36_000
+#: Decimals with so many digits after the point, or fewer, are meant exactly.
+EXACT_DIGITS = 8
+MAX_ORDER = 100
+
+REQUIRED = ("name", "A", "A_tilde", "A_bar", "b", "b_tilde")
+#: What a part that is left out is: another part, or the row sums of another part.
+DEFAULTS = {"A_hat": "A", "b_hat": "b"}
+ROW_SUMS = {"c": "A", "c_tilde": "A_bar"}
+CLAIMS = ("order", "symmetric", "symplectic")
+
+NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+PLAIN_NUMBER = re.compile(r"\s*[+-]?[0-9.]+([eE][+-]?[0-9]+)?\s*")
+
+
+class _Number(str):
+    """A number of a JSON file, with the digits it is written in."""
+
+    __slots__ = ()
+
+
+def read_tableau(path: Path) -> Tableau:
+    """Return the tableau of a JSON file.
+
+    Raises ``TableauError``, with file, key, row and column, for a file that cannot be read, is
+    larger than 1 MiB or not JSON; keys that are unknown, missing or there twice; parts whose
+    shapes do not fit; more than 32 stages or constraint intervals; entries that are no numbers;
+    and a last b_tilde of 0, by which the step divides.
+    """
+    return _Reader(Path(path)).tableau()
+
+
+class _Reader:
+    """One file on its way to a tableau; knows the file for the messages."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.values: dict[str, sp.Expr] = {}  # by text: entries repeat
+        self.radicals: set[sp.Expr] = set()
+        self.characters = 0
+        self.digits: list[int] = []
+
+    def error(self, reason: str) -> TableauError:
+        return TableauError(f"The tableau file {str(self.path)!r} is not usable: {reason}")
+
+    def tableau(self) -> Tableau:
+        content = self.load()
+        self.check_keys(content)
+        claims = self.claims(content)
+        name = self.name(content["name"])
+        self.check_shapes(content)  # before any entry is parsed
+        parts = {key: self.part(key, content[key]) for key in FIELDS if key in content}
+        for key, source in ROW_SUMS.items():
+            parts.setdefault(key, [[sp.Add(*row)] for row in parts[source]])
+        self.check_last_weight(parts["b_tilde"][-1][0])
+        basis = {key: _matrix(rows) for key, rows in parts.items()}
+        for key, source in DEFAULTS.items():
+            basis.setdefault(key, basis[source])
+        digits = min(self.digits, default=None)
+        stages, constraints = (ValueNodes([row[0] for row in parts[key]], digits)
+                               for key in ("c", "c_tilde"))
+        return Tableau(name, stages, constraints, {key: basis[key] for key in FIELDS}, claims,
+                       digits)
+
+    # ------------------------------------------------------------ the file
+
+    def load(self) -> dict[str, Any]:
+        """Return the JSON object of the file, numbers as ``_Number``."""
+        try:
+            content = json.loads(
+                self.text(),
+                object_pairs_hook=self.unique,
+                parse_int=_Number,
+                parse_float=_Number,
+                parse_constant=self.refuse_constant,
+            )
+        except json.JSONDecodeError as error:
+            raise self.error(f"it is not JSON ({error}); compare it with the example.") from None
+        except RecursionError:
+            raise self.error(
+                "its lists are nested too deeply; a matrix is a list of rows."
+            ) from None
+        if not isinstance(content, dict):
+            raise self.error(
+                f"it holds {_describe(content)}; write one JSON object with the keys "
+                f"{', '.join(REQUIRED)}."
+            )
+        return content
+
+    def text(self) -> str:
+        try:
+            return read_text(self.path, MAX_BYTES)
+        except UnusableFileError as error:
+            raise self.error(str(error)) from None
+
+    def unique(self, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key, value in pairs:
+            if key in found:
+                raise self.error(f"the key {_quote(key)} is there twice; remove one of them.")
+            found[key] = value
+        return found
+
+    def refuse_constant(self, constant: str) -> NoReturn:
+        raise self.error(f"{constant} is not a coefficient; write a finite number.")
+
+    # ------------------------------------------------------------ what stands in it
+
+    def check_keys(self, content: dict[str, Any]) -> None:
+        known = [*dict.fromkeys((*REQUIRED, *FIELDS, *CLAIMS))]
+        for key in content:
+            if key not in known:
+                raise self.error(f"the key {_quote(key)} is unknown; known are {', '.join(known)}.")
+        missing = [key for key in REQUIRED if key not in content]
+        if missing:
+            raise self.error(f"the key {missing[0]!r} is missing; add it.")
+
+    def claims(self, content: dict[str, Any]) -> dict[str, int]:
+        claims = {}
+        if "order" in content:
+            order = content["order"]
+            digits = isinstance(order, _Number) and re.fullmatch("[1-9][0-9]{0,2}", order)
+            if not digits or int(order) > MAX_ORDER:
+                raise self.error(
+                    f"order is {_describe(order)}; write an integer from 1 to {MAX_ORDER}."
+                )
+            claims["order"] = int(order)
+        for key in CLAIMS[1:]:
+            if key in content:
+                if not isinstance(content[key], bool):
+                    raise self.error(f"{key} is {_describe(content[key])}; write true or false.")
+                claims[key] = int(content[key])
+        return claims
+
+    def name(self, name: Any) -> str:
+        is_text = isinstance(name, str) and not isinstance(name, _Number)
+        if not is_text or not NAME.fullmatch(name) or name in KEYWORDS:
+            raise self.error(
+                f"name is {_describe(name)}; write a C identifier of at most 40 lower case "
+                "letters, digits and _, with a letter first, that is no keyword of C."
+            )
+        return str(name)
+
+    # ------------------------------------------------------------ shapes
+
+    def check_shapes(self, content: dict[str, Any]) -> None:
+        s = self.length("b", content["b"], "s", 1, MAX_STAGES)
+        p = self.length("b_tilde", content["b_tilde"], "p + 1", 2, MAX_STAGES + 1) - 1
+        size = {"s": s, "p": p + 1}
+        for key, kinds in FIELDS.items():
+            if key in content:
+                self.check_shape(key, content[key], [size[kind] for kind in kinds])
+
+    def length(self, key: str, part: Any, meaning: str, low: int, high: int) -> int:
+        if not isinstance(part, list):
+            raise self.error(f"{key} is {_describe(part)}; write a list of numbers.")
+        if not low <= len(part) <= high:
+            raise self.error(
+                f"{key} has {len(part)} entries, which is {meaning}; allowed are {low} to {high}."
+            )
+        return len(part)
+
+    def check_shape(self, key: str, part: Any, shape: list[int], row: str = "") -> None:
+        where = f"{key}{row}"
+        elements = "rows" if len(shape) == 2 else "entries"
+        if not isinstance(part, list):
+            raise self.error(
+                f"{where} is {_describe(part)}; write a list of {shape[0]} {elements}."
+            )
+        if len(part) != shape[0]:
+            raise self.error(
+                f"{where} has {len(part)} {elements}; write {shape[0]}, which the lengths of b and "
+                "b_tilde ask for."
+            )
+        if len(shape) == 2:
+            for number, entries in enumerate(part, 1):
+                self.check_shape(key, entries, shape[1:], f", row {number},")
+
+    # ------------------------------------------------------------ entries
+
+    def part(self, key: str, part: list[Any]) -> list[list[sp.Expr]]:
+        """Return a matrix as rows; a vector is a column."""
+        if len(FIELDS[key]) == 1:
+            return [[self.entry(f"{key}, entry {i}", entry)] for i, entry in enumerate(part, 1)]
+        return [
+            [self.entry(f"{key}, row {i}, column {j}", entry) for j, entry in enumerate(row, 1)]
+            for i, row in enumerate(part, 1)
+        ]
+
+    def entry(self, where: str, entry: Any) -> sp.Expr:
+        if not isinstance(entry, str):
+            raise self.error(
+                f"{where} is {_describe(entry)}; write a number or a text such as \"1/2\"."
+            )
+        if entry not in self.values:
+            self.values[entry] = self.parse(where, str(entry))
+        return self.values[entry]
+
+    def parse(self, where: str, text: str) -> sp.Expr:
+        if not PLAIN_NUMBER.fullmatch(text):
+            self.characters += len(text)
+        if self.characters > MAX_EXPRESSION_CHARACTERS:
+            raise self.error(
+                f"up to {where}, its expressions have {self.characters} characters and at most "
+                f"{MAX_EXPRESSION_CHARACTERS} are allowed; write decimals."
+            )
+        try:
+            value = parse_expression(text, radicals=self.radicals)
+            digits = decimal_digits(text, EXACT_DIGITS)
+        except InputError as error:
+            raise self.error(f"{where}: {error}") from None
+        if digits is not None:
+            self.digits.append(digits)
+        return value
+
+    def check_last_weight(self, weight: sp.Expr) -> None:
+        size = abs(weight) if weight.is_Rational else abs(sp.N(weight, 30))
+        if size == 0 or (not weight.is_Rational and size < sp.Float("1e-25")):
+            raise self.error(
+                "the last b_tilde is 0, and the step divides by it; give the last constraint "
+                "node a weight."
+            )
+
+
+def _matrix(rows: list[list[sp.Expr]]) -> Any:
+    if len(rows[0]) == 1:
+        return column([row[0] for row in rows], EXRAW)
+    return DomainMatrix(rows, (len(rows), len(rows[0])), EXRAW)
+
+
+def _describe(value: Any) -> str:
+    """Say what was found in a file, at most one short line of it."""
+    if isinstance(value, dict):
+        return "a JSON object"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    if value is None or isinstance(value, bool):
+        return json.dumps(value)
+    return _quote(value)
+
+
+def _quote(text: str, length: int = 60) -> str:
+    return repr(str(text) if len(text) <= length else text[:length] + "…")

@@ -1,0 +1,8 @@
+"""From the text of a stepper to its loaded module: compiler, cache, manifest.
+
+    manifest      what a stepper says of itself, checked before sizes are used
+    compiler      find a C compiler, make an extension module
+    quad_wrapper  what cffi is told of a float128 stepper
+    cache         what is kept between runs
+    module        the text of a stepper to its module
+"""

@@ -1,0 +1,228 @@
+"""Find a C compiler and turn a stepper's two files into an extension module."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+
+import cffi
+
+from ...errors import CompilerError, InputError
+from .quad_wrapper import is_quad, wrap_declarations
+
+__all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
+
+#: For the generated kernel: it must be clean under all of these.
+STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+#: For float128: ISO C11 has neither the type nor its literals, which -Wpedantic says of each.
+QUAD_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
+#: Contraction to FMA is wanted here and stated; exported C is built with it off.
+SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
+
+#: Names the compiler's level of optimisation: lower ones build faster and run slower.
+OPTIMISE = "GYROSPARK_OPTIMISE"
+
+#: ziglang's first call unpacks itself, on a slow disk too.
+_VERSION_SECONDS = 120
+
+#: What generated C needs of compiler and C library for float128.
+_QUAD_PROBE = """#define __STDC_WANT_IEC_60559_TYPES_EXT__ 1
+#include <float.h>
+#include <math.h>
+_Float128 root(_Float128 x);
+_Float128 root(_Float128 x) { return sqrtf128(x)*1.5F128 + FLT128_EPSILON; }
+"""
+
+_CURE = (
+    "Install gcc or clang, set CC to a compiler, or `pip install gyrospark[compiler]`, which "
+    "brings one from PyPI."
+)
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler: the command that starts it, and what it says of its version."""
+
+    command: tuple[str, ...]
+    version: str
+
+    @property
+    def flags(self) -> list[str]:
+        """Flags for code that runs on this machine."""
+        native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
+        return [optimisation(), *SPEED_FLAGS, native, "-fPIC"]
+
+    @property
+    def link_flags(self) -> list[str]:
+        """Flags that make a Python extension of object files."""
+        if sys.platform == "darwin":
+            return ["-bundle", "-undefined", "dynamic_lookup"]
+        return ["-shared"]
+
+
+def find_compiler() -> Compiler:
+    """Return the compiler to use: ``CC``, else cc, gcc or clang, else ziglang from PyPI.
+
+    Raises
+    ------
+    CompilerError
+        If there is none, or CC does not start.
+    """
+    chosen = os.environ.get("CC")
+    if chosen and chosen.strip():
+        return _probe(_split(chosen), f"The compiler CC={chosen!r}")
+    for name in ("cc", "gcc", "clang"):
+        path = shutil.which(name)
+        if path:
+            return _probe((path,), f"The compiler {path!r}")
+    if importlib.util.find_spec("ziglang") is not None:
+        return _probe((sys.executable, "-m", "ziglang", "cc"), "The compiler of ziglang")
+    raise CompilerError(f"No C compiler was found (CC, cc, gcc, clang, ziglang). {_CURE}")
+
+
+def _split(chosen: str) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(chosen))
+    except ValueError as error:
+        raise CompilerError(f"CC={chosen!r} is not a command: {error}. {_CURE}") from error
+
+
+@functools.cache
+def _probe(command: tuple[str, ...], what: str) -> Compiler:
+    try:
+        answer = subprocess.run([*command, "--version"], capture_output=True, check=False,
+                                encoding="utf-8", errors="replace", stdin=subprocess.DEVNULL,
+                                timeout=_VERSION_SECONDS)
+    except subprocess.TimeoutExpired as error:
+        raise CompilerError(f"{what} does not answer --version. {_CURE}",
+                            command=list(command)) from error
+    except OSError as error:
+        raise CompilerError(f"{what} does not start: {error.strerror}. {_CURE}",
+                            command=list(command)) from error
+    if answer.returncode != 0:
+        raise CompilerError(f"{what} answers --version with exit code {answer.returncode}. {_CURE}",
+                            command=list(command), stderr=answer.stderr)
+    return Compiler(command, answer.stdout.strip())
+
+
+def optimisation() -> str:
+    """Return the flag for the level of optimisation: ``GYROSPARK_OPTIMISE``, by default 3."""
+    level = os.environ.get(OPTIMISE) or "3"
+    if level not in ("0", "1", "2", "3"):
+        raise InputError(f"{OPTIMISE} = {level!r} is no level of optimisation; set 0, 1, 2 or 3, "
+                         "or nothing for 3.")
+    return f"-O{level}"
+
+
+def read_declarations(header: str) -> str:
+    """Return the part of a generated header that cffi is to read."""
+    start = header.index("/* [begin declarations] */")
+    return header[start : header.index("/* [end declarations] */")]
+
+
+def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder: Path) -> Path:
+    """Compile a stepper in ``folder`` and return the path of the extension module.
+
+    The kernel is a translation unit of its own under strict warnings; cffi's wrapper, which is
+    not ours, is compiled beside it without them.
+
+    Raises
+    ------
+    CompilerError
+        With the command and its stderr; also if a step succeeds and leaves no file.
+    OSError
+        If the folder cannot be written.
+    """
+    for file, text in files.items():
+        (folder / file).write_text(text, encoding="utf-8")
+    quad = is_quad(read_declarations(files[f"{name}.h"]))
+    if quad:
+        _refuse_without_quad(compiler, folder)
+    wrapper = _write_wrapper(name, files[f"{name}.h"], folder)
+    include = sysconfig.get_paths()["include"]
+    compile_ = [*compiler.command, *compiler.flags]
+    wrapping = "-O1" if optimisation() in ("-O2", "-O3") else "-O0"  # the lower build faster
+    commands = [
+        [*compile_, *(QUAD_FLAGS if quad else STRICT_FLAGS), "-c", f"{name}.c", "-o",
+         "kernel.o"],
+        [*compiler.command, wrapping, "-fPIC", f"-I{include}", "-I.", "-w", "-c", wrapper.name,
+         "-o", "wrapper.o"],
+    ]
+    _run_together(commands, folder)
+    target = folder / (module_name(name) + extension_suffix())
+    link = [*compiler.command, *compiler.link_flags, "kernel.o", "wrapper.o", "-lm", "-o",
+            target.name]
+    _run_together([link], folder)
+    if not target.is_file():
+        raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
+                            f"{shlex.join(link)}. {_CURE}", command=link)
+    return target
+
+
+def _write_wrapper(name: str, header: str, folder: Path) -> Path:
+    """Write cffi's C for a header; return its path."""
+    declarations, functions = read_declarations(header), ""
+    if is_quad(declarations):
+        declarations, functions = wrap_declarations(declarations)
+    ffi = cffi.FFI()
+    ffi.cdef(declarations)
+    ffi.set_source(module_name(name), f'#include "{name}.h"\n{functions}', compiler_verbose=0)
+    wrapper = folder / f"{module_name(name)}.c"
+    ffi.emit_c_code(str(wrapper))
+    return wrapper
+
+
+def _refuse_without_quad(compiler: Compiler, folder: Path) -> None:
+    """Refuse a compiler, or a C library, without binary128."""
+    (folder / "binary128.c").write_text(_QUAD_PROBE, encoding="utf-8")
+    command = [*compiler.command, *QUAD_FLAGS, "-fPIC", *compiler.link_flags, "binary128.c", "-lm",
+               "-o", "binary128.out"]
+    try:
+        _run_together([command], folder)
+    except CompilerError as error:
+        raise CompilerError(
+            f"The compiler {shlex.join(compiler.command)!r} has no float128 (_Float128 and "
+            "functions such as sqrtf128): that takes gcc 7 or later and glibc 2.26 or later. Set "
+            "CC to such a gcc, or choose double, float or long-double.",
+            command=error.command, stderr=error.stderr,
+        ) from error
+
+
+def module_name(name: str) -> str:
+    """Return the name of the extension module of a stepper."""
+    return f"_{name}"
+
+
+def extension_suffix() -> str:
+    """Return what extension modules of this interpreter end with."""
+    return str(sysconfig.get_config_var("EXT_SUFFIX"))
+
+
+def _run_together(commands: list[list[str]], folder: Path) -> None:
+    """Run commands side by side; the first that fails is reported once all have ended."""
+    try:
+        running = [
+            subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, encoding="utf-8",
+                             errors="replace", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            for command in commands
+        ]
+    except OSError as error:
+        raise CompilerError(f"The compiler does not start: {error.strerror}. {_CURE}") from error
+    ended = [process.communicate() for process in running]
+    for process, command, (_, stderr) in zip(running, commands, ended, strict=True):
+        if process.returncode != 0:
+            raise CompilerError(
+                f"The C compiler failed with exit code {process.returncode}: "
+                f"{shlex.join(command)}\n{stderr.strip()}",
+                command=command,
+                stderr=stderr,
+            )

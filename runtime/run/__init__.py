@@ -1,0 +1,15 @@
+"""Running: a stepper, one trajectory or many, what they return, why they fail.
+
+    stepper      a compiled stepper, the class of the contract
+    parameters   the parameters of a run, in their domains
+    start        what a run needs to know of a model
+    consistency  whether states are on the constraints
+    integration  one integration, in chunks
+    newton       T1 driven from Python, open to inspection
+    held         the trajectory that ``Stepper.step`` goes on with
+    failure      why a step failed, and what would do
+    lanes        trajectories side by side in a vector register
+    ensemble     many trajectories on threads
+    trajectory   what an integration returns, and its file
+    states       the states as columns, under their names
+"""

@@ -1,0 +1,77 @@
+"""Whether states are on the constraints, up to round-off: many of them at once.
+
+Round-off is what 64 ε of each coordinate and momentum is worth in g and f, whatever their units.
+IMS and EMS let the momentum constraint oscillate at their truncation error (paper, Fig. 7), and
+their own results must be usable as a start: there f may be as large as what an explicit Euler
+step, without constraint forces, changes in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..call.binding import Binding
+from .integration import defect_sizes
+
+__all__ = ["Defects", "defects_of_starts"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Defects:
+    """|g| and |f| of states, and what is allowed of each; arrays with one entry a state."""
+
+    g: Array
+    f: Array
+    g_bound: Array
+    f_bound: Array
+
+    @property
+    def consistent(self) -> Array:
+        """Whether each state can be started from; NaN cannot be told, the steps judge it."""
+        return ~((self.g > self.g_bound) | (self.f > self.f_bound))
+
+
+def defects_of_starts(
+    binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array
+) -> Defects:
+    """Return the defects of rows of q and p that share their parameters; m must not be 0.
+
+    ``keeps_f`` says whether the scheme keeps the momentum constraint; ``dt`` is used if not.
+    """
+    g, f = (size.astype(float) for size in defect_sizes(binding, parameters, q, p))
+    sizes = [np.sqrt((x.astype(float) ** 2).sum(axis=1)) for x in (q, p)]
+    nudge = 2.0**-10 * binding.epsilon**0.25
+    epsilons = 64 * binding.epsilon / nudge
+    g_bound, f_bound = (epsilons * size for size in _changes(
+        binding, parameters, q, p, nudge * sizes[0], nudge * sizes[1]))
+    for i in np.flatnonzero(f > f_bound) if not keeps_f else ():
+        row = slice(i, i + 1)
+        x = binding.guess(parameters, dt[i], q[i].copy(), p[i].copy(), binding.work())
+        n = binding.n
+        euler = [np.array([float(np.abs(part).max())]) for part in (x[:n], x[n : 2 * n])]
+        f_bound[row] += _changes(binding, parameters, q[row], p[row], *euler)[1]
+    return Defects(g, f, g_bound, f_bound)
+
+
+def _changes(
+    binding: Binding, parameters: Any, q: Array, p: Array, dq: Array, dp: Array
+) -> tuple[Array, Array]:
+    """Return how much g and f change when each q moves by dq and each p by dp, added up."""
+    n, count = binding.n, len(q)
+    unit = np.eye(n)
+    still = np.zeros((count, n, n))
+    moves = [np.concatenate([np.zeros((count, 1, n)), *parts], axis=1) for parts in (
+        (dq[:, None, None] * unit, still), (still, dp[:, None, None] * unit))]
+    states = [np.ascontiguousarray((x[:, None] + move).reshape(-1, n), dtype=binding.dtype)
+              for x, move in zip((q, p), moves, strict=True)]
+    g, f = binding.defects(parameters, *states)
+    g_change, f_change = (
+        np.abs(d[:, 1:] - d[:, :1]).sum(axis=1).max(axis=1, initial=0).astype(float)
+        for d in (x.reshape(count, 2 * n + 1, binding.m) for x in (g, f)))
+    return g_change, f_change

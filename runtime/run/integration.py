@@ -1,0 +1,290 @@
+"""One integration: chunks of compiled steps, everything kept that was computed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError, StepFailed, Stopped
+from ..call.binding import Binding, SolverName
+from ..interrupts import Interrupts, ctrl_c
+from .failure import Diagnosis, diagnose
+from .newton import newton_step
+from .trajectory import Report, Trajectory
+
+__all__ = ["Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at", "failure_of",
+           "integrate", "next_chunk", "trajectory_of"]
+
+Array = NDArray[Any]
+
+#: Steps between two looks at the progress bar and at signals: at first, at most.
+_FIRST, _CHUNK = 16, 4096
+#: Seconds between two looks, where a step does not take longer.
+_LOOK = 0.1
+
+
+@dataclass(frozen=True)
+class Run:
+    """The checked arguments of an integration; its numbers are of the stepper's own type."""
+
+    q: Array
+    p: Array
+    dt: Any
+    steps: int
+    every: int
+    parameters: dict[str, Any]
+    solver: SolverName
+    tolerance: Any
+    max_iterations: int
+    t0: Any = 0.0
+
+    @property
+    def rows(self) -> int:
+        """Stored states after the first; the last state is always stored."""
+        return -(-self.steps // self.every)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where stored states go: row 0 of q, p and work is the start."""
+
+    q: Array
+    p: Array
+    multipliers: Array
+    iterations: Array
+    work: Array
+
+    @classmethod
+    def room(cls, binding: Binding, rows: int) -> Rows:
+        """Return empty rows, or say that there is no memory for them."""
+        try:
+            return cls(
+                binding.new(rows + 1, binding.n),
+                binding.new(rows + 1, binding.n),
+                binding.new(rows, binding.multipliers),
+                np.zeros(rows, dtype=np.intc),
+                binding.new(rows + 1),
+            )
+        except (MemoryError, ValueError) as error:  # ValueError: more than can be addressed
+            raise InputError(
+                f"There is no memory for {rows + 1} states; take fewer steps, or keep fewer of "
+                "their states with a larger every."
+            ) from error
+
+    def after(self, row: int) -> tuple[Array, ...]:
+        """Return what compiled code fills from this row on."""
+        return (self.q[row + 1 :], self.p[row + 1 :], self.multipliers[row:],
+                self.iterations[row:], self.work[row + 1 :])
+
+
+class Pace:
+    """How many steps compiled code does between two looks at signals: some tenths of a second.
+
+    Seconds of this thread, not of the clock: a machine that is busy elsewhere changes nothing.
+    """
+
+    def __init__(self) -> None:
+        self.most = min(_FIRST, _CHUNK)
+        self._began = time.thread_time()
+
+    def begin(self) -> int:
+        """Return how many steps to do at most; the clock runs."""
+        self._began = time.thread_time()
+        return self.most
+
+    def end(self, steps: int) -> None:
+        """Take the time that so many steps took for the next ones."""
+        seconds = time.thread_time() - self._began
+        if seconds > _LOOK:
+            self.most = max(1, int(steps * _LOOK / seconds))
+        elif steps >= self.most and seconds < _LOOK / 2:
+            self.most = min(2 * self.most, _CHUNK)
+
+
+def integrate(
+    binding: Binding,
+    manifest: dict[str, Any],
+    run: Run,
+    progress: Callable[[int], None] | None = None,
+) -> Trajectory:
+    """Return the trajectory of a run.
+
+    Raises
+    ------
+    StepFailed
+        With everything computed before the failed step, and what was found of its reasons.
+    Stopped
+        After Ctrl-C, with everything computed until then.
+    """
+    # One step is done or not: there is nothing to lose.
+    with ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
+        trajectory, status = course(binding, manifest, run, lambda: interrupts.asked, progress)
+    if status:
+        last = trajectory.report
+        q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
+        found = diagnose(binding, manifest, run, status, q, p, run.t0 + last.steps * run.dt)
+        raise failure_of(run, trajectory, found)
+    if interrupts.asked:
+        raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
+                      ".trajectory.", interrupts.signal, trajectory=trajectory)
+    return trajectory
+
+
+def ended_at(done: int, steps: int) -> str:
+    """Return a sentence that says where a signal has ended a run."""
+    if done == steps:
+        return f"Stopped after the last of {steps:,} steps: the run is complete."
+    return f"Stopped at step {done:,} of {steps:,}."
+
+
+def course(
+    binding: Binding, manifest: dict[str, Any], run: Run, stop: Callable[[], bool],
+    progress: Callable[[int], None] | None = None,
+) -> tuple[Trajectory, int]:
+    """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
+    rows = Rows.room(binding, run.rows)
+    rows.q[0], rows.p[0] = run.q, run.p
+    q, p, report = run.q.copy(), run.p.copy(), binding.report()
+    parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
+    pace = Pace()
+    status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
+    while report.steps < run.steps and status == 0 and not stop():
+        row = int(report.steps) // run.every
+        count, every = next_chunk(run, int(report.steps), pace.begin())
+        most = rows.iterations[row]  # of the pieces before, where a row takes several
+        status = advance(binding, run, parameters, count, every, q, p, rows.after(row), report,
+                         work)
+        rows.iterations[row] = max(most, rows.iterations[row])
+        pace.end(count)
+        if progress is not None:
+            progress(int(report.steps))
+    return trajectory_of(binding, manifest, run, rows, report, q, p, parameters), status
+
+
+def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
+    """Return the error of a run whose next step has no solution."""
+    done = trajectory.report.steps
+    return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), trajectory=trajectory,
+                      **asdict(found))
+
+
+def advance(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    """Advance (q, p) in place by up to ``steps`` steps with the run's solver; return the status.
+
+    Every ``every``-th state goes to ``out``: q, p, multipliers, iterations, work.
+    """
+    chunk = _python_chunk if run.solver == "python" else _compiled_chunk
+    return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
+
+
+def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
+    """Return how many steps to do next, and how often to store; the very last is stored too.
+
+    ``most`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
+    to the next stored state, each piece is stored in its row and the last of them stays.
+    """
+    left = run.steps - done
+    to_row = min(run.every - done % run.every, left)
+    if to_row < run.every or run.every > most:
+        piece = min(to_row, most)
+        return piece, piece
+    count = most // run.every if rows is None else min(most // run.every, rows)
+    return min(run.every * count, left - left % run.every), run.every
+
+
+def _compiled_chunk(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    options = binding.options(run.tolerance, run.max_iterations, run.solver)
+    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work)
+
+
+def _python_chunk(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    """Do what the compiled chunk does, with ``newton_step`` for each step."""
+    if report.steps == 0:  # the compiled code starts the record; no step is taken
+        _compiled_chunk(binding, run, parameters, 0, 1, q, p, out, report, work)
+    most = 0
+    for k in range(1, steps + 1):
+        binding.set_time(parameters, run.t0, int(report.steps), run.dt)
+        status, q[:], p[:], multipliers, taken, done = newton_step(
+            binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
+        )
+        if status:
+            return status
+        most = max(most, taken)
+        if binding.has_forces:
+            binding.add_work(report, done)
+        _observe(binding, parameters, q, p, taken, report)
+        if k % every == 0:
+            total = binding.recorded(report, "work") if binding.has_forces else 0
+            for part, value in zip(out, (q, p, multipliers, most, total), strict=True):
+                part[k // every - 1] = value
+            most = 0
+    return 0
+
+
+def _observe(
+    binding: Binding, parameters: Any, q: Array, p: Array, taken: int, report: Any
+) -> None:
+    """Add a state to the running record, as the compiled ``observe`` does."""
+    report.steps += 1
+    report.iterations += taken
+    report.iterations_max = max(report.iterations_max, taken)
+    H = binding.hamiltonian(parameters, q[None], p[None])[0]
+    g, f = (float(d[0]) for d in defect_sizes(binding, parameters, q[None], p[None]))
+    sizes = {"energy_error": binding.energy_error(H, report), "constraint": g, "hidden": f}
+    for name, size in sizes.items():  # float(...): cffi hands long double over as an object
+        largest, total = f"{name}_max", f"{name}_sum"
+        setattr(report, largest, max(float(getattr(report, largest)), size))
+        setattr(report, total, float(getattr(report, total)) + size)
+
+
+def trajectory_of(
+    binding: Binding, manifest: dict[str, Any], run: Run, rows: Rows, report: Any,
+    q: Array, p: Array, parameters: Any,
+) -> Trajectory:
+    """Return the rows that were filled."""
+    done = int(report.steps)
+    stored = run.rows if done == run.steps else done // run.every
+    q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
+    multipliers = rows.multipliers[:stored]
+    if binding.m > 1:
+        multipliers = multipliers.reshape(stored, binding.multipliers // binding.m, binding.m)
+    g_errors, f_errors = defect_sizes(binding, parameters, q_kept, p_kept)
+    t = binding.times(run.t0, run.dt, np.minimum(np.arange(stored + 1) * run.every, done))
+    return Trajectory(
+        t=t,
+        q=q_kept,
+        p=p_kept,
+        multipliers=multipliers,
+        iterations=rows.iterations[:stored],
+        dt=run.dt,
+        every=run.every,
+        parameters=run.parameters,
+        report=Report.read(report, q, p, forced=binding.has_forces),
+        manifest=manifest,
+        energies=binding.hamiltonian(parameters, q_kept, p_kept),
+        g_errors=g_errors,
+        f_errors=f_errors,
+        work=rows.work[: stored + 1],
+        quantity_values=binding.quantities(parameters, t.astype(binding.dtype), q_kept, p_kept),
+    )
+
+
+def defect_sizes(binding: Binding, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
+    """Return the largest |g| and the largest momentum-constraint error of each row."""
+    g, f = binding.defects(parameters, q, p)
+    return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)

@@ -1,0 +1,114 @@
+"""The states of a run as columns along the time, under the names that the system gives them.
+
+Time, coordinates, momenta, energy, constraint errors, iterations, multipliers, work, quantities:
+a stored run has the same in the same order.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...exact import digits_of
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
+
+__all__ = ["QUANTITY", "finished", "headings", "save_csv", "states_of", "write_csv"]
+
+Array = NDArray[Any]
+
+#: What the names of a system's own quantities begin with.
+QUANTITY = "quantity_"
+#: Rows that are in memory as Python's numbers.
+_ROWS = 2**13
+
+
+def states_of(trajectory: Trajectory) -> dict[str, Array]:
+    """Return the arrays of a trajectory, a row a state; those of steps begin with nothing."""
+    multipliers = trajectory.multipliers
+    none = 0 * trajectory.q[0, 0] + np.nan  # of the stepper's own type
+    found = {
+        "time": trajectory.t, "q": trajectory.q, "p": trajectory.p,
+        "energy": trajectory.energies, "g_error": trajectory.g_errors,
+        "f_error": trajectory.f_errors,
+        "iterations": np.concatenate([[0], trajectory.iterations]),
+    }
+    if trajectory.manifest["system"]["constraints"]:
+        start = np.full((1, *multipliers.shape[1:]), none, dtype=multipliers.dtype)
+        found["multipliers"] = np.concatenate([start, multipliers])
+    if "forces" in trajectory.manifest["system"]:
+        found["work"] = trajectory.work
+    return found | {QUANTITY + name: trajectory.quantity(name) for name in trajectory.quantities}
+
+
+def headings(system: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
+    """Return a heading for each number of a state, all of them different.
+
+    ``shapes`` are those of one state's entries. Coordinates, momenta and quantities go by the names
+    that the system gives them, unless a name is taken: by the time, the energy, … or by another
+    one of these.
+    """
+    own = {"q": ("q", system["coordinates"]), "p": ("p", system["momenta"])}
+    own |= {QUANTITY + name: ("quantity", [name]) for name in system.get("quantities", ())}
+    counted = {name: [name + "_".join(map(str, index)) for index in np.ndindex(*shape)]
+               for name, shape in shapes.items()}
+    taken = {label for name, labels in counted.items() if name not in own for label in labels}
+    found = []
+    for name, labels in counted.items():
+        kind, labels = own.get(name, ("", labels))
+        for label in labels:
+            while kind and label in taken:
+                label = f"{kind}_{label}"
+            taken.add(label)
+            found.append(label)
+    return found
+
+
+def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> None:
+    """Write blocks of states, each an array for each column or group of columns."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        lines = csv.writer(file)
+        lines.writerow(titles)
+        for arrays in blocks:
+            flat = [array.reshape(len(array), -1) for array in arrays]
+            for start in range(0, len(arrays[0]), _ROWS):
+                parts = [_written(numbers[start : start + _ROWS]) for numbers in flat]
+                lines.writerows([number for part in row for number in part]
+                                for row in zip(*parts, strict=True))
+
+
+def _written(numbers: Array) -> list[list[Any]]:
+    """Return rows of numbers as they stand in a file: those wider than doubles as text."""
+    rows: list[list[Any]] = numbers.tolist()
+    wide = numbers.dtype in (object, np.longdouble)
+    return [[digits_of(number) for number in row] for row in rows] if wide else rows
+
+
+def save_csv(trajectory: Trajectory, path: Path) -> None:
+    """Write a trajectory as CSV, numbers with all their digits."""
+    arrays = states_of(trajectory)
+    titles = headings(trajectory.manifest["system"],
+                      {name: array.shape[1:] for name, array in arrays.items()})
+    with finished(path) as part:
+        write_csv(part, titles, [list(arrays.values())])
+
+
+@contextlib.contextmanager
+def finished(path: Path) -> Iterator[Path]:
+    """Yield the name of a file to write, which then becomes ``path``; removed if that fails."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        part.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        raise

@@ -1,0 +1,6 @@
+"""Pictures of trajectories, and what the ending of a file says.
+
+    endings  .npz, .csv, .nc, .zarr, .png, ...
+    picture  a figure that Jupyter shows
+    plots    pictures of a trajectory
+"""
