@@ -75,7 +75,8 @@ def picture() -> str:
 def test_the_picture_is_drawn_from_the_imports(request):
     """``pytest tests/test_architecture.py --update`` draws it again."""
     text = ARCHITECTURE.read_text(encoding="utf-8")
-    drawn = re.sub(r"```mermaid\n.*?\n```", lambda _: picture(), text, flags=re.DOTALL)
+    drawn, count = re.subn(r"```mermaid\n.*?```", lambda _: picture(), text, flags=re.DOTALL)
+    assert count == 1
     if request.config.getoption("--update"):
         ARCHITECTURE.write_text(drawn, encoding="utf-8")
     assert ARCHITECTURE.read_text(encoding="utf-8") == drawn
