@@ -30,11 +30,11 @@ from gyrospark.generator.bodies.rigid_body import heavy_top
 from gyrospark.generator.kernels.c_printer import CPrinter
 from gyrospark.generator.kernels.kernel import (
     Constants,
-    Kernel,
     emit_kernel,
     total_operations,
     wrap,
 )
+from gyrospark.generator.kernels.statements import Kernel
 from gyrospark.generator.schemes.schemes import MeanScheme, SparkScheme, common_kernels, hoisted
 from gyrospark.generator.systems.system import System
 from gyrospark.generator.tableaux.families import gauss_lobatto

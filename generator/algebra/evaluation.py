@@ -46,6 +46,10 @@ class Evaluator:
             self._known[e] = self._compute(e)
         return self._known[e]
 
+    def define(self, symbol: sp.Symbol, value: Any) -> None:
+        """Give one more symbol a value."""
+        self._known[symbol] = value
+
     def _compute(self, e: sp.Expr) -> Any:
         if e.is_number and not e.free_symbols:
             return self._number(e)

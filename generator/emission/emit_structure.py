@@ -13,7 +13,8 @@ from typing import Any
 import sympy as sp
 
 from ...real import Real
-from ..kernels.kernel import Constants, Kernel, Target, emit_kernel
+from ..kernels.kernel import Constants, Target, emit_kernel
+from ..kernels.statements import Kernel
 from ..schemes.schemes import (
     MeanScheme,
     SparkScheme,

@@ -1,5 +1,7 @@
-"""Kernels: expressions with inputs and outputs, their common parts, and C text of them.
+"""Kernels: expressions with inputs and outputs, their common parts, C text and numbers of them.
 
-    kernel     what a kernel is, constants of a run, common subexpressions, operation counts
-    c_printer  SymPy expressions as C
+    statements  what a kernel is; neutral: names, expressions, places of the outputs
+    kernel      C of it: constants of a run, operation counts
+    c_printer   SymPy expressions as C
+    in_numpy    the same statements carried out by NumPy, the second way to their numbers
 """

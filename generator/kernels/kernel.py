@@ -1,4 +1,4 @@
-"""From expressions to C functions: common subexpressions, constants of a run, operation counts."""
+"""From kernels to C functions: statements printed, constants of a run, operation counts."""
 
 from __future__ import annotations
 
@@ -6,40 +6,17 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count, islice
-from typing import Any
 
 import sympy as sp
 
 from ...real import Real
 from ..algebra.bounded_algebra import is_small
-from ..algebra.sharing import Shared, parts_of, symbols_of, tree_size
+from ..algebra.sharing import symbols_of
 from ..algebra.switches import Where
 from .c_printer import ON_LANES, CPrinter
+from .statements import Kernel, Statements, entries, statements_of
 
-__all__ = ["Constants", "EmittedKernel", "Kernel", "Target", "emit_kernel"]
-
-
-@dataclass(frozen=True)
-class Kernel:
-    """A C function to be: arrays of symbols in, arrays of expressions out.
-
-    Attributes
-    ----------
-    name, doc : str
-        Of the C function; ``doc`` is its comment, an equation.
-    inputs : mapping
-        Name of each input array → its symbols.
-    outputs : mapping
-        Name of each output array → nested lists of expressions (vector or matrix); a bare
-        expression makes the function return it.
-    """
-
-    name: str
-    doc: str
-    inputs: Mapping[str, Sequence[sp.Symbol]]
-    outputs: Mapping[str, Any]
-    #: Add up the terms of polynomials in twice the working precision: for sums that nearly cancel.
-    compensated: bool = False
+__all__ = ["Constants", "EmittedKernel", "Target", "emit_kernel"]
 
 
 @dataclass(frozen=True)
@@ -57,10 +34,6 @@ class EmittedKernel:
     constants: frozenset[str] = frozenset()
     #: Functions of <math.h> that it calls, without suffix.
     functions: frozenset[str] = frozenset()
-
-
-#: Nodes of expressions written out as trees, up to which SymPy orders their arguments.
-_LARGEST_TREE = 100_000
 
 
 class Constants:
@@ -141,22 +114,15 @@ def emit_kernel(
     names = constants.names() | dict(target.names)
     for array, symbols in kernel.inputs.items():
         names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
-    targets = list(_entries(kernel.outputs))
-    if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in targets))):
-        return _emit_compensated(kernel, targets, constants, real, names, target)
-    definitions, outputs = _unfold([e for _, e in targets])
-    expressions = [*definitions.values(), *outputs]
-    # SymPy compares whole trees to bring arguments into order: in deep ones that takes for ever.
-    order = "canonical" if tree_size(expressions) <= _LARGEST_TREE else "none"
-    shared, reduced = sp.cse(expressions, symbols=sp.numbered_symbols("_t", real=True), order=order)
-    named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
-    shared = _sorted(shared, dict(zip(definitions, named, strict=True)))
-    shared, reduced = _name_bases(shared, reduced)
-    names |= {t: t.name.lstrip("_") for t, _ in shared}
+    if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in entries(kernel)))):
+        return _emit_compensated(kernel, entries(kernel), constants, real, names, target)
+    made = statements_of(kernel)
+    names |= {t: t.name.lstrip("_") for t, _ in made.shared}
     printer = CPrinter(real, names, target.prefix)
-    lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};") for t, e in shared]
-    lines += map(wrap, _assignments(targets, reduced, printer))
-    used = symbols_of(e for _, e in targets)
+    lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};")
+             for t, e in made.shared]
+    lines += map(wrap, _assignments(made, printer))
+    used = symbols_of(e for _, e in entries(kernel))
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
     singly = target.prefix and printer.functions - ON_LANES  # are told how many lanes to do
@@ -168,52 +134,12 @@ def emit_kernel(
         "void" if all(isinstance(v, list) for v in kernel.outputs.values()) else target.value,
         _signature(kernel, target),
         lines,
-        len(shared),
+        len(made.shared),
         dict(sorted(printer.operations.items())),
         unused,
         frozenset(map(str, own_constants)),
         frozenset(printer.functions),
     )
-
-
-def _unfold(
-    expressions: list[sp.Expr],
-) -> tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]:
-    """Return symbols for the parts in ``Shared`` with their definitions, and the rest in them."""
-    fresh = sp.numbered_symbols("_s", real=True)
-    known: dict[sp.Basic, sp.Basic] = {}
-    symbols: dict[sp.Basic, sp.Symbol] = {}  # by definition: some parts become the same
-    for e in parts_of(expressions):
-        arguments = [known[a] for a in e.args]
-        same = all(a is b for a, b in zip(arguments, e.args, strict=True))
-        if not isinstance(e, Shared):
-            known[e] = e if same else e.func(*arguments)
-        elif arguments[0].is_Atom:
-            known[e] = arguments[0]
-        else:
-            if arguments[0] not in symbols:
-                symbols[arguments[0]] = next(fresh)
-            known[e] = symbols[arguments[0]]
-    return {s: e for e, s in symbols.items()}, [known[e] for e in expressions]
-
-
-def _sorted(
-    shared: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
-) -> list[tuple[sp.Symbol, sp.Expr]]:
-    """Return shared subexpressions and definitions, each behind those it is made of."""
-    if not definitions:
-        return shared
-    known, done = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
-
-    def visit(symbol: sp.Symbol) -> None:
-        if symbol not in done and symbol in known:
-            for other in sorted(known[symbol].free_symbols, key=str):
-                visit(other)
-            done[symbol] = known[symbol]
-
-    for symbol in known:
-        visit(symbol)
-    return list(done.items())
 
 
 def _is_exact_polynomial(e: sp.Expr) -> bool:
@@ -279,37 +205,10 @@ def wrap(statement: str, width: int = 96) -> str:
     return "\n    ".join([*lines, rest])
 
 
-def _name_bases(
-    shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
-) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
-    """Give every base of an integer power a name of its own: C writes x² as x*x."""
-    fresh = sp.numbered_symbols("_u", real=True)
-    named: list[tuple[sp.Symbol, sp.Expr]] = []
-    known: dict[sp.Expr, sp.Symbol] = {}
-
-    def name(e: sp.Expr) -> sp.Expr:
-        if e.is_Atom:
-            return e
-        e = e.func(*(name(a) for a in e.args))
-        if not (e.is_Pow and (2 * e.exp).is_Integer and abs(e.exp) > 1 and not e.base.is_Atom):
-            return e
-        if e.base not in known:
-            known[e.base] = next(fresh)
-            named.append((known[e.base], e.base))
-        return known[e.base] ** e.exp
-
-    for symbol, e in shared:
-        value = name(e)
-        named.append((symbol, value))
-    return named, [name(e) for e in reduced]
-
-
-def _assignments(
-    targets: list[tuple[str, sp.Expr]], reduced: list[sp.Expr], printer: CPrinter
-) -> Iterator[str]:
+def _assignments(made: Statements, printer: CPrinter) -> Iterator[str]:
     """Yield one assignment an entry; an entry equal to an earlier one copies it."""
     seen: dict[sp.Expr, str] = {}
-    for (target, _), e in zip(targets, reduced, strict=True):
+    for target, e in made.outputs:
         if not target:
             yield f"return {printer.number(e)};"
         elif e.is_number:
@@ -319,18 +218,6 @@ def _assignments(
         else:
             seen[e] = target
             yield f"{target} = {printer(e)};"
-
-
-def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
-    for array, value in outputs.items():
-        if not isinstance(value, list):
-            yield "", value
-            continue
-        for i, row in enumerate(value):
-            if isinstance(row, list):
-                yield from ((f"{array}[{i}][{j}]", entry) for j, entry in enumerate(row))
-            else:
-                yield f"{array}[{i}]", row
 
 
 def _signature(kernel: Kernel, target: Target) -> str:

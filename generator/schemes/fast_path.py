@@ -32,7 +32,7 @@ import sympy as sp
 from ...real import Real, round_binary
 from ..algebra.bounded_algebra import expanded, is_small
 from ..algebra.switches import depends_by_steps, switches_of
-from ..kernels.kernel import Kernel
+from ..kernels.statements import Kernel
 from ..systems.system import System, jacobian, shortest
 from ..tableaux.multipliers import multiplier_inverse
 from ..tableaux.tableau import Tableau

@@ -25,7 +25,8 @@ import sympy as sp
 from ..algebra.identities import Finding, compare
 from ..algebra.sharing import substitute
 from ..discrete.discrete_gradient import discrete_gradient
-from ..kernels.kernel import Constants, Kernel
+from ..kernels.kernel import Constants
+from ..kernels.statements import Kernel
 from ..systems.system import System, jacobian
 from ..tableaux.tableau import Tableau
 

@@ -1,0 +1,155 @@
+"""A kernel as statements: what it shares is computed once, under a name, in any language.
+
+Neutral data: names, expressions, places of the outputs. ``kernel`` prints C of it, ``in_numpy``
+carries it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from ..algebra.sharing import Shared, parts_of, tree_size
+
+__all__ = ["Kernel", "Statements", "entries", "statements_of"]
+
+#: Nodes of expressions written out as trees, up to which SymPy orders their arguments.
+_LARGEST_TREE = 100_000
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A C function to be: arrays of symbols in, arrays of expressions out.
+
+    Attributes
+    ----------
+    name, doc : str
+        Of the C function; ``doc`` is its comment, an equation.
+    inputs : mapping
+        Name of each input array → its symbols.
+    outputs : mapping
+        Name of each output array → nested lists of expressions (vector or matrix); a bare
+        expression makes the function return it.
+    """
+
+    name: str
+    doc: str
+    inputs: Mapping[str, Sequence[sp.Symbol]]
+    outputs: Mapping[str, Any]
+    #: Add up the terms of polynomials in twice the working precision: for sums that nearly cancel.
+    compensated: bool = False
+
+
+@dataclass(frozen=True)
+class Statements:
+    """What a kernel does, in order.
+
+    Attributes
+    ----------
+    shared : list of (Symbol, Expr)
+        Subexpressions with names of their own, each behind those it is made of.
+    outputs : list of (str, Expr)
+        Place of each output entry, and its expression in inputs, constants and shared names.
+    """
+
+    shared: list[tuple[sp.Symbol, sp.Expr]]
+    outputs: list[tuple[str, sp.Expr]]
+
+
+def statements_of(kernel: Kernel) -> Statements:
+    """Return the statements of a kernel."""
+    places = entries(kernel)
+    definitions, outputs = _unfolded([e for _, e in places])
+    expressions = [*definitions.values(), *outputs]
+    # SymPy compares whole trees to bring arguments into order: in deep ones that takes for ever.
+    order = "canonical" if tree_size(expressions) <= _LARGEST_TREE else "none"
+    shared, reduced = sp.cse(expressions, symbols=sp.numbered_symbols("_t", real=True), order=order)
+    named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
+    shared = _in_order(shared, dict(zip(definitions, named, strict=True)))
+    shared, reduced = _name_bases(shared, reduced)
+    return Statements(shared, [(place, e) for (place, _), e in zip(places, reduced, strict=True)])
+
+
+def entries(kernel: Kernel) -> list[tuple[str, sp.Expr]]:
+    """Return each output entry with its place, "v[1][2]", or "" of what the function returns."""
+    return list(_entries(kernel.outputs))
+
+
+def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
+    for array, value in outputs.items():
+        if not isinstance(value, list):
+            yield "", value
+            continue
+        for i, row in enumerate(value):
+            if isinstance(row, list):
+                yield from ((f"{array}[{i}][{j}]", entry) for j, entry in enumerate(row))
+            else:
+                yield f"{array}[{i}]", row
+
+
+def _unfolded(
+    expressions: list[sp.Expr],
+) -> tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]:
+    """Return symbols for the parts in ``Shared`` with their definitions, and the rest in them."""
+    fresh = sp.numbered_symbols("_s", real=True)
+    known: dict[sp.Basic, sp.Basic] = {}
+    symbols: dict[sp.Basic, sp.Symbol] = {}  # by definition: some parts become the same
+    for e in parts_of(expressions):
+        arguments = [known[a] for a in e.args]
+        same = all(a is b for a, b in zip(arguments, e.args, strict=True))
+        if not isinstance(e, Shared):
+            known[e] = e if same else e.func(*arguments)
+        elif arguments[0].is_Atom:
+            known[e] = arguments[0]
+        else:
+            if arguments[0] not in symbols:
+                symbols[arguments[0]] = next(fresh)
+            known[e] = symbols[arguments[0]]
+    return {s: e for e, s in symbols.items()}, [known[e] for e in expressions]
+
+
+def _in_order(
+    shared: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
+) -> list[tuple[sp.Symbol, sp.Expr]]:
+    """Return shared subexpressions and definitions, each behind those it is made of."""
+    if not definitions:
+        return shared
+    known, done = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
+
+    def visit(symbol: sp.Symbol) -> None:
+        if symbol not in done and symbol in known:
+            for other in sorted(known[symbol].free_symbols, key=str):
+                visit(other)
+            done[symbol] = known[symbol]
+
+    for symbol in known:
+        visit(symbol)
+    return list(done.items())
+
+
+def _name_bases(
+    shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
+) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+    """Give every base of an integer power a name of its own: C writes x² as x*x."""
+    fresh = sp.numbered_symbols("_u", real=True)
+    named: list[tuple[sp.Symbol, sp.Expr]] = []
+    known: dict[sp.Expr, sp.Symbol] = {}
+
+    def name(e: sp.Expr) -> sp.Expr:
+        if e.is_Atom:
+            return e
+        e = e.func(*(name(a) for a in e.args))
+        if not (e.is_Pow and (2 * e.exp).is_Integer and abs(e.exp) > 1 and not e.base.is_Atom):
+            return e
+        if e.base not in known:
+            known[e.base] = next(fresh)
+            named.append((known[e.base], e.base))
+        return known[e.base] ** e.exp
+
+    for symbol, e in shared:
+        value = name(e)
+        named.append((symbol, value))
+    return named, [name(e) for e in reduced]
