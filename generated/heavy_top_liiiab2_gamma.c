@@ -49,6 +49,27 @@ enum {
 
 static const real epsilon = DBL_EPSILON;
 
+/* ---------------------------------------------------------------- sizes and rounding */
+
+static real larger(real a, real b)
+{
+    return a > b ? a : b;
+}
+
+/* max |x_i|; NaN if there is one */
+static real norm(int n, const real *x)
+{
+    real size = 0;
+    for (int i = 0; i < n; ++i) {
+        const real a = fabs(x[i]);
+        if (isnan(a))
+            return a;
+        if (a > size)
+            size = a;
+    }
+    return size;
+}
+
 /* Two units in the last place of 1, up or down by chance: to see what rounding is worth. */
 static real nudge(unsigned *chance)
 {
@@ -314,31 +335,13 @@ static void constraint_curvature(const constants *c, const double q[4], const do
 
 /* ---------------------------------------------------------------- linear algebra */
 
-static real larger(real a, real b)
-{
-    return a > b ? a : b;
-}
-
-/* max |x_i|; NaN if there is one */
-static real norm(int n, const real *x)
-{
-    real size = 0;
-    for (int i = 0; i < n; ++i) {
-        const real a = fabs(x[i]);
-        if (isnan(a))
-            return a;
-        if (a > size)
-            size = a;
-    }
-    return size;
-}
-
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
  * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
  * are counted: how many there are depends on the zeros.
  */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots, long *products)
+static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+    long *products)
 {
     *products = 0;
     for (int i = 0; i < n; ++i) {
@@ -406,7 +409,6 @@ static int substitute(int n, const real *restrict A, const int *restrict exponen
     }
     return OK;
 }
-
 /* Solves A x = b; x replaces b, the factors of A replace A. */
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)

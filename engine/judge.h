@@ -38,7 +38,7 @@ static int calls_for_look(const progress_t *s, real change)
 static void look(progress_t *s, real noise)
 {
     s->looked = 1;
-    s->floor = larger(s->floor, 16*sqrt{{ sfx }}(noise));
+    s->floor = larger(s->floor, 16*MATH(sqrt)(noise));
 }
 
 /* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
@@ -61,7 +61,7 @@ static int is_met(progress_t *s, real defect)
  */
 static enum verdict judge(progress_t *s, real change, real defect, real tolerance, int most)
 {
-    const real beyond = epsilon/{{ beyond }}, fast = (real)0.05, low = 4096*epsilon;
+    const real beyond = epsilon/4096, fast = (real)0.05, low = 4096*epsilon;
     const real ratio = change/s->change, of_two = change/s->before;
     const int near = change < s->floor*s->floor, least = change < s->least, met = is_met(s, defect);
     s->before = s->change;
@@ -77,11 +77,11 @@ static enum verdict judge(progress_t *s, real change, real defect, real toleranc
     if (!(change < 9))
         return GIVE_UP;
     if (change < low*low && s->sweeps > 3 && !(s->before < low*low))
-        s->rate = pow{{ sfx }}(s->before/s->first, 1/(real)(s->sweeps - 2));
+        s->rate = MATH(pow)(s->before/s->first, 1/(real)(s->sweeps - 2));
     if (change <= tolerance*tolerance)
         return CONVERGED;
     /* Two sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
-    const real next = larger(ratio, s->sweeps == 2 ? (real)0.0001 : sqrt{{ sfx }}(of_two));
+    const real next = larger(ratio, s->sweeps == 2 ? (real)0.0001 : MATH(sqrt)(of_two));
     if (met && change*next < beyond*beyond)
         return CONVERGED;
     const int stalled = near && (s->rate < fast ? ratio > 4*fast : !least);
@@ -92,7 +92,7 @@ static enum verdict judge(progress_t *s, real change, real defect, real toleranc
         return GIVE_UP;
     if (s->sweeps % 8 == 0 && !near) { /* at the rate of all sweeps so far: would it get there? */
         const real left = (real)(most - s->sweeps)/(real)(s->sweeps - 1);
-        if (change*pow{{ sfx }}(change/s->first, left) > s->floor*s->floor)
+        if (change*MATH(pow)(change/s->first, left) > s->floor*s->floor)
             return GIVE_UP;
     }
     return SWEEP_AGAIN;
@@ -101,5 +101,5 @@ static enum verdict judge(progress_t *s, real change, real defect, real toleranc
 /* Why the sweeps of a step were given up. */
 static int why(const progress_t *s)
 {
-    return failure(sqrt{{ sfx }}(s->change), s->before > 0 ? sqrt{{ sfx }}(s->change/s->before) : 0);
+    return failure(MATH(sqrt)(s->change), s->before > 0 ? MATH(sqrt)(s->change/s->before) : 0);
 }

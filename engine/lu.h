@@ -1,30 +1,12 @@
 /* ---------------------------------------------------------------- linear algebra */
 
-static real larger(real a, real b)
-{
-    return a > b ? a : b;
-}
-
-/* max |x_i|; NaN if there is one */
-static real norm(int n, const real *x)
-{
-    real size = 0;
-    for (int i = 0; i < n; ++i) {
-        const real a = fabs{{ sfx }}(x[i]);
-        if (isnan(a))
-            return a;
-        if (a > size)
-            size = a;
-    }
-    return size;
-}
-
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
  * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
  * are counted: how many there are depends on the zeros.
  */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots, long *products)
+static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+    long *products)
 {
     *products = 0;
     for (int i = 0; i < n; ++i) {
@@ -33,18 +15,18 @@ static int factorise(int n, real *restrict A, int *restrict exponents, int *rest
             return NOT_FINITE;
         if (!(size > 0))
             return SINGULAR;
-        (void)frexp{{ sfx }}(size, &exponents[i]);
-        const real scale = ldexp{{ sfx }}(1, -exponents[i]);
+        (void)MATH(frexp)(size, &exponents[i]);
+        const real scale = MATH(ldexp)(1, -exponents[i]);
         for (int j = 0; j < n; ++j)
             A[i*n + j] *= scale;
     }
     for (int k = 0; k < n; ++k) {
         int pivot = k;
         for (int i = k + 1; i < n; ++i)
-            if (fabs{{ sfx }}(A[i*n + k]) > fabs{{ sfx }}(A[pivot*n + k]))
+            if (MATH(fabs)(A[i*n + k]) > MATH(fabs)(A[pivot*n + k]))
                 pivot = i;
         pivots[k] = pivot;
-        if (!(fabs{{ sfx }}(A[pivot*n + k]) > 0))
+        if (!(MATH(fabs)(A[pivot*n + k]) > 0))
             return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
         for (int j = 0; j < n && pivot != k; ++j) {
             const real swap = A[k*n + j];
@@ -71,7 +53,7 @@ static int substitute(int n, const real *restrict A, const int *restrict exponen
     for (int i = 0; i < n; ++i) {
         if (!isfinite(b[i]))
             return NOT_FINITE;
-        b[i] = ldexp{{ sfx }}(b[i], -exponents[i]);
+        b[i] = MATH(ldexp)(b[i], -exponents[i]);
     }
     for (int k = 0; k < n; ++k) {
         const real value = b[pivots[k]];
@@ -92,14 +74,3 @@ static int substitute(int n, const real *restrict A, const int *restrict exponen
     }
     return OK;
 }
-{% if M %}
-
-/* Solves A x = b; x replaces b, the factors of A replace A. */
-static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
-    int *restrict pivots)
-{
-    long products;
-    const int status = factorise(n, A, exponents, pivots, &products);
-    return status == OK ? substitute(n, A, exponents, pivots, b) : status;
-}
-{% endif %}

@@ -1,31 +1,11 @@
 /* ---------------------------------------------------------------- linear algebra */
 
-static real larger(real a, real b)
-{
-    return a > b ? a : b;
-}
-
-/* max |x_i|; NaN if there is one */
-static real norm(int n, const real *x)
-{
-    real size = 0;
-    for (int i = 0; i < n; ++i) {
-        const real a = fabs{{ sfx }}(x[i]);
-        if (isnan(a))
-            return a;
-        if (a > size)
-            size = a;
-    }
-    return size;
-}
-
 /*
  * The Jacobian in an order of the unknowns (and of their equations) in which what interacts stands
  * close together: row r has the columns r - BAND .. r + BAND, and as many again for the fill that
- * exchanging rows makes.
+ * exchanging rows makes. `position` says where an unknown and its equation stand.
  */
-enum { BAND = {{ band }}, WIDTH = 3*BAND + 1 };
-{{ forms.row("position", positions) }}
+enum { WIDTH = 3*BAND + 1 };
 
 /* The entry of an equation and an unknown, by the numbers the scheme gives them. */
 static real *entry(real *J, int equation, int unknown)
@@ -39,7 +19,8 @@ static real *entry(real *J, int equation, int unknown)
  * two, which is exact, so that the choice of pivots does not depend on units. Products are counted:
  * how many there are depends on the zeros.
  */
-static int band_factorise(real *restrict J, int *restrict exponents, int *restrict pivots, long *products)
+static int band_factorise(real *restrict J, int *restrict exponents, int *restrict pivots,
+    long *products)
 {
     *products = 0;
     for (int r = 0; r < U; ++r) {
@@ -49,20 +30,21 @@ static int band_factorise(real *restrict J, int *restrict exponents, int *restri
             return NOT_FINITE;
         if (!(size > 0))
             return SINGULAR;
-        (void)frexp{{ sfx }}(size, &exponents[r]);
-        const real scale = ldexp{{ sfx }}(1, -exponents[r]);
+        (void)MATH(frexp)(size, &exponents[r]);
+        const real scale = MATH(ldexp)(1, -exponents[r]);
         for (int e = 0; e <= 2*BAND; ++e)
             row[e] *= scale;
         for (int e = 2*BAND + 1; e < WIDTH; ++e)
             row[e] = 0;
     }
     for (int k = 0; k < U; ++k) {
-        const int below = k + BAND < U ? k + BAND : U - 1, right = k + 2*BAND < U ? 2*BAND : U - 1 - k;
+        const int below = k + BAND < U ? k + BAND : U - 1;
+        const int right = k + 2*BAND < U ? 2*BAND : U - 1 - k;
         real *upper = J + (size_t)k*WIDTH + BAND; /* of columns k, k + 1, ... */
         int pivot = k;
-        real largest = fabs{{ sfx }}(upper[0]);
+        real largest = MATH(fabs)(upper[0]);
         for (int i = k + 1; i <= below; ++i) {
-            const real size = fabs{{ sfx }}(J[(size_t)i*WIDTH + (size_t)(BAND + k - i)]);
+            const real size = MATH(fabs)(J[(size_t)i*WIDTH + (size_t)(BAND + k - i)]);
             if (size > largest) {
                 largest = size;
                 pivot = i;
@@ -103,7 +85,7 @@ static int band_substitute(const real *restrict J, const int *restrict exponents
     for (int e = 0; e < U; ++e) {
         if (!isfinite(b[e]))
             return NOT_FINITE;
-        forward[position[e]] = ldexp{{ sfx }}(b[e], -exponents[position[e]]);
+        forward[position[e]] = MATH(ldexp)(b[e], -exponents[position[e]]);
     }
     for (int k = 0; k < U; ++k) {
         const int below = k + BAND < U ? k + BAND : U - 1;

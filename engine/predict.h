@@ -9,7 +9,7 @@
  * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
  * small). They change the starting values only, never what the sweeps converge to.
  */
-enum { ORDER = {{ predictor_order }}, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { ORDER = 16, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
 /* Rates of q, of p, and multipliers have each their own recurrence. */
 enum { GROUPS = 3 };
 
@@ -119,14 +119,14 @@ INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
 /* Empty least-squares problems: R = the ridge. */
 INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
 {
-    const real tiny = sqrt{{ sfx }}({{ limits }}_MIN)*1024;
+    const real tiny = MATH(sqrt)(LIMIT(MIN))*1024;
     for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
         for (int k = 0; k <= ORDER; ++k)
             for (int l = 0; l <= ORDER; ++l)
                 for (int i = 0; i < W; ++i) {
                     real size = tiny;
                     for (int e = start; k == l && e < ends[group]; ++e)
-                        size = larger(size, 8*epsilon*fabs{{ sfx }}(part(&x[e], i)));
+                        size = larger(size, 8*epsilon*MATH(fabs)(part(&x[e], i)));
                     set_part(&s->R[group][k][l], i, k == l && k < ORDER ? size : 0);
                 }
 }
@@ -142,7 +142,7 @@ INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, con
         const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
         lanes inverse = square;
         for (int i = 0; i < W; ++i)
-            set_part(&inverse, i, 1/sqrt{{ sfx }}(part(&square, i)));
+            set_part(&inverse, i, 1/MATH(sqrt)(part(&square, i)));
         const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
         for (int l = k; l <= ORDER; ++l) {
             const lanes upper = R[k][l];
