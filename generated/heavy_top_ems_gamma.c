@@ -49,6 +49,12 @@ enum {
 
 static const real epsilon = DBL_EPSILON;
 
+/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
+enum {
+    RESIDUAL_COST = 141*S + 79*P + U*U,
+    JACOBIAN_COST = 785*S + 4*P
+};
+
 /* ---------------------------------------------------------------- sizes and rounding */
 
 static real larger(real a, real b)
@@ -77,6 +83,101 @@ static real nudge(unsigned *chance)
     return *chance >> 31 ? 2*epsilon : -2*epsilon;
 }
 
+/* ---------------------------------------------------------------- linear algebra */
+
+/*
+ * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
+ * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
+ * are counted: how many there are depends on the zeros.
+ */
+static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+    long *products)
+{
+    *products = 0;
+    for (int i = 0; i < n; ++i) {
+        const real size = norm(n, A + i*n);
+        if (!isfinite(size))
+            return NOT_FINITE;
+        if (!(size > 0))
+            return SINGULAR;
+        (void)frexp(size, &exponents[i]);
+        const real scale = ldexp(1, -exponents[i]);
+        for (int j = 0; j < n; ++j)
+            A[i*n + j] *= scale;
+    }
+    for (int k = 0; k < n; ++k) {
+        int pivot = k;
+        for (int i = k + 1; i < n; ++i)
+            if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
+                pivot = i;
+        pivots[k] = pivot;
+        if (!(fabs(A[pivot*n + k]) > 0))
+            return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
+        for (int j = 0; j < n && pivot != k; ++j) {
+            const real swap = A[k*n + j];
+            A[k*n + j] = A[pivot*n + j];
+            A[pivot*n + j] = swap;
+        }
+        for (int i = k + 1; i < n; ++i) {
+            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
+            A[i*n + k] = factor;
+            if (factor == 0) /* most rows: stages couple through few entries */
+                continue;
+            *products += n - k;
+            for (int j = k + 1; j < n; ++j)
+                A[i*n + j] -= factor*A[k*n + j];
+        }
+    }
+    return OK;
+}
+
+/* x replaces b in A x = b, from the factors of A. */
+static int substitute(int n, const real *restrict A, const int *restrict exponents,
+    const int *restrict pivots, real *restrict b)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!isfinite(b[i]))
+            return NOT_FINITE;
+        b[i] = ldexp(b[i], -exponents[i]);
+    }
+    for (int k = 0; k < n; ++k) {
+        const real value = b[pivots[k]];
+        b[pivots[k]] = b[k];
+        b[k] = value;
+    }
+    for (int i = 1; i < n; ++i) {
+        real sum = b[i];
+        for (int j = 0; j < i; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum;
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        real sum = b[i];
+        for (int j = i + 1; j < n; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum/A[i*n + i];
+    }
+    return OK;
+}
+
+/* The Jacobian of T1 as U rows of U, its factors in its place. */
+static int factorise_jacobian(work_t *w)
+{
+    return factorise(U, w->J, w->exponents, w->pivots, &w->products);
+}
+
+/* b <- J^-1 b from the factors */
+static int solve_jacobian(work_t *w, real b[U])
+{
+    return substitute(U, w->J, w->exponents, w->pivots, b);
+}
+
+static void spread_jacobian(const real *J, real *dense)
+{
+    for (int e = 0; e < U*U; ++e)
+        dense[e] = J[e];
+}
+
 /* ---------------------------------------------------------------- kernels: expressions only */
 
 /* Constants of a run from its parameters. */
@@ -87,6 +188,13 @@ static void prepare(const parameters_t *par, constants *c)
     c->k1 = 1.0/par->I1 - 1.0/par->gamma;
     c->k2 = 1.0/par->I3 - 1.0/par->gamma;
     c->k3 = 1.0/par->I2 - 1.0/par->gamma;
+}
+
+/* The time at the start: of a run, or of a step. */
+static inline real start_time(const parameters_t *parameters)
+{
+    (void)parameters;
+    return 0; /* this system does not ask for it */
 }
 
 /* A rounded value: volatile keeps the compiler from contracting its product into a sum. */
@@ -169,8 +277,9 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
 }
 
 /* D_q, D_p: discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly. 45 add, 96 mul. */
-static void mean_gradient(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], double D_q[4], double D_p[4])
+static void mean_gradient(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], const double t[1], double D_q[4], double D_p[4])
 {
+    (void)t;
     /* Common subexpressions (19) */
     const double t0 = 0.125*pm[1];
     const double t1 = 0.5*dq[1];
@@ -205,8 +314,9 @@ static void mean_gradient(const constants *c, const double qm[4], const double p
 }
 
 /* derivatives of D_q and D_p by dq and dp. 305 add, 480 mul. */
-static void mean_jacobian(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], double D_qq[4][4], double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
+static void mean_jacobian(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], const double t[1], double D_qq[4][4], double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
 {
+    (void)t;
     /* Common subexpressions (94) */
     const double t0 = 0.0625*c->k1;
     const double t1 = pm[1]*t0;
@@ -406,82 +516,6 @@ static void mean_curvature(const constants *c, const double qm[4], const double 
     K[3][3] = lambda[0];
 }
 
-/* ---------------------------------------------------------------- linear algebra */
-
-/*
- * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
- * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
- * are counted: how many there are depends on the zeros.
- */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
-    long *products)
-{
-    *products = 0;
-    for (int i = 0; i < n; ++i) {
-        const real size = norm(n, A + i*n);
-        if (!isfinite(size))
-            return NOT_FINITE;
-        if (!(size > 0))
-            return SINGULAR;
-        (void)frexp(size, &exponents[i]);
-        const real scale = ldexp(1, -exponents[i]);
-        for (int j = 0; j < n; ++j)
-            A[i*n + j] *= scale;
-    }
-    for (int k = 0; k < n; ++k) {
-        int pivot = k;
-        for (int i = k + 1; i < n; ++i)
-            if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
-                pivot = i;
-        pivots[k] = pivot;
-        if (!(fabs(A[pivot*n + k]) > 0))
-            return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
-        for (int j = 0; j < n && pivot != k; ++j) {
-            const real swap = A[k*n + j];
-            A[k*n + j] = A[pivot*n + j];
-            A[pivot*n + j] = swap;
-        }
-        for (int i = k + 1; i < n; ++i) {
-            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
-            A[i*n + k] = factor;
-            if (factor == 0) /* most rows: stages couple through few entries */
-                continue;
-            *products += n - k;
-            for (int j = k + 1; j < n; ++j)
-                A[i*n + j] -= factor*A[k*n + j];
-        }
-    }
-    return OK;
-}
-
-/* x replaces b in A x = b, from the factors of A. */
-static int substitute(int n, const real *restrict A, const int *restrict exponents,
-    const int *restrict pivots, real *restrict b)
-{
-    for (int i = 0; i < n; ++i) {
-        if (!isfinite(b[i]))
-            return NOT_FINITE;
-        b[i] = ldexp(b[i], -exponents[i]);
-    }
-    for (int k = 0; k < n; ++k) {
-        const real value = b[pivots[k]];
-        b[pivots[k]] = b[k];
-        b[k] = value;
-    }
-    for (int i = 1; i < n; ++i) {
-        real sum = b[i];
-        for (int j = 0; j < i; ++j)
-            sum -= A[i*n + j]*b[j];
-        b[i] = sum;
-    }
-    for (int i = n - 1; i >= 0; --i) {
-        real sum = b[i];
-        for (int j = i + 1; j < n; ++j)
-            sum -= A[i*n + j]*b[j];
-        b[i] = sum/A[i*n + i];
-    }
-    return OK;
-}
 /* Solves A x = b; x replaces b, the factors of A replace A. */
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)
@@ -491,6 +525,57 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     return status == OK ? substitute(n, A, exponents, pivots, b) : status;
 }
 
+/* ---------------------------------------------------------------- constraints: G as m rows of n */
+
+/* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
+enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
+
+/* G^T lambda */
+static void constraint_force(const constants *c, const real q[N], const real lambda[M],
+    real force[N])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int a = 0; a < N; ++a) {
+        force[a] = 0;
+        for (int mu = 0; mu < M; ++mu)
+            force[a] += G[mu][a]*lambda[mu];
+    }
+}
+
+/* The largest entry of each row of G. */
+static void constraint_reach(const constants *c, const real q[N], real reach[M])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        reach[mu] = norm(N, G[mu]);
+}
+
+/* f <- W^-1 f with W = (df/dp) G^T */
+static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
+{
+    real W[M][M];
+    int exponents[M], pivots[M];
+    hidden_matrix(c, q, p, W);
+    return solve(M, &W[0][0], f, exponents, pivots);
+}
+
+/* g <- (G G^T)^-1 g */
+static int solve_place(const constants *c, const real q[N], real g[M])
+{
+    real G[M][N], W[M][M];
+    int exponents[M], pivots[M];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu) {
+            W[mu][nu] = 0;
+            for (int a = 0; a < N; ++a)
+                W[mu][nu] += G[mu][a]*G[nu][a];
+        }
+    return solve(M, &W[0][0], g, exponents, pivots);
+}
+
 /* ---------------------------------------------------------------- onto the constraints */
 
 /*
@@ -498,31 +583,26 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
  * round-off; impulse is the sum of all W^-1 f. One step is exact when H is quadratic in p, the
  * next one removes its round-off.
  */
-static int project_momentum(const constants *c, const real q[N], real G[M][N], real p[N],
-    real impulse[M])
+static int project_momentum(const constants *c, const real q[N], real p[N], real impulse[M])
 {
     real previous = HUGE_VAL;
     for (int mu = 0; mu < M; ++mu)
         impulse[mu] = 0;
     for (int iteration = 0; iteration < 20; ++iteration) {
-        real f[M], W[M][M], step = 0;
+        real f[M], change[N];
         hidden_constraint(c, q, p, f);
-        hidden_matrix(c, q, p, W);
-        int exponents[M], pivots[M];
-        const int status = solve(M, &W[0][0], f, exponents, pivots);
+        const int status = solve_momentum(c, q, p, f);
         if (status != OK)
             return status;
-        for (int a = 0; a < N; ++a) {
-            real change = 0;
-            for (int mu = 0; mu < M; ++mu)
-                change += G[mu][a]*f[mu];
-            p[a] -= change;
-            step = larger(step, fabs(change));
-        }
+        constraint_force(c, q, f, change);
+        for (int a = 0; a < N; ++a)
+            p[a] -= change[a];
         for (int mu = 0; mu < M; ++mu)
             impulse[mu] += f[mu];
-        const real floor = epsilon*norm(N, p);
-        if (step <= floor/2 || (step <= 4*floor && step >= previous/2))
+        const real step = norm(N, change), floor = epsilon*norm(N, p);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= floor/2 || (step <= SLACK_OF_MOMENTUM*floor && step >= previous/2))
             return OK;
         previous = step;
     }
@@ -532,29 +612,22 @@ static int project_momentum(const constants *c, const real q[N], real G[M][N], r
 /* Moves q along G^T onto g(q) = 0: q <- q - G^T (G G^T)^-1 g. */
 static int project_coordinates(const constants *c, real q[N])
 {
+    real previous = HUGE_VAL;
     for (int iteration = 0; iteration < 50; ++iteration) {
-        real g[M], G[M][N], W[M][M], step = 0;
+        real g[M], change[N];
         constraint(c, q, g);
-        constraint_jacobian(c, q, G);
-        for (int mu = 0; mu < M; ++mu)
-            for (int nu = 0; nu < M; ++nu) {
-                W[mu][nu] = 0;
-                for (int a = 0; a < N; ++a)
-                    W[mu][nu] += G[mu][a]*G[nu][a];
-            }
-        int exponents[M], pivots[M];
-        const int status = solve(M, &W[0][0], g, exponents, pivots);
+        const int status = solve_place(c, q, g);
         if (status != OK)
             return status;
-        for (int a = 0; a < N; ++a) {
-            real change = 0;
-            for (int mu = 0; mu < M; ++mu)
-                change += G[mu][a]*g[mu];
-            q[a] -= change;
-            step = larger(step, fabs(change));
-        }
-        if (step <= 2*epsilon*norm(N, q))
+        constraint_force(c, q, g, change);
+        for (int a = 0; a < N; ++a)
+            q[a] -= change[a];
+        const real step = norm(N, change), floor = epsilon*norm(N, q);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= 2*floor || (step <= SLACK_OF_PLACE*floor && step >= previous/2))
             return OK;
+        previous = step;
     }
     return NOT_CONVERGED;
 }
@@ -562,13 +635,10 @@ static int project_coordinates(const constants *c, real q[N])
 int heavy_top_ems_gamma_project(const parameters_t *parameters, real q[N], real p[N])
 {
     constants c;
-    real G[M][N], impulse[M];
+    real impulse[M];
     prepare(parameters, &c);
     const int status = project_coordinates(&c, q);
-    if (status != OK)
-        return status;
-    constraint_jacobian(&c, q, G);
-    return project_momentum(&c, q, G, p, impulse);
+    return status == OK ? project_momentum(&c, q, p, impulse) : status;
 }
 
 void heavy_top_ems_gamma_defects(const parameters_t *parameters, long count, const real *q, const real *p,
@@ -582,6 +652,43 @@ void heavy_top_ems_gamma_defects(const parameters_t *parameters, long count, con
     }
 }
 
+/* force += G^T lambda, with G between two states */
+static void add_mean_pull(const constants *c, const real qm[N], const real dq[N],
+    const real lambda[M], real force[N])
+{
+    real G[M][N];
+    mean_constraint(c, qm, dq, G);
+    for (int a = 0; a < N; ++a)
+        for (int mu = 0; mu < M; ++mu)
+            force[a] += G[mu][a]*lambda[mu];
+}
+
+/* What constraints add to the residual: the pull of the multipliers, and g at the end. */
+static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
+{
+    real g[M], dg[M];
+    add_mean_pull(&w->constants, w->q_mean, x, x + 2*N, r + N);
+    constraint(&w->constants, q, g);
+    constraint_increment(&w->constants, q, x, dg);
+    for (int mu = 0; mu < M; ++mu)
+        r[2*N + mu] = g[mu] + dg[mu];
+}
+
+/* q1 - q */
+static void displacement(real dt, const real x[U], real d[N])
+{
+    (void)dt;
+    for (int a = 0; a < N; ++a)
+        d[a] = x[a];
+}
+
+/* The multipliers of a step, from its unknowns. */
+static void step_multipliers(const real x[U], real multipliers[ROOM])
+{
+    for (int mu = 0; mu < M; ++mu)
+        multipliers[mu] = x[2*N + mu];
+}
+
 /* ---------------------------------------------------------------- one mean value a step */
 
 /* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
@@ -592,7 +699,7 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
 {
     const real zero[N] = { 0 };
     real D_q[N], D_p[N];
-    mean_gradient(&w->constants, q, p, zero, zero, D_q, D_p);
+    mean_gradient(&w->constants, q, p, zero, zero, &w->t, D_q, D_p);
     for (int a = 0; a < N; ++a) {
         x[a] = dt*D_p[a];
         x[DP + a] = -dt*D_q[a];
@@ -601,74 +708,31 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
         x[l] = 0;
 }
 
-/* q_mean, p_mean (51), and G between the two ends. */
+/* q_mean, p_mean (51) */
 static void mean_values(work_t *w, const real q[N], const real p[N], const real x[U])
 {
     for (int a = 0; a < N; ++a) {
         w->q_mean[a] = q[a] + x[a]/2;
         w->p_mean[a] = p[a] + x[DP + a]/2;
     }
-    mean_constraint(&w->constants, w->q_mean, x, w->G[0]);
 }
 
-/* r = [dq/dt - D_p; dp/dt + D_q + G^T lambda; g(q + dq)] */
+/*
+ * r = [dq/dt - D_p; dp/dt + D_q - F + G^T lambda; g(q + dq)], F at the means and t + dt/2,
+ * G between the two ends
+ */
 static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real r[U])
 {
     real D_q[N], D_p[N];
+    const real t = w->t + dt/2;
     mean_values(w, q, p, x);
-    mean_gradient(&w->constants, w->q_mean, w->p_mean, x, x + DP, D_q, D_p);
+    mean_gradient(&w->constants, w->q_mean, w->p_mean, x, x + DP, &t, D_q, D_p);
     for (int a = 0; a < N; ++a) {
         r[a] = x[a]/dt - D_p[a];
         r[DP + a] = x[DP + a]/dt + D_q[a];
-        for (int mu = 0; mu < M; ++mu)
-            r[DP + a] += w->G[0][mu][a]*x[LAMBDA + mu];
     }
-    real g[M], dg[M];
-    constraint(&w->constants, q, g);
-    constraint_increment(&w->constants, q, x, dg);
-    for (int mu = 0; mu < M; ++mu)
-        r[LAMBDA + mu] = g[mu] + dg[mu];
-}
-
-/* dr/dx at the mean values of the last residual. */
-static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
-    real J[U*U])
-{
-    real D_qq[N][N], D_qp[N][N], D_pq[N][N], D_pp[N][N];
-    (void)p;
-    mean_jacobian(&w->constants, w->q_mean, w->p_mean, x, x + DP, D_qq, D_qp, D_pq, D_pp);
-    for (int e = 0; e < U*U; ++e)
-        J[e] = 0;
-    for (int a = 0; a < N; ++a)
-        for (int b = 0; b < N; ++b) {
-            const real rate = a == b ? 1/dt : 0;
-            J[a*U + b] = rate - D_pq[a][b];
-            J[a*U + DP + b] = -D_pp[a][b];
-            J[(DP + a)*U + b] = D_qq[a][b];
-            J[(DP + a)*U + DP + b] = rate + D_qp[a][b];
-        }
-    real K[N][N], q1[N], G1[M][N];
-    mean_curvature(&w->constants, w->q_mean, x, x + LAMBDA, K);
-    for (int a = 0; a < N; ++a)
-        q1[a] = q[a] + x[a];
-    constraint_jacobian(&w->constants, q1, G1);
-    for (int a = 0; a < N; ++a) {
-        for (int b = 0; b < N; ++b)
-            J[(DP + a)*U + b] += K[a][b];
-        for (int mu = 0; mu < M; ++mu) {
-            J[(DP + a)*U + LAMBDA + mu] = w->G[0][mu][a];
-            J[(LAMBDA + mu)*U + a] = G1[mu][a];
-        }
-    }
-}
-
-/* q1 - q */
-static void displacement(real dt, const real x[U], real d[N])
-{
-    (void)dt;
-    for (int a = 0; a < N; ++a)
-        d[a] = x[a];
+    constraint_rows(w, q, x, r);
 }
 
 /* The increment relative to the state; the multipliers do not count. */
@@ -690,9 +754,49 @@ static real residual_size(const work_t *w, real dt, const real q[N], const real 
     return fabs(dt)*increment_size(w, dt, q, p, x, r);
 }
 
+/* What constraints add to the Jacobian. */
+static void constraint_columns(work_t *w, const real q[N], const real x[U], real J[U*U])
+{
+    real K[N][N], q1[N], G[M][N], G1[M][N];
+    mean_curvature(&w->constants, w->q_mean, x, x + LAMBDA, K);
+    mean_constraint(&w->constants, w->q_mean, x, G);
+    for (int a = 0; a < N; ++a)
+        q1[a] = q[a] + x[a];
+    constraint_jacobian(&w->constants, q1, G1);
+    for (int a = 0; a < N; ++a) {
+        for (int b = 0; b < N; ++b)
+            J[(DP + a)*U + b] += K[a][b];
+        for (int mu = 0; mu < M; ++mu) {
+            J[(DP + a)*U + LAMBDA + mu] = G[mu][a];
+            J[(LAMBDA + mu)*U + a] = G1[mu][a];
+        }
+    }
+}
+
+/* dr/dx at the mean values of the last residual. */
+static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real J[U*U])
+{
+    real D_qq[N][N], D_qp[N][N], D_pq[N][N], D_pp[N][N];
+    const real t = w->t + dt/2;
+    (void)p;
+    mean_jacobian(&w->constants, w->q_mean, w->p_mean, x, x + DP, &t, D_qq, D_qp, D_pq, D_pp);
+    for (int e = 0; e < U*U; ++e)
+        J[e] = 0;
+    for (int a = 0; a < N; ++a)
+        for (int b = 0; b < N; ++b) {
+            const real rate = a == b ? 1/dt : 0;
+            J[a*U + b] = rate - D_pq[a][b];
+            J[a*U + DP + b] = -D_pp[a][b];
+            J[(DP + a)*U + b] = D_qq[a][b];
+            J[(DP + a)*U + DP + b] = rate + D_qp[a][b];
+        }
+    constraint_columns(w, q, x, J);
+}
+
 /* T2 has nothing left to solve: the unknowns are the step. */
-static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U], real q1[N],
-    real p1[N], real multipliers[ROOM])
+static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real q1[N], real p1[N], real multipliers[ROOM])
 {
     (void)w;
     (void)dt;
@@ -700,23 +804,37 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
         q1[a] = q[a] + x[a];
         p1[a] = p[a] + x[DP + a];
     }
-    for (int mu = 0; mu < M; ++mu)
-        multipliers[mu] = x[LAMBDA + mu];
+    step_multipliers(x, multipliers);
     return isfinite(norm(N, q1) + norm(N, p1)) ? OK : NOT_FINITE;
+}
+
+/*
+ * Small increments of huge unknowns are no solution: the constraints at the end of the step tell.
+ */
+static int lands(work_t *w, real dt, const real q[N], const real x[U])
+{
+    real d[N], q1[N], g[M], dg[M], reach[M];
+    displacement(dt, x, d);
+    for (int a = 0; a < N; ++a)
+        q1[a] = q[a] + d[a];
+    constraint(&w->constants, q, g);
+    constraint_increment(&w->constants, q, d, dg);
+    constraint_reach(&w->constants, q1, reach);
+    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
+    for (int mu = 0; mu < M; ++mu) {
+        const real allowed = fabs(g[mu]) + reach[mu]*way;
+        if (!(fabs(g[mu] + dg[mu]) <= allowed))
+            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
+    }
+    return OK;
 }
 
 /* ---------------------------------------------------------------- T1: full Newton */
 
-/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
-enum {
-    RESIDUAL_COST = 141*S + 79*P + U*U,
-    JACOBIAN_COST = 785*S + 4*P
-};
-
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
- * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small momentum:
- * states and guesses two units in the last place away tell by how much the residual is uncertain.
+ * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
+ * momentum: states and guesses two units in the last place away tell by how much the residual is uncertain.
  * They are those at the start of the step, for an iteration that has gone astray proves nothing.
  */
 static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
@@ -746,25 +864,6 @@ static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], rea
     return size <= 16*rounding;
 }
 
-/* Small increments of huge unknowns are no solution: the constraints at the end of the step tell. */
-static int lands(work_t *w, real dt, const real q[N], const real x[U])
-{
-    real d[N], q1[N], g[M], dg[M], G[M][N];
-    displacement(dt, x, d);
-    for (int a = 0; a < N; ++a)
-        q1[a] = q[a] + d[a];
-    constraint(&w->constants, q, g);
-    constraint_increment(&w->constants, q, d, dg);
-    constraint_jacobian(&w->constants, q1, G);
-    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
-    for (int mu = 0; mu < M; ++mu) {
-        const real allowed = fabs(g[mu]) + norm(N, G[mu])*way;
-        if (!(fabs(g[mu] + dg[mu]) <= allowed))
-            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
-    }
-    return OK;
-}
-
 /* Why iterations end without a solution, by their last increment and its ratio to the one before. */
 static int failure(real size, real ratio)
 {
@@ -786,9 +885,9 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
-        int status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+        int status = factorise_jacobian(w);
         if (status == OK)
-            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+            status = solve_jacobian(w, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -832,11 +931,11 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         int status = OK;
         if (stale) {
             jacobian(w, dt, q, p, x, w->J);
-            status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+            status = factorise_jacobian(w);
             w->effort += JACOBIAN_COST + w->products/2;
         }
         if (status == OK)
-            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+            status = solve_jacobian(w, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -851,7 +950,8 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         const real ratio = *iterations > 1 ? size/previous : 1;
         if (*iterations > 1 && ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);
-        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5 && size*ratio < epsilon/64)
+        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5
+            && size*ratio < epsilon/64)
             return lands(w, dt, q, x);
         if (*iterations > 2 && ratio > 1)
             return NOT_CONVERGED;
@@ -859,6 +959,146 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         previous = size;
     }
     return NOT_CONVERGED;
+}
+
+/* Without forces no work is done. */
+static inline void note_work(work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U])
+{
+    (void)w;
+    (void)dt;
+    (void)q;
+    (void)p;
+    (void)x;
+}
+
+static inline void count_work(const work_t *w, report_t *report)
+{
+    (void)w;
+    (void)report;
+}
+
+static inline real work_so_far(const report_t *report)
+{
+    (void)report;
+    return 0;
+}
+
+/* Adds the energy of the state (q, p) to the record. */
+static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    const real gain = hamiltonian(c, q, p) - report->energy_start;
+    const real error = fabs(gain - work_so_far(report));
+    report->energy_error_max = larger(error, report->energy_error_max);
+    report->energy_error_sum += error;
+}
+
+/* Adds what is left of the constraints to the record. */
+static void observe_defects(real g_size, real f_size, report_t *report)
+{
+    report->constraint_max = larger(g_size, report->constraint_max);
+    report->constraint_sum += g_size;
+    report->hidden_max = larger(f_size, report->hidden_max);
+    report->hidden_sum += f_size;
+}
+
+/* Adds the state (q, p) to the record. */
+static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    real g[M], f[M];
+    observe_energy(c, q, p, report);
+    constraint(c, q, g);
+    hidden_constraint(c, q, p, f);
+    observe_defects(norm(M, g), norm(M, f), report);
+}
+
+/* ---------------------------------------------------------------- one step by Newton */
+
+int heavy_top_ems_gamma_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
+    const real p[N], real x[U], int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    guess(work, dt, q, p, x);
+    return newton(work, options, dt, q, p, x, iterations);
+}
+
+int heavy_top_ems_gamma_T2(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    return finish(work, dt, q, p, x, q1, p1, multipliers);
+}
+
+/* One step; the constants of the run are prepared. */
+static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    real q_end[N], p_end[N];
+    guess(w, dt, q, p, w->x);
+    int status = newton(w, options, dt, q, p, w->x, iterations);
+    if (status == OK)
+        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    if (status != OK)
+        return status;
+    note_work(w, dt, q, p, w->x);
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_end[a];
+        p1[a] = p_end[a];
+    }
+    return OK;
+}
+
+void heavy_top_ems_gamma_guess(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    real x[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    guess(work, dt, q, p, x);
+}
+
+void heavy_top_ems_gamma_residual(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real r[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    residual(work, dt, q, p, x, r);
+}
+
+void heavy_top_ems_gamma_jacobian(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real J[U*U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    residual(work, dt, q, p, x, work->r);
+    jacobian(work, dt, q, p, x, work->J);
+    spread_jacobian(work->J, J);
+}
+
+real heavy_top_ems_gamma_increment_size(real dt, const real q[N], const real p[N], const real x[U],
+    const real dx[U], const work_t *work)
+{
+    return increment_size(work, dt, q, p, x, dx);
+}
+
+int heavy_top_ems_gamma_lands(real dt, const real q[N], const real x[U], work_t *work)
+{
+    return lands(work, dt, q, x);
+}
+
+real heavy_top_ems_gamma_last_increment(const work_t *work)
+{
+    return work->increment;
+}
+
+void heavy_top_ems_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
+    real *H)
+{
+    constants c;
+    prepare(parameters, &c);
+    for (long i = 0; i < count; ++i)
+        H[i] = hamiltonian(&c, q + i*N, p + i*N);
 }
 
 /* ---------------------------------------------------------------- the fast path, Newton behind it */
@@ -1062,8 +1302,9 @@ INLINE void lanes_mean_velocity(const lane_constants *c, const lanes qm[4], cons
 }
 
 /* D_q. 33 add, 64 mul. */
-INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const lanes pm[4], const lanes dq[4], const lanes dp[4], lanes D_q[4])
+INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const lanes pm[4], const lanes dq[4], const lanes dp[4], const lanes t[1], lanes D_q[4])
 {
+    (void)t;
     const lanes t0 = 0.5*dq[1];
     const lanes t1 = 0.5*dq[2];
     const lanes t2 = 2.0*pm[0];
@@ -1444,6 +1685,7 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes t; /* at the start of the step */
     mean_iterate now;
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
     lanes defect;       /* of the constraints in the last sweep */
@@ -1495,7 +1737,7 @@ INLINE void mean_guess(mean_t *w)
     for (int a = 0; a < N; ++a)
         zero[a] = splat(0);
     lanes_mean_velocity(&w->constants, w->q, w->p, zero, zero, rates);
-    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, rates + N);
+    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, &w->t, rates + N);
     for (int a = 0; a < N; ++a) {
         w->now.x[a] = w->h*rates[a];
         w->now.x[MEAN_X_HAT + a] = -w->h*rates[N + a];
@@ -1538,7 +1780,8 @@ INLINE void mean_sweep(mean_t *w)
             x[a] -= (real)0.5*w->h*w->correction*pull;
         }
     mean_means(w, x, q_mean, p_mean);
-    lanes_mean_force(&w->constants, q_mean, p_mean, x, x + MEAN_X_HAT, rate);
+    const lanes t = w->t + (real)0.5*w->h;
+    lanes_mean_force(&w->constants, q_mean, p_mean, x, x + MEAN_X_HAT, &t, rate);
     for (int a = 0; a < N; ++a) {
         lanes force = -w->h*rate[a];
         for (int mu = 0; mu < M; ++mu)
@@ -1563,10 +1806,11 @@ NOINLINE void mean_noise(mean_t *w)
 {
     lanes zero[N], H_p[N], H_q[N], dq = splat(0), dp = splat(0);
     unsigned chance = 1;
+    const lanes t = w->t + (real)0.5*w->h;
     for (int a = 0; a < N; ++a)
         zero[a] = splat(0);
     lanes_mean_velocity(&w->constants, w->q, w->p, zero, zero, H_p);
-    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, H_q);
+    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, &t, H_q);
     for (int attempt = 0; attempt < 4; ++attempt) {
         lanes place[N], push[N], H_p_near[N], H_q_near[N];
         for (int a = 0; a < N; ++a) {
@@ -1574,7 +1818,7 @@ NOINLINE void mean_noise(mean_t *w)
             push[a] = w->p[a] + nudge(&chance)*w->p[a];
         }
         lanes_mean_velocity(&w->constants, place, push, zero, zero, H_p_near);
-        lanes_mean_force(&w->constants, place, push, zero, zero, H_q_near);
+        lanes_mean_force(&w->constants, place, push, zero, zero, &t, H_q_near);
         for (int a = 0; a < N; ++a) {
             const lanes by_p = H_p_near[a] - H_p[a] + nudge(&chance)*H_p[a];
             const lanes by_q = H_q_near[a] - H_q[a] + nudge(&chance)*H_q[a];
@@ -1792,6 +2036,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
     fast_t *f = fast_of(w);
     *iterations = 0;
     w->effort = 0;
+    f->run.t = splat(w->t);
     const int past = f->run.predictor.count > 0, only_sweeps = options->solver == FIXED_POINT;
     const int tries = only_sweeps || (f->way == SWEEPS_FIRST && f->wait == 0);
     int status = NOT_CONVERGED;
@@ -1868,93 +2113,92 @@ static void fast_observe(work_t *w, report_t *report)
     report->hidden_sum += f_size;
 }
 
-/* ---------------------------------------------------------------- the public functions */
+/* ---------------------------------------------------------------- a run: sweeps, or Newton if asked for */
 
-int heavy_top_ems_gamma_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
-    const real p[N], real x[U], int *iterations, work_t *work)
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
 {
-    prepare(parameters, &work->constants);
-    guess(work, dt, q, p, x);
-    return newton(work, options, dt, q, p, x, iterations);
+    if (options->solver != NEWTON)
+        fast_begin(w, dt, q, p);
 }
 
-int heavy_top_ems_gamma_T2(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
+/* One step of a run, counted and observed. */
+static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
+    real multipliers[ROOM], int *iterations, report_t *report)
 {
-    prepare(parameters, &work->constants);
-    return finish(work, dt, q, p, x, q1, p1, multipliers);
-}
-
-/* One step; the constants of the run are prepared. */
-static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
-    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
-{
-    real q_end[N], p_end[N];
-    guess(w, dt, q, p, w->x);
-    int status = newton(w, options, dt, q, p, w->x, iterations);
-    if (status == OK)
-        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    if (options->solver == NEWTON) {
+        const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
+        if (status != OK)
+            return status;
+        count_work(w, report);
+        observe(&w->constants, q, p, report);
+        return OK;
+    }
+    const int status = fast_advance(w, options, dt, iterations, report);
     if (status != OK)
         return status;
-    for (int a = 0; a < N; ++a) {
-        q1[a] = q_end[a];
-        p1[a] = p_end[a];
-    }
+    fast_observe(w, report);
+    fast_state(w, q, p);
     return OK;
 }
 
+/* The multipliers of the last step; Newton has put them there. */
+static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
+{
+    if (options->solver != NEWTON)
+        mean_multipliers(&fast_of(w)->run, 0, multipliers);
+}
+
+/* A step with no past and no future. */
+static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    if (options->solver == NEWTON)
+        return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
+    report_t report = { 0 };
+    fast_begin(w, dt, q, p);
+    const int status = fast_advance(w, options, dt, iterations, &report);
+    if (status == OK) {
+        fast_state(w, q1, p1);
+        mean_multipliers(&fast_of(w)->run, 0, multipliers);
+    }
+    return status;
+}
+
+/* ---------------------------------------------------------------- the public functions */
+
 int heavy_top_ems_gamma_step(const parameters_t *parameters, const options_t *options, real dt,
-    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations,
-    work_t *work)
+    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
+    int *iterations, work_t *work)
 {
     prepare(parameters, &work->constants);
-    if (options->solver != NEWTON) {
-        report_t report = { 0 };
-        fast_begin(work, dt, q, p);
-        const int status = fast_advance(work, options, dt, iterations, &report);
-        if (status == OK) {
-            fast_state(work, q1, p1);
-            mean_multipliers(&fast_of(work)->run, 0, multipliers);
-        }
-        return status;
-    }
-    return advance(work, options, dt, q, p, q1, p1, multipliers, iterations);
+    work->t = start_time(parameters);
+    return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 
-/* Adds the state (q, p) to the record. */
-static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
-{
-    const real error = fabs(hamiltonian(c, q, p) - report->energy_start);
-    report->energy_error_max = larger(error, report->energy_error_max);
-    report->energy_error_sum += error;
-    real g[M], f[M];
-    constraint(c, q, g);
-    hidden_constraint(c, q, p, f);
-    const real g_size = norm(M, g), f_size = norm(M, f);
-    report->constraint_max = larger(g_size, report->constraint_max);
-    report->constraint_sum += g_size;
-    report->hidden_max = larger(f_size, report->hidden_max);
-    report->hidden_sum += f_size;
-}
+/* Where a run stores its rows; NULL where they are not wanted. */
+typedef struct {
+    real *q, *p, *multipliers;
+    int *iterations;
+    real *work;
+} rows_t;
 
-int heavy_top_ems_gamma_integrate(const parameters_t *parameters, const options_t *options, real dt,
-    long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
-    int *iterations, report_t *report, work_t *work)
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
 {
     prepare(parameters, &work->constants);
     if (report->steps == 0) {
         report->energy_start = hamiltonian(&work->constants, q, p);
         observe(&work->constants, q, p, report);
+        begin_run(work, options, dt, q, p);
     }
-    const int fast = options->solver != NEWTON;
-    if (fast && report->steps == 0)
-        fast_begin(work, dt, q, p);
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        const int status = fast ? fast_advance(work, options, dt, &taken, report)
-            : advance(work, options, dt, q, p, q, p, forces, &taken);
+        work->t = start_time(parameters) + (real)report->steps*dt;
+        const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
         ++report->steps;
@@ -1963,74 +2207,24 @@ int heavy_top_ems_gamma_integrate(const parameters_t *parameters, const options_
             report->iterations_max = taken;
         if (taken > most)
             most = taken;
-        if (fast) {
-            fast_observe(work, report);
-            fast_state(work, q, p);
-        } else
-            observe(&work->constants, q, p, report);
         if (k % every != 0)
             continue;
-        if (fast && multipliers != NULL)
-            mean_multipliers(&fast_of(work)->run, 0, forces);
+        if (out.multipliers != NULL)
+            multipliers_of_run(work, options, forces);
         const long row = k/every - 1;
-        for (int a = 0; a < N && q_out != NULL; ++a)
-            q_out[row*N + a] = q[a];
-        for (int a = 0; a < N && p_out != NULL; ++a)
-            p_out[row*N + a] = p[a];
-        for (int l = 0; l < MULTIPLIERS && multipliers != NULL; ++l)
-            multipliers[row*MULTIPLIERS + l] = forces[l];
-        if (iterations != NULL)
-            iterations[row] = most;
+        for (int a = 0; a < N && out.q != NULL; ++a)
+            out.q[row*N + a] = q[a];
+        for (int a = 0; a < N && out.p != NULL; ++a)
+            out.p[row*N + a] = p[a];
+        for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
+            out.multipliers[row*MULTIPLIERS + l] = forces[l];
+        if (out.iterations != NULL)
+            out.iterations[row] = most;
+        if (out.work != NULL)
+            out.work[row] = work_so_far(report);
         most = 0;
     }
     return OK;
-}
-
-void heavy_top_ems_gamma_guess(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    real x[U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    guess(work, dt, q, p, x);
-}
-
-void heavy_top_ems_gamma_residual(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real r[U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    residual(work, dt, q, p, x, r);
-}
-
-void heavy_top_ems_gamma_jacobian(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real J[U*U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    residual(work, dt, q, p, x, work->r);
-    jacobian(work, dt, q, p, x, J);
-}
-
-real heavy_top_ems_gamma_increment_size(real dt, const real q[N], const real p[N], const real x[U],
-    const real dx[U], const work_t *work)
-{
-    return increment_size(work, dt, q, p, x, dx);
-}
-
-int heavy_top_ems_gamma_lands(real dt, const real q[N], const real x[U], work_t *work)
-{
-    return lands(work, dt, q, x);
-}
-
-real heavy_top_ems_gamma_last_increment(const work_t *work)
-{
-    return work->increment;
-}
-
-void heavy_top_ems_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
-    real *H)
-{
-    constants c;
-    prepare(parameters, &c);
-    for (long i = 0; i < count; ++i)
-        H[i] = hamiltonian(&c, q + i*N, p + i*N);
 }
 
 /* ---------------------------------------------------------------- W trajectories at a time */
@@ -2040,6 +2234,8 @@ typedef struct {
     mean_t run;
     mean_iterate kept; /* lanes that converged before their mates, or are to be kept */
     lanes energy_start, energy_error_max, energy_error_sum;
+    lanes start; /* the time at the start of the run */
+    long done;   /* steps since then */
     lanes g_max, g_sum, f_max, f_sum;
 } batch_t;
 
@@ -2163,6 +2359,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
         p[a] = part(&b->run.p[a], lane);
     }
     const real dt = part(&b->run.h, lane);
+    w->t = part(&b->run.t, lane);
     guess(w, dt, q, p, w->x);
     const int status = newton(w, options, dt, q, p, w->x, &taken);
     *iterations += taken;
@@ -2249,12 +2446,14 @@ static void begin_batch(batch_t *b, int count, const parameters_t *parameters, c
         constants c;
         prepare(&parameters[from], &c);
         mean_prepare(&b->run, i, &c, dt[from]);
+        set_part(&b->start, i, start_time(&parameters[from]));
         for (int a = 0; a < N; ++a) {
             set_part(&b->run.q[a], i, q[from*N + a]);
             set_part(&b->run.p[a], i, p[from*N + a]);
         }
     }
     mean_set_up(&b->run);
+    b->done = 0;
     b->energy_start = lanes_hamiltonian(&b->run.constants, b->run.q, b->run.p);
     b->energy_error_max = b->energy_error_sum = splat(0);
     b->g_max = b->g_sum = b->f_max = b->f_sum = splat(0);
@@ -2266,10 +2465,9 @@ int heavy_top_ems_gamma_lanes(void)
     return W;
 }
 
-void heavy_top_ems_gamma_integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
-    const real *dt, long steps, long every, long rows, real *q, real *p, real *q_out, real *p_out,
-    real *multipliers, int *iterations, report_t *reports, int *status, batch_memory *batch,
-    work_t *work)
+static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
     batch_t *b = batch_of(batch);
     mean_t *run = &b->run;
@@ -2289,6 +2487,7 @@ void heavy_top_ems_gamma_integrate_lanes(int count, const parameters_t *paramete
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
         int lost[W], taken[W] = { 0 };
+        run->t = b->start + (real)b->done++*run->h;
         sweep_lanes(b, options, alive, lost, taken);
         for (int i = 0; i < W; ++i) {
             if (!lost[i])
@@ -2335,14 +2534,14 @@ void heavy_top_ems_gamma_integrate_lanes(int count, const parameters_t *paramete
             if (k % every != 0)
                 continue;
             const long row = i*rows + k/every - 1;
-            for (int a = 0; a < N && q_out != NULL; ++a)
-                q_out[row*N + a] = part(&run->q[a], i);
-            for (int a = 0; a < N && p_out != NULL; ++a)
-                p_out[row*N + a] = part(&run->p[a], i);
-            if (MULTIPLIERS > 0 && multipliers != NULL)
-                mean_multipliers(run, i, multipliers + row*MULTIPLIERS);
-            if (iterations != NULL)
-                iterations[row] = most[i];
+            for (int a = 0; a < N && out.q != NULL; ++a)
+                out.q[row*N + a] = part(&run->q[a], i);
+            for (int a = 0; a < N && out.p != NULL; ++a)
+                out.p[row*N + a] = part(&run->p[a], i);
+            if (MULTIPLIERS > 0 && out.multipliers != NULL)
+                mean_multipliers(run, i, out.multipliers + row*MULTIPLIERS);
+            if (out.iterations != NULL)
+                out.iterations[row] = most[i];
             most[i] = 0;
         }
     }
@@ -2354,14 +2553,35 @@ void heavy_top_ems_gamma_integrate_many(long count, const parameters_t *paramete
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
-    const long rows = steps/every;
-    for (long i = 0; i < count && options->solver != NEWTON; i += W)
-        heavy_top_ems_gamma_integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
-            steps, every, rows, q + i*N, p + i*N, q_out == NULL ? NULL : q_out + i*rows*N,
-            p_out == NULL ? NULL : p_out + i*rows*N, NULL, NULL, reports + i, status + i, batch,
-            work);
-    for (long i = 0; i < count && options->solver == NEWTON; ++i)
-        status[i] = heavy_top_ems_gamma_integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
-            q_out == NULL ? NULL : q_out + i*rows*N, p_out == NULL ? NULL : p_out + i*rows*N, NULL,
-            NULL, reports + i, work);
+    const long rows = steps/every, together = options->solver == NEWTON ? 1 : W;
+    for (long i = 0; i < count; i += together) {
+        const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
+            .p = p_out == NULL ? NULL : p_out + i*rows*N };
+        if (options->solver == NEWTON)
+            status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
+                out, reports + i, work);
+        else
+            integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
+                steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch, work);
+    }
+}
+
+/* ---------------------------------------------------------------- calls with what this system has */
+
+int heavy_top_ems_gamma_integrate(const parameters_t *parameters, const options_t *options, real dt,
+    long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
+    int *iterations, report_t *report, work_t *work)
+{
+    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
+    return integrate(parameters, options, dt, steps, every, q, p, out, report, work);
+}
+
+void heavy_top_ems_gamma_integrate_lanes(int count, const parameters_t *parameters,
+    const options_t *options, const real *dt, long steps, long every, long rows, real *q, real *p,
+    real *q_out, real *p_out, real *multipliers, int *iterations,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
+{
+    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
+    integrate_lanes(count, parameters, options, dt, steps, every, rows, q, p, out, reports,
+        status, batch, work);
 }

@@ -91,10 +91,10 @@ typedef struct {
     double J[81];
     int exponents[9]; /* scales of the rows of J, and the order of its pivots */
     int pivots[9];
+    double t; /* at the start of the step */
     double q_mean[4];
     double p_mean[4];
-    double G[1][1][4];
-    unsigned char memory[77504]; /* of the fast path, kept from step to step */
+    unsigned char memory[78336]; /* of the fast path, kept from step to step */
 } heavy_top_ems_gamma_work;
 
 /*
@@ -118,7 +118,7 @@ int heavy_top_ems_gamma_integrate(const heavy_top_ems_gamma_parameters *paramete
 
 /* Memory of heavy_top_ems_gamma_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[76992];
+    unsigned char memory[77824];
 } heavy_top_ems_gamma_batch;
 
 /* How many trajectories heavy_top_ems_gamma_integrate_lanes takes at a time: the lanes of a vector register. */

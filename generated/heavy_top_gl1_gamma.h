@@ -104,13 +104,15 @@ typedef struct {
     double J[81];
     int exponents[9]; /* scales of the rows of J, and the order of its pivots */
     int pivots[9];
+    double t; /* at the start of the step */
     double Q[1][4];
     double P[1][4];
     double D[2][4]; /* Q~_l - q */
-    double G[2][1][4];
+    double Q_tilde[2][4];
     double force[1][4]; /* G_l^T Lambda_l */
+    double G[2][1][4];
     double K[1][4][4];
-    unsigned char memory[77504]; /* of the fast path, kept from step to step */
+    unsigned char memory[78336]; /* of the fast path, kept from step to step */
 } heavy_top_gl1_gamma_work;
 
 /*
@@ -134,7 +136,7 @@ int heavy_top_gl1_gamma_integrate(const heavy_top_gl1_gamma_parameters *paramete
 
 /* Memory of heavy_top_gl1_gamma_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[76992];
+    unsigned char memory[77824];
 } heavy_top_gl1_gamma_batch;
 
 /* How many trajectories heavy_top_gl1_gamma_integrate_lanes takes at a time: the lanes of a vector register. */

@@ -49,6 +49,12 @@ enum {
 
 static const real epsilon = DBL_EPSILON;
 
+/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
+enum {
+    RESIDUAL_COST = 96*S + 19*P + U*U,
+    JACOBIAN_COST = 295*S + 1*P + S*S*N*N*(2*N + 4)
+};
+
 /* ---------------------------------------------------------------- sizes and rounding */
 
 static real larger(real a, real b)
@@ -77,6 +83,101 @@ static real nudge(unsigned *chance)
     return *chance >> 31 ? 2*epsilon : -2*epsilon;
 }
 
+/* ---------------------------------------------------------------- linear algebra */
+
+/*
+ * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
+ * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
+ * are counted: how many there are depends on the zeros.
+ */
+static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+    long *products)
+{
+    *products = 0;
+    for (int i = 0; i < n; ++i) {
+        const real size = norm(n, A + i*n);
+        if (!isfinite(size))
+            return NOT_FINITE;
+        if (!(size > 0))
+            return SINGULAR;
+        (void)frexp(size, &exponents[i]);
+        const real scale = ldexp(1, -exponents[i]);
+        for (int j = 0; j < n; ++j)
+            A[i*n + j] *= scale;
+    }
+    for (int k = 0; k < n; ++k) {
+        int pivot = k;
+        for (int i = k + 1; i < n; ++i)
+            if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
+                pivot = i;
+        pivots[k] = pivot;
+        if (!(fabs(A[pivot*n + k]) > 0))
+            return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
+        for (int j = 0; j < n && pivot != k; ++j) {
+            const real swap = A[k*n + j];
+            A[k*n + j] = A[pivot*n + j];
+            A[pivot*n + j] = swap;
+        }
+        for (int i = k + 1; i < n; ++i) {
+            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
+            A[i*n + k] = factor;
+            if (factor == 0) /* most rows: stages couple through few entries */
+                continue;
+            *products += n - k;
+            for (int j = k + 1; j < n; ++j)
+                A[i*n + j] -= factor*A[k*n + j];
+        }
+    }
+    return OK;
+}
+
+/* x replaces b in A x = b, from the factors of A. */
+static int substitute(int n, const real *restrict A, const int *restrict exponents,
+    const int *restrict pivots, real *restrict b)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!isfinite(b[i]))
+            return NOT_FINITE;
+        b[i] = ldexp(b[i], -exponents[i]);
+    }
+    for (int k = 0; k < n; ++k) {
+        const real value = b[pivots[k]];
+        b[pivots[k]] = b[k];
+        b[k] = value;
+    }
+    for (int i = 1; i < n; ++i) {
+        real sum = b[i];
+        for (int j = 0; j < i; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum;
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        real sum = b[i];
+        for (int j = i + 1; j < n; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum/A[i*n + i];
+    }
+    return OK;
+}
+
+/* The Jacobian of T1 as U rows of U, its factors in its place. */
+static int factorise_jacobian(work_t *w)
+{
+    return factorise(U, w->J, w->exponents, w->pivots, &w->products);
+}
+
+/* b <- J^-1 b from the factors */
+static int solve_jacobian(work_t *w, real b[U])
+{
+    return substitute(U, w->J, w->exponents, w->pivots, b);
+}
+
+static void spread_jacobian(const real *J, real *dense)
+{
+    for (int e = 0; e < U*U; ++e)
+        dense[e] = J[e];
+}
+
 /* ---------------------------------------------------------------- kernels: expressions only */
 
 /* Constants of a run from its parameters. */
@@ -87,6 +188,13 @@ static void prepare(const parameters_t *par, constants *c)
     c->k1 = 1.0/par->I1 - 1.0/par->gamma;
     c->k2 = 1.0/par->I3 - 1.0/par->gamma;
     c->k3 = 1.0/par->I2 - 1.0/par->gamma;
+}
+
+/* The time at the start: of a run, or of a step. */
+static inline real start_time(const parameters_t *parameters)
+{
+    (void)parameters;
+    return 0; /* this system does not ask for it */
 }
 
 /* A rounded value: volatile keeps the compiler from contracting its product into a sum. */
@@ -169,8 +277,9 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
 }
 
 /* H_q = dH/dq, H_p = dH/dp. 33 add, 63 mul. */
-static void gradient(const constants *c, const double q[4], const double p[4], double H_q[4], double H_p[4])
+static void gradient(const constants *c, const double q[4], const double p[4], const double t[1], double H_q[4], double H_p[4])
 {
+    (void)t;
     /* Common subexpressions (16) */
     const double t0 = 2.0*c->mgl;
     const double t1 = 0.25*p[1];
@@ -199,8 +308,9 @@ static void gradient(const constants *c, const double q[4], const double p[4], d
 }
 
 /* H_qq, H_pq = dH_p/dq and H_pp. 101 add, 194 mul. */
-static void hessian(const constants *c, const double q[4], const double p[4], double H_qq[4][4], double H_pq[4][4], double H_pp[4][4])
+static void hessian(const constants *c, const double q[4], const double p[4], const double t[1], double H_qq[4][4], double H_pq[4][4], double H_pp[4][4])
 {
+    (void)t;
     /* Common subexpressions (56) */
     const double t0 = 2.0*c->mgl;
     const double t1 = p[1]*p[1];
@@ -333,82 +443,6 @@ static void constraint_curvature(const constants *c, const double q[4], const do
     K[3][3] = t0;
 }
 
-/* ---------------------------------------------------------------- linear algebra */
-
-/*
- * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
- * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
- * are counted: how many there are depends on the zeros.
- */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
-    long *products)
-{
-    *products = 0;
-    for (int i = 0; i < n; ++i) {
-        const real size = norm(n, A + i*n);
-        if (!isfinite(size))
-            return NOT_FINITE;
-        if (!(size > 0))
-            return SINGULAR;
-        (void)frexp(size, &exponents[i]);
-        const real scale = ldexp(1, -exponents[i]);
-        for (int j = 0; j < n; ++j)
-            A[i*n + j] *= scale;
-    }
-    for (int k = 0; k < n; ++k) {
-        int pivot = k;
-        for (int i = k + 1; i < n; ++i)
-            if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
-                pivot = i;
-        pivots[k] = pivot;
-        if (!(fabs(A[pivot*n + k]) > 0))
-            return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
-        for (int j = 0; j < n && pivot != k; ++j) {
-            const real swap = A[k*n + j];
-            A[k*n + j] = A[pivot*n + j];
-            A[pivot*n + j] = swap;
-        }
-        for (int i = k + 1; i < n; ++i) {
-            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
-            A[i*n + k] = factor;
-            if (factor == 0) /* most rows: stages couple through few entries */
-                continue;
-            *products += n - k;
-            for (int j = k + 1; j < n; ++j)
-                A[i*n + j] -= factor*A[k*n + j];
-        }
-    }
-    return OK;
-}
-
-/* x replaces b in A x = b, from the factors of A. */
-static int substitute(int n, const real *restrict A, const int *restrict exponents,
-    const int *restrict pivots, real *restrict b)
-{
-    for (int i = 0; i < n; ++i) {
-        if (!isfinite(b[i]))
-            return NOT_FINITE;
-        b[i] = ldexp(b[i], -exponents[i]);
-    }
-    for (int k = 0; k < n; ++k) {
-        const real value = b[pivots[k]];
-        b[pivots[k]] = b[k];
-        b[k] = value;
-    }
-    for (int i = 1; i < n; ++i) {
-        real sum = b[i];
-        for (int j = 0; j < i; ++j)
-            sum -= A[i*n + j]*b[j];
-        b[i] = sum;
-    }
-    for (int i = n - 1; i >= 0; --i) {
-        real sum = b[i];
-        for (int j = i + 1; j < n; ++j)
-            sum -= A[i*n + j]*b[j];
-        b[i] = sum/A[i*n + i];
-    }
-    return OK;
-}
 /* Solves A x = b; x replaces b, the factors of A replace A. */
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)
@@ -418,6 +452,57 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     return status == OK ? substitute(n, A, exponents, pivots, b) : status;
 }
 
+/* ---------------------------------------------------------------- constraints: G as m rows of n */
+
+/* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
+enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
+
+/* G^T lambda */
+static void constraint_force(const constants *c, const real q[N], const real lambda[M],
+    real force[N])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int a = 0; a < N; ++a) {
+        force[a] = 0;
+        for (int mu = 0; mu < M; ++mu)
+            force[a] += G[mu][a]*lambda[mu];
+    }
+}
+
+/* The largest entry of each row of G. */
+static void constraint_reach(const constants *c, const real q[N], real reach[M])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        reach[mu] = norm(N, G[mu]);
+}
+
+/* f <- W^-1 f with W = (df/dp) G^T */
+static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
+{
+    real W[M][M];
+    int exponents[M], pivots[M];
+    hidden_matrix(c, q, p, W);
+    return solve(M, &W[0][0], f, exponents, pivots);
+}
+
+/* g <- (G G^T)^-1 g */
+static int solve_place(const constants *c, const real q[N], real g[M])
+{
+    real G[M][N], W[M][M];
+    int exponents[M], pivots[M];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu) {
+            W[mu][nu] = 0;
+            for (int a = 0; a < N; ++a)
+                W[mu][nu] += G[mu][a]*G[nu][a];
+        }
+    return solve(M, &W[0][0], g, exponents, pivots);
+}
+
 /* ---------------------------------------------------------------- onto the constraints */
 
 /*
@@ -425,31 +510,26 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
  * round-off; impulse is the sum of all W^-1 f. One step is exact when H is quadratic in p, the
  * next one removes its round-off.
  */
-static int project_momentum(const constants *c, const real q[N], real G[M][N], real p[N],
-    real impulse[M])
+static int project_momentum(const constants *c, const real q[N], real p[N], real impulse[M])
 {
     real previous = HUGE_VAL;
     for (int mu = 0; mu < M; ++mu)
         impulse[mu] = 0;
     for (int iteration = 0; iteration < 20; ++iteration) {
-        real f[M], W[M][M], step = 0;
+        real f[M], change[N];
         hidden_constraint(c, q, p, f);
-        hidden_matrix(c, q, p, W);
-        int exponents[M], pivots[M];
-        const int status = solve(M, &W[0][0], f, exponents, pivots);
+        const int status = solve_momentum(c, q, p, f);
         if (status != OK)
             return status;
-        for (int a = 0; a < N; ++a) {
-            real change = 0;
-            for (int mu = 0; mu < M; ++mu)
-                change += G[mu][a]*f[mu];
-            p[a] -= change;
-            step = larger(step, fabs(change));
-        }
+        constraint_force(c, q, f, change);
+        for (int a = 0; a < N; ++a)
+            p[a] -= change[a];
         for (int mu = 0; mu < M; ++mu)
             impulse[mu] += f[mu];
-        const real floor = epsilon*norm(N, p);
-        if (step <= floor/2 || (step <= 4*floor && step >= previous/2))
+        const real step = norm(N, change), floor = epsilon*norm(N, p);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= floor/2 || (step <= SLACK_OF_MOMENTUM*floor && step >= previous/2))
             return OK;
         previous = step;
     }
@@ -459,29 +539,22 @@ static int project_momentum(const constants *c, const real q[N], real G[M][N], r
 /* Moves q along G^T onto g(q) = 0: q <- q - G^T (G G^T)^-1 g. */
 static int project_coordinates(const constants *c, real q[N])
 {
+    real previous = HUGE_VAL;
     for (int iteration = 0; iteration < 50; ++iteration) {
-        real g[M], G[M][N], W[M][M], step = 0;
+        real g[M], change[N];
         constraint(c, q, g);
-        constraint_jacobian(c, q, G);
-        for (int mu = 0; mu < M; ++mu)
-            for (int nu = 0; nu < M; ++nu) {
-                W[mu][nu] = 0;
-                for (int a = 0; a < N; ++a)
-                    W[mu][nu] += G[mu][a]*G[nu][a];
-            }
-        int exponents[M], pivots[M];
-        const int status = solve(M, &W[0][0], g, exponents, pivots);
+        const int status = solve_place(c, q, g);
         if (status != OK)
             return status;
-        for (int a = 0; a < N; ++a) {
-            real change = 0;
-            for (int mu = 0; mu < M; ++mu)
-                change += G[mu][a]*g[mu];
-            q[a] -= change;
-            step = larger(step, fabs(change));
-        }
-        if (step <= 2*epsilon*norm(N, q))
+        constraint_force(c, q, g, change);
+        for (int a = 0; a < N; ++a)
+            q[a] -= change[a];
+        const real step = norm(N, change), floor = epsilon*norm(N, q);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= 2*floor || (step <= SLACK_OF_PLACE*floor && step >= previous/2))
             return OK;
+        previous = step;
     }
     return NOT_CONVERGED;
 }
@@ -489,13 +562,10 @@ static int project_coordinates(const constants *c, real q[N])
 int heavy_top_gl2_gamma_project(const parameters_t *parameters, real q[N], real p[N])
 {
     constants c;
-    real G[M][N], impulse[M];
+    real impulse[M];
     prepare(parameters, &c);
     const int status = project_coordinates(&c, q);
-    if (status != OK)
-        return status;
-    constraint_jacobian(&c, q, G);
-    return project_momentum(&c, q, G, p, impulse);
+    return status == OK ? project_momentum(&c, q, p, impulse) : status;
 }
 
 void heavy_top_gl2_gamma_defects(const parameters_t *parameters, long count, const real *q, const real *p,
@@ -557,6 +627,38 @@ const heavy_top_gl2_gamma_tableau *heavy_top_gl2_gamma_coefficients(void)
     return &tableau;
 }
 
+/* G(Q~_l)^T Lambda_l at the nodes l = 0..P-1, where multipliers act */
+static void node_forces(work_t *w, const real q[N], const real x[U])
+{
+    const real *lambda = x + 2*S*N;
+    for (int l = 0; l <= P; ++l)
+        for (int a = 0; a < N; ++a)
+            w->Q_tilde[l][a] = q[a] + w->D[l][a];
+    for (int l = 0; l < P; ++l)
+        constraint_force(&w->constants, w->Q_tilde[l], lambda + l*M, w->force[l]);
+}
+
+/* A force of coordinate a, less that of the nodes with weights a~_l */
+static inline real less_node_forces(const work_t *w, const real a_tilde[P + 1], int a, real force)
+{
+    for (int l = 0; l < P; ++l)
+        force -= a_tilde[l]*w->force[l][a];
+    return force;
+}
+
+/* g(Q~_l) at the nodes l = 1..P, where the constraints are asked for */
+static void node_residuals(work_t *w, const real q[N], real r[P*M])
+{
+    real g[M];
+    constraint(&w->constants, q, g);
+    for (int l = 1; l <= P; ++l) {
+        real dg[M];
+        constraint_increment(&w->constants, q, w->D[l], dg);
+        for (int mu = 0; mu < M; ++mu)
+            r[(l - 1)*M + mu] = g[mu] + dg[mu];
+    }
+}
+
 /* Where the unknowns (B.2) stand in x: k_1..k_S, k^_1..k^_S, Lambda_0..Lambda_(P-1). */
 enum { K_HAT = S*N, LAMBDA = 2*S*N };
 
@@ -565,7 +667,7 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
 {
     real H_q[N], H_p[N];
     (void)dt;
-    gradient(&w->constants, q, p, H_q, H_p);
+    gradient(&w->constants, q, p, &w->t, H_q, H_p);
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             x[i*N + a] = H_p[a];
@@ -575,30 +677,26 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
         x[l] = 0;
 }
 
-/*
- * (A.7): Q_i = q + dt sum a_ij k_j,   Q~_l = q + D_l,   D_l = dt sum a-_lj k_j,
- *        P_i = p + dt sum a^_ij k^_j - dt sum a~_il G(Q~_l)^T Lambda_l
- */
-static void stage_values(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+/* D_l = dt sum a-_lj k_j, the way to the constraint nodes Q~_l = q + D_l (A.7) */
+static void node_places(work_t *w, real dt, const real x[U])
 {
-    for (int l = 0; l <= P; ++l) {
+    for (int l = 0; l <= P; ++l)
         for (int a = 0; a < N; ++a) {
             real sum = 0;
             for (int j = 0; j < S; ++j)
                 sum += tableau.A_bar[l][j]*x[j*N + a];
             w->D[l][a] = dt*sum;
         }
-        real Q_tilde[N];
-        for (int a = 0; a < N; ++a)
-            Q_tilde[a] = q[a] + w->D[l][a];
-        constraint_jacobian(&w->constants, Q_tilde, w->G[l]);
-    }
-    for (int l = 0; l < P; ++l)
-        for (int a = 0; a < N; ++a) {
-            w->force[l][a] = 0;
-            for (int mu = 0; mu < M; ++mu)
-                w->force[l][a] += w->G[l][mu][a]*x[LAMBDA + l*M + mu];
-        }
+}
+
+/*
+ * (A.7): Q_i = q + dt sum a_ij k_j,
+ *        P_i = p + dt sum a^_ij k^_j - dt sum a~_il G(Q~_l)^T Lambda_l
+ */
+static void stage_values(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    node_places(w, dt, x);
+    node_forces(w, q, x);
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             real rate = 0, force = 0;
@@ -606,37 +704,68 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
                 rate += tableau.A[i][j]*x[j*N + a];
                 force += tableau.A_hat[i][j]*x[K_HAT + j*N + a];
             }
-            for (int l = 0; l < P; ++l)
-                force -= tableau.A_tilde[i][l]*w->force[l][a];
             w->Q[i][a] = q[a] + dt*rate;
-            w->P[i][a] = p[a] + dt*force;
+            w->P[i][a] = p[a] + dt*less_node_forces(w, tableau.A_tilde[i], a, force);
         }
 }
 
-/* (B.1): r = [k_i - H_p(Q_i, P_i); k^_i + H_q(Q_i, P_i); g(Q~_l), l = 1..P] */
+/* (B.1): r = [k_i - H_p(Q_i, P_i); k^_i + H_q(Q_i, P_i) - F(Q_i, P_i, t_i); g(Q~_l), l = 1..P] */
 static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real r[U])
 {
     stage_values(w, dt, q, p, x);
     for (int i = 0; i < S; ++i) {
         real H_q[N], H_p[N];
-        gradient(&w->constants, w->Q[i], w->P[i], H_q, H_p);
+        const real t = w->t + dt*tableau.c[i];
+        gradient(&w->constants, w->Q[i], w->P[i], &t, H_q, H_p);
         for (int a = 0; a < N; ++a) {
             r[i*N + a] = x[i*N + a] - H_p[a];
             r[K_HAT + i*N + a] = x[K_HAT + i*N + a] + H_q[a];
         }
     }
-    real g[M];
-    constraint(&w->constants, q, g);
-    for (int l = 1; l <= P; ++l) {
-        real dg[M];
-        constraint_increment(&w->constants, q, w->D[l], dg);
-        for (int mu = 0; mu < M; ++mu)
-            r[LAMBDA + (l - 1)*M + mu] = g[mu] + dg[mu];
-    }
+    node_residuals(w, q, r + LAMBDA);
 }
 
-/* dr/dx at the stage values of the last residual. */
+/*
+ * The increment's effect on the state: max of dt|dk| relative to q and dt|dk^| relative to p, which
+ * is that of the stages of the last residual too: a body at rest has no other.
+ * Multipliers do not count: their round-off grows like 1/dt^2 and does not reach the state.
+ */
+static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real dx[U])
+{
+    const real step = fabs(dt);
+    const real q_size = larger(norm(N, q), step*norm(K_HAT, x));
+    const real p_stages = larger(norm(S*N, &w->P[0][0]), step*norm(K_HAT, x + K_HAT));
+    const real p_size = larger(norm(N, p), p_stages);
+    const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
+    return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
+}
+
+/* The same of a residual; what is left of the constraints does not count. */
+static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real r[U])
+{
+    return increment_size(w, dt, q, p, x, r);
+}
+
+/* Without forces H_qp is the transpose of H_pq. */
+static inline void rates_by_state(const constants *c, const real q[N], const real p[N],
+    const real t[1], real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
+{
+    hessian(c, q, p, t, H_qq, H_pq, H_pp);
+    for (int a = 0; a < N; ++a)
+        for (int b = 0; b < N; ++b)
+            H_qp[a][b] = H_pq[b][a];
+}
+
+/*
+ * dr/dx at the stage values of the last residual. With dP_i/dk_j,
+ * B_ij = -dt^2 sum_l a~_il a-_lj K_l:
+ *   d(k_i row)/dk_j = delta - dt a_ij H_pq - H_pp B_ij,   d/dk^_j = -dt a^_ij H_pp,
+ *   d(k^_i row)/dk_j = dt a_ij H_qq + H_qp B_ij,          d/dk^_j = delta + dt a^_ij H_qp,
+ * and by Lambda_l the same with -dt a~_il G_l^T for B.
+ */
 static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real J[U*U])
 {
@@ -644,18 +773,17 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
     (void)p;
     for (int e = 0; e < U*U; ++e)
         J[e] = 0;
-    for (int l = 0; l < P; ++l) {
-        real Q_tilde[N];
-        for (int a = 0; a < N; ++a)
-            Q_tilde[a] = q[a] + w->D[l][a];
-        constraint_curvature(&w->constants, Q_tilde, x + LAMBDA + l*M, w->K[l]);
-    }
+    for (int l = 0; l <= P; ++l)
+        constraint_jacobian(&w->constants, w->Q_tilde[l], w->G[l]);
+    for (int l = 0; l < P; ++l)
+        constraint_curvature(&w->constants, w->Q_tilde[l], x + LAMBDA + l*M, w->K[l]);
     for (int i = 0; i < S; ++i) {
-        real H_qq[N][N], H_pq[N][N], H_pp[N][N];
-        hessian(&w->constants, w->Q[i], w->P[i], H_qq, H_pq, H_pp);
+        real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
+        const real t = w->t + dt*tableau.c[i];
+        rates_by_state(&w->constants, w->Q[i], w->P[i], &t, H_qq, H_qp, H_pq, H_pp);
         for (int j = 0; j < S; ++j) {
             const real a_ij = dt*tableau.A[i][j], a_hat = dt*tableau.A_hat[i][j];
-            real B[N][N]; /* dP_i/dk_j = -dt^2 sum_l a~_il a-_lj K_l */
+            real B[N][N];
             for (int a = 0; a < N; ++a)
                 for (int b = 0; b < N; ++b) {
                     real sum = 0;
@@ -670,34 +798,36 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
                     real by_k = a_ij*H_pq[a][b], by_k_lower = a_ij*H_qq[a][b];
                     for (int e = 0; e < N; ++e) {
                         by_k += H_pp[a][e]*B[e][b];
-                        by_k_lower += H_pq[e][a]*B[e][b];
+                        by_k_lower += H_qp[a][e]*B[e][b];
                     }
                     upper[j*N + b] = one - by_k;
                     upper[K_HAT + j*N + b] = -a_hat*H_pp[a][b];
                     lower[j*N + b] = by_k_lower;
-                    lower[K_HAT + j*N + b] = one + a_hat*H_pq[b][a];
+                    lower[K_HAT + j*N + b] = one + a_hat*H_qp[a][b];
                 }
             }
         }
         for (int l = 0; l < P; ++l)
             for (int mu = 0; mu < M; ++mu)
                 for (int a = 0; a < N; ++a) {
+                    const int column = LAMBDA + l*M + mu;
                     real by_p = 0, by_p_lower = 0;
                     for (int e = 0; e < N; ++e) {
                         by_p += H_pp[a][e]*w->G[l][mu][e];
-                        by_p_lower += H_pq[e][a]*w->G[l][mu][e];
+                        by_p_lower += H_qp[a][e]*w->G[l][mu][e];
                     }
                     const real a_tilde = dt*tableau.A_tilde[i][l];
-                    J[(i*N + a)*U + LAMBDA + l*M + mu] = a_tilde*by_p;
-                    J[(K_HAT + i*N + a)*U + LAMBDA + l*M + mu] = -a_tilde*by_p_lower;
+                    J[(i*N + a)*U + column] = a_tilde*by_p;
+                    J[(K_HAT + i*N + a)*U + column] = -a_tilde*by_p_lower;
                 }
     }
     for (int l = 1; l <= P; ++l)
-        for (int mu = 0; mu < M; ++mu)
+        for (int mu = 0; mu < M; ++mu) {
+            real *row = J + (LAMBDA + (l - 1)*M + mu)*U;
             for (int j = 0; j < S; ++j)
                 for (int b = 0; b < N; ++b)
-                    J[(LAMBDA + (l - 1)*M + mu)*U + j*N + b] =
-                        dt*tableau.A_bar[l][j]*w->G[l][mu][b];
+                    row[j*N + b] = dt*tableau.A_bar[l][j]*w->G[l][mu][b];
+        }
 }
 
 /* q1 - q (A.3) */
@@ -712,64 +842,55 @@ static void displacement(real dt, const real x[U], real d[N])
 }
 
 /*
- * The increment's effect on the state: max of dt|dk| relative to q and dt|dk^| relative to p, which
- * is that of the stages of the last residual too: a body at rest has no other.
- * Multipliers do not count: their round-off grows like 1/dt^2 and does not reach the state.
+ * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l,
+ * and the last multiplier from the constraint on the momenta (A.5), (A.6).
  */
-static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
-    const real x[U], const real dx[U])
-{
-    const real step = fabs(dt);
-    const real q_size = larger(norm(N, q), step*norm(K_HAT, x));
-    const real p_size = larger(norm(N, p), larger(norm(S*N, &w->P[0][0]), step*norm(K_HAT, x + K_HAT)));
-    const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
-    return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
-}
-
-/* The same of a residual; what is left of the constraints does not count. */
-static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
-    const real x[U], const real r[U])
-{
-    return increment_size(w, dt, q, p, x, r);
-}
-
-/*
- * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j + dt sum_(l<p) b~_l k~_l, and the last
- * multiplier from the constraint on the momenta (A.5), (A.6).
- */
-static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U], real q1[N],
-    real p1[N], real multipliers[ROOM])
+static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real q1[N], real p1[N], real multipliers[ROOM])
 {
     stage_values(w, dt, q, p, x);
     for (int a = 0; a < N; ++a) {
         real force = 0;
         for (int j = 0; j < S; ++j)
             force += tableau.b_hat[j]*x[K_HAT + j*N + a];
-        for (int l = 0; l < P; ++l)
-            force -= tableau.b_tilde[l]*w->force[l][a];
         q1[a] = q[a] + w->D[P][a];
-        p1[a] = p[a] + dt*force;
+        p1[a] = p[a] + dt*less_node_forces(w, tableau.b_tilde, a, force);
     }
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];
-    const int status = project_momentum(&w->constants, q1, w->G[P], p1, multipliers + P*M);
+    const int status = project_momentum(&w->constants, q1, p1, multipliers + P*M);
     for (int mu = 0; mu < M; ++mu)
         multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
     return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
 }
 
-/* ---------------------------------------------------------------- T1: full Newton */
+/*
+ * Small increments of huge unknowns are no solution: the constraints at the end of the step tell.
+ */
+static int lands(work_t *w, real dt, const real q[N], const real x[U])
+{
+    real d[N], q1[N], g[M], dg[M], reach[M];
+    displacement(dt, x, d);
+    for (int a = 0; a < N; ++a)
+        q1[a] = q[a] + d[a];
+    constraint(&w->constants, q, g);
+    constraint_increment(&w->constants, q, d, dg);
+    constraint_reach(&w->constants, q1, reach);
+    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
+    for (int mu = 0; mu < M; ++mu) {
+        const real allowed = fabs(g[mu]) + reach[mu]*way;
+        if (!(fabs(g[mu] + dg[mu]) <= allowed))
+            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
+    }
+    return OK;
+}
 
-/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
-enum {
-    RESIDUAL_COST = 96*S + 19*P + U*U,
-    JACOBIAN_COST = 295*S + 1*P + S*S*N*N*(2*N + 4)
-};
+/* ---------------------------------------------------------------- T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
- * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small momentum:
- * states and guesses two units in the last place away tell by how much the residual is uncertain.
+ * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
+ * momentum: states and guesses two units in the last place away tell by how much the residual is uncertain.
  * They are those at the start of the step, for an iteration that has gone astray proves nothing.
  */
 static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
@@ -799,25 +920,6 @@ static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], rea
     return size <= 16*rounding;
 }
 
-/* Small increments of huge unknowns are no solution: the constraints at the end of the step tell. */
-static int lands(work_t *w, real dt, const real q[N], const real x[U])
-{
-    real d[N], q1[N], g[M], dg[M], G[M][N];
-    displacement(dt, x, d);
-    for (int a = 0; a < N; ++a)
-        q1[a] = q[a] + d[a];
-    constraint(&w->constants, q, g);
-    constraint_increment(&w->constants, q, d, dg);
-    constraint_jacobian(&w->constants, q1, G);
-    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
-    for (int mu = 0; mu < M; ++mu) {
-        const real allowed = fabs(g[mu]) + norm(N, G[mu])*way;
-        if (!(fabs(g[mu] + dg[mu]) <= allowed))
-            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
-    }
-    return OK;
-}
-
 /* Why iterations end without a solution, by their last increment and its ratio to the one before. */
 static int failure(real size, real ratio)
 {
@@ -839,9 +941,9 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
-        int status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+        int status = factorise_jacobian(w);
         if (status == OK)
-            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+            status = solve_jacobian(w, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -885,11 +987,11 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         int status = OK;
         if (stale) {
             jacobian(w, dt, q, p, x, w->J);
-            status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+            status = factorise_jacobian(w);
             w->effort += JACOBIAN_COST + w->products/2;
         }
         if (status == OK)
-            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+            status = solve_jacobian(w, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -904,7 +1006,8 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         const real ratio = *iterations > 1 ? size/previous : 1;
         if (*iterations > 1 && ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);
-        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5 && size*ratio < epsilon/64)
+        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5
+            && size*ratio < epsilon/64)
             return lands(w, dt, q, x);
         if (*iterations > 2 && ratio > 1)
             return NOT_CONVERGED;
@@ -912,6 +1015,146 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         previous = size;
     }
     return NOT_CONVERGED;
+}
+
+/* Without forces no work is done. */
+static inline void note_work(work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U])
+{
+    (void)w;
+    (void)dt;
+    (void)q;
+    (void)p;
+    (void)x;
+}
+
+static inline void count_work(const work_t *w, report_t *report)
+{
+    (void)w;
+    (void)report;
+}
+
+static inline real work_so_far(const report_t *report)
+{
+    (void)report;
+    return 0;
+}
+
+/* Adds the energy of the state (q, p) to the record. */
+static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    const real gain = hamiltonian(c, q, p) - report->energy_start;
+    const real error = fabs(gain - work_so_far(report));
+    report->energy_error_max = larger(error, report->energy_error_max);
+    report->energy_error_sum += error;
+}
+
+/* Adds what is left of the constraints to the record. */
+static void observe_defects(real g_size, real f_size, report_t *report)
+{
+    report->constraint_max = larger(g_size, report->constraint_max);
+    report->constraint_sum += g_size;
+    report->hidden_max = larger(f_size, report->hidden_max);
+    report->hidden_sum += f_size;
+}
+
+/* Adds the state (q, p) to the record. */
+static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    real g[M], f[M];
+    observe_energy(c, q, p, report);
+    constraint(c, q, g);
+    hidden_constraint(c, q, p, f);
+    observe_defects(norm(M, g), norm(M, f), report);
+}
+
+/* ---------------------------------------------------------------- one step by Newton */
+
+int heavy_top_gl2_gamma_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
+    const real p[N], real x[U], int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    guess(work, dt, q, p, x);
+    return newton(work, options, dt, q, p, x, iterations);
+}
+
+int heavy_top_gl2_gamma_T2(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    return finish(work, dt, q, p, x, q1, p1, multipliers);
+}
+
+/* One step; the constants of the run are prepared. */
+static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    real q_end[N], p_end[N];
+    guess(w, dt, q, p, w->x);
+    int status = newton(w, options, dt, q, p, w->x, iterations);
+    if (status == OK)
+        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    if (status != OK)
+        return status;
+    note_work(w, dt, q, p, w->x);
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_end[a];
+        p1[a] = p_end[a];
+    }
+    return OK;
+}
+
+void heavy_top_gl2_gamma_guess(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    real x[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    guess(work, dt, q, p, x);
+}
+
+void heavy_top_gl2_gamma_residual(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real r[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    residual(work, dt, q, p, x, r);
+}
+
+void heavy_top_gl2_gamma_jacobian(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real J[U*U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    residual(work, dt, q, p, x, work->r);
+    jacobian(work, dt, q, p, x, work->J);
+    spread_jacobian(work->J, J);
+}
+
+real heavy_top_gl2_gamma_increment_size(real dt, const real q[N], const real p[N], const real x[U],
+    const real dx[U], const work_t *work)
+{
+    return increment_size(work, dt, q, p, x, dx);
+}
+
+int heavy_top_gl2_gamma_lands(real dt, const real q[N], const real x[U], work_t *work)
+{
+    return lands(work, dt, q, x);
+}
+
+real heavy_top_gl2_gamma_last_increment(const work_t *work)
+{
+    return work->increment;
+}
+
+void heavy_top_gl2_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
+    real *H)
+{
+    constants c;
+    prepare(parameters, &c);
+    for (long i = 0; i < count; ++i)
+        H[i] = hamiltonian(&c, q + i*N, p + i*N);
 }
 
 /* ---------------------------------------------------------------- the fast path, Newton behind it */
@@ -1134,8 +1377,9 @@ INLINE void lanes_velocity(const lane_constants *c, const lanes q[4], const lane
 }
 
 /* H_q from the same w. 12 add, 16 mul. */
-INLINE void lanes_force(const lane_constants *c, const lanes q[4], const lanes p[4], const lanes w[3], lanes H_q[4])
+INLINE void lanes_force(const lane_constants *c, const lanes q[4], const lanes p[4], const lanes t[1], const lanes w[3], lanes H_q[4])
 {
+    (void)t;
     H_q[0] = w[0]*p[1] + w[1]*p[2] + w[2]*p[3] + q[0]*c->f4;
     H_q[1] = w[1]*p[3] - w[0]*p[0] - w[2]*p[2] - q[1]*c->f4;
     H_q[2] = w[2]*p[1] - w[0]*p[3] - w[1]*p[0] - q[2]*c->f4;
@@ -1529,6 +1773,8 @@ typedef struct {
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
     lanes hb[STAGE_ITEMS], hb_hat[STAGE_ITEMS];
+    lanes late[STAGE_ITEMS]; /* h c: stages after the start of the step */
+    lanes t; /* at the start of the step */
     lanes mu[S*STAGE_ITEMS], mu_hat[S*STAGE_ITEMS];
     stages_iterate now;
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
@@ -1674,7 +1920,7 @@ INLINE void stages_guess(stages_t *w)
     lanes H_q[N], H_p[N];
     lanes shared[3];
     lanes_velocity(&w->constants, w->q, w->p, H_p, shared);
-    lanes_force(&w->constants, w->q, w->p, shared, H_q);
+    lanes_force(&w->constants, w->q, w->p, &w->t, shared, H_q);
     for (int i = 0; i < STAGE_ITEMS; ++i)
         for (int a = 0; a < N; ++a) {
             w->now.x[i*N + a] = w->hb[i]*H_p[a];
@@ -1736,7 +1982,8 @@ INLINE void stages_sweep(stages_t *w)
             w->now.C[i*N + a] = C_new[i*N + a];
             L_new[i*N + a] += pull*more;
         }
-        lanes_force(&w->constants, Q + i*N, momentum + i*N, shared[i], H_q);
+        const lanes t = w->t + w->late[i];
+        lanes_force(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_q);
         for (int a = 0; a < N; ++a) {
             const lanes force = -w->hb_hat[i]*H_q[a];
             const lanes dq = L_new[i*N + a] - L[i*N + a], dp = force - L_hat[i*N + a];
@@ -1753,9 +2000,9 @@ INLINE void stages_sweep(stages_t *w)
 INLINE void stages_rates(const stages_t *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p, lanes *H_q)
 {
     lanes shared[3];
-    (void)i;
+    const lanes t = w->t + w->late[i];
     lanes_velocity(&w->constants, Q, momentum, H_p, shared);
-    lanes_force(&w->constants, Q, momentum, shared, H_q);
+    lanes_force(&w->constants, Q, momentum, &t, shared, H_q);
 }
 
 /*
@@ -1851,6 +2098,7 @@ static void stages_set_up(stages_t *w)
     for (int i = 0; i < STAGE_ITEMS*W; ++i) {
         set_part(&w->hb[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
         set_part(&w->hb_hat[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
+        set_part(&w->late[i/W], i % W, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
     }
     lanes_schur_inverse(&w->constants, w->W_inverse);
     for (int mu = 0; mu < M; ++mu)
@@ -1963,6 +2211,8 @@ typedef struct {
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
     lanes hb[S], hb_hat[S];
+    lanes late[S]; /* h c: stages after the start of the step */
+    lanes t; /* at the start of the step */
     trajectories_iterate now;
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
     lanes defect;       /* of the constraints in the last sweep */
@@ -2100,7 +2350,7 @@ INLINE void trajectories_guess(trajectories_t *w)
     lanes H_q[N], H_p[N];
     lanes shared[3];
     lanes_velocity(&w->constants, w->q, w->p, H_p, shared);
-    lanes_force(&w->constants, w->q, w->p, shared, H_q);
+    lanes_force(&w->constants, w->q, w->p, &w->t, shared, H_q);
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             w->now.x[i*N + a] = w->hb[i]*H_p[a];
@@ -2162,7 +2412,8 @@ INLINE void trajectories_sweep(trajectories_t *w)
             w->now.C[i*N + a] = C_new[i*N + a];
             L_new[i*N + a] += pull*more;
         }
-        lanes_force(&w->constants, Q + i*N, momentum + i*N, shared[i], H_q);
+        const lanes t = w->t + w->late[i];
+        lanes_force(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_q);
         for (int a = 0; a < N; ++a) {
             const lanes force = -w->hb_hat[i]*H_q[a];
             const lanes dq = L_new[i*N + a] - L[i*N + a], dp = force - L_hat[i*N + a];
@@ -2179,9 +2430,9 @@ INLINE void trajectories_sweep(trajectories_t *w)
 INLINE void trajectories_rates(const trajectories_t *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p, lanes *H_q)
 {
     lanes shared[3];
-    (void)i;
+    const lanes t = w->t + w->late[i];
     lanes_velocity(&w->constants, Q, momentum, H_p, shared);
-    lanes_force(&w->constants, Q, momentum, shared, H_q);
+    lanes_force(&w->constants, Q, momentum, &t, shared, H_q);
 }
 
 /*
@@ -2268,6 +2519,7 @@ static void trajectories_set_up(trajectories_t *w)
     for (int i = 0; i < S; ++i) {
         w->hb[i] = w->h*tableau.b[i];
         w->hb_hat[i] = w->h*tableau.b_hat[i];
+        w->late[i] = w->h*tableau.c[i];
     }
     lanes_schur_inverse(&w->constants, w->W_inverse);
     for (int mu = 0; mu < M; ++mu)
@@ -2469,6 +2721,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
     fast_t *f = fast_of(w);
     *iterations = 0;
     w->effort = 0;
+    f->run.t = splat(w->t);
     const int past = f->run.predictor.count > 0, only_sweeps = options->solver == FIXED_POINT;
     const int tries = only_sweeps || (f->way == SWEEPS_FIRST && f->wait == 0);
     int status = NOT_CONVERGED;
@@ -2546,93 +2799,92 @@ static void fast_observe(work_t *w, report_t *report)
     report->hidden_sum += f_size;
 }
 
-/* ---------------------------------------------------------------- the public functions */
+/* ---------------------------------------------------------------- a run: sweeps, or Newton if asked for */
 
-int heavy_top_gl2_gamma_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
-    const real p[N], real x[U], int *iterations, work_t *work)
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
 {
-    prepare(parameters, &work->constants);
-    guess(work, dt, q, p, x);
-    return newton(work, options, dt, q, p, x, iterations);
+    if (options->solver != NEWTON)
+        fast_begin(w, dt, q, p);
 }
 
-int heavy_top_gl2_gamma_T2(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
+/* One step of a run, counted and observed. */
+static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
+    real multipliers[ROOM], int *iterations, report_t *report)
 {
-    prepare(parameters, &work->constants);
-    return finish(work, dt, q, p, x, q1, p1, multipliers);
-}
-
-/* One step; the constants of the run are prepared. */
-static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
-    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
-{
-    real q_end[N], p_end[N];
-    guess(w, dt, q, p, w->x);
-    int status = newton(w, options, dt, q, p, w->x, iterations);
-    if (status == OK)
-        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    if (options->solver == NEWTON) {
+        const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
+        if (status != OK)
+            return status;
+        count_work(w, report);
+        observe(&w->constants, q, p, report);
+        return OK;
+    }
+    const int status = fast_advance(w, options, dt, iterations, report);
     if (status != OK)
         return status;
-    for (int a = 0; a < N; ++a) {
-        q1[a] = q_end[a];
-        p1[a] = p_end[a];
-    }
+    fast_observe(w, report);
+    fast_state(w, q, p);
     return OK;
 }
 
+/* The multipliers of the last step; Newton has put them there. */
+static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
+{
+    if (options->solver != NEWTON)
+        stages_multipliers(&fast_of(w)->run, 0, multipliers);
+}
+
+/* A step with no past and no future. */
+static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    if (options->solver == NEWTON)
+        return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
+    report_t report = { 0 };
+    fast_begin(w, dt, q, p);
+    const int status = fast_advance(w, options, dt, iterations, &report);
+    if (status == OK) {
+        fast_state(w, q1, p1);
+        stages_multipliers(&fast_of(w)->run, 0, multipliers);
+    }
+    return status;
+}
+
+/* ---------------------------------------------------------------- the public functions */
+
 int heavy_top_gl2_gamma_step(const parameters_t *parameters, const options_t *options, real dt,
-    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations,
-    work_t *work)
+    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
+    int *iterations, work_t *work)
 {
     prepare(parameters, &work->constants);
-    if (options->solver != NEWTON) {
-        report_t report = { 0 };
-        fast_begin(work, dt, q, p);
-        const int status = fast_advance(work, options, dt, iterations, &report);
-        if (status == OK) {
-            fast_state(work, q1, p1);
-            stages_multipliers(&fast_of(work)->run, 0, multipliers);
-        }
-        return status;
-    }
-    return advance(work, options, dt, q, p, q1, p1, multipliers, iterations);
+    work->t = start_time(parameters);
+    return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 
-/* Adds the state (q, p) to the record. */
-static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
-{
-    const real error = fabs(hamiltonian(c, q, p) - report->energy_start);
-    report->energy_error_max = larger(error, report->energy_error_max);
-    report->energy_error_sum += error;
-    real g[M], f[M];
-    constraint(c, q, g);
-    hidden_constraint(c, q, p, f);
-    const real g_size = norm(M, g), f_size = norm(M, f);
-    report->constraint_max = larger(g_size, report->constraint_max);
-    report->constraint_sum += g_size;
-    report->hidden_max = larger(f_size, report->hidden_max);
-    report->hidden_sum += f_size;
-}
+/* Where a run stores its rows; NULL where they are not wanted. */
+typedef struct {
+    real *q, *p, *multipliers;
+    int *iterations;
+    real *work;
+} rows_t;
 
-int heavy_top_gl2_gamma_integrate(const parameters_t *parameters, const options_t *options, real dt,
-    long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
-    int *iterations, report_t *report, work_t *work)
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
 {
     prepare(parameters, &work->constants);
     if (report->steps == 0) {
         report->energy_start = hamiltonian(&work->constants, q, p);
         observe(&work->constants, q, p, report);
+        begin_run(work, options, dt, q, p);
     }
-    const int fast = options->solver != NEWTON;
-    if (fast && report->steps == 0)
-        fast_begin(work, dt, q, p);
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        const int status = fast ? fast_advance(work, options, dt, &taken, report)
-            : advance(work, options, dt, q, p, q, p, forces, &taken);
+        work->t = start_time(parameters) + (real)report->steps*dt;
+        const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
         ++report->steps;
@@ -2641,74 +2893,24 @@ int heavy_top_gl2_gamma_integrate(const parameters_t *parameters, const options_
             report->iterations_max = taken;
         if (taken > most)
             most = taken;
-        if (fast) {
-            fast_observe(work, report);
-            fast_state(work, q, p);
-        } else
-            observe(&work->constants, q, p, report);
         if (k % every != 0)
             continue;
-        if (fast && multipliers != NULL)
-            stages_multipliers(&fast_of(work)->run, 0, forces);
+        if (out.multipliers != NULL)
+            multipliers_of_run(work, options, forces);
         const long row = k/every - 1;
-        for (int a = 0; a < N && q_out != NULL; ++a)
-            q_out[row*N + a] = q[a];
-        for (int a = 0; a < N && p_out != NULL; ++a)
-            p_out[row*N + a] = p[a];
-        for (int l = 0; l < MULTIPLIERS && multipliers != NULL; ++l)
-            multipliers[row*MULTIPLIERS + l] = forces[l];
-        if (iterations != NULL)
-            iterations[row] = most;
+        for (int a = 0; a < N && out.q != NULL; ++a)
+            out.q[row*N + a] = q[a];
+        for (int a = 0; a < N && out.p != NULL; ++a)
+            out.p[row*N + a] = p[a];
+        for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
+            out.multipliers[row*MULTIPLIERS + l] = forces[l];
+        if (out.iterations != NULL)
+            out.iterations[row] = most;
+        if (out.work != NULL)
+            out.work[row] = work_so_far(report);
         most = 0;
     }
     return OK;
-}
-
-void heavy_top_gl2_gamma_guess(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    real x[U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    guess(work, dt, q, p, x);
-}
-
-void heavy_top_gl2_gamma_residual(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real r[U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    residual(work, dt, q, p, x, r);
-}
-
-void heavy_top_gl2_gamma_jacobian(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real J[U*U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    residual(work, dt, q, p, x, work->r);
-    jacobian(work, dt, q, p, x, J);
-}
-
-real heavy_top_gl2_gamma_increment_size(real dt, const real q[N], const real p[N], const real x[U],
-    const real dx[U], const work_t *work)
-{
-    return increment_size(work, dt, q, p, x, dx);
-}
-
-int heavy_top_gl2_gamma_lands(real dt, const real q[N], const real x[U], work_t *work)
-{
-    return lands(work, dt, q, x);
-}
-
-real heavy_top_gl2_gamma_last_increment(const work_t *work)
-{
-    return work->increment;
-}
-
-void heavy_top_gl2_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
-    real *H)
-{
-    constants c;
-    prepare(parameters, &c);
-    for (long i = 0; i < count; ++i)
-        H[i] = hamiltonian(&c, q + i*N, p + i*N);
 }
 
 /* ---------------------------------------------------------------- W trajectories at a time */
@@ -2718,6 +2920,8 @@ typedef struct {
     trajectories_t run;
     trajectories_iterate kept; /* lanes that converged before their mates, or are to be kept */
     lanes energy_start, energy_error_max, energy_error_sum;
+    lanes start; /* the time at the start of the run */
+    long done;   /* steps since then */
     lanes g_max, g_sum, f_max, f_sum;
 } batch_t;
 
@@ -2841,6 +3045,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
         p[a] = part(&b->run.p[a], lane);
     }
     const real dt = part(&b->run.h, lane);
+    w->t = part(&b->run.t, lane);
     guess(w, dt, q, p, w->x);
     const int status = newton(w, options, dt, q, p, w->x, &taken);
     *iterations += taken;
@@ -2927,12 +3132,14 @@ static void begin_batch(batch_t *b, int count, const parameters_t *parameters, c
         constants c;
         prepare(&parameters[from], &c);
         trajectories_prepare(&b->run, i, &c, dt[from]);
+        set_part(&b->start, i, start_time(&parameters[from]));
         for (int a = 0; a < N; ++a) {
             set_part(&b->run.q[a], i, q[from*N + a]);
             set_part(&b->run.p[a], i, p[from*N + a]);
         }
     }
     trajectories_set_up(&b->run);
+    b->done = 0;
     b->energy_start = lanes_hamiltonian(&b->run.constants, b->run.q, b->run.p);
     b->energy_error_max = b->energy_error_sum = splat(0);
     b->g_max = b->g_sum = b->f_max = b->f_sum = splat(0);
@@ -2944,10 +3151,9 @@ int heavy_top_gl2_gamma_lanes(void)
     return W;
 }
 
-void heavy_top_gl2_gamma_integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
-    const real *dt, long steps, long every, long rows, real *q, real *p, real *q_out, real *p_out,
-    real *multipliers, int *iterations, report_t *reports, int *status, batch_memory *batch,
-    work_t *work)
+static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
     batch_t *b = batch_of(batch);
     trajectories_t *run = &b->run;
@@ -2967,6 +3173,7 @@ void heavy_top_gl2_gamma_integrate_lanes(int count, const parameters_t *paramete
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
         int lost[W], taken[W] = { 0 };
+        run->t = b->start + (real)b->done++*run->h;
         sweep_lanes(b, options, alive, lost, taken);
         for (int i = 0; i < W; ++i) {
             if (!lost[i])
@@ -3013,14 +3220,14 @@ void heavy_top_gl2_gamma_integrate_lanes(int count, const parameters_t *paramete
             if (k % every != 0)
                 continue;
             const long row = i*rows + k/every - 1;
-            for (int a = 0; a < N && q_out != NULL; ++a)
-                q_out[row*N + a] = part(&run->q[a], i);
-            for (int a = 0; a < N && p_out != NULL; ++a)
-                p_out[row*N + a] = part(&run->p[a], i);
-            if (MULTIPLIERS > 0 && multipliers != NULL)
-                trajectories_multipliers(run, i, multipliers + row*MULTIPLIERS);
-            if (iterations != NULL)
-                iterations[row] = most[i];
+            for (int a = 0; a < N && out.q != NULL; ++a)
+                out.q[row*N + a] = part(&run->q[a], i);
+            for (int a = 0; a < N && out.p != NULL; ++a)
+                out.p[row*N + a] = part(&run->p[a], i);
+            if (MULTIPLIERS > 0 && out.multipliers != NULL)
+                trajectories_multipliers(run, i, out.multipliers + row*MULTIPLIERS);
+            if (out.iterations != NULL)
+                out.iterations[row] = most[i];
             most[i] = 0;
         }
     }
@@ -3032,14 +3239,35 @@ void heavy_top_gl2_gamma_integrate_many(long count, const parameters_t *paramete
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
-    const long rows = steps/every;
-    for (long i = 0; i < count && options->solver != NEWTON; i += W)
-        heavy_top_gl2_gamma_integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
-            steps, every, rows, q + i*N, p + i*N, q_out == NULL ? NULL : q_out + i*rows*N,
-            p_out == NULL ? NULL : p_out + i*rows*N, NULL, NULL, reports + i, status + i, batch,
-            work);
-    for (long i = 0; i < count && options->solver == NEWTON; ++i)
-        status[i] = heavy_top_gl2_gamma_integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
-            q_out == NULL ? NULL : q_out + i*rows*N, p_out == NULL ? NULL : p_out + i*rows*N, NULL,
-            NULL, reports + i, work);
+    const long rows = steps/every, together = options->solver == NEWTON ? 1 : W;
+    for (long i = 0; i < count; i += together) {
+        const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
+            .p = p_out == NULL ? NULL : p_out + i*rows*N };
+        if (options->solver == NEWTON)
+            status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
+                out, reports + i, work);
+        else
+            integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
+                steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch, work);
+    }
+}
+
+/* ---------------------------------------------------------------- calls with what this system has */
+
+int heavy_top_gl2_gamma_integrate(const parameters_t *parameters, const options_t *options, real dt,
+    long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
+    int *iterations, report_t *report, work_t *work)
+{
+    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
+    return integrate(parameters, options, dt, steps, every, q, p, out, report, work);
+}
+
+void heavy_top_gl2_gamma_integrate_lanes(int count, const parameters_t *parameters,
+    const options_t *options, const real *dt, long steps, long every, long rows, real *q, real *p,
+    real *q_out, real *p_out, real *multipliers, int *iterations,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
+{
+    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
+    integrate_lanes(count, parameters, options, dt, steps, every, rows, q, p, out, reports,
+        status, batch, work);
 }

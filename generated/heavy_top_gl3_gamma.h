@@ -104,13 +104,15 @@ typedef struct {
     double J[729];
     int exponents[27]; /* scales of the rows of J, and the order of its pivots */
     int pivots[27];
+    double t; /* at the start of the step */
     double Q[3][4];
     double P[3][4];
     double D[4][4]; /* Q~_l - q */
-    double G[4][1][4];
+    double Q_tilde[4][4];
     double force[3][4]; /* G_l^T Lambda_l */
+    double G[4][1][4];
     double K[3][4][4];
-    unsigned char memory[78400]; /* of the fast path, kept from step to step */
+    unsigned char memory[79232]; /* of the fast path, kept from step to step */
 } heavy_top_gl3_gamma_work;
 
 /*
@@ -134,7 +136,7 @@ int heavy_top_gl3_gamma_integrate(const heavy_top_gl3_gamma_parameters *paramete
 
 /* Memory of heavy_top_gl3_gamma_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[102464];
+    unsigned char memory[103936];
 } heavy_top_gl3_gamma_batch;
 
 /* How many trajectories heavy_top_gl3_gamma_integrate_lanes takes at a time: the lanes of a vector register. */

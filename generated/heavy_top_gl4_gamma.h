@@ -104,13 +104,15 @@ typedef struct {
     double J[1296];
     int exponents[36]; /* scales of the rows of J, and the order of its pivots */
     int pivots[36];
+    double t; /* at the start of the step */
     double Q[4][4];
     double P[4][4];
     double D[5][4]; /* Q~_l - q */
-    double G[5][1][4];
+    double Q_tilde[5][4];
     double force[4][4]; /* G_l^T Lambda_l */
+    double G[5][1][4];
     double K[4][4][4];
-    unsigned char memory[78848]; /* of the fast path, kept from step to step */
+    unsigned char memory[79680]; /* of the fast path, kept from step to step */
 } heavy_top_gl4_gamma_work;
 
 /*
@@ -134,7 +136,7 @@ int heavy_top_gl4_gamma_integrate(const heavy_top_gl4_gamma_parameters *paramete
 
 /* Memory of heavy_top_gl4_gamma_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[115200];
+    unsigned char memory[116992];
 } heavy_top_gl4_gamma_batch;
 
 /* How many trajectories heavy_top_gl4_gamma_integrate_lanes takes at a time: the lanes of a vector register. */

@@ -104,13 +104,15 @@ typedef struct {
     double J[289];
     int exponents[17]; /* scales of the rows of J, and the order of its pivots */
     int pivots[17];
+    double t; /* at the start of the step */
     double Q[2][4];
     double P[2][4];
     double D[2][4]; /* Q~_l - q */
-    double G[2][1][4];
+    double Q_tilde[2][4];
     double force[1][4]; /* G_l^T Lambda_l */
+    double G[2][1][4];
     double K[1][4][4];
-    unsigned char memory[77760]; /* of the fast path, kept from step to step */
+    unsigned char memory[78592]; /* of the fast path, kept from step to step */
 } heavy_top_liiiab2_alpha_work;
 
 /*
@@ -134,7 +136,7 @@ int heavy_top_liiiab2_alpha_integrate(const heavy_top_liiiab2_alpha_parameters *
 
 /* Memory of heavy_top_liiiab2_alpha_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[87360];
+    unsigned char memory[88512];
 } heavy_top_liiiab2_alpha_batch;
 
 /* How many trajectories heavy_top_liiiab2_alpha_integrate_lanes takes at a time: the lanes of a vector register. */

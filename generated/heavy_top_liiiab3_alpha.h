@@ -104,13 +104,15 @@ typedef struct {
     double J[676];
     int exponents[26]; /* scales of the rows of J, and the order of its pivots */
     int pivots[26];
+    double t; /* at the start of the step */
     double Q[3][4];
     double P[3][4];
     double D[3][4]; /* Q~_l - q */
-    double G[3][1][4];
+    double Q_tilde[3][4];
     double force[2][4]; /* G_l^T Lambda_l */
+    double G[3][1][4];
     double K[2][4][4];
-    unsigned char memory[78208]; /* of the fast path, kept from step to step */
+    unsigned char memory[79040]; /* of the fast path, kept from step to step */
 } heavy_top_liiiab3_alpha_work;
 
 /*
@@ -134,7 +136,7 @@ int heavy_top_liiiab3_alpha_integrate(const heavy_top_liiiab3_alpha_parameters *
 
 /* Memory of heavy_top_liiiab3_alpha_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[100096];
+    unsigned char memory[101568];
 } heavy_top_liiiab3_alpha_batch;
 
 /* How many trajectories heavy_top_liiiab3_alpha_integrate_lanes takes at a time: the lanes of a vector register. */

@@ -104,13 +104,15 @@ typedef struct {
     double J[1225];
     int exponents[35]; /* scales of the rows of J, and the order of its pivots */
     int pivots[35];
+    double t; /* at the start of the step */
     double Q[4][4];
     double P[4][4];
     double D[4][4]; /* Q~_l - q */
-    double G[4][1][4];
+    double Q_tilde[4][4];
     double force[3][4]; /* G_l^T Lambda_l */
+    double G[4][1][4];
     double K[3][4][4];
-    unsigned char memory[78656]; /* of the fast path, kept from step to step */
+    unsigned char memory[79488]; /* of the fast path, kept from step to step */
 } heavy_top_liiiab4_alpha_work;
 
 /*
@@ -134,7 +136,7 @@ int heavy_top_liiiab4_alpha_integrate(const heavy_top_liiiab4_alpha_parameters *
 
 /* Memory of heavy_top_liiiab4_alpha_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[112832];
+    unsigned char memory[114624];
 } heavy_top_liiiab4_alpha_batch;
 
 /* How many trajectories heavy_top_liiiab4_alpha_integrate_lanes takes at a time: the lanes of a vector register. */

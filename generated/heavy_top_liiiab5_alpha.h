@@ -104,13 +104,15 @@ typedef struct {
     double J[1936];
     int exponents[44]; /* scales of the rows of J, and the order of its pivots */
     int pivots[44];
+    double t; /* at the start of the step */
     double Q[5][4];
     double P[5][4];
     double D[5][4]; /* Q~_l - q */
-    double G[5][1][4];
+    double Q_tilde[5][4];
     double force[4][4]; /* G_l^T Lambda_l */
+    double G[5][1][4];
     double K[4][4][4];
-    unsigned char memory[79104]; /* of the fast path, kept from step to step */
+    unsigned char memory[79936]; /* of the fast path, kept from step to step */
 } heavy_top_liiiab5_alpha_work;
 
 /*
@@ -134,7 +136,7 @@ int heavy_top_liiiab5_alpha_integrate(const heavy_top_liiiab5_alpha_parameters *
 
 /* Memory of heavy_top_liiiab5_alpha_integrate_lanes, for one batch at a time. Contents need no preparation. */
 typedef struct {
-    unsigned char memory[125568];
+    unsigned char memory[127680];
 } heavy_top_liiiab5_alpha_batch;
 
 /* How many trajectories heavy_top_liiiab5_alpha_integrate_lanes takes at a time: the lanes of a vector register. */

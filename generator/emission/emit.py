@@ -27,7 +27,7 @@ from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
-from .engine import engine_of
+from .engine import engine_of, files_of_solver
 from .solver_costs import solver_costs
 
 __all__ = ["SCHEMA", "Source", "emit"]
@@ -86,6 +86,8 @@ def emit(
                        [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())],
                        forms) | fast | {"kernels": kernels}
     context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""))
+    context |= files_of_solver(constrained=system.m > 0, structured=structured,
+                               forced=bool(system.forces), fast=fast["fast"])
     quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
     if quantities is not None:
         context["own_switches"] |= quantities.functions & SWITCHES

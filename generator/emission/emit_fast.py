@@ -148,8 +148,8 @@ def _memory(
     x = 2 * blocks * n + nodes * m
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
-    forced = 8 + blocks + (n if one else s * n) if scheme.system.forces else 0
-    vectors = (forced + constants + 33
+    forced = n if one else s * n
+    vectors = (forced + blocks + constants + 41
                + 5 * n + 2 * blocks + tables + 2 * iterate + 17 * x + 4 * m + m * m
                + 3 * (16 + 17 * 17))
     return vectors * lanes * real.bytes + 512

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from ...real import Real
 
-__all__ = ["ENGINE", "engine_of"]
+__all__ = ["ENGINE", "engine_of", "files_of_solver"]
 
 ENGINE = Path(__file__).resolve().parents[2] / "engine"
 _MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN)\((\w+)\)|\bNUMBER\b")
@@ -60,3 +60,23 @@ def engine_of(name: str, real: Real, one: str = "", many: str = "") -> Callable[
 @cache
 def _text(file: str) -> str:
     return (ENGINE / f"{file}.h").read_text(encoding="utf-8")
+
+
+def files_of_solver(
+    *, constrained: bool, structured: bool, forced: bool, fast: bool
+) -> dict[str, list[str]]:
+    """Return the files before and behind those of the scheme: what was proved chooses them."""
+    projection = [*(["constraints_forms"] if structured else ["solve", "constraints_dense"]),
+                  "project"]
+    suits = "constrained" if constrained else "free"
+    return {
+        "files": projection if constrained else [],
+        "solver_files": [
+            "lands" if constrained else "lands_free",
+            "newton",
+            *(["simplified_newton"] if fast else []),
+            "work" if forced else "work_free",
+            "observe", f"observe_{suits}",
+            "step",
+        ],
+    }
