@@ -1,4 +1,4 @@
-/* ---------------------------------------------------------------- when a sweep has converged */
+/* ------------------------------------------------------------------ when a sweep has converged */
 
 /* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {
@@ -20,8 +20,9 @@ enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 
 static progress_t start_of_sweeps(real rate)
 {
-    const progress_t start = { .floor = 16*epsilon, .least = (real)HUGE_VAL, .defect = (real)HUGE_VAL,
-        .least_defect = (real)HUGE_VAL, .rate = rate };
+    const real huge = (real)HUGE_VAL;
+    const progress_t start = { .floor = 16*epsilon, .least = huge, .defect = huge,
+        .least_defect = huge, .rate = rate };
     return start;
 }
 
@@ -49,7 +50,8 @@ static int is_met(progress_t *s, real defect)
     s->defect = defect;
     if (defect < s->least_defect)
         s->least_defect = defect;
-    const real floor = 4*epsilon*epsilon, low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
 }
 

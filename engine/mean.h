@@ -1,4 +1,4 @@
-/* ---------------------------------------------------------------- one mean value a step */
+/* ----------------------------------------------------------------------- one mean value a step */
 
 /* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
 enum { DP = N, LAMBDA = 2*N };
@@ -48,8 +48,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
 static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
     const real x[U], const real dx[U])
 {
-    (void)w;
-    (void)dt;
+    (void)w, (void)dt;
     const real q_size = larger(norm(N, q), norm(N, x));
     const real p_size = larger(norm(N, p), norm(N, x + DP));
     const real dq = norm(N, dx), dp = norm(N, dx + DP);

@@ -2,8 +2,7 @@
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
 {
-    (void)w;
-    (void)dt;
+    (void)w, (void)dt;
     for (int a = 0; a < N; ++a) {
         q1[a] = q[a] + x[a];
         p1[a] = p[a] + x[DP + a];

@@ -1,10 +1,11 @@
-/* ---------------------------------------------------------------- T1: full Newton */
+/* ----------------------------------------------------------------------------- T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
  * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
- * momentum: states and guesses two units in the last place away tell by how much the residual is uncertain.
- * They are those at the start of the step, for an iteration that has gone astray proves nothing.
+ * momentum: states and guesses two units in the last place away tell by how much the residual is
+ * uncertain. They are those at the start of the step, for an iteration that has gone astray proves
+ * nothing.
  */
 static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
 {
@@ -33,7 +34,7 @@ static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], rea
     return size <= 16*rounding;
 }
 
-/* Why iterations end without a solution, by their last increment and its ratio to the one before. */
+/* Why iterations end without a solution, by the last increment and its ratio to the one before. */
 static int failure(real size, real ratio)
 {
     if (!isfinite(size))
@@ -72,7 +73,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return lands(w, dt, q, x);
         if (*iterations == 1)
             continue;
-        const int shrinks = ratio < (real)0.5; /* a small increment after one that stalled is chance */
+        const int shrinks = ratio < (real)0.5; /* one that is small after one that stalled is chance */
         ratio = size/previous;
         if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);

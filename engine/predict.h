@@ -1,4 +1,4 @@
-/* ---------------------------------------------------------------- starting values from the past */
+/* --------------------------------------------------------------- starting values from the past */
 
 /*
  * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages

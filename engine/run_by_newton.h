@@ -1,13 +1,9 @@
-/* ---------------------------------------------------------------- a run: Newton at every step */
+/* ----------------------------------------------------------------- a run: Newton at every step */
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
-    (void)w;
-    (void)options;
-    (void)dt;
-    (void)q;
-    (void)p;
+    (void)w, (void)options, (void)dt, (void)q, (void)p;
 }
 
 /* One step of a run, counted and observed. */
@@ -25,9 +21,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
 /* The multipliers of the last step are where it has put them. */
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
 {
-    (void)w;
-    (void)options;
-    (void)multipliers;
+    (void)w, (void)options, (void)multipliers;
 }
 
 static int single_step(work_t *w, const options_t *options, real dt, const real q[N],

@@ -8,8 +8,7 @@
 static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real J[U*U])
 {
-    (void)q;
-    (void)p;
+    (void)q, (void)p;
     for (int e = 0; e < U*U; ++e)
         J[e] = 0;
     for (int l = 0; l <= P; ++l)

@@ -6,9 +6,7 @@
 static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real J[U*U])
 {
-    (void)q;
-    (void)p;
-    (void)x;
+    (void)q, (void)p, (void)x;
     for (int i = 0; i < S; ++i) {
         real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
         const real t = w->t + dt*tableau.c[i];

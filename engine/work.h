@@ -24,6 +24,19 @@ static inline real work_so_far(const report_t *report)
     return report->work;
 }
 
+/* The record's work is what lanes have summed up. */
+static inline void set_work(report_t *report, real work, real low)
+{
+    report->work = work;
+    report->work_low = low;
+}
+
+/* Takes back the work of a step that came to nothing. */
+static inline void restore_work(report_t *report, real work)
+{
+    report->work = work;
+}
+
 void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     const real x[U], real work_done[1], work_t *work)
 {

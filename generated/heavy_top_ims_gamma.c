@@ -55,7 +55,7 @@ enum {
     JACOBIAN_COST = 298*S + 4*P
 };
 
-/* ---------------------------------------------------------------- sizes and rounding */
+/* -------------------------------------------------------------------------- sizes and rounding */
 
 static real larger(real a, real b)
 {
@@ -83,7 +83,7 @@ static real nudge(unsigned *chance)
     return *chance >> 31 ? 2*epsilon : -2*epsilon;
 }
 
-/* ---------------------------------------------------------------- linear algebra */
+/* ------------------------------------------------------------------------------ linear algebra */
 
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
@@ -178,7 +178,7 @@ static void spread_jacobian(const real *J, real *dense)
         dense[e] = J[e];
 }
 
-/* ---------------------------------------------------------------- kernels: expressions only */
+/* ------------------------------------------------------------------- kernels: expressions only */
 
 /* Constants of a run from its parameters. */
 static void prepare(const parameters_t *par, constants *c)
@@ -244,7 +244,8 @@ static void constraint(const constants *c, const double q[4], double g[1])
 }
 
 /* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
-static void constraint_increment(const constants *c, const double q[4], const double d[4], double dg[1])
+static void constraint_increment(const constants *c, const double q[4], const double d[4],
+    double dg[1])
 {
     (void)c;
     dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
@@ -277,7 +278,8 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
 }
 
 /* D_q, D_p: gradient at the midpoint. 33 add, 64 mul. */
-static void mean_gradient(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], const double t[1], double D_q[4], double D_p[4])
+static void mean_gradient(const constants *c, const double qm[4], const double pm[4],
+    const double dq[4], const double dp[4], const double t[1], double D_q[4], double D_p[4])
 {
     (void)dq;
     (void)dp;
@@ -309,7 +311,9 @@ static void mean_gradient(const constants *c, const double qm[4], const double p
 }
 
 /* derivatives of D_q and D_p by dq and dp. 101 add, 197 mul. */
-static void mean_jacobian(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], const double t[1], double D_qq[4][4], double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
+static void mean_jacobian(const constants *c, const double qm[4], const double pm[4],
+    const double dq[4], const double dp[4], const double t[1], double D_qq[4][4],
+    double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
 {
     (void)dq;
     (void)dp;
@@ -451,7 +455,8 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
 }
 
 /* G between q0 and q1. 4 mul. */
-static void mean_constraint(const constants *c, const double qm[4], const double dq[4], double G[1][4])
+static void mean_constraint(const constants *c, const double qm[4], const double dq[4],
+    double G[1][4])
 {
     (void)c;
     (void)dq;
@@ -462,7 +467,8 @@ static void mean_constraint(const constants *c, const double qm[4], const double
 }
 
 /* K = d(G^T lambda)/d(dq). no operations. */
-static void mean_curvature(const constants *c, const double qm[4], const double dq[4], const double lambda[1], double K[4][4])
+static void mean_curvature(const constants *c, const double qm[4], const double dq[4],
+    const double lambda[1], double K[4][4])
 {
     (void)c;
     (void)qm;
@@ -494,7 +500,7 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     return status == OK ? substitute(n, A, exponents, pivots, b) : status;
 }
 
-/* ---------------------------------------------------------------- constraints: G as m rows of n */
+/* --------------------------------------------------------------- constraints: G as m rows of n */
 
 /* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
 enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
@@ -545,7 +551,7 @@ static int solve_place(const constants *c, const real q[N], real g[M])
     return solve(M, &W[0][0], g, exponents, pivots);
 }
 
-/* ---------------------------------------------------------------- onto the constraints */
+/* ------------------------------------------------------------------------ onto the constraints */
 
 /*
  * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is
@@ -610,7 +616,8 @@ int heavy_top_ims_gamma_project(const parameters_t *parameters, real q[N], real 
     return status == OK ? project_momentum(&c, q, p, impulse) : status;
 }
 
-void heavy_top_ims_gamma_defects(const parameters_t *parameters, long count, const real *q, const real *p,
+void heavy_top_ims_gamma_defects(const parameters_t *parameters, long count, const real *q,
+    const real *p,
     real *g, real *f)
 {
     constants c;
@@ -658,7 +665,7 @@ static void step_multipliers(const real x[U], real multipliers[ROOM])
         multipliers[mu] = x[2*N + mu];
 }
 
-/* ---------------------------------------------------------------- one mean value a step */
+/* ----------------------------------------------------------------------- one mean value a step */
 
 /* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
 enum { DP = N, LAMBDA = 2*N };
@@ -708,8 +715,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
 static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
     const real x[U], const real dx[U])
 {
-    (void)w;
-    (void)dt;
+    (void)w, (void)dt;
     const real q_size = larger(norm(N, q), norm(N, x));
     const real p_size = larger(norm(N, p), norm(N, x + DP));
     const real dq = norm(N, dx), dp = norm(N, dx + DP);
@@ -767,8 +773,7 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
 {
-    (void)w;
-    (void)dt;
+    (void)w, (void)dt;
     for (int a = 0; a < N; ++a) {
         q1[a] = q[a] + x[a];
         p1[a] = p[a] + x[DP + a];
@@ -798,13 +803,14 @@ static int lands(work_t *w, real dt, const real q[N], const real x[U])
     return OK;
 }
 
-/* ---------------------------------------------------------------- T1: full Newton */
+/* ----------------------------------------------------------------------------- T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
  * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
- * momentum: states and guesses two units in the last place away tell by how much the residual is uncertain.
- * They are those at the start of the step, for an iteration that has gone astray proves nothing.
+ * momentum: states and guesses two units in the last place away tell by how much the residual is
+ * uncertain. They are those at the start of the step, for an iteration that has gone astray proves
+ * nothing.
  */
 static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
 {
@@ -833,7 +839,7 @@ static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], rea
     return size <= 16*rounding;
 }
 
-/* Why iterations end without a solution, by their last increment and its ratio to the one before. */
+/* Why iterations end without a solution, by the last increment and its ratio to the one before. */
 static int failure(real size, real ratio)
 {
     if (!isfinite(size))
@@ -872,7 +878,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return lands(w, dt, q, x);
         if (*iterations == 1)
             continue;
-        const int shrinks = ratio < (real)0.5; /* a small increment after one that stalled is chance */
+        const int shrinks = ratio < (real)0.5; /* one that is small after one that stalled is chance */
         ratio = size/previous;
         if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);
@@ -934,23 +940,28 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
 static inline void note_work(work_t *w, real dt, const real q[N], const real p[N],
     const real x[U])
 {
-    (void)w;
-    (void)dt;
-    (void)q;
-    (void)p;
-    (void)x;
+    (void)w, (void)dt, (void)q, (void)p, (void)x;
 }
 
 static inline void count_work(const work_t *w, report_t *report)
 {
-    (void)w;
-    (void)report;
+    (void)w, (void)report;
 }
 
 static inline real work_so_far(const report_t *report)
 {
     (void)report;
     return 0;
+}
+
+static inline void set_work(report_t *report, real work, real low)
+{
+    (void)report, (void)work, (void)low;
+}
+
+static inline void restore_work(report_t *report, real work)
+{
+    (void)report, (void)work;
 }
 
 /* Adds the energy of the state (q, p) to the record. */
@@ -981,9 +992,10 @@ static void observe(const constants *c, const real q[N], const real p[N], report
     observe_defects(norm(M, g), norm(M, f), report);
 }
 
-/* ---------------------------------------------------------------- one step by Newton */
+/* -------------------------------------------------------------------------- one step by Newton */
 
-int heavy_top_ims_gamma_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
+int heavy_top_ims_gamma_T1(const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N],
     const real p[N], real x[U], int *iterations, work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -992,7 +1004,8 @@ int heavy_top_ims_gamma_T1(const parameters_t *parameters, const options_t *opti
     return newton(work, options, dt, q, p, x, iterations);
 }
 
-int heavy_top_ims_gamma_T2(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+int heavy_top_ims_gamma_T2(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
     const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1019,7 +1032,8 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
     return OK;
 }
 
-void heavy_top_ims_gamma_guess(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+void heavy_top_ims_gamma_guess(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
     real x[U], work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1027,7 +1041,8 @@ void heavy_top_ims_gamma_guess(const parameters_t *parameters, real dt, const re
     guess(work, dt, q, p, x);
 }
 
-void heavy_top_ims_gamma_residual(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+void heavy_top_ims_gamma_residual(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
     const real x[U], real r[U], work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1035,7 +1050,8 @@ void heavy_top_ims_gamma_residual(const parameters_t *parameters, real dt, const
     residual(work, dt, q, p, x, r);
 }
 
-void heavy_top_ims_gamma_jacobian(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+void heavy_top_ims_gamma_jacobian(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
     const real x[U], real J[U*U], work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1061,7 +1077,8 @@ real heavy_top_ims_gamma_last_increment(const work_t *work)
     return work->increment;
 }
 
-void heavy_top_ims_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
+void heavy_top_ims_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q,
+    const real *p,
     real *H)
 {
     constants c;
@@ -1070,9 +1087,9 @@ void heavy_top_ims_gamma_hamiltonian(const parameters_t *parameters, long count,
         H[i] = hamiltonian(&c, q + i*N, p + i*N);
 }
 
-/* ---------------------------------------------------------------- the fast path, Newton behind it */
+/* ------------------------------------------------------------- the fast path, Newton behind it */
 
-/* ---------------------------------------------------------------- lanes: W reals that move together */
+/* ----------------------------------------------------------- lanes: W reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same
@@ -1096,9 +1113,12 @@ enum { W = sizeof(lanes)/sizeof(real) };
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
 #define NOINLINE static __attribute__((noinline))
+/* Keeps the compiler from holding more values in registers than there are, and spilling them. */
+#define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
 #else
 #define INLINE static inline
 #define NOINLINE static
+#define LOAD_AGAIN(pointer) (void)(pointer)
 #endif
 
 INLINE lanes splat(real x)
@@ -1114,6 +1134,14 @@ INLINE real part(const lanes *x, int i)
 INLINE void set_part(lanes *x, int i, real value)
 {
     ((real *)x)[i] = value;
+}
+
+/* x + y = *high + *low exactly; *high is the rounded sum. */
+INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
+{
+    const lanes sum = x + y, share = sum - x;
+    *low = (x - (sum - share)) + (y - share);
+    *high = sum;
 }
 
 /* A rounded value: keeps the compiler from contracting its product into a sum. */
@@ -1157,14 +1185,6 @@ INLINE void lanes_add_product(lanes sum[2], int count, const lanes *factors)
     sum[0] = total;
 }
 
-/* x + y = *high + *low exactly; *high is the rounded sum. */
-INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
-{
-    const lanes sum = x + y, share = sum - x;
-    *low = (x - (sum - share)) + (y - share);
-    *high = sum;
-}
-
 /* Constants of a run on lanes. */
 typedef struct {
     lanes mgl;
@@ -1195,6 +1215,16 @@ static void set_constants(lane_constants *to, int i, const constants *from)
     set_part(&to->f4, i, 0.25*from->k0);
 }
 
+/* Constants from lane i. */
+static void get_constants(const lane_constants *from, int i, constants *to)
+{
+    to->mgl = part(&from->mgl, i);
+    to->k0 = part(&from->k0, i);
+    to->k1 = part(&from->k1, i);
+    to->k2 = part(&from->k2, i);
+    to->k3 = part(&from->k3, i);
+}
+
 /* H(q, p). 19 add, 32 mul. */
 INLINE lanes lanes_hamiltonian(const lane_constants *c, const lanes q[4], const lanes p[4])
 {
@@ -1221,7 +1251,8 @@ INLINE void lanes_constraint(const lane_constants *c, const lanes q[4], lanes g[
 }
 
 /* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
-INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4], lanes dg[1])
+INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4],
+    lanes dg[1])
 {
     (void)c;
     dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
@@ -1238,8 +1269,12 @@ INLINE void lanes_constraint_jacobian(const lane_constants *c, const lanes q[4],
     G[0][3] = 2.0*q[3];
 }
 
-/* f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the working precision. 4 product. */
-INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4], lanes f[1])
+/*
+ * f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the
+ * working precision. 4 product.
+ */
+INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4],
+    lanes f[1])
 {
     (void)c;
     lanes sum[2];
@@ -1252,7 +1287,8 @@ INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], c
 }
 
 /* D_p. 21 add, 31 mul. */
-INLINE void lanes_mean_velocity(const lane_constants *c, const lanes qm[4], const lanes pm[4], const lanes dq[4], const lanes dp[4], lanes D_p[4])
+INLINE void lanes_mean_velocity(const lane_constants *c, const lanes qm[4], const lanes pm[4],
+    const lanes dq[4], const lanes dp[4], lanes D_p[4])
 {
     (void)dq;
     (void)dp;
@@ -1266,7 +1302,8 @@ INLINE void lanes_mean_velocity(const lane_constants *c, const lanes qm[4], cons
 }
 
 /* D_q. 21 add, 33 mul. */
-INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const lanes pm[4], const lanes dq[4], const lanes dp[4], const lanes t[1], lanes D_q[4])
+INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const lanes pm[4],
+    const lanes dq[4], const lanes dp[4], const lanes t[1], lanes D_q[4])
 {
     (void)dq;
     (void)dp;
@@ -1283,7 +1320,8 @@ INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const l
 }
 
 /* G between q0 and q1. 4 mul. */
-INLINE void lanes_mean_constraint(const lane_constants *c, const lanes qm[4], const lanes dq[4], lanes G[1][4])
+INLINE void lanes_mean_constraint(const lane_constants *c, const lanes qm[4], const lanes dq[4],
+    lanes G[1][4])
 {
     (void)c;
     (void)dq;
@@ -1305,7 +1343,7 @@ INLINE lanes lanes_correction(const lane_constants *c)
     return 0.25*c->k0;
 }
 
-/* ---------------------------------------------------------------- when a sweep has converged */
+/* ------------------------------------------------------------------ when a sweep has converged */
 
 /* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {
@@ -1327,8 +1365,9 @@ enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 
 static progress_t start_of_sweeps(real rate)
 {
-    const progress_t start = { .floor = 16*epsilon, .least = (real)HUGE_VAL, .defect = (real)HUGE_VAL,
-        .least_defect = (real)HUGE_VAL, .rate = rate };
+    const real huge = (real)HUGE_VAL;
+    const progress_t start = { .floor = 16*epsilon, .least = huge, .defect = huge,
+        .least_defect = huge, .rate = rate };
     return start;
 }
 
@@ -1356,7 +1395,8 @@ static int is_met(progress_t *s, real defect)
     s->defect = defect;
     if (defect < s->least_defect)
         s->least_defect = defect;
-    const real floor = 4*epsilon*epsilon, low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
 }
 
@@ -1411,7 +1451,7 @@ static int why(const progress_t *s)
     return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
 }
 
-/* ---------------------------------------------------------------- starting values from the past */
+/* --------------------------------------------------------------- starting values from the past */
 
 /*
  * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
@@ -1626,17 +1666,27 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
     }
 }
 
-/* ---------------------------------------------------------------- sweeps: one mean value a step */
+/* --------------------------------------------------------------- sweeps: one mean value a step */
 
 /* Where the unknowns stand: the increments dq and dp, and the impulses h lambda. */
-enum { MEAN_X_HAT = N, MEAN_X_IMPULSE = 2*N, MEAN_X = 2*N + M };
-static const int mean_ends[GROUPS] = { MEAN_X_HAT, MEAN_X_IMPULSE, MEAN_X };
+enum { mean_S = 1, mean_P = 1 };
+enum { mean_HAT = N, mean_IMPULSE = 2*N, mean_X = 2*N + M, mean_RESULT = mean_X };
+static const int mean_ends[GROUPS] = { mean_HAT, mean_IMPULSE, mean_X };
 static const int mean_rows[GROUPS] = { N, N, M };
 
-/* What a sweep improves, and what the end of the step needs of it. */
+/* What a sweep improves: W is constant. */
 typedef struct {
-    lanes x[MEAN_X];
+    lanes x[mean_X];
 } mean_iterate;
+
+/* What is known of the constraints. */
+typedef struct {
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes W_inverse[M][M]; /* by h */
+    lanes correction;      /* c, with H_pp G^T = c G^T */
+} mean_bound;
 
 typedef struct {
     lane_constants constants;
@@ -1644,49 +1694,163 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes t; /* at the start of the step */
+    lanes t;                  /* at the start of the step */
+    lanes work, work_low;     /* done by the forces since the start */
+    lanes change, noise;      /* of the last sweep; what rounding is worth in one */
     mean_iterate now;
-    lanes change, noise; /* of the last sweep; what rounding is worth in one */
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes W_inverse[M][M];
-    lanes correction;
+    mean_bound bound;
     predictor_t predictor;
-    lanes through[MEAN_X]; /* what went before, once more */
-    lanes past[HISTORY*MEAN_X];
+    lanes through[mean_X]; /* what went before, once more */
+    lanes past[HISTORY*mean_X];
 } mean_t;
-
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
-INLINE void mean_look(mean_t *w)
-{
-    lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->g_rounded);
-    lanes_constraint_jacobian(&w->constants, w->q, G);
-    for (int mu = 0; mu < M; ++mu) {
-        lanes square = splat(DBL_MIN);
-        w->g[mu] = w->g_rounded[mu];
-        for (int a = 0; a < N; ++a) {
-            w->g[mu] += G[mu][a]*w->q_low[a];
-            square += G[mu][a]*G[mu][a];
-        }
-        w->shortness[mu] = 1/square;
-    }
-}
-
-/* From starting values: W = G H_pp G^T at the end of the step, where it is not constant. */
-INLINE void mean_begin(mean_t *w)
-{
-    (void)w;
-}
 
 /* The means of the ends (51). */
 INLINE void mean_means(const mean_t *w, const lanes *x, lanes *q_mean, lanes *p_mean)
 {
     for (int a = 0; a < N; ++a) {
         q_mean[a] = w->q[a] + (real)0.5*x[a];
-        p_mean[a] = w->p[a] + (real)0.5*x[MEAN_X_HAT + a];
+        p_mean[a] = w->p[a] + (real)0.5*x[mean_HAT + a];
     }
+}
+
+/* dq = h D_p between the state and the end that x says. */
+INLINE void mean_move(const mean_t *w, lanes *x)
+{
+    lanes q_mean[N], p_mean[N], rate[N];
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_velocity(&w->constants, q_mean, p_mean, x, x + mean_HAT, rate);
+    for (int a = 0; a < N; ++a)
+        x[a] = w->h*rate[a];
+}
+
+/* The momentum's increment a; the squares of what a sweep has changed are added up. */
+INLINE void mean_take(const mean_t *w, int a, lanes force, lanes *x, lanes *q_change,
+    lanes *p_change)
+{
+    x[mean_HAT + a] = force;
+    const lanes dq = x[a] - w->now.x[a], dp = force - w->now.x[mean_HAT + a];
+    *q_change += dq*dq;
+    *p_change += dp*dp;
+}
+
+/* D_q - F there, with F at the means and the middle of the step. */
+INLINE void mean_kick(const mean_t *w, const lanes *x, lanes *rate)
+{
+    lanes q_mean[N], p_mean[N];
+    const lanes t = w->t + (real)0.5*w->h;
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_force(&w->constants, q_mean, p_mean, x, x + mean_HAT, &t, rate);
+}
+
+/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+INLINE void mean_look(mean_t *w)
+{
+    lanes G[M][N];
+    lanes_constraint(&w->constants, w->q, w->bound.g_rounded);
+    lanes_constraint_jacobian(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(DBL_MIN);
+        w->bound.g[mu] = w->bound.g_rounded[mu];
+        for (int a = 0; a < N; ++a) {
+            w->bound.g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->bound.shortness[mu] = 1/square;
+    }
+}
+
+/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+INLINE void mean_factor(mean_t *w)
+{
+    (void)w;
+}
+
+/* impulse += 2 (h W)^-1 g */
+INLINE void mean_correct(const mean_t *w, lanes g[M], lanes *impulse)
+{
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            impulse[mu] += 2*w->bound.W_inverse[mu][nu]*g[nu];
+}
+
+/* (h W)^-1 of the run, and c with H_pp G^T = c G^T */
+static void mean_set_schur(mean_t *w)
+{
+    lanes_schur_inverse(&w->constants, w->bound.W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->bound.W_inverse[mu][nu] *= w->h_inverse;
+    w->bound.correction = lanes_correction(&w->constants);
+}
+
+/* H_pp G^T = c G^T: a pull changes the velocity by c times what it changes the momenta by. */
+INLINE void mean_respond(const mean_t *w, int a, lanes pull, lanes *x)
+{
+    x[a] -= (real)0.5*w->h*w->bound.correction*pull;
+}
+
+INLINE void mean_move_again(const mean_t *w, lanes *x)
+{
+    (void)w, (void)x;
+}
+
+INLINE void mean_begin(mean_t *w)
+{
+    mean_factor(w);
+}
+
+/*
+ * Corrects the impulses, so that the end is on the constraints; w->bound.defect is how far from
+ * g = 0 it was before.
+ */
+INLINE void mean_constrain(mean_t *w, lanes *x)
+{
+    lanes g[M];
+    lanes_constraint_increment(&w->constants, w->q, x, g);
+    w->bound.defect = splat(0);
+    for (int mu = 0; mu < M; ++mu) {
+        g[mu] += w->bound.g[mu];
+        w->bound.defect += g[mu]*g[mu]*w->bound.shortness[mu];
+    }
+    w->bound.defect *= w->q_size;
+    mean_correct(w, g, x + mean_IMPULSE);
+}
+
+/* The multipliers of lane i, from its impulses. */
+static void mean_multipliers(const mean_t *w, int lane, real *multipliers)
+{
+    for (int mu = 0; mu < M; ++mu)
+        multipliers[mu] = part(&w->now.x[mean_IMPULSE + mu], lane)/part(&w->h, lane);
+}
+
+/* The second half of a sweep: the impulses, both increments corrected, dp from them. */
+INLINE void mean_follow(mean_t *w, lanes *x, lanes *q_change, lanes *p_change)
+{
+    lanes G[M][N], q_mean[N], p_mean[N], rate[N];
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_constraint(&w->constants, q_mean, x, G);
+    mean_constrain(w, x);
+    for (int mu = 0; mu < M; ++mu)
+        for (int a = 0; a < N; ++a) {
+            const int e = mean_IMPULSE + mu;
+            const lanes pull = G[mu][a]*(x[e] - w->now.x[e]);
+            x[mean_HAT + a] -= pull;
+            mean_respond(w, a, pull, x);
+        }
+    mean_move_again(w, x);
+    mean_kick(w, x, rate);
+    for (int a = 0; a < N; ++a) {
+        lanes force = -w->h*rate[a];
+        for (int mu = 0; mu < M; ++mu)
+            force -= G[mu][a]*x[mean_IMPULSE + mu];
+        mean_take(w, a, force, x, q_change, p_change);
+    }
+}
+
+/* Without forces no work is done. */
+INLINE void mean_add_work(mean_t *w)
+{
+    (void)w;
 }
 
 /* Starting values without a past: an explicit Euler step, no impulse. */
@@ -1699,67 +1863,33 @@ INLINE void mean_guess(mean_t *w)
     lanes_mean_force(&w->constants, w->q, w->p, zero, zero, &w->t, rates + N);
     for (int a = 0; a < N; ++a) {
         w->now.x[a] = w->h*rates[a];
-        w->now.x[MEAN_X_HAT + a] = -w->h*rates[N + a];
+        w->now.x[mean_HAT + a] = -w->h*rates[N + a];
     }
-    for (int e = MEAN_X_IMPULSE; e < MEAN_X; ++e)
+    for (int e = mean_IMPULSE; e < mean_X; ++e)
         w->now.x[e] = splat(0);
 }
 
 /*
  * One sweep, Gauss-Seidel: dq from dp, the impulses from the constraint at the end, both corrected,
- * dp from them. w->change is the sum of squares of what it changed, relative to the state, w->defect that
- * of how far from g = 0 the end was, before the impulses were corrected
+ * dp from them. w->change is the sum of squares of what it changed, relative to the state.
  */
 INLINE void mean_sweep(mean_t *w)
 {
-    lanes x[MEAN_X], q_mean[N], p_mean[N], rate[N], q_change = splat(0), p_change = splat(0);
-    for (int e = 0; e < MEAN_X; ++e)
+    lanes x[mean_X], q_change = splat(0), p_change = splat(0);
+    for (int e = 0; e < mean_X; ++e)
         x[e] = w->now.x[e];
-    mean_means(w, x, q_mean, p_mean);
-    lanes_mean_velocity(&w->constants, q_mean, p_mean, x, x + MEAN_X_HAT, rate);
-    for (int a = 0; a < N; ++a)
-        x[a] = w->h*rate[a];
-    lanes G[M][N], more[M];
-    mean_means(w, x, q_mean, p_mean);
-    lanes_mean_constraint(&w->constants, q_mean, x, G);
-    lanes_constraint_increment(&w->constants, w->q, x, more);
-    w->defect = splat(0);
-    for (int mu = 0; mu < M; ++mu) {
-        more[mu] += w->g[mu];
-        w->defect += more[mu]*more[mu]*w->shortness[mu];
-    }
-    w->defect *= w->q_size;
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            x[MEAN_X_IMPULSE + mu] += 2*w->W_inverse[mu][nu]*more[nu];
-    for (int mu = 0; mu < M; ++mu)
-        for (int a = 0; a < N; ++a) {
-            const lanes pull = G[mu][a]*(x[MEAN_X_IMPULSE + mu] - w->now.x[MEAN_X_IMPULSE + mu]);
-            x[MEAN_X_HAT + a] -= pull;
-            x[a] -= (real)0.5*w->h*w->correction*pull;
-        }
-    mean_means(w, x, q_mean, p_mean);
-    const lanes t = w->t + (real)0.5*w->h;
-    lanes_mean_force(&w->constants, q_mean, p_mean, x, x + MEAN_X_HAT, &t, rate);
-    for (int a = 0; a < N; ++a) {
-        lanes force = -w->h*rate[a];
-        for (int mu = 0; mu < M; ++mu)
-            force -= G[mu][a]*x[MEAN_X_IMPULSE + mu];
-        x[MEAN_X_HAT + a] = force;
-        const lanes dq = x[a] - w->now.x[a], dp = force - w->now.x[MEAN_X_HAT + a];
-        q_change += dq*dq;
-        p_change += dp*dp;
-    }
-    for (int e = 0; e < MEAN_X; ++e)
+    mean_move(w, x);
+    mean_follow(w, x, &q_change, &p_change);
+    for (int e = 0; e < mean_X; ++e)
         w->now.x[e] = x[e];
     w->change = q_change*w->q_size + p_change*w->p_size;
 }
 
 /*
- * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that it
- * makes to the rates when a state is moved by two units in the last place, the mean of four times, and
- * what rounding the rates makes. The state is that at the start of the step, for sweeps that have gone
- * astray prove nothing.
+ * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that
+ * it makes to the rates when a state is moved by two units in the last place, the mean of four
+ * times, and what rounding the rates makes. The state is that at the start of the step, for sweeps
+ * that have gone astray prove nothing.
  */
 NOINLINE void mean_noise(mean_t *w)
 {
@@ -1792,9 +1922,10 @@ NOINLINE void mean_noise(mean_t *w)
 INLINE void mean_finish(mean_t *w)
 {
     lanes q[N], p[N];
+    mean_add_work(w);
     for (int a = 0; a < N; ++a) {
         two_sum(w->q[a], w->now.x[a] + w->q_low[a], &q[a], &w->q_low[a]);
-        two_sum(w->p[a], w->now.x[MEAN_X_HAT + a] + w->p_low[a], &p[a], &w->p_low[a]);
+        two_sum(w->p[a], w->now.x[mean_HAT + a] + w->p_low[a], &p[a], &w->p_low[a]);
         w->q[a] = q[a];
         w->p[a] = p[a];
     }
@@ -1812,14 +1943,11 @@ static void mean_prepare(mean_t *w, int lane, const constants *c, real h)
 /* What follows from the constants and steps of all lanes. */
 static void mean_set_up(mean_t *w)
 {
-    lanes_schur_inverse(&w->constants, w->W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->W_inverse[mu][nu] *= w->h_inverse;
-    w->correction = lanes_correction(&w->constants);
+    mean_set_schur(w);
     forget(&w->predictor);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = splat(0);
+    w->work = w->work_low = splat(0);
     mean_look(w);
 }
 
@@ -1828,7 +1956,7 @@ INLINE void mean_sizes(mean_t *w)
 {
     lanes q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
     for (int a = 0; a < N; ++a) {
-        const lanes *dq = w->now.x, *dp = w->now.x + MEAN_X_HAT;
+        const lanes *dq = w->now.x, *dp = w->now.x + mean_HAT;
         q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
         p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
     }
@@ -1840,43 +1968,62 @@ INLINE void mean_sizes(mean_t *w)
 INLINE void mean_start(mean_t *w, int predicted)
 {
     if (predicted) {
-        const lanes *x = past_values(&w->predictor, w->past, MEAN_X, 0);
-        for (int e = 0; e < MEAN_X && !w->predictor.fitted; ++e)
+        const lanes *x = past_values(&w->predictor, w->past, mean_X, 0);
+        for (int e = 0; e < mean_X && !w->predictor.fitted; ++e)
             w->through[e] = x[e];
-        predict(&w->predictor, w->past, MEAN_X, mean_ends, w->through, w->now.x);
+        predict(&w->predictor, w->past, mean_X, mean_ends, w->through, w->now.x);
     } else
         mean_guess(w);
     mean_sizes(w);
     mean_begin(w);
 }
 
-/* The multipliers of lane i, from its impulses. */
-static void mean_multipliers(const mean_t *w, int lane, real *multipliers)
-{
-    for (int mu = 0; mu < M; ++mu)
-        multipliers[mu] = part(&w->now.x[MEAN_X_IMPULSE + mu], lane)/part(&w->h, lane);
-}
-
 /* The unknowns from those of the sweeps, and those of a lane from them. */
 static void mean_unscale(const mean_t *w, real x[U])
 {
-    for (int e = 0; e < MEAN_X; ++e)
-        x[e] = part(&w->now.x[e], 0)/(e < MEAN_X_IMPULSE ? 1 : part(&w->h, 0));
+    for (int e = 0; e < mean_X; ++e)
+        x[e] = part(&w->now.x[e], 0)/(e < mean_IMPULSE ? 1 : part(&w->h, 0));
 }
 
 static void mean_load(mean_t *w, int lane, const real x[U])
 {
-    for (int e = 0; e < MEAN_X; ++e)
-        set_part(&w->now.x[e], lane, x[e]*(e < MEAN_X_IMPULSE ? 1 : part(&w->h, lane)));
+    for (int e = 0; e < mean_X; ++e)
+        set_part(&w->now.x[e], lane, x[e]*(e < mean_IMPULSE ? 1 : part(&w->h, lane)));
+}
+
+/* A number of the one trajectory from its lanes, which are all the same. */
+INLINE real mean_of_lanes(const lanes *x)
+{
+    return part(x, 0);
+}
+
+/* How many lanes differ. */
+static int mean_used(void)
+{
+    return 1;
+}
+
+/* Adds what is left of the constraints at the one trajectory's state to the record. */
+static void mean_observe_defects(const mean_t *s, report_t *report)
+{
+    lanes f[M];
+    real g_size = 0, f_size = 0;
+    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = larger(fabs(part(&s->bound.g_rounded[mu], 0)), g_size);
+        f_size = larger(fabs(part(&f[mu], 0)), f_size);
+    }
+    observe_defects(g_size, f_size, report);
 }
 
 /* What a sweep costs, in additions, for all of its stages and nodes. */
 enum {
-    STAGE_ITEMS = 1, NODE_ITEMS = 1,
     PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with what a stage has */
-    SWEEP_COST = (106 + PRODUCTS)*STAGE_ITEMS + 0*S
-        + 19*NODE_ITEMS + 0*P
+    SWEEP_COST = (106 + PRODUCTS)*mean_S + 0*S
+        + 19*mean_P + 0*P
 };
+
+/* -------------------------------------------------- one trajectory: sweeps, Newton behind them */
 
 /* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
 enum { SWEEPS_FIRST, NEWTON_FIRST };
@@ -1899,13 +2046,6 @@ static fast_t *fast_of(work_t *w)
     return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
-/* A number of the one trajectory from its lanes, which are all the same. */
-INLINE real mean_of_lanes(const lanes *x)
-{
-    real sum = part(x, 0);
-    return sum;
-}
-
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps)
 {
@@ -1915,7 +2055,8 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
     mean_start(w, predicted);
     do {
         mean_sweep(w);
-        const real change = mean_of_lanes(&w->change), defect = mean_of_lanes(&w->defect);
+        const real change = mean_of_lanes(&w->change);
+        const real defect = mean_of_lanes(&w->bound.defect);
         if (calls_for_look(&progress, change)) {
             mean_noise(w);
             look(&progress, mean_of_lanes(&w->noise));
@@ -1923,8 +2064,10 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
         verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
-        if (!predicted && verdict == SWEEP_AGAIN && (progress.sweeps == 1 || progress.sweeps == 3)) {
+        const int early = progress.sweeps == 1 || progress.sweeps == 3;
+        if (!predicted && verdict == SWEEP_AGAIN && early) {
             mean_sizes(w); /* what is at rest has none before it moves */
+            mean_factor(w);
         }
     } while (verdict == SWEEP_AGAIN);
     *sweeps += progress.sweeps;
@@ -1964,8 +2107,8 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
 }
 
 /*
- * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed to
- * be three residuals and a Jacobian. The other way is tried again ever more rarely.
+ * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed
+ * to be three residuals and a Jacobian. The other way is tried again ever more rarely.
  */
 static void choose_way(fast_t *f, long effort)
 {
@@ -1988,7 +2131,10 @@ static void choose_way(fast_t *f, long effort)
     }
 }
 
-/* One step of the state in the work memory: sweeps, and Newton where they do not converge or cost more. */
+/*
+ * One step of the state in the work memory: sweeps, and Newton where they do not converge or cost
+ * more.
+ */
 static int fast_advance(work_t *w, const options_t *options, real dt, int *iterations,
     report_t *report)
 {
@@ -2018,7 +2164,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
         f->failures = 0;
     choose_way(f, sweeps*SWEEP_COST + w->effort);
     mean_t *s = &f->run;
-    record(&s->predictor, s->past, MEAN_X, mean_ends, mean_rows, s->through, s->now.x);
+    record(&s->predictor, s->past, mean_X, mean_ends, mean_rows, s->through, s->now.x);
     mean_finish(s);
     real size = 0;
     for (int a = 0; a < N; ++a)
@@ -2032,7 +2178,7 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     f->failures = f->wait = f->way = f->steps = 0;
     f->patience = 32;
     f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
-    f->run.constants._used = 1;
+    f->run.constants._used = mean_used();
     for (int i = 0; i < W; ++i)
         mean_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
@@ -2056,23 +2202,15 @@ static void fast_observe(work_t *w, report_t *report)
 {
     mean_t *s = &fast_of(w)->run;
     const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
-    const real error = fabs(part(&H, 0) - report->energy_start);
+    set_work(report, part(&s->work, 0), part(&s->work_low, 0));
+    const real gain = part(&H, 0) - report->energy_start;
+    const real error = fabs(gain - work_so_far(report));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
-    lanes f[M];
-    real g_size = 0, f_size = 0;
-    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
-    for (int mu = 0; mu < M; ++mu) {
-        g_size = larger(fabs(part(&s->g_rounded[mu], 0)), g_size);
-        f_size = larger(fabs(part(&f[mu], 0)), f_size);
-    }
-    report->constraint_max = larger(g_size, report->constraint_max);
-    report->constraint_sum += g_size;
-    report->hidden_max = larger(f_size, report->hidden_max);
-    report->hidden_sum += f_size;
+    mean_observe_defects(s, report);
 }
 
-/* ---------------------------------------------------------------- a run: sweeps, or Newton if asked for */
+/* ------------------------------------------------------- a run: sweeps, or Newton if asked for */
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
@@ -2124,7 +2262,7 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     return status;
 }
 
-/* ---------------------------------------------------------------- the public functions */
+/* ------------------------------------------------------------------------ the public functions */
 
 int heavy_top_ims_gamma_step(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
@@ -2186,7 +2324,7 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
     return OK;
 }
 
-/* ---------------------------------------------------------------- W trajectories at a time */
+/* -------------------------------------------------------------------- W trajectories at a time */
 
 /* What a caller's batch memory holds. */
 typedef struct {
@@ -2205,9 +2343,6 @@ static batch_t *batch_of(batch_memory *memory)
 {
     return (batch_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
 }
-
-/* What the end of a step needs of an iterate: its first lanes. */
-enum { RESULT = MEAN_X };
 
 enum { WHOLE = sizeof(mean_iterate)/sizeof(lanes) };
 
@@ -2268,7 +2403,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             fresh[i] = 0;
             if (!busy[i])
                 continue;
-            const real change = part(&run->change, i), defect = part(&run->defect, i);
+            const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
             if (calls_for_look(&progress[i], change))
                 look(&progress[i], part(&run->noise, i));
             const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
@@ -2289,16 +2424,17 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         for (int i = 0; i < W && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
-                copy_lane(&b->kept, &run->now, i, RESULT);
+                copy_lane(&b->kept, &run->now, i, mean_RESULT);
             }
         if (!predicted && left > 0 && (round == 1 || round == 3)) {
             mean_sizes(run);
+            mean_factor(run);
         }
     }
     for (int i = 0; i < W; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
-            copy_lane(&run->now, &b->kept, i, RESULT);
+            copy_lane(&run->now, &b->kept, i, mean_RESULT);
     }
 }
 
@@ -2307,12 +2443,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
 {
     real q[N], p[N];
     int fresh[W] = { 0 }, taken;
-    constants *c = &w->constants;
-    c->mgl = part(&b->run.constants.mgl, lane);
-    c->k0 = part(&b->run.constants.k0, lane);
-    c->k1 = part(&b->run.constants.k1, lane);
-    c->k2 = part(&b->run.constants.k2, lane);
-    c->k3 = part(&b->run.constants.k3, lane);
+    get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
         p[a] = part(&b->run.p[a], lane);
@@ -2346,17 +2477,13 @@ INLINE lanes lanes_size(lanes a)
     return result;
 }
 
-static void observe_lanes(batch_t *b)
+static void observe_lane_defects(batch_t *b)
 {
     mean_t *run = &b->run;
-    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
-        - b->energy_start);
-    b->energy_error_max = lanes_larger(b->energy_error_max, error);
-    b->energy_error_sum += error;
     lanes f[M], g_size = splat(0), f_size = splat(0);
     lanes_hidden_constraint(&run->constants, run->q, run->p, f);
     for (int mu = 0; mu < M; ++mu) {
-        g_size = lanes_larger(g_size, lanes_size(run->g_rounded[mu]));
+        g_size = lanes_larger(g_size, lanes_size(run->bound.g_rounded[mu]));
         f_size = lanes_larger(f_size, lanes_size(f[mu]));
     }
     b->g_max = lanes_larger(b->g_max, g_size);
@@ -2365,9 +2492,20 @@ static void observe_lanes(batch_t *b)
     b->f_sum += f_size;
 }
 
+static void observe_lanes(batch_t *b)
+{
+    mean_t *run = &b->run;
+    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
+        - b->energy_start - run->work);
+    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_sum += error;
+    observe_lane_defects(b);
+}
+
 /* The record of a lane, between memory and report. */
 static void write_report(const batch_t *b, int lane, report_t *report)
 {
+    set_work(report, part(&b->run.work, lane), part(&b->run.work_low, lane));
     report->energy_error_max = part(&b->energy_error_max, lane);
     report->energy_error_sum = part(&b->energy_error_sum, lane);
     report->constraint_max = part(&b->g_max, lane);
@@ -2377,8 +2515,8 @@ static void write_report(const batch_t *b, int lane, report_t *report)
 }
 
 /* State and record of a lane, for the caller. */
-static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p, real *q,
-    real *p, report_t *report)
+static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p,
+    real *q, real *p, report_t *report)
 {
     write_report(b, lane, report);
     for (int a = 0; a < N; ++a) {
@@ -2467,7 +2605,8 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             q_before[a] = run->q[a];
             p_before[a] = run->p[a];
         }
-        record(&run->predictor, run->past, MEAN_X, mean_ends, mean_rows,
+        const lanes work_before = run->work;
+        record(&run->predictor, run->past, mean_X, mean_ends, mean_rows,
             run->through, run->now.x);
         mean_finish(run);
         for (int i = 0; i < count; ++i)
@@ -2476,6 +2615,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
                 alive[i] = 0;
                 --living;
                 keep_state(b, i, q_before, p_before, q, p, &reports[i]);
+                restore_work(&reports[i], part(&work_before, i));
             }
         observe_lanes(b);
         for (int i = 0; i < count; ++i) {
@@ -2501,14 +2641,17 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
                 mean_multipliers(run, i, out.multipliers + row*MULTIPLIERS);
             if (out.iterations != NULL)
                 out.iterations[row] = most[i];
+            if (out.work != NULL)
+                out.work[row] = part(&run->work, i);
             most[i] = 0;
         }
     }
 }
 
-/* ---------------------------------------------------------------- any number of trajectories, whole runs */
+/* ------------------------------------------------------ any number of trajectories, whole runs */
 
-void heavy_top_ims_gamma_integrate_many(long count, const parameters_t *parameters, const options_t *options,
+void heavy_top_ims_gamma_integrate_many(long count, const parameters_t *parameters,
+    const options_t *options,
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
@@ -2525,7 +2668,7 @@ void heavy_top_ims_gamma_integrate_many(long count, const parameters_t *paramete
     }
 }
 
-/* ---------------------------------------------------------------- calls with what this system has */
+/* ------------------------------------------------------------- calls with what this system has */
 
 int heavy_top_ims_gamma_integrate(const parameters_t *parameters, const options_t *options, real dt,
     long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,

@@ -55,7 +55,7 @@ enum {
     JACOBIAN_COST = 295*S + 1*P + S*S*N*N*(2*N + 4)
 };
 
-/* ---------------------------------------------------------------- sizes and rounding */
+/* -------------------------------------------------------------------------- sizes and rounding */
 
 static real larger(real a, real b)
 {
@@ -83,7 +83,7 @@ static real nudge(unsigned *chance)
     return *chance >> 31 ? 2*epsilon : -2*epsilon;
 }
 
-/* ---------------------------------------------------------------- linear algebra */
+/* ------------------------------------------------------------------------------ linear algebra */
 
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
@@ -178,7 +178,7 @@ static void spread_jacobian(const real *J, real *dense)
         dense[e] = J[e];
 }
 
-/* ---------------------------------------------------------------- kernels: expressions only */
+/* ------------------------------------------------------------------- kernels: expressions only */
 
 /* Constants of a run from its parameters. */
 static void prepare(const parameters_t *par, constants *c)
@@ -244,7 +244,8 @@ static void constraint(const constants *c, const double q[4], double g[1])
 }
 
 /* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
-static void constraint_increment(const constants *c, const double q[4], const double d[4], double dg[1])
+static void constraint_increment(const constants *c, const double q[4], const double d[4],
+    double dg[1])
 {
     (void)c;
     dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
@@ -277,7 +278,8 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
 }
 
 /* H_q = dH/dq, H_p = dH/dp. 33 add, 63 mul. */
-static void gradient(const constants *c, const double q[4], const double p[4], const double t[1], double H_q[4], double H_p[4])
+static void gradient(const constants *c, const double q[4], const double p[4], const double t[1],
+    double H_q[4], double H_p[4])
 {
     (void)t;
     /* Common subexpressions (16) */
@@ -308,7 +310,8 @@ static void gradient(const constants *c, const double q[4], const double p[4], c
 }
 
 /* H_qq, H_pq = dH_p/dq and H_pp. 101 add, 194 mul. */
-static void hessian(const constants *c, const double q[4], const double p[4], const double t[1], double H_qq[4][4], double H_pq[4][4], double H_pp[4][4])
+static void hessian(const constants *c, const double q[4], const double p[4], const double t[1],
+    double H_qq[4][4], double H_pq[4][4], double H_pp[4][4])
 {
     (void)t;
     /* Common subexpressions (56) */
@@ -419,7 +422,8 @@ static void hessian(const constants *c, const double q[4], const double p[4], co
 }
 
 /* K = d(G^T lambda)/dq. 1 mul. */
-static void constraint_curvature(const constants *c, const double q[4], const double lambda[1], double K[4][4])
+static void constraint_curvature(const constants *c, const double q[4], const double lambda[1],
+    double K[4][4])
 {
     (void)c;
     (void)q;
@@ -452,7 +456,7 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     return status == OK ? substitute(n, A, exponents, pivots, b) : status;
 }
 
-/* ---------------------------------------------------------------- constraints: G as m rows of n */
+/* --------------------------------------------------------------- constraints: G as m rows of n */
 
 /* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
 enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
@@ -503,7 +507,7 @@ static int solve_place(const constants *c, const real q[N], real g[M])
     return solve(M, &W[0][0], g, exponents, pivots);
 }
 
-/* ---------------------------------------------------------------- onto the constraints */
+/* ------------------------------------------------------------------------ onto the constraints */
 
 /*
  * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is
@@ -568,7 +572,8 @@ int heavy_top_liiiab5_gamma_project(const parameters_t *parameters, real q[N], r
     return status == OK ? project_momentum(&c, q, p, impulse) : status;
 }
 
-void heavy_top_liiiab5_gamma_defects(const parameters_t *parameters, long count, const real *q, const real *p,
+void heavy_top_liiiab5_gamma_defects(const parameters_t *parameters, long count, const real *q,
+    const real *p,
     real *g, real *f)
 {
     constants c;
@@ -579,13 +584,19 @@ void heavy_top_liiiab5_gamma_defects(const parameters_t *parameters, long count,
     }
 }
 
-/* ---------------------------------------------------------------- SPARK: the tableau is data */
+/* ------------------------------------------------------------------ SPARK: the tableau is data */
 
 /* Coefficients: each literal is the correctly rounded exact value. */
 /* A[0]       = 0, 0, 0, 0, 0 */
-/* A[1]       = 3*sqrt(21)/1960+17/280, 49/360-sqrt(21)/280, 8/45-32*sqrt(21)/735, 49/360-23*sqrt(21)/840, -3/280+3*sqrt(21)/1960 */
+/*
+ * A[1]       = 3*sqrt(21)/1960+17/280, 49/360-sqrt(21)/280, 8/45-32*sqrt(21)/735,
+ * 49/360-23*sqrt(21)/840, -3/280+3*sqrt(21)/1960
+ */
 /* A[2]       = 13/320, 49/360+7*sqrt(21)/192, 8/45, 49/360-7*sqrt(21)/192, 3/320 */
-/* A[3]       = 17/280-3*sqrt(21)/1960, 23*sqrt(21)/840+49/360, 8/45+32*sqrt(21)/735, sqrt(21)/280+49/360, -3/280-3*sqrt(21)/1960 */
+/*
+ * A[3]       = 17/280-3*sqrt(21)/1960, 23*sqrt(21)/840+49/360, 8/45+32*sqrt(21)/735,
+ * sqrt(21)/280+49/360, -3/280-3*sqrt(21)/1960
+ */
 /* A[4]       = 1/20, 49/180, 16/45, 49/180, 1/20 */
 /* A_hat[0]   = 1/20, -7/120-sqrt(21)/120, 1/15, -7/120+sqrt(21)/120, 0 */
 /* A_hat[1]   = 1/20, sqrt(21)/280+49/360, 8/45-sqrt(21)/21, 49/360-23*sqrt(21)/840, 0 */
@@ -598,9 +609,15 @@ void heavy_top_liiiab5_gamma_defects(const parameters_t *parameters, long count,
 /* A_tilde[3] = 1/20, 23*sqrt(21)/840+49/360, 8/45+sqrt(21)/21, 49/360-sqrt(21)/280, 0 */
 /* A_tilde[4] = 1/20, 119/360-sqrt(21)/120, 13/45, sqrt(21)/120+119/360, 0 */
 /* A_bar[0]   = 0, 0, 0, 0, 0 */
-/* A_bar[1]   = 3*sqrt(21)/1960+17/280, 49/360-sqrt(21)/280, 8/45-32*sqrt(21)/735, 49/360-23*sqrt(21)/840, -3/280+3*sqrt(21)/1960 */
+/*
+ * A_bar[1]   = 3*sqrt(21)/1960+17/280, 49/360-sqrt(21)/280, 8/45-32*sqrt(21)/735,
+ * 49/360-23*sqrt(21)/840, -3/280+3*sqrt(21)/1960
+ */
 /* A_bar[2]   = 13/320, 49/360+7*sqrt(21)/192, 8/45, 49/360-7*sqrt(21)/192, 3/320 */
-/* A_bar[3]   = 17/280-3*sqrt(21)/1960, 23*sqrt(21)/840+49/360, 8/45+32*sqrt(21)/735, sqrt(21)/280+49/360, -3/280-3*sqrt(21)/1960 */
+/*
+ * A_bar[3]   = 17/280-3*sqrt(21)/1960, 23*sqrt(21)/840+49/360, 8/45+32*sqrt(21)/735,
+ * sqrt(21)/280+49/360, -3/280-3*sqrt(21)/1960
+ */
 /* A_bar[4]   = 1/20, 49/180, 16/45, 49/180, 1/20 */
 /* b          = 1/20, 49/180, 16/45, 49/180, 1/20 */
 /* b_hat      = 1/20, 49/180, 16/45, 49/180, 1/20 */
@@ -610,9 +627,11 @@ void heavy_top_liiiab5_gamma_defects(const parameters_t *parameters, long count,
 static const heavy_top_liiiab5_gamma_tableau tableau = {
     .A = {
         { 0.0, 0.0, 0.0, 0.0, 0.0 },
-        { 0.0677284321861569, 0.11974476934341169, -0.021735721866558113, 0.010635824225415492, -0.0037001392424145306 },
+        { 0.0677284321861569, 0.11974476934341169, -0.021735721866558113, 0.010635824225415492,
+            -0.0037001392424145306 },
         { 0.040625, 0.30318418332304276, 0.17777777777777778, -0.030961961100820556, 0.009375 },
-        { 0.053700139242414534, 0.2615863979968067, 0.37729127742211366, 0.15247745287881054, -0.017728432186156898 },
+        { 0.053700139242414534, 0.2615863979968067, 0.37729127742211366, 0.15247745287881054,
+            -0.017728432186156898 },
         { 0.05, 0.2722222222222222, 0.35555555555555557, 0.2722222222222222, 0.05 } },
     .A_hat = {
         { 0.05, -0.096521464124632, 0.06666666666666667, -0.020145202542034668, 0.0 },
@@ -628,9 +647,11 @@ static const heavy_top_liiiab5_gamma_tableau tableau = {
         { 0.05, 0.29236742476425687, 0.28888888888888886, 0.3687436863468542, 0.0 } },
     .A_bar = {
         { 0.0, 0.0, 0.0, 0.0, 0.0 },
-        { 0.0677284321861569, 0.11974476934341169, -0.021735721866558113, 0.010635824225415492, -0.0037001392424145306 },
+        { 0.0677284321861569, 0.11974476934341169, -0.021735721866558113, 0.010635824225415492,
+            -0.0037001392424145306 },
         { 0.040625, 0.30318418332304276, 0.17777777777777778, -0.030961961100820556, 0.009375 },
-        { 0.053700139242414534, 0.2615863979968067, 0.37729127742211366, 0.15247745287881054, -0.017728432186156898 },
+        { 0.053700139242414534, 0.2615863979968067, 0.37729127742211366, 0.15247745287881054,
+            -0.017728432186156898 },
         { 0.05, 0.2722222222222222, 0.35555555555555557, 0.2722222222222222, 0.05 } },
     .b = {
         0.05, 0.2722222222222222, 0.35555555555555557, 0.2722222222222222, 0.05 },
@@ -791,8 +812,7 @@ static inline void rates_by_state(const constants *c, const real q[N], const rea
 static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real J[U*U])
 {
-    (void)q;
-    (void)p;
+    (void)q, (void)p;
     for (int e = 0; e < U*U; ++e)
         J[e] = 0;
     for (int l = 0; l <= P; ++l)
@@ -907,13 +927,14 @@ static int lands(work_t *w, real dt, const real q[N], const real x[U])
     return OK;
 }
 
-/* ---------------------------------------------------------------- T1: full Newton */
+/* ----------------------------------------------------------------------------- T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
  * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
- * momentum: states and guesses two units in the last place away tell by how much the residual is uncertain.
- * They are those at the start of the step, for an iteration that has gone astray proves nothing.
+ * momentum: states and guesses two units in the last place away tell by how much the residual is
+ * uncertain. They are those at the start of the step, for an iteration that has gone astray proves
+ * nothing.
  */
 static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
 {
@@ -942,7 +963,7 @@ static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], rea
     return size <= 16*rounding;
 }
 
-/* Why iterations end without a solution, by their last increment and its ratio to the one before. */
+/* Why iterations end without a solution, by the last increment and its ratio to the one before. */
 static int failure(real size, real ratio)
 {
     if (!isfinite(size))
@@ -981,7 +1002,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return lands(w, dt, q, x);
         if (*iterations == 1)
             continue;
-        const int shrinks = ratio < (real)0.5; /* a small increment after one that stalled is chance */
+        const int shrinks = ratio < (real)0.5; /* one that is small after one that stalled is chance */
         ratio = size/previous;
         if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);
@@ -1043,23 +1064,28 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
 static inline void note_work(work_t *w, real dt, const real q[N], const real p[N],
     const real x[U])
 {
-    (void)w;
-    (void)dt;
-    (void)q;
-    (void)p;
-    (void)x;
+    (void)w, (void)dt, (void)q, (void)p, (void)x;
 }
 
 static inline void count_work(const work_t *w, report_t *report)
 {
-    (void)w;
-    (void)report;
+    (void)w, (void)report;
 }
 
 static inline real work_so_far(const report_t *report)
 {
     (void)report;
     return 0;
+}
+
+static inline void set_work(report_t *report, real work, real low)
+{
+    (void)report, (void)work, (void)low;
+}
+
+static inline void restore_work(report_t *report, real work)
+{
+    (void)report, (void)work;
 }
 
 /* Adds the energy of the state (q, p) to the record. */
@@ -1090,9 +1116,10 @@ static void observe(const constants *c, const real q[N], const real p[N], report
     observe_defects(norm(M, g), norm(M, f), report);
 }
 
-/* ---------------------------------------------------------------- one step by Newton */
+/* -------------------------------------------------------------------------- one step by Newton */
 
-int heavy_top_liiiab5_gamma_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
+int heavy_top_liiiab5_gamma_T1(const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N],
     const real p[N], real x[U], int *iterations, work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1101,7 +1128,8 @@ int heavy_top_liiiab5_gamma_T1(const parameters_t *parameters, const options_t *
     return newton(work, options, dt, q, p, x, iterations);
 }
 
-int heavy_top_liiiab5_gamma_T2(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+int heavy_top_liiiab5_gamma_T2(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
     const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1128,7 +1156,8 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
     return OK;
 }
 
-void heavy_top_liiiab5_gamma_guess(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+void heavy_top_liiiab5_gamma_guess(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
     real x[U], work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1136,7 +1165,8 @@ void heavy_top_liiiab5_gamma_guess(const parameters_t *parameters, real dt, cons
     guess(work, dt, q, p, x);
 }
 
-void heavy_top_liiiab5_gamma_residual(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+void heavy_top_liiiab5_gamma_residual(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
     const real x[U], real r[U], work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1144,7 +1174,8 @@ void heavy_top_liiiab5_gamma_residual(const parameters_t *parameters, real dt, c
     residual(work, dt, q, p, x, r);
 }
 
-void heavy_top_liiiab5_gamma_jacobian(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+void heavy_top_liiiab5_gamma_jacobian(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
     const real x[U], real J[U*U], work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -1154,7 +1185,8 @@ void heavy_top_liiiab5_gamma_jacobian(const parameters_t *parameters, real dt, c
     spread_jacobian(work->J, J);
 }
 
-real heavy_top_liiiab5_gamma_increment_size(real dt, const real q[N], const real p[N], const real x[U],
+real heavy_top_liiiab5_gamma_increment_size(real dt, const real q[N], const real p[N],
+    const real x[U],
     const real dx[U], const work_t *work)
 {
     return increment_size(work, dt, q, p, x, dx);
@@ -1170,7 +1202,8 @@ real heavy_top_liiiab5_gamma_last_increment(const work_t *work)
     return work->increment;
 }
 
-void heavy_top_liiiab5_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
+void heavy_top_liiiab5_gamma_hamiltonian(const parameters_t *parameters, long count, const real *q,
+    const real *p,
     real *H)
 {
     constants c;
@@ -1179,9 +1212,9 @@ void heavy_top_liiiab5_gamma_hamiltonian(const parameters_t *parameters, long co
         H[i] = hamiltonian(&c, q + i*N, p + i*N);
 }
 
-/* ---------------------------------------------------------------- the fast path, Newton behind it */
+/* ------------------------------------------------------------- the fast path, Newton behind it */
 
-/* ---------------------------------------------------------------- lanes: W reals that move together */
+/* ----------------------------------------------------------- lanes: W reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same
@@ -1228,6 +1261,14 @@ INLINE void set_part(lanes *x, int i, real value)
     ((real *)x)[i] = value;
 }
 
+/* x + y = *high + *low exactly; *high is the rounded sum. */
+INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
+{
+    const lanes sum = x + y, share = sum - x;
+    *low = (x - (sum - share)) + (y - share);
+    *high = sum;
+}
+
 /* A rounded value: keeps the compiler from contracting its product into a sum. */
 INLINE lanes lanes_rounded(lanes value)
 {
@@ -1269,25 +1310,6 @@ INLINE void lanes_add_product(lanes sum[2], int count, const lanes *factors)
     sum[0] = total;
 }
 
-/* x + y = *high + *low exactly; *high is the rounded sum. */
-INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
-{
-    const lanes sum = x + y, share = sum - x;
-    *low = (x - (sum - share)) + (y - share);
-    *high = sum;
-}
-
-/* A one-by-one matrix is factorised by its inverse. */
-INLINE void lanes_factor(lanes A[M][M])
-{
-    A[0][0] = 1/A[0][0];
-}
-
-INLINE void lanes_substitute(lanes A[M][M], lanes b[M])
-{
-    b[0] *= A[0][0];
-}
-
 /* Constants of a run on lanes. */
 typedef struct {
     lanes mgl;
@@ -1318,6 +1340,16 @@ static void set_constants(lane_constants *to, int i, const constants *from)
     set_part(&to->f4, i, 2.0*from->mgl);
 }
 
+/* Constants from lane i. */
+static void get_constants(const lane_constants *from, int i, constants *to)
+{
+    to->mgl = part(&from->mgl, i);
+    to->k0 = part(&from->k0, i);
+    to->k1 = part(&from->k1, i);
+    to->k2 = part(&from->k2, i);
+    to->k3 = part(&from->k3, i);
+}
+
 /* H(q, p). 19 add, 32 mul. */
 INLINE lanes lanes_hamiltonian(const lane_constants *c, const lanes q[4], const lanes p[4])
 {
@@ -1344,7 +1376,8 @@ INLINE void lanes_constraint(const lane_constants *c, const lanes q[4], lanes g[
 }
 
 /* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
-INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4], lanes dg[1])
+INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4],
+    lanes dg[1])
 {
     (void)c;
     dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
@@ -1361,8 +1394,12 @@ INLINE void lanes_constraint_jacobian(const lane_constants *c, const lanes q[4],
     G[0][3] = 2.0*q[3];
 }
 
-/* f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the working precision. 4 product. */
-INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4], lanes f[1])
+/*
+ * f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the
+ * working precision. 4 product.
+ */
+INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4],
+    lanes f[1])
 {
     (void)c;
     lanes sum[2];
@@ -1375,7 +1412,8 @@ INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], c
 }
 
 /* W = (df/dp) G^T. no operations. */
-INLINE void lanes_hidden_matrix(const lane_constants *c, const lanes q[4], const lanes p[4], lanes W[1][1])
+INLINE void lanes_hidden_matrix(const lane_constants *c, const lanes q[4], const lanes p[4],
+    lanes W[1][1])
 {
     (void)c;
     (void)q;
@@ -1384,7 +1422,8 @@ INLINE void lanes_hidden_matrix(const lane_constants *c, const lanes q[4], const
 }
 
 /* H_p, and w: what H_q shares with it. 21 add, 31 mul. */
-INLINE void lanes_velocity(const lane_constants *c, const lanes q[4], const lanes p[4], lanes H_p[4], lanes w[3])
+INLINE void lanes_velocity(const lane_constants *c, const lanes q[4], const lanes p[4],
+    lanes H_p[4], lanes w[3])
 {
     const lanes t0 = c->f1*(p[1]*q[0] + p[2]*q[3] - p[0]*q[1] - p[3]*q[2]);
     const lanes t1 = c->f2*(p[1]*q[2] + p[3]*q[0] - p[0]*q[3] - p[2]*q[1]);
@@ -1399,7 +1438,8 @@ INLINE void lanes_velocity(const lane_constants *c, const lanes q[4], const lane
 }
 
 /* H_q from the same w. 12 add, 16 mul. */
-INLINE void lanes_force(const lane_constants *c, const lanes q[4], const lanes p[4], const lanes t[1], const lanes w[3], lanes H_q[4])
+INLINE void lanes_force(const lane_constants *c, const lanes q[4], const lanes p[4],
+    const lanes t[1], const lanes w[3], lanes H_q[4])
 {
     (void)t;
     H_q[0] = w[0]*p[1] + w[1]*p[2] + w[2]*p[3] + q[0]*c->f4;
@@ -1420,7 +1460,24 @@ INLINE lanes lanes_correction(const lane_constants *c)
     return 0.25*c->k0;
 }
 
-/* ---------------------------------------------------------------- when a sweep has converged */
+enum { SHARED = 3, ROUNDS = 1 };
+
+/* H_p, and what it shares with H_q */
+INLINE void first_rates(const lane_constants *c, const lanes q[N], const lanes p[N],
+    lanes H_p[N], lanes w[SHARED])
+{
+    lanes_velocity(c, q, p, H_p, w);
+}
+
+/* H_q - F from the same, and H_p once more where that is asked for */
+INLINE void second_rates(const lane_constants *c, const lanes q[N], const lanes p[N],
+    const lanes t[1], const lanes w[SHARED], lanes H_p[N], lanes H_q[N])
+{
+    (void)H_p;
+    lanes_force(c, q, p, t, w, H_q);
+}
+
+/* ------------------------------------------------------------------ when a sweep has converged */
 
 /* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {
@@ -1442,8 +1499,9 @@ enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 
 static progress_t start_of_sweeps(real rate)
 {
-    const progress_t start = { .floor = 16*epsilon, .least = (real)HUGE_VAL, .defect = (real)HUGE_VAL,
-        .least_defect = (real)HUGE_VAL, .rate = rate };
+    const real huge = (real)HUGE_VAL;
+    const progress_t start = { .floor = 16*epsilon, .least = huge, .defect = huge,
+        .least_defect = huge, .rate = rate };
     return start;
 }
 
@@ -1471,7 +1529,8 @@ static int is_met(progress_t *s, real defect)
     s->defect = defect;
     if (defect < s->least_defect)
         s->least_defect = defect;
-    const real floor = 4*epsilon*epsilon, low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
 }
 
@@ -1526,7 +1585,7 @@ static int why(const progress_t *s)
     return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
 }
 
-/* ---------------------------------------------------------------- starting values from the past */
+/* --------------------------------------------------------------- starting values from the past */
 
 /*
  * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
@@ -1743,9 +1802,11 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
 
 static const real fast_mu[5][5] = {
     { 0.0, 0.0, 0.0, 0.0, 0.0 },
-    { 1.354568643723138, 0.4398787445268184, -0.061131717749694614, 0.039070374705607924, -0.0740027848482907 },
+    { 1.354568643723138, 0.4398787445268184, -0.061131717749694614, 0.039070374705607924,
+        -0.0740027848482907 },
     { 0.8125, 1.1137378162887286, 0.5, -0.11373781628872859, 0.1875 },
-    { 1.0740027848482907, 0.9609296252943921, 1.0611317177496946, 0.5601212554731816, -0.3545686437231379 },
+    { 1.0740027848482907, 0.9609296252943921, 1.0611317177496946, 0.5601212554731816,
+        -0.3545686437231379 },
     { 1.0, 1.0, 1.0, 1.0, 1.0 },
 };
 static const real fast_mu_hat[5][5] = {
@@ -1756,9 +1817,11 @@ static const real fast_mu_hat[5][5] = {
     { 1.0, 1.0740027848482907, 0.8125, 1.354568643723138, 0.0 },
 };
 static const real fast_nu[4][5] = {
-    { 1.354568643723138, 0.4398787445268184, -0.061131717749694614, 0.039070374705607924, -0.0740027848482907 },
+    { 1.354568643723138, 0.4398787445268184, -0.061131717749694614, 0.039070374705607924,
+        -0.0740027848482907 },
     { 0.8125, 1.1137378162887286, 0.5, -0.11373781628872859, 0.1875 },
-    { 1.0740027848482907, 0.9609296252943921, 1.0611317177496946, 0.5601212554731816, -0.3545686437231379 },
+    { 1.0740027848482907, 0.9609296252943921, 1.0611317177496946, 0.5601212554731816,
+        -0.3545686437231379 },
     { 1.0, 1.0, 1.0, 1.0, 1.0 },
 };
 static const real fast_nu_tilde[5][4] = {
@@ -1776,9 +1839,11 @@ static const real fast_inverse[4][4] = {
 };
 static const real fast_onward[5][5] = {
     { 0.0, 0.0, 0.0, 0.0, 1.0 },
-    { 3.0574925078748088, -1.5366168921818666, 1.9988009799182134, -4.449495366961067, 20.76431171248498 },
+    { 3.0574925078748088, -1.5366168921818666, 1.9988009799182134, -4.449495366961067,
+        20.76431171248498 },
     { 44.44444444444444, -21.525541268672367, 25.0, -42.47445873132764, 133.33333333333334 },
-    { 138.49806304768074, -65.55050463303893, 71.50119902008178, -108.46338310781813, 305.9023549541817 },
+    { 138.49806304768074, -65.55050463303893, 71.50119902008178, -108.46338310781813,
+        305.9023549541817 },
     { 45.0, -21.108116963628206, 22.5, -32.891883036371794, 90.0 },
 };
 static const real fast_onward_nodes[4][4] = {
@@ -1788,22 +1853,69 @@ static const real fast_onward_nodes[4][4] = {
     { 0.42857142857142855, -0.375, 0.42857142857142855, -1.0 },
 };
 
-/* ---------------------------------------------------------------- sweeps: the stages of one step in lanes */
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
+#define PRODUCT NOINLINE
 
-/* Items of W stages, or of W constraint nodes 1..P-1 and last P (where g is asked for) or 0
- * (where a multiplier acts). */
-enum { STAGE_ITEMS = (S + W - 1)/W, NODE_ITEMS = (P + W - 1)/W };
-/* Where the scaled unknowns stand: L = h b k, L^ = h b^ k^ item by item, then h b~ Lambda. */
-enum { STAGES_X_HAT = STAGE_ITEMS*N, STAGES_X_IMPULSE = 2*STAGE_ITEMS*N, STAGES_X = 2*STAGE_ITEMS*N + NODE_ITEMS*M };
-static const int stages_ends[GROUPS] = { STAGES_X_HAT, STAGES_X_IMPULSE, STAGES_X };
+/* W = G H_pp G^T or what takes its place: one number, and its inverse in place of it. */
+typedef lanes schur_t[M][M];
+
+/* A one-by-one matrix is factorised by its inverse. */
+INLINE void lanes_factor(schur_t A)
+{
+    A[0][0] = 1/A[0][0];
+}
+
+INLINE void lanes_substitute(schur_t A, lanes b[M])
+{
+    b[0] *= A[0][0];
+}
+
+/* G^T lambda */
+INLINE void lanes_constraint_force(const lane_constants *c, const lanes q[N], const lanes lambda[M],
+    lanes force[N])
+{
+    lanes G[M][N];
+    lanes_constraint_jacobian(c, q, G);
+    for (int a = 0; a < N; ++a) {
+        lanes sum = G[0][a]*lambda[0];
+        for (int mu = 1; mu < M; ++mu)
+            sum += G[mu][a]*lambda[mu];
+        force[a] = sum;
+    }
+}
+
+/* ----------------------------------------------------- sweeps: the stages of one step in lanes */
+
+/*
+ * Items of W stages, or of W constraint nodes 1..P-1 and last P (where g is asked for) or 0 (where
+ * a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by item, then
+ * h b~ Lambda.
+ */
+enum { stages_PER = W, stages_S = (S + W - 1)/W, stages_P = (P + W - 1)/W };
+enum { stages_HAT = stages_S*N, stages_IMPULSE = 2*stages_S*N,
+    stages_X = 2*stages_S*N + stages_P*M };
+static const int stages_ends[GROUPS] = { stages_HAT, stages_IMPULSE, stages_X };
 static const int stages_rows[GROUPS] = { N, N, M };
 
-/* What a sweep improves, and what the end of the step needs of it. */
+/* What a sweep improves, and what the end of the step needs of it: W is constant. */
 typedef struct {
-    lanes x[STAGES_X];
-    lanes Y[NODE_ITEMS*N];
-    lanes C[STAGE_ITEMS*N], D[NODE_ITEMS*N]; /* from here on: not needed once converged */
+    lanes x[stages_X];
+    lanes Y[stages_P*N];
+    lanes C[stages_S*N], D[stages_P*N]; /* not needed once converged,
+        but C for the work of forces */
 } stages_iterate;
+
+enum { stages_RESULT = stages_X + stages_P*N + stages_S*N };
+
+/* What is known of the constraints. */
+typedef struct {
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes W_inverse[M][M]; /* by h */
+    lanes correction;      /* c, with H_pp G^T = c G^T */
+} stages_bound;
 
 typedef struct {
     lane_constants constants;
@@ -1812,33 +1924,30 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes hb[STAGE_ITEMS], hb_hat[STAGE_ITEMS];
-    lanes late[STAGE_ITEMS]; /* h c: stages after the start of the step */
-    lanes t; /* at the start of the step */
-    lanes mu[S*STAGE_ITEMS], mu_hat[S*STAGE_ITEMS];
-    stages_iterate now;
+    lanes t;                  /* at the start of the step */
+    lanes hb[stages_S], hb_hat[stages_S];
+    lanes late[stages_S];    /* h c: stages after the start of the step */
+    lanes work, work_low;  /* done by the forces since the start */
+    lanes mu[S*stages_S], mu_hat[S*stages_S], onward[S*stages_S];
+    lanes nu[S*stages_P], nu_tilde[P*stages_S], inverse[P*stages_P], onward_nodes[P*stages_P];
+    lanes moves[stages_P]; /* 0 at node 0, which stays where the step starts */
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes nu[S*NODE_ITEMS], nu_tilde[P*STAGE_ITEMS], inverse[P*NODE_ITEMS], moves[NODE_ITEMS]; /* 0 at node 0 */
-    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
-    lanes W_inverse[M][M];
-    lanes correction;
+    stages_iterate now;
+    stages_bound bound;
     predictor_t predictor;
-    lanes through[STAGES_X]; /* the polynomial through the last stages, one step on */
-    lanes onward[S*STAGE_ITEMS], onward_nodes[P*NODE_ITEMS];
-    lanes past[HISTORY*STAGES_X];
+    lanes through[stages_X]; /* the polynomial through the last stages, one step on */
+    lanes past[HISTORY*stages_X];
 } stages_t;
 
 /*
- * y_i = base_i + sum_j table_ij x_j over items of W rows: `width` numbers each row, `columns` of them. Four
- * numbers at a time: as many sums as a register file holds, and enough of them to hide latency.
+ * y_i = base_i + sum_j table_ij x_j over items of W rows: `width` numbers each row, `columns` of
+ * them. Four numbers at a time: as many sums as a register file holds, and enough of them to hide
+ * latency.
  */
 INLINE void stages_four(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
 {
-    lanes sum[4][STAGE_ITEMS > NODE_ITEMS ? STAGE_ITEMS : NODE_ITEMS];
+    lanes sum[4][stages_S > stages_P ? stages_S : stages_P];
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < rows; ++i)
             sum[a][i] = base[i*stride + a];
@@ -1854,42 +1963,15 @@ INLINE void stages_four(int rows, int columns, int width, int count, const lanes
             y[i*width + a] = sum[a][i];
 }
 
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void stages_stages_of_stages(const lanes *base, int stride, const lanes *table,
+PRODUCT void stages_stages_of_stages(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
     int start = 0;
     for (; start + 4 <= N; start += 4)
-        stages_four(STAGE_ITEMS, S, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        stages_four(NODE_ITEMS, S, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void stages_stages_of_nodes(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        stages_four(STAGE_ITEMS, P, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void stages_nodes_of_nodes(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= M; start += 4)
-        stages_four(NODE_ITEMS, P, M, 4, base + start, stride, table, x + start, y + start);
-    stages_four(NODE_ITEMS, P, M, 1, base + start, stride, table, x + start,
-        y + start);
+        stages_four(stages_S, S, N, 4, base + start, stride, table, x + start, y + start);
+    if (N % 4 > 0)
+        stages_four(stages_S, S, N, N % 4, base + start, stride, table, x + start,
+            y + start);
 }
 
 /* sum over the `count` rows of x */
@@ -1911,38 +1993,151 @@ static void stages_fill(lanes *to, int rows, int columns, const real *from)
             set_part(&to[j*items + i/W], i % W, i < rows ? from[i*columns + j] : 0);
 }
 
+/* The weights and tables of all lanes. */
+static void stages_set_weights(stages_t *w)
+{
+    stages_fill(w->mu, S, S, &fast_mu[0][0]);
+    stages_fill(w->mu_hat, S, S, &fast_mu_hat[0][0]);
+    stages_fill(w->onward, S, S, &fast_onward[0][0]);
+    for (int i = 0; i < stages_S*W; ++i) {
+        set_part(&w->hb[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
+        set_part(&w->hb_hat[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
+        set_part(&w->late[i/W], i % W, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
+    }
+}
+
+PRODUCT void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        stages_four(stages_P, S, N, 4, base + start, stride, table, x + start, y + start);
+    if (N % 4 > 0)
+        stages_four(stages_P, S, N, N % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
+PRODUCT void stages_stages_of_nodes(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        stages_four(stages_S, P, N, 4, base + start, stride, table, x + start, y + start);
+    if (N % 4 > 0)
+        stages_four(stages_S, P, N, N % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
+PRODUCT void stages_nodes_of_nodes(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= M; start += 4)
+        stages_four(stages_P, P, M, 4, base + start, stride, table, x + start, y + start);
+    if (M % 4 > 0)
+        stages_four(stages_P, P, M, M % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
+/* The place of the nodes of item j, where multipliers act: node 0 is at q. */
+INLINE void stages_node(const stages_t *w, int j, lanes *place)
+{
+    for (int a = 0; a < N; ++a)
+        place[a] = w->q[a] + w->moves[j]*w->now.D[j*N + a];
+}
+
+static void stages_set_nodes(stages_t *w)
+{
+    stages_fill(w->nu, P, S, &fast_nu[0][0]);
+    stages_fill(w->nu_tilde, S, P, &fast_nu_tilde[0][0]);
+    stages_fill(w->inverse, P, P, &fast_inverse[0][0]);
+    stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
+    for (int l = 0; l < stages_P*W; ++l)
+        set_part(&w->moves[l/W], l % W, l < P - 1);
+}
+
+/* Multipliers of lane i, from its impulses. */
+static void stages_multipliers(const stages_t *w, int lane, real *multipliers)
+{
+    const lanes *impulse = w->now.x + stages_IMPULSE;
+    for (int mu = 0; mu < M; ++mu) {
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % stages_PER;
+            multipliers[l*M + mu] = part(&impulse[node/stages_PER*M + mu], at)
+                /(part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+        multipliers[P*M + mu] = part(&w->bound.last[mu], lane)
+            /(part(&w->h, lane)*tableau.b_tilde[P]);
+    }
+}
+
+/* The impulses of a lane from its multipliers. */
+static void stages_load_impulses(stages_t *w, int lane, const real *multipliers)
+{
+    lanes *impulse = w->now.x + stages_IMPULSE;
+    for (int mu = 0; mu < M; ++mu)
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % stages_PER;
+            set_part(&impulse[node/stages_PER*M + mu], at,
+                multipliers[l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+}
+
 /* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
 INLINE void stages_look(stages_t *w)
 {
     lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->g_rounded);
+    lanes_constraint(&w->constants, w->q, w->bound.g_rounded);
     lanes_constraint_jacobian(&w->constants, w->q, G);
     for (int mu = 0; mu < M; ++mu) {
         lanes square = splat(DBL_MIN);
-        w->g[mu] = w->g_rounded[mu];
+        w->bound.g[mu] = w->bound.g_rounded[mu];
         for (int a = 0; a < N; ++a) {
-            w->g[mu] += G[mu][a]*w->q_low[a];
+            w->bound.g[mu] += G[mu][a]*w->q_low[a];
             square += G[mu][a]*G[mu][a];
         }
-        w->shortness[mu] = 1/square;
+        w->bound.shortness[mu] = 1/square;
     }
 }
 
-/* C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j), at the places D. */
+/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+INLINE void stages_factor(stages_t *w)
+{
+    (void)w;
+}
+
+/* impulse += (h W)^-1 defect at the nodes of item j */
+INLINE void stages_correct(const stages_t *w, int j, lanes *defect, lanes *impulse)
+{
+    (void)j;
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            impulse[mu] += w->bound.W_inverse[mu][nu]*defect[nu];
+}
+
+/* (h W)^-1 of the run, and c with H_pp G^T = c G^T */
+static void stages_set_schur(stages_t *w)
+{
+    lanes_schur_inverse(&w->constants, w->bound.W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->bound.W_inverse[mu][nu] *= w->h_inverse;
+    w->bound.correction = lanes_correction(&w->constants);
+}
+
+/*
+ * C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j) at the nodes, which are at
+ * Q~_l = q + D_l, D_l = sum_j nu_lj L_j
+ */
 INLINE void stages_forces(stages_t *w, lanes *C)
 {
-    const lanes *impulse = w->now.x + STAGES_X_IMPULSE;
-    for (int j = 0; j < NODE_ITEMS; ++j) {
-        lanes place[N], G[M][N];
+    const lanes *impulse = w->now.x + stages_IMPULSE;
+    for (int j = 0; j < stages_P; ++j) {
+        lanes place[N], *Y = w->now.Y + j*N;
+        stages_node(w, j, place);
+        lanes_constraint_force(&w->constants, place, impulse + j*M, Y);
         for (int a = 0; a < N; ++a)
-            place[a] = w->q[a] + w->moves[j]*w->now.D[j*N + a];
-        lanes_constraint_jacobian(&w->constants, place, G);
-        for (int a = 0; a < N; ++a) {
-            lanes sum = G[0][a]*impulse[j*M];
-            for (int mu = 1; mu < M; ++mu)
-                sum += G[mu][a]*impulse[j*M + mu];
-            w->now.Y[j*N + a] = -sum;
-        }
+            Y[a] = -Y[a];
     }
     stages_stages_of_nodes(w->p, 0, w->nu_tilde, w->now.Y, C);
 }
@@ -1952,109 +2147,183 @@ INLINE void stages_begin(stages_t *w)
 {
     stages_nodes_of_stages(w->zero, 0, w->nu, w->now.x, w->now.D);
     stages_forces(w, w->now.C);
+    stages_factor(w);
+}
+
+/* P_i = C_i + sum_j mu^_ij L^_j */
+INLINE void stages_momenta(const stages_t *w, const lanes *L_hat, lanes *momentum)
+{
+    stages_stages_of_stages(w->now.C, N, w->mu_hat, L_hat, momentum);
+}
+
+/*
+ * Corrects the impulses, so that places that L leads to are on the constraints; C are their forces.
+ * w->bound.defect is how far from g = 0 the nodes were before.
+ */
+INLINE void stages_constrain(stages_t *w, const lanes *L, lanes *C)
+{
+    lanes g[stages_P*M], defect[stages_P*M];
+    stages_nodes_of_stages(w->zero, 0, w->nu, L, w->now.D);
+    for (int l = 0; l < stages_P; ++l) {
+        lanes increment[M];
+        lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
+        for (int mu = 0; mu < M; ++mu)
+            g[l*M + mu] = w->bound.g[mu] + increment[mu];
+    }
+    w->bound.defect = splat(0);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(0);
+        for (int l = 0; l < stages_P; ++l)
+            square += g[l*M + mu]*g[l*M + mu];
+        w->bound.defect += square*w->bound.shortness[mu];
+    }
+    w->bound.defect *= w->q_size;
+    stages_nodes_of_nodes(w->zero, 0, w->inverse, g, defect);
+    for (int j = 0; j < stages_P; ++j)
+        stages_correct(w, j, defect + j*M, w->now.x + stages_IMPULSE + j*M);
+    stages_forces(w, C);
+}
+
+/* dp += what the impulses did, and what rounding left of the last step */
+INLINE void stages_add_impulses(const stages_t *w, lanes dp[N])
+{
+    lanes impulse[N];
+    stages_total(P, N, w->now.Y, impulse);
+    for (int a = 0; a < N; ++a)
+        dp[a] += impulse[a] + w->p_low[a];
+}
+
+/* The polynomial through the last impulses, one step on. */
+INLINE void stages_continue_nodes(const stages_t *w, const lanes *values, lanes *through)
+{
+    stages_nodes_of_nodes(w->zero, 0, w->onward_nodes, values, through);
+}
+
+/* New rates of item i take the place of the old ones; the squares of their changes are added up. */
+INLINE void stages_take(stages_t *w, int i, const lanes *L_new, const lanes *H_q, lanes *q_change,
+    lanes *p_change)
+{
+    lanes *L = w->now.x + i*N, *L_hat = w->now.x + stages_HAT + i*N;
+    for (int a = 0; a < N; ++a) {
+        const lanes force = -w->hb_hat[i]*H_q[a];
+        const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
+        *q_change += dq*dq;
+        *p_change += dp*dp;
+        L[a] = L_new[i*N + a];
+        L_hat[a] = force;
+    }
+}
+
+/*
+ * The second half of a sweep. H_pp G^T = c G^T: what the corrected impulses change of H_p is c
+ * times what they change of the momenta.
+ */
+INLINE void stages_follow(stages_t *w, lanes *Q, lanes *momentum, lanes *L_new,
+    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
+{
+    lanes C[stages_S*N];
+    stages_constrain(w, L_new, C);
+    for (int i = 0; i < stages_S; ++i) {
+        lanes H_q[N], H_p[N];
+        const lanes pull = w->hb[i]*w->bound.correction;
+        for (int a = 0; a < N; ++a) {
+            const lanes more = C[i*N + a] - w->now.C[i*N + a];
+            momentum[i*N + a] += more;
+            w->now.C[i*N + a] = C[i*N + a];
+            L_new[i*N + a] += pull*more;
+        }
+        const lanes t = w->t + w->late[i];
+        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
+        stages_take(w, i, L_new, H_q, q_change, p_change);
+    }
+}
+
+/*
+ * T2: dp becomes such that p + dp is on the constraint on the momenta at q; w->bound.last are the
+ * impulses that bring it there.
+ */
+INLINE void stages_land(stages_t *w, const lanes q[N], lanes dp[N])
+{
+    lanes G[M][N];
+    lanes_constraint_jacobian(&w->constants, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        w->bound.last[mu] = splat(0);
+    for (int round = 0; round < ROUNDS; ++round) {
+        lanes f[M], p[N];
+        schur_t matrix;
+        for (int a = 0; a < N; ++a)
+            p[a] = w->p[a] + dp[a];
+        lanes_hidden_constraint(&w->constants, q, p, f);
+        lanes_hidden_matrix(&w->constants, q, p, matrix);
+        lanes_factor(matrix);
+        lanes_substitute(matrix, f);
+        for (int mu = 0; mu < M; ++mu) {
+            w->bound.last[mu] += f[mu];
+            for (int a = 0; a < N; ++a)
+                dp[a] -= G[mu][a]*f[mu];
+        }
+    }
+}
+
+/* Without forces no work is done. */
+INLINE void stages_add_work(stages_t *w)
+{
+    (void)w;
 }
 
 /* Starting values without a past: the rates at the start of the step, no impulse. */
 INLINE void stages_guess(stages_t *w)
 {
-    lanes H_q[N], H_p[N];
-    lanes shared[3];
-    lanes_velocity(&w->constants, w->q, w->p, H_p, shared);
-    lanes_force(&w->constants, w->q, w->p, &w->t, shared, H_q);
-    for (int i = 0; i < STAGE_ITEMS; ++i)
+    lanes H_q[N], H_p[N], shared[SHARED];
+    first_rates(&w->constants, w->q, w->p, H_p, shared);
+    second_rates(&w->constants, w->q, w->p, &w->t, shared, H_p, H_q);
+    for (int i = 0; i < stages_S; ++i)
         for (int a = 0; a < N; ++a) {
             w->now.x[i*N + a] = w->hb[i]*H_p[a];
-            w->now.x[STAGES_X_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
+            w->now.x[stages_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
         }
-    for (int e = STAGES_X_IMPULSE; e < STAGES_X; ++e)
+    for (int e = stages_IMPULSE; e < stages_X; ++e)
         w->now.x[e] = splat(0);
 }
 
-/*
- * One sweep; w->change is the sum of squares of what it changed, relative to the state, w->defect that
- * of how far from g = 0 the nodes were, before the impulses were corrected
- */
+/* One sweep; w->change is the sum of squares of what it changed, relative to the state. */
 INLINE void stages_sweep(stages_t *w)
 {
-    lanes *L = w->now.x, *L_hat = w->now.x + STAGES_X_HAT;
-    lanes Q[STAGE_ITEMS*N], momentum[STAGE_ITEMS*N], L_new[STAGE_ITEMS*N];
-    lanes shared[STAGE_ITEMS][3];
+    lanes Q[stages_S*N], momentum[stages_S*N], L_new[stages_S*N], shared[stages_S][SHARED];
     lanes q_change = splat(0), p_change = splat(0);
-    stages_stages_of_stages(w->q, 0, w->mu, L, Q);
-    stages_stages_of_stages(w->now.C, N, w->mu_hat, L_hat, momentum);
-    for (int i = 0; i < STAGE_ITEMS; ++i) {
+    stages_stages_of_stages(w->q, 0, w->mu, w->now.x, Q);
+    stages_momenta(w, w->now.x + stages_HAT, momentum);
+    for (int i = 0; i < stages_S; ++i) {
         lanes H_p[N];
-        lanes_velocity(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
+        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
         for (int a = 0; a < N; ++a)
             L_new[i*N + a] = w->hb[i]*H_p[a];
     }
-    lanes g[NODE_ITEMS*M], C_new[STAGE_ITEMS*N];
-    stages_nodes_of_stages(w->zero, 0, w->nu, L_new, w->now.D);
-    for (int l = 0; l < NODE_ITEMS; ++l) {
-        lanes increment[M];
-        lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
-        for (int mu = 0; mu < M; ++mu)
-            g[l*M + mu] = w->g[mu] + increment[mu];
-    }
-    w->defect = splat(0);
-    for (int mu = 0; mu < M; ++mu) {
-        lanes square = splat(0);
-        for (int l = 0; l < NODE_ITEMS; ++l)
-            square += g[l*M + mu]*g[l*M + mu];
-        w->defect += square*w->shortness[mu];
-    }
-    w->defect *= w->q_size;
-    lanes defect[NODE_ITEMS*M];
-    stages_nodes_of_nodes(w->zero, 0, w->inverse, g, defect);
-    for (int j = 0; j < NODE_ITEMS; ++j) {
-        lanes *impulse = w->now.x + STAGES_X_IMPULSE + j*M;
-        for (int mu = 0; mu < M; ++mu)
-            for (int nu = 0; nu < M; ++nu)
-                impulse[mu] += w->W_inverse[mu][nu]*defect[j*M + nu];
-    }
-    stages_forces(w, C_new);
-    for (int i = 0; i < STAGE_ITEMS; ++i) {
-        lanes H_q[N];
-        const lanes pull = w->hb[i]*w->correction;
-        for (int a = 0; a < N; ++a) {
-            const lanes more = C_new[i*N + a] - w->now.C[i*N + a];
-            momentum[i*N + a] += more;
-            w->now.C[i*N + a] = C_new[i*N + a];
-            L_new[i*N + a] += pull*more;
-        }
-        const lanes t = w->t + w->late[i];
-        lanes_force(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_q);
-        for (int a = 0; a < N; ++a) {
-            const lanes force = -w->hb_hat[i]*H_q[a];
-            const lanes dq = L_new[i*N + a] - L[i*N + a], dp = force - L_hat[i*N + a];
-            q_change += dq*dq;
-            p_change += dp*dp;
-            L[i*N + a] = L_new[i*N + a];
-            L_hat[i*N + a] = force;
-        }
-    }
+    stages_follow(w, Q, momentum, L_new, shared, &q_change, &p_change);
     w->change = q_change*w->q_size + p_change*w->p_size;
 }
 
-/* H_p and H_q of stages i at given places and momenta. */
-INLINE void stages_rates(const stages_t *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p, lanes *H_q)
+/* H_p and H_q - F of the stages of item i at given places and momenta. */
+INLINE void stages_rates(const stages_t *w, int i, const lanes *Q, const lanes *momentum,
+    lanes *H_p,
+    lanes *H_q)
 {
-    lanes shared[3];
+    lanes shared[SHARED];
     const lanes t = w->t + w->late[i];
-    lanes_velocity(&w->constants, Q, momentum, H_p, shared);
-    lanes_force(&w->constants, Q, momentum, &t, shared, H_q);
+    first_rates(&w->constants, Q, momentum, H_p, shared);
+    second_rates(&w->constants, Q, momentum, &t, shared, H_p, H_q);
 }
 
 /*
- * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that it
- * makes to the rates when a state is moved by two units in the last place, the mean of four times, and
- * what rounding the rates makes. The state is that at the start of the step, for sweeps that have gone
- * astray prove nothing.
+ * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that
+ * it makes to the rates when a state is moved by two units in the last place, the mean of four
+ * times, and what rounding the rates makes. The state is that at the start of the step, for sweeps
+ * that have gone astray prove nothing.
  */
 NOINLINE void stages_noise(stages_t *w)
 {
     w->noise = splat(0);
-    for (int i = 0; i < STAGE_ITEMS; ++i) {
+    for (int i = 0; i < stages_S; ++i) {
         lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
         unsigned chance = 1;
         stages_rates(w, i, w->q, w->p, H_p, H_q);
@@ -2072,7 +2341,8 @@ NOINLINE void stages_noise(stages_t *w)
                 dp += by_q*by_q;
             }
         }
-        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
+        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq
+            + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
     }
 }
 
@@ -2080,34 +2350,16 @@ NOINLINE void stages_noise(stages_t *w)
 INLINE void stages_finish(stages_t *w)
 {
     lanes dq[N], dp[N], q[N], p[N];
+    stages_add_work(w);
     stages_total(S, N, w->now.x, dq);
-    stages_total(S, N, w->now.x + STAGES_X_HAT, dp);
-    lanes impulse[N];
-    stages_total(P, N, w->now.Y, impulse);
+    stages_total(S, N, w->now.x + stages_HAT, dp);
+    stages_add_impulses(w, dp);
     for (int a = 0; a < N; ++a) {
         dq[a] += w->q_low[a];
-        dp[a] += impulse[a] + w->p_low[a];
         two_sum(w->q[a], dq[a], &q[a], &w->q_low[a]);
         w->q[a] = q[a];
     }
-    lanes G[M][N];
-    lanes_constraint_jacobian(&w->constants, q, G);
-    for (int mu = 0; mu < M; ++mu)
-        w->last[mu] = splat(0);
-    for (int round = 0; round < 1; ++round) {
-        lanes f[M], matrix[M][M];
-        for (int a = 0; a < N; ++a)
-            p[a] = w->p[a] + dp[a];
-        lanes_hidden_constraint(&w->constants, q, p, f);
-        lanes_hidden_matrix(&w->constants, q, p, matrix);
-        lanes_factor(matrix);
-        lanes_substitute(matrix, f);
-        for (int mu = 0; mu < M; ++mu) {
-            w->last[mu] += f[mu];
-            for (int a = 0; a < N; ++a)
-                dp[a] -= G[mu][a]*f[mu];
-        }
-    }
+    stages_land(w, q, dp);
     for (int a = 0; a < N; ++a) {
         two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
         w->p[a] = p[a];
@@ -2115,7 +2367,7 @@ INLINE void stages_finish(stages_t *w)
     stages_look(w);
 }
 
-/* Lane i of a run: its constants and weights. */
+/* Lane i of a run: its constants and time step. */
 static void stages_prepare(stages_t *w, int lane, const constants *c, real h)
 {
     set_constants(&w->constants, lane, c);
@@ -2126,28 +2378,13 @@ static void stages_prepare(stages_t *w, int lane, const constants *c, real h)
 /* What follows from the constants and steps of all lanes. */
 static void stages_set_up(stages_t *w)
 {
-    stages_fill(w->mu, S, S, &fast_mu[0][0]);
-    stages_fill(w->mu_hat, S, S, &fast_mu_hat[0][0]);
-    stages_fill(w->onward, S, S, &fast_onward[0][0]);
-    stages_fill(w->nu, P, S, &fast_nu[0][0]);
-    stages_fill(w->nu_tilde, S, P, &fast_nu_tilde[0][0]);
-    stages_fill(w->inverse, P, P, &fast_inverse[0][0]);
-    stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
-    for (int l = 0; l < NODE_ITEMS*W; ++l)
-        set_part(&w->moves[l/W], l % W, l < P - 1);
-    for (int i = 0; i < STAGE_ITEMS*W; ++i) {
-        set_part(&w->hb[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
-        set_part(&w->hb_hat[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
-        set_part(&w->late[i/W], i % W, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
-    }
-    lanes_schur_inverse(&w->constants, w->W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->W_inverse[mu][nu] *= w->h_inverse;
-    w->correction = lanes_correction(&w->constants);
+    stages_set_weights(w);
+    stages_set_nodes(w);
+    stages_set_schur(w);
     forget(&w->predictor);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
+    w->work = w->work_low = splat(0);
     stages_look(w);
 }
 
@@ -2156,7 +2393,7 @@ INLINE void stages_sizes(stages_t *w)
 {
     lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
     stages_total(S, N, w->now.x, dq);
-    stages_total(S, N, w->now.x + STAGES_X_HAT, dp);
+    stages_total(S, N, w->now.x + stages_HAT, dp);
     for (int a = 0; a < N; ++a) {
         q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
         p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
@@ -2170,78 +2407,58 @@ INLINE void stages_start(stages_t *w, int predicted)
 {
     if (predicted) {
         if (!w->predictor.fitted) {
-            const lanes *x = past_values(&w->predictor, w->past, STAGES_X, 0);
+            const lanes *x = past_values(&w->predictor, w->past, stages_X, 0);
             stages_stages_of_stages(w->zero, 0, w->onward, x, w->through);
-            stages_stages_of_stages(w->zero, 0, w->onward, x + STAGES_X_HAT,
-                w->through + STAGES_X_HAT);
-            stages_nodes_of_nodes(w->zero, 0, w->onward_nodes,
-                x + STAGES_X_IMPULSE, w->through + STAGES_X_IMPULSE);
+            stages_stages_of_stages(w->zero, 0, w->onward, x + stages_HAT, w->through + stages_HAT);
+            stages_continue_nodes(w, x + stages_IMPULSE, w->through + stages_IMPULSE);
         }
-        predict(&w->predictor, w->past, STAGES_X, stages_ends, w->through, w->now.x);
+        predict(&w->predictor, w->past, stages_X, stages_ends, w->through, w->now.x);
     } else
         stages_guess(w);
     stages_sizes(w);
     stages_begin(w);
 }
 
-/* Multipliers of lane i, from its impulses. */
-static void stages_multipliers(const stages_t *w, int lane, real *multipliers)
-{
-    for (int mu = 0; mu < M; ++mu) {
-        for (int l = 0; l < P; ++l) {
-            const int place = l == 0 ? P - 1 : l - 1;
-            const real impulse = part(&w->now.x[STAGES_X_IMPULSE + place/W*M + mu], place % W);
-            multipliers[l*M + mu] = impulse/(part(&w->h, lane)*tableau.b_tilde[l]);
-        }
-        multipliers[P*M + mu] = part(&w->last[mu], lane)/(part(&w->h, lane)*tableau.b_tilde[P]);
-    }
-}
-
-/* The unknowns (B.2) from the scaled ones, and back. */
-static void stages_unscale(const stages_t *w, real x[U])
-{
-    for (int i = 0; i < S; ++i)
-        for (int a = 0; a < N; ++a) {
-            const int place = i/W*N + a, at = i % W;
-            x[i*N + a] = part(&w->now.x[place], at)/part(&w->hb[i/W], at);
-            x[K_HAT + i*N + a] = part(&w->now.x[STAGES_X_HAT + place], at)/part(&w->hb_hat[i/W], at);
-        }
-    real multipliers[ROOM];
-    stages_multipliers(w, 0, multipliers);
-    for (int l = 0; l < P*M; ++l)
-        x[LAMBDA + l] = multipliers[l];
-}
-
+/* The scaled unknowns of a lane from (B.2). */
 static void stages_load(stages_t *w, int lane, const real x[U])
 {
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
-            const int place = i/W*N + a, at = i % W;
-            (void)lane;
-            set_part(&w->now.x[place], at, x[i*N + a]*part(&w->hb[i/W], at));
-            set_part(&w->now.x[STAGES_X_HAT + place], at, x[K_HAT + i*N + a]*part(&w->hb_hat[i/W], at));
+            const int item = i/stages_PER, place = item*N + a, at = lane + i % stages_PER;
+            const lanes *hb = &w->hb[item], *hb_hat = &w->hb_hat[item];
+            set_part(&w->now.x[place], at, x[i*N + a]*part(hb, at));
+            set_part(&w->now.x[stages_HAT + place], at, x[K_HAT + i*N + a]*part(hb_hat, at));
         }
-    for (int mu = 0; mu < M; ++mu)
-        for (int l = 0; l < P; ++l) {
-            const int place = l == 0 ? P - 1 : l - 1;
-            const real impulse = x[LAMBDA + l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l];
-            set_part(&w->now.x[STAGES_X_IMPULSE + place/W*M + mu], place % W, impulse);
-        }
+    stages_load_impulses(w, lane, x + LAMBDA);
 }
 
-/* ---------------------------------------------------------------- sweeps: W trajectories in lanes */
+/* ------------------------------------------------------------- sweeps: W trajectories in lanes */
 
-/* Where the scaled unknowns stand: L = h b k, L^ = h b^ k^ item by item, then h b~ Lambda. */
-enum { TRAJECTORIES_X_HAT = S*N, TRAJECTORIES_X_IMPULSE = 2*S*N, TRAJECTORIES_X = 2*S*N + P*M };
-static const int trajectories_ends[GROUPS] = { TRAJECTORIES_X_HAT, TRAJECTORIES_X_IMPULSE, TRAJECTORIES_X };
-static const int trajectories_rows[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N, (P > 1 ? 2 : 1)*M };
+enum { trajectories_PER = 1, trajectories_S = S, trajectories_P = P };
+enum { trajectories_HAT = trajectories_S*N, trajectories_IMPULSE = 2*trajectories_S*N,
+    trajectories_X = 2*trajectories_S*N + trajectories_P*M };
+static const int trajectories_ends[GROUPS] = { trajectories_HAT, trajectories_IMPULSE,
+    trajectories_X };
+static const int trajectories_rows[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N,
+    (P > 1 ? 2 : 1)*M };
 
-/* What a sweep improves, and what the end of the step needs of it. */
 typedef struct {
-    lanes x[TRAJECTORIES_X];
-    lanes Y[P*N];
-    lanes C[S*N], D[P*N]; /* from here on: not needed once converged */
+    lanes x[trajectories_X];
+    lanes Y[trajectories_P*N];
+    lanes C[trajectories_S*N], D[trajectories_P*N]; /* not needed once converged,
+        but C for the work of forces */
 } trajectories_iterate;
+
+enum { trajectories_RESULT = trajectories_X + trajectories_P*N + trajectories_S*N };
+
+typedef struct {
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes W_inverse[M][M]; /* by h */
+    lanes correction;      /* c, with H_pp G^T = c G^T */
+} trajectories_bound;
 
 typedef struct {
     lane_constants constants;
@@ -2250,28 +2467,21 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes hb[S], hb_hat[S];
-    lanes late[S]; /* h c: stages after the start of the step */
-    lanes t; /* at the start of the step */
-    trajectories_iterate now;
+    lanes t;                  /* at the start of the step */
+    lanes hb[trajectories_S], hb_hat[trajectories_S];
+    lanes late[trajectories_S];    /* h c: stages after the start of the step */
+    lanes work, work_low;  /* done by the forces since the start */
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
-    lanes W_inverse[M][M];
-    lanes correction;
+    trajectories_iterate now;
+    trajectories_bound bound;
     predictor_t predictor;
-    lanes through[TRAJECTORIES_X]; /* the polynomial through the last stages, one step on */
-    lanes past[HISTORY*TRAJECTORIES_X];
+    lanes through[trajectories_X]; /* the polynomial through the last stages, one step on */
+    lanes past[HISTORY*trajectories_X];
 } trajectories_t;
 
-/*
- * y_i = base_i + sum_j table_ij x_j, `width` numbers each row. Two rows by four numbers at a time: then
- * multiply-adds, not loads, are the limit.
- */
 INLINE void trajectories_four(int rows, int columns, int width, int count,
-    const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
+    const lanes *restrict base,
+    int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
 {
     for (int i = 0; i < rows; i += 2) {
         const int next = i + 1 < rows ? i + 1 : i;
@@ -2294,42 +2504,16 @@ INLINE void trajectories_four(int rows, int columns, int width, int count,
     }
 }
 
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
 NOINLINE void trajectories_stages_of_stages(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
     int start = 0;
     for (; start + 4 <= N; start += 4)
-        trajectories_four(S, S, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        trajectories_four(P, S, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        trajectories_four(S, P, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= M; start += 4)
-        trajectories_four(P, P, M, 4, base + start, stride, table, x + start, y + start);
-    trajectories_four(P, P, M, 1, base + start, stride, table, x + start,
-        y + start);
+        trajectories_four(trajectories_S, S, N, 4, base + start, stride, table, x + start,
+            y + start);
+    if (N % 4 > 0)
+        trajectories_four(trajectories_S, S, N, N % 4, base + start, stride, table, x + start,
+            y + start);
 }
 
 INLINE void trajectories_total(int count, int width, const lanes *x, lanes *total)
@@ -2341,150 +2525,296 @@ INLINE void trajectories_total(int count, int width, const lanes *x, lanes *tota
     }
 }
 
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
-INLINE void trajectories_look(trajectories_t *w)
+static void trajectories_set_weights(trajectories_t *w)
 {
-    lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->g_rounded);
-    lanes_constraint_jacobian(&w->constants, w->q, G);
-    for (int mu = 0; mu < M; ++mu) {
-        lanes square = splat(DBL_MIN);
-        w->g[mu] = w->g_rounded[mu];
-        for (int a = 0; a < N; ++a) {
-            w->g[mu] += G[mu][a]*w->q_low[a];
-            square += G[mu][a]*G[mu][a];
-        }
-        w->shortness[mu] = 1/square;
+    for (int i = 0; i < S; ++i) {
+        w->hb[i] = w->h*tableau.b[i];
+        w->hb_hat[i] = w->h*tableau.b_hat[i];
+        w->late[i] = w->h*tableau.c[i];
     }
 }
 
-/* C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j), at the places D. */
+NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        trajectories_four(trajectories_P, S, N, 4, base + start, stride, table, x + start,
+            y + start);
+    if (N % 4 > 0)
+        trajectories_four(trajectories_P, S, N, N % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
+NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        trajectories_four(trajectories_S, P, N, 4, base + start, stride, table, x + start,
+            y + start);
+    if (N % 4 > 0)
+        trajectories_four(trajectories_S, P, N, N % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
+NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= M; start += 4)
+        trajectories_four(trajectories_P, P, M, 4, base + start, stride, table, x + start,
+            y + start);
+    if (M % 4 > 0)
+        trajectories_four(trajectories_P, P, M, M % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
+INLINE void trajectories_node(const trajectories_t *w, int j, lanes *place)
+{
+    for (int a = 0; a < N; ++a)
+        place[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
+}
+
+static void trajectories_set_nodes(trajectories_t *w)
+{
+    (void)w;
+}
+
+static void trajectories_multipliers(const trajectories_t *w, int lane, real *multipliers)
+{
+    const lanes *impulse = w->now.x + trajectories_IMPULSE;
+    for (int mu = 0; mu < M; ++mu) {
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % trajectories_PER;
+            multipliers[l*M + mu] = part(&impulse[node/trajectories_PER*M + mu], at)
+                /(part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+        multipliers[P*M + mu] = part(&w->bound.last[mu], lane)
+            /(part(&w->h, lane)*tableau.b_tilde[P]);
+    }
+}
+
+static void trajectories_load_impulses(trajectories_t *w, int lane, const real *multipliers)
+{
+    lanes *impulse = w->now.x + trajectories_IMPULSE;
+    for (int mu = 0; mu < M; ++mu)
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % trajectories_PER;
+            set_part(&impulse[node/trajectories_PER*M + mu], at,
+                multipliers[l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+}
+
+INLINE void trajectories_look(trajectories_t *w)
+{
+    lanes G[M][N];
+    lanes_constraint(&w->constants, w->q, w->bound.g_rounded);
+    lanes_constraint_jacobian(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(DBL_MIN);
+        w->bound.g[mu] = w->bound.g_rounded[mu];
+        for (int a = 0; a < N; ++a) {
+            w->bound.g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->bound.shortness[mu] = 1/square;
+    }
+}
+
+INLINE void trajectories_factor(trajectories_t *w)
+{
+    (void)w;
+}
+
+INLINE void trajectories_correct(const trajectories_t *w, int j, lanes *defect, lanes *impulse)
+{
+    (void)j;
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            impulse[mu] += w->bound.W_inverse[mu][nu]*defect[nu];
+}
+
+static void trajectories_set_schur(trajectories_t *w)
+{
+    lanes_schur_inverse(&w->constants, w->bound.W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->bound.W_inverse[mu][nu] *= w->h_inverse;
+    w->bound.correction = lanes_correction(&w->constants);
+}
+
 INLINE void trajectories_forces(trajectories_t *w, lanes *C)
 {
-    const lanes *impulse = w->now.x + TRAJECTORIES_X_IMPULSE;
-    for (int j = 0; j < P; ++j) {
-        lanes place[N], G[M][N];
+    const lanes *impulse = w->now.x + trajectories_IMPULSE;
+    for (int j = 0; j < trajectories_P; ++j) {
+        lanes place[N], *Y = w->now.Y + j*N;
+        trajectories_node(w, j, place);
+        lanes_constraint_force(&w->constants, place, impulse + j*M, Y);
         for (int a = 0; a < N; ++a)
-            place[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
-        lanes_constraint_jacobian(&w->constants, place, G);
-        for (int a = 0; a < N; ++a) {
-            lanes sum = G[0][a]*impulse[j*M];
-            for (int mu = 1; mu < M; ++mu)
-                sum += G[mu][a]*impulse[j*M + mu];
-            w->now.Y[j*N + a] = -sum;
-        }
+            Y[a] = -Y[a];
     }
     trajectories_stages_of_nodes(w->p, 0, &fast_nu_tilde[0][0], w->now.Y, C);
 }
 
-/* From starting values: the places of the nodes and the constraint forces there. */
 INLINE void trajectories_begin(trajectories_t *w)
 {
     trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], w->now.x, w->now.D);
     trajectories_forces(w, w->now.C);
+    trajectories_factor(w);
 }
 
-/* Starting values without a past: the rates at the start of the step, no impulse. */
-INLINE void trajectories_guess(trajectories_t *w)
+INLINE void trajectories_momenta(const trajectories_t *w, const lanes *L_hat, lanes *momentum)
 {
-    lanes H_q[N], H_p[N];
-    lanes shared[3];
-    lanes_velocity(&w->constants, w->q, w->p, H_p, shared);
-    lanes_force(&w->constants, w->q, w->p, &w->t, shared, H_q);
-    for (int i = 0; i < S; ++i)
-        for (int a = 0; a < N; ++a) {
-            w->now.x[i*N + a] = w->hb[i]*H_p[a];
-            w->now.x[TRAJECTORIES_X_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
-        }
-    for (int e = TRAJECTORIES_X_IMPULSE; e < TRAJECTORIES_X; ++e)
-        w->now.x[e] = splat(0);
-}
-
-/*
- * One sweep; w->change is the sum of squares of what it changed, relative to the state, w->defect that
- * of how far from g = 0 the nodes were, before the impulses were corrected
- */
-INLINE void trajectories_sweep(trajectories_t *w)
-{
-    lanes *L = w->now.x, *L_hat = w->now.x + TRAJECTORIES_X_HAT;
-    lanes Q[S*N], momentum[S*N], L_new[S*N];
-    lanes shared[S][3];
-    lanes q_change = splat(0), p_change = splat(0);
-    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], L, Q);
     trajectories_stages_of_stages(w->now.C, N, &fast_mu_hat[0][0], L_hat, momentum);
-    for (int i = 0; i < S; ++i) {
-        lanes H_p[N];
-        lanes_velocity(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
-        for (int a = 0; a < N; ++a)
-            L_new[i*N + a] = w->hb[i]*H_p[a];
-    }
-    lanes g[P*M], C_new[S*N];
-    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L_new, w->now.D);
-    for (int l = 0; l < P; ++l) {
+}
+
+INLINE void trajectories_constrain(trajectories_t *w, const lanes *L, lanes *C)
+{
+    lanes g[trajectories_P*M], defect[trajectories_P*M];
+    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L, w->now.D);
+    for (int l = 0; l < trajectories_P; ++l) {
         lanes increment[M];
         lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
         for (int mu = 0; mu < M; ++mu)
-            g[l*M + mu] = w->g[mu] + increment[mu];
+            g[l*M + mu] = w->bound.g[mu] + increment[mu];
     }
-    w->defect = splat(0);
+    w->bound.defect = splat(0);
     for (int mu = 0; mu < M; ++mu) {
         lanes square = splat(0);
-        for (int l = 0; l < P; ++l)
+        for (int l = 0; l < trajectories_P; ++l)
             square += g[l*M + mu]*g[l*M + mu];
-        w->defect += square*w->shortness[mu];
+        w->bound.defect += square*w->bound.shortness[mu];
     }
-    w->defect *= w->q_size;
-    lanes defect[P*M];
+    w->bound.defect *= w->q_size;
     trajectories_nodes_of_nodes(w->zero, 0, &fast_inverse[0][0], g, defect);
-    for (int j = 0; j < P; ++j) {
-        lanes *impulse = w->now.x + TRAJECTORIES_X_IMPULSE + j*M;
-        for (int mu = 0; mu < M; ++mu)
-            for (int nu = 0; nu < M; ++nu)
-                impulse[mu] += w->W_inverse[mu][nu]*defect[j*M + nu];
+    for (int j = 0; j < trajectories_P; ++j)
+        trajectories_correct(w, j, defect + j*M, w->now.x + trajectories_IMPULSE + j*M);
+    trajectories_forces(w, C);
+}
+
+INLINE void trajectories_add_impulses(const trajectories_t *w, lanes dp[N])
+{
+    lanes impulse[N];
+    trajectories_total(P, N, w->now.Y, impulse);
+    for (int a = 0; a < N; ++a)
+        dp[a] += impulse[a] + w->p_low[a];
+}
+
+INLINE void trajectories_continue_nodes(const trajectories_t *w, const lanes *values,
+    lanes *through)
+{
+    trajectories_nodes_of_nodes(w->zero, 0, &fast_onward_nodes[0][0], values, through);
+}
+
+INLINE void trajectories_take(trajectories_t *w, int i, const lanes *L_new, const lanes *H_q,
+    lanes *q_change,
+    lanes *p_change)
+{
+    lanes *L = w->now.x + i*N, *L_hat = w->now.x + trajectories_HAT + i*N;
+    for (int a = 0; a < N; ++a) {
+        const lanes force = -w->hb_hat[i]*H_q[a];
+        const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
+        *q_change += dq*dq;
+        *p_change += dp*dp;
+        L[a] = L_new[i*N + a];
+        L_hat[a] = force;
     }
-    trajectories_forces(w, C_new);
-    for (int i = 0; i < S; ++i) {
-        lanes H_q[N];
-        const lanes pull = w->hb[i]*w->correction;
+}
+
+INLINE void trajectories_follow(trajectories_t *w, lanes *Q, lanes *momentum, lanes *L_new,
+    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
+{
+    lanes C[trajectories_S*N];
+    trajectories_constrain(w, L_new, C);
+    for (int i = 0; i < trajectories_S; ++i) {
+        lanes H_q[N], H_p[N];
+        const lanes pull = w->hb[i]*w->bound.correction;
         for (int a = 0; a < N; ++a) {
-            const lanes more = C_new[i*N + a] - w->now.C[i*N + a];
+            const lanes more = C[i*N + a] - w->now.C[i*N + a];
             momentum[i*N + a] += more;
-            w->now.C[i*N + a] = C_new[i*N + a];
+            w->now.C[i*N + a] = C[i*N + a];
             L_new[i*N + a] += pull*more;
         }
         const lanes t = w->t + w->late[i];
-        lanes_force(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_q);
-        for (int a = 0; a < N; ++a) {
-            const lanes force = -w->hb_hat[i]*H_q[a];
-            const lanes dq = L_new[i*N + a] - L[i*N + a], dp = force - L_hat[i*N + a];
-            q_change += dq*dq;
-            p_change += dp*dp;
-            L[i*N + a] = L_new[i*N + a];
-            L_hat[i*N + a] = force;
+        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
+        trajectories_take(w, i, L_new, H_q, q_change, p_change);
+    }
+}
+
+INLINE void trajectories_land(trajectories_t *w, const lanes q[N], lanes dp[N])
+{
+    lanes G[M][N];
+    lanes_constraint_jacobian(&w->constants, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        w->bound.last[mu] = splat(0);
+    for (int round = 0; round < ROUNDS; ++round) {
+        lanes f[M], p[N];
+        schur_t matrix;
+        for (int a = 0; a < N; ++a)
+            p[a] = w->p[a] + dp[a];
+        lanes_hidden_constraint(&w->constants, q, p, f);
+        lanes_hidden_matrix(&w->constants, q, p, matrix);
+        lanes_factor(matrix);
+        lanes_substitute(matrix, f);
+        for (int mu = 0; mu < M; ++mu) {
+            w->bound.last[mu] += f[mu];
+            for (int a = 0; a < N; ++a)
+                dp[a] -= G[mu][a]*f[mu];
         }
     }
+}
+
+INLINE void trajectories_add_work(trajectories_t *w)
+{
+    (void)w;
+}
+
+INLINE void trajectories_guess(trajectories_t *w)
+{
+    lanes H_q[N], H_p[N], shared[SHARED];
+    first_rates(&w->constants, w->q, w->p, H_p, shared);
+    second_rates(&w->constants, w->q, w->p, &w->t, shared, H_p, H_q);
+    for (int i = 0; i < trajectories_S; ++i)
+        for (int a = 0; a < N; ++a) {
+            w->now.x[i*N + a] = w->hb[i]*H_p[a];
+            w->now.x[trajectories_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
+        }
+    for (int e = trajectories_IMPULSE; e < trajectories_X; ++e)
+        w->now.x[e] = splat(0);
+}
+
+INLINE void trajectories_sweep(trajectories_t *w)
+{
+    lanes Q[trajectories_S*N], momentum[trajectories_S*N], L_new[trajectories_S*N],
+        shared[trajectories_S][SHARED];
+    lanes q_change = splat(0), p_change = splat(0);
+    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], w->now.x, Q);
+    trajectories_momenta(w, w->now.x + trajectories_HAT, momentum);
+    for (int i = 0; i < trajectories_S; ++i) {
+        lanes H_p[N];
+        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
+        for (int a = 0; a < N; ++a)
+            L_new[i*N + a] = w->hb[i]*H_p[a];
+    }
+    trajectories_follow(w, Q, momentum, L_new, shared, &q_change, &p_change);
     w->change = q_change*w->q_size + p_change*w->p_size;
 }
 
-/* H_p and H_q of stage i at given places and momenta. */
-INLINE void trajectories_rates(const trajectories_t *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p, lanes *H_q)
+INLINE void trajectories_rates(const trajectories_t *w, int i, const lanes *Q,
+    const lanes *momentum, lanes *H_p,
+    lanes *H_q)
 {
-    lanes shared[3];
+    lanes shared[SHARED];
     const lanes t = w->t + w->late[i];
-    lanes_velocity(&w->constants, Q, momentum, H_p, shared);
-    lanes_force(&w->constants, Q, momentum, &t, shared, H_q);
+    first_rates(&w->constants, Q, momentum, H_p, shared);
+    second_rates(&w->constants, Q, momentum, &t, shared, H_p, H_q);
 }
 
-/*
- * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that it
- * makes to the rates when a state is moved by two units in the last place, the mean of four times, and
- * what rounding the rates makes. The state is that at the start of the step, for sweeps that have gone
- * astray prove nothing.
- */
 NOINLINE void trajectories_noise(trajectories_t *w)
 {
     w->noise = splat(0);
-    for (int i = 0; i < S; ++i) {
+    for (int i = 0; i < trajectories_S; ++i) {
         lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
         unsigned chance = 1;
         trajectories_rates(w, i, w->q, w->p, H_p, H_q);
@@ -2502,42 +2832,24 @@ NOINLINE void trajectories_noise(trajectories_t *w)
                 dp += by_q*by_q;
             }
         }
-        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
+        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq
+            + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
     }
 }
 
-/* T2: the end of the step from the converged stages, in compensated sums. */
 INLINE void trajectories_finish(trajectories_t *w)
 {
     lanes dq[N], dp[N], q[N], p[N];
+    trajectories_add_work(w);
     trajectories_total(S, N, w->now.x, dq);
-    trajectories_total(S, N, w->now.x + TRAJECTORIES_X_HAT, dp);
-    lanes impulse[N];
-    trajectories_total(P, N, w->now.Y, impulse);
+    trajectories_total(S, N, w->now.x + trajectories_HAT, dp);
+    trajectories_add_impulses(w, dp);
     for (int a = 0; a < N; ++a) {
         dq[a] += w->q_low[a];
-        dp[a] += impulse[a] + w->p_low[a];
         two_sum(w->q[a], dq[a], &q[a], &w->q_low[a]);
         w->q[a] = q[a];
     }
-    lanes G[M][N];
-    lanes_constraint_jacobian(&w->constants, q, G);
-    for (int mu = 0; mu < M; ++mu)
-        w->last[mu] = splat(0);
-    for (int round = 0; round < 1; ++round) {
-        lanes f[M], matrix[M][M];
-        for (int a = 0; a < N; ++a)
-            p[a] = w->p[a] + dp[a];
-        lanes_hidden_constraint(&w->constants, q, p, f);
-        lanes_hidden_matrix(&w->constants, q, p, matrix);
-        lanes_factor(matrix);
-        lanes_substitute(matrix, f);
-        for (int mu = 0; mu < M; ++mu) {
-            w->last[mu] += f[mu];
-            for (int a = 0; a < N; ++a)
-                dp[a] -= G[mu][a]*f[mu];
-        }
-    }
+    trajectories_land(w, q, dp);
     for (int a = 0; a < N; ++a) {
         two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
         w->p[a] = p[a];
@@ -2545,7 +2857,6 @@ INLINE void trajectories_finish(trajectories_t *w)
     trajectories_look(w);
 }
 
-/* Lane i of a run: its constants and weights. */
 static void trajectories_prepare(trajectories_t *w, int lane, const constants *c, real h)
 {
     set_constants(&w->constants, lane, c);
@@ -2553,31 +2864,23 @@ static void trajectories_prepare(trajectories_t *w, int lane, const constants *c
     set_part(&w->h_inverse, lane, 1/h);
 }
 
-/* What follows from the constants and steps of all lanes. */
 static void trajectories_set_up(trajectories_t *w)
 {
-    for (int i = 0; i < S; ++i) {
-        w->hb[i] = w->h*tableau.b[i];
-        w->hb_hat[i] = w->h*tableau.b_hat[i];
-        w->late[i] = w->h*tableau.c[i];
-    }
-    lanes_schur_inverse(&w->constants, w->W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->W_inverse[mu][nu] *= w->h_inverse;
-    w->correction = lanes_correction(&w->constants);
+    trajectories_set_weights(w);
+    trajectories_set_nodes(w);
+    trajectories_set_schur(w);
     forget(&w->predictor);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
+    w->work = w->work_low = splat(0);
     trajectories_look(w);
 }
 
-/* What changes are relative to: the state and the step's own length. */
 INLINE void trajectories_sizes(trajectories_t *w)
 {
     lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
     trajectories_total(S, N, w->now.x, dq);
-    trajectories_total(S, N, w->now.x + TRAJECTORIES_X_HAT, dp);
+    trajectories_total(S, N, w->now.x + trajectories_HAT, dp);
     for (int a = 0; a < N; ++a) {
         q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
         p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
@@ -2586,61 +2889,90 @@ INLINE void trajectories_sizes(trajectories_t *w)
     w->p_size = 1/p_square;
 }
 
-/* Starting values of the next step. */
 INLINE void trajectories_start(trajectories_t *w, int predicted)
 {
     if (predicted) {
         if (!w->predictor.fitted) {
-            const lanes *x = past_values(&w->predictor, w->past, TRAJECTORIES_X, 0);
+            const lanes *x = past_values(&w->predictor, w->past, trajectories_X, 0);
             trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x, w->through);
-            trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x + TRAJECTORIES_X_HAT,
-                w->through + TRAJECTORIES_X_HAT);
-            trajectories_nodes_of_nodes(w->zero, 0, &fast_onward_nodes[0][0],
-                x + TRAJECTORIES_X_IMPULSE, w->through + TRAJECTORIES_X_IMPULSE);
+            trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x + trajectories_HAT,
+                w->through + trajectories_HAT);
+            trajectories_continue_nodes(w, x + trajectories_IMPULSE,
+                w->through + trajectories_IMPULSE);
         }
-        predict(&w->predictor, w->past, TRAJECTORIES_X, trajectories_ends, w->through, w->now.x);
+        predict(&w->predictor, w->past, trajectories_X, trajectories_ends, w->through, w->now.x);
     } else
         trajectories_guess(w);
     trajectories_sizes(w);
     trajectories_begin(w);
 }
 
-/* Multipliers of lane i, from its impulses. */
-static void trajectories_multipliers(const trajectories_t *w, int lane, real *multipliers)
-{
-    for (int mu = 0; mu < M; ++mu) {
-        for (int l = 0; l < P; ++l) {
-            const int place = l == 0 ? P - 1 : l - 1;
-            const real impulse = part(&w->now.x[TRAJECTORIES_X_IMPULSE + place*M + mu], lane);
-            multipliers[l*M + mu] = impulse/(part(&w->h, lane)*tableau.b_tilde[l]);
-        }
-        multipliers[P*M + mu] = part(&w->last[mu], lane)/(part(&w->h, lane)*tableau.b_tilde[P]);
-    }
-}
-
-/* The scaled unknowns of a lane from (B.2). */
 static void trajectories_load(trajectories_t *w, int lane, const real x[U])
 {
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
-            const int place = i*N + a;
-            set_part(&w->now.x[place], lane, x[i*N + a]*part(&w->hb[i], lane));
-            set_part(&w->now.x[TRAJECTORIES_X_HAT + place], lane, x[K_HAT + i*N + a]*part(&w->hb_hat[i], lane));
+            const int item = i/trajectories_PER, place = item*N + a,
+                at = lane + i % trajectories_PER;
+            const lanes *hb = &w->hb[item], *hb_hat = &w->hb_hat[item];
+            set_part(&w->now.x[place], at, x[i*N + a]*part(hb, at));
+            set_part(&w->now.x[trajectories_HAT + place], at, x[K_HAT + i*N + a]*part(hb_hat, at));
         }
-    for (int mu = 0; mu < M; ++mu)
-        for (int l = 0; l < P; ++l) {
-            const int place = l == 0 ? P - 1 : l - 1;
-            const real impulse = x[LAMBDA + l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l];
-            set_part(&w->now.x[TRAJECTORIES_X_IMPULSE + place*M + mu], lane, impulse);
+    trajectories_load_impulses(w, lane, x + LAMBDA);
+}
+
+/* The unknowns (B.2) from the scaled ones. */
+static void stages_unscale(const stages_t *w, real x[U])
+{
+    real multipliers[ROOM];
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            const int item = i/stages_PER, place = item*N + a, at = i % stages_PER;
+            const lanes *hb = &w->hb[item], *hb_hat = &w->hb_hat[item];
+            x[i*N + a] = part(&w->now.x[place], at)/part(hb, at);
+            x[K_HAT + i*N + a] = part(&w->now.x[stages_HAT + place], at)/part(hb_hat, at);
         }
+    stages_multipliers(w, 0, multipliers);
+    for (int l = 0; l < P*M; ++l)
+        x[LAMBDA + l] = multipliers[l];
+}
+
+/* A number of the one trajectory from its lanes, which hold a part each. */
+INLINE real stages_of_lanes(const lanes *x)
+{
+    real sum = part(x, 0);
+    for (int i = 1; i < W; ++i)
+        sum += part(x, i);
+    return sum;
+}
+
+/* How many lanes differ. */
+static int stages_used(void)
+{
+    const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
+    return most < W ? most : W;
+}
+
+/* Adds what is left of the constraints at the one trajectory's state to the record. */
+static void stages_observe_defects(const stages_t *s, report_t *report)
+{
+    lanes f[M];
+    real g_size = 0, f_size = 0;
+    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = larger(fabs(part(&s->bound.g_rounded[mu], 0)), g_size);
+        f_size = larger(fabs(part(&f[mu], 0)), f_size);
+    }
+    observe_defects(g_size, f_size, report);
 }
 
 /* What a sweep costs, in additions, for all of its stages and nodes. */
 enum {
     PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with what a stage has */
-    SWEEP_COST = (80 + PRODUCTS)*STAGE_ITEMS + 0*S
-        + 19*NODE_ITEMS + 0*P
+    SWEEP_COST = (80 + PRODUCTS)*stages_S + 0*S
+        + 19*stages_P + 0*P
 };
+
+/* -------------------------------------------------- one trajectory: sweeps, Newton behind them */
 
 /* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
 enum { SWEEPS_FIRST, NEWTON_FIRST };
@@ -2663,15 +2995,6 @@ static fast_t *fast_of(work_t *w)
     return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
-/* A number of the one trajectory from its lanes, which hold a part each. */
-INLINE real stages_of_lanes(const lanes *x)
-{
-    real sum = part(x, 0);
-    for (int i = 1; i < W; ++i)
-        sum += part(x, i);
-    return sum;
-}
-
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(stages_t *w, const options_t *options, int predicted, int *sweeps)
 {
@@ -2681,7 +3004,8 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
     stages_start(w, predicted);
     do {
         stages_sweep(w);
-        const real change = stages_of_lanes(&w->change), defect = stages_of_lanes(&w->defect);
+        const real change = stages_of_lanes(&w->change);
+        const real defect = stages_of_lanes(&w->bound.defect);
         if (calls_for_look(&progress, change)) {
             stages_noise(w);
             look(&progress, stages_of_lanes(&w->noise));
@@ -2689,8 +3013,10 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
         verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
-        if (!predicted && verdict == SWEEP_AGAIN && (progress.sweeps == 1 || progress.sweeps == 3)) {
+        const int early = progress.sweeps == 1 || progress.sweeps == 3;
+        if (!predicted && verdict == SWEEP_AGAIN && early) {
             stages_sizes(w); /* what is at rest has none before it moves */
+            stages_factor(w);
         }
     } while (verdict == SWEEP_AGAIN);
     *sweeps += progress.sweeps;
@@ -2730,8 +3056,8 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
 }
 
 /*
- * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed to
- * be three residuals and a Jacobian. The other way is tried again ever more rarely.
+ * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed
+ * to be three residuals and a Jacobian. The other way is tried again ever more rarely.
  */
 static void choose_way(fast_t *f, long effort)
 {
@@ -2754,7 +3080,10 @@ static void choose_way(fast_t *f, long effort)
     }
 }
 
-/* One step of the state in the work memory: sweeps, and Newton where they do not converge or cost more. */
+/*
+ * One step of the state in the work memory: sweeps, and Newton where they do not converge or cost
+ * more.
+ */
 static int fast_advance(work_t *w, const options_t *options, real dt, int *iterations,
     report_t *report)
 {
@@ -2784,7 +3113,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
         f->failures = 0;
     choose_way(f, sweeps*SWEEP_COST + w->effort);
     stages_t *s = &f->run;
-    record(&s->predictor, s->past, STAGES_X, stages_ends, stages_rows, s->through, s->now.x);
+    record(&s->predictor, s->past, stages_X, stages_ends, stages_rows, s->through, s->now.x);
     stages_finish(s);
     real size = 0;
     for (int a = 0; a < N; ++a)
@@ -2798,8 +3127,7 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     f->failures = f->wait = f->way = f->steps = 0;
     f->patience = 32;
     f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
-    const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
-    f->run.constants._used = most < W ? most : W;
+    f->run.constants._used = stages_used();
     for (int i = 0; i < W; ++i)
         stages_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
@@ -2823,23 +3151,15 @@ static void fast_observe(work_t *w, report_t *report)
 {
     stages_t *s = &fast_of(w)->run;
     const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
-    const real error = fabs(part(&H, 0) - report->energy_start);
+    set_work(report, part(&s->work, 0), part(&s->work_low, 0));
+    const real gain = part(&H, 0) - report->energy_start;
+    const real error = fabs(gain - work_so_far(report));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
-    lanes f[M];
-    real g_size = 0, f_size = 0;
-    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
-    for (int mu = 0; mu < M; ++mu) {
-        g_size = larger(fabs(part(&s->g_rounded[mu], 0)), g_size);
-        f_size = larger(fabs(part(&f[mu], 0)), f_size);
-    }
-    report->constraint_max = larger(g_size, report->constraint_max);
-    report->constraint_sum += g_size;
-    report->hidden_max = larger(f_size, report->hidden_max);
-    report->hidden_sum += f_size;
+    stages_observe_defects(s, report);
 }
 
-/* ---------------------------------------------------------------- a run: sweeps, or Newton if asked for */
+/* ------------------------------------------------------- a run: sweeps, or Newton if asked for */
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
@@ -2891,7 +3211,7 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     return status;
 }
 
-/* ---------------------------------------------------------------- the public functions */
+/* ------------------------------------------------------------------------ the public functions */
 
 int heavy_top_liiiab5_gamma_step(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
@@ -2953,7 +3273,7 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
     return OK;
 }
 
-/* ---------------------------------------------------------------- W trajectories at a time */
+/* -------------------------------------------------------------------- W trajectories at a time */
 
 /* What a caller's batch memory holds. */
 typedef struct {
@@ -2973,13 +3293,11 @@ static batch_t *batch_of(batch_memory *memory)
     return (batch_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
 }
 
-/* What the end of a step needs of an iterate: its first lanes. */
-enum { RESULT = TRAJECTORIES_X + P*N };
-
 enum { WHOLE = sizeof(trajectories_iterate)/sizeof(lanes) };
 
 /* The first `count` lanes of an iterate, for one trajectory. */
-static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane, int count)
+static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane,
+    int count)
 {
     lanes *target = (lanes *)(void *)to;
     const lanes *source = (const lanes *)(const void *)from;
@@ -3035,7 +3353,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             fresh[i] = 0;
             if (!busy[i])
                 continue;
-            const real change = part(&run->change, i), defect = part(&run->defect, i);
+            const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
             if (calls_for_look(&progress[i], change))
                 look(&progress[i], part(&run->noise, i));
             const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
@@ -3056,16 +3374,17 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         for (int i = 0; i < W && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
-                copy_lane(&b->kept, &run->now, i, RESULT);
+                copy_lane(&b->kept, &run->now, i, trajectories_RESULT);
             }
         if (!predicted && left > 0 && (round == 1 || round == 3)) {
             trajectories_sizes(run);
+            trajectories_factor(run);
         }
     }
     for (int i = 0; i < W; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
-            copy_lane(&run->now, &b->kept, i, RESULT);
+            copy_lane(&run->now, &b->kept, i, trajectories_RESULT);
     }
 }
 
@@ -3074,12 +3393,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
 {
     real q[N], p[N];
     int fresh[W] = { 0 }, taken;
-    constants *c = &w->constants;
-    c->mgl = part(&b->run.constants.mgl, lane);
-    c->k0 = part(&b->run.constants.k0, lane);
-    c->k1 = part(&b->run.constants.k1, lane);
-    c->k2 = part(&b->run.constants.k2, lane);
-    c->k3 = part(&b->run.constants.k3, lane);
+    get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
         p[a] = part(&b->run.p[a], lane);
@@ -3113,17 +3427,13 @@ INLINE lanes lanes_size(lanes a)
     return result;
 }
 
-static void observe_lanes(batch_t *b)
+static void observe_lane_defects(batch_t *b)
 {
     trajectories_t *run = &b->run;
-    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
-        - b->energy_start);
-    b->energy_error_max = lanes_larger(b->energy_error_max, error);
-    b->energy_error_sum += error;
     lanes f[M], g_size = splat(0), f_size = splat(0);
     lanes_hidden_constraint(&run->constants, run->q, run->p, f);
     for (int mu = 0; mu < M; ++mu) {
-        g_size = lanes_larger(g_size, lanes_size(run->g_rounded[mu]));
+        g_size = lanes_larger(g_size, lanes_size(run->bound.g_rounded[mu]));
         f_size = lanes_larger(f_size, lanes_size(f[mu]));
     }
     b->g_max = lanes_larger(b->g_max, g_size);
@@ -3132,9 +3442,20 @@ static void observe_lanes(batch_t *b)
     b->f_sum += f_size;
 }
 
+static void observe_lanes(batch_t *b)
+{
+    trajectories_t *run = &b->run;
+    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
+        - b->energy_start - run->work);
+    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_sum += error;
+    observe_lane_defects(b);
+}
+
 /* The record of a lane, between memory and report. */
 static void write_report(const batch_t *b, int lane, report_t *report)
 {
+    set_work(report, part(&b->run.work, lane), part(&b->run.work_low, lane));
     report->energy_error_max = part(&b->energy_error_max, lane);
     report->energy_error_sum = part(&b->energy_error_sum, lane);
     report->constraint_max = part(&b->g_max, lane);
@@ -3144,8 +3465,8 @@ static void write_report(const batch_t *b, int lane, report_t *report)
 }
 
 /* State and record of a lane, for the caller. */
-static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p, real *q,
-    real *p, report_t *report)
+static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p,
+    real *q, real *p, report_t *report)
 {
     write_report(b, lane, report);
     for (int a = 0; a < N; ++a) {
@@ -3234,7 +3555,8 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             q_before[a] = run->q[a];
             p_before[a] = run->p[a];
         }
-        record(&run->predictor, run->past, TRAJECTORIES_X, trajectories_ends, trajectories_rows,
+        const lanes work_before = run->work;
+        record(&run->predictor, run->past, trajectories_X, trajectories_ends, trajectories_rows,
             run->through, run->now.x);
         trajectories_finish(run);
         for (int i = 0; i < count; ++i)
@@ -3243,6 +3565,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
                 alive[i] = 0;
                 --living;
                 keep_state(b, i, q_before, p_before, q, p, &reports[i]);
+                restore_work(&reports[i], part(&work_before, i));
             }
         observe_lanes(b);
         for (int i = 0; i < count; ++i) {
@@ -3268,14 +3591,17 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
                 trajectories_multipliers(run, i, out.multipliers + row*MULTIPLIERS);
             if (out.iterations != NULL)
                 out.iterations[row] = most[i];
+            if (out.work != NULL)
+                out.work[row] = part(&run->work, i);
             most[i] = 0;
         }
     }
 }
 
-/* ---------------------------------------------------------------- any number of trajectories, whole runs */
+/* ------------------------------------------------------ any number of trajectories, whole runs */
 
-void heavy_top_liiiab5_gamma_integrate_many(long count, const parameters_t *parameters, const options_t *options,
+void heavy_top_liiiab5_gamma_integrate_many(long count, const parameters_t *parameters,
+    const options_t *options,
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
@@ -3292,9 +3618,10 @@ void heavy_top_liiiab5_gamma_integrate_many(long count, const parameters_t *para
     }
 }
 
-/* ---------------------------------------------------------------- calls with what this system has */
+/* ------------------------------------------------------------- calls with what this system has */
 
-int heavy_top_liiiab5_gamma_integrate(const parameters_t *parameters, const options_t *options, real dt,
+int heavy_top_liiiab5_gamma_integrate(const parameters_t *parameters, const options_t *options,
+    real dt,
     long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
     int *iterations, report_t *report, work_t *work)
 {

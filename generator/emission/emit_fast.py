@@ -47,7 +47,6 @@ def fast_context(
                         for name, rows in tables.items()},
         "compensated": any(sums_products(k, "lanes_") for k in kernels),
         "eliminates": scheme.system.m and (spark or system.schur_inverse is None),
-        "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
         "one": "stages" if spark else "mean",
         "many": "trajectories" if spark else "mean",
         "constant_schur": scheme.system.m and system.schur_inverse is not None,
@@ -55,8 +54,6 @@ def fast_context(
         "shared": len(system.shared),
         "separable": system.is_separable,
         "affine": system.is_affine,
-        "product_shapes": lambda mode: _product_shapes(mode, scheme.system.m),
-        "widths": {"N": scheme.system.n, "M": scheme.system.m},
         "memory": _memory(scheme, real, held, m * m, one=True),
         "batch_memory": _memory(scheme, real, held, m * m, one=False),
     }
@@ -87,7 +84,6 @@ def structured_fast_context(
                         for name, rows in tables.items()},
         "compensated": any(sums_products(k, "lanes_") for k in kernels),
         "eliminates": bool(m),
-        "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
         "one": "stages" if spark else "mean",
         "many": "trajectories" if spark else "mean",
         "constant_schur": False,
@@ -95,8 +91,6 @@ def structured_fast_context(
         "shared": 0,
         "separable": structure.is_separable,
         "affine": structure.is_quadratic,
-        "product_shapes": lambda mode: _product_shapes(mode, m),
-        "widths": {"N": scheme.system.n, "M": m},
         "memory": _memory(scheme, real, held, factor, one=True),
         "batch_memory": _memory(scheme, real, held, factor, one=False),
     }
@@ -120,16 +114,6 @@ def fast_manifest(fast: dict[str, Any]) -> dict[str, Any]:
         "gauss_seidel": bool(fast["separable"]),
         "operations": {k.name: k.operations for k in fast["lane_kernels"]},
     }
-
-
-def _product_shapes(mode: str, m: int) -> list[tuple[str, str, str, str]]:
-    """Return name, rows (as items), columns and width of each kind of table product."""
-    stages, nodes = ("STAGE_ITEMS", "NODE_ITEMS") if mode == "stages" else ("S", "P")
-    shapes = [("stages_of_stages", stages, "S", "N")]
-    if m:
-        shapes += [("nodes_of_stages", nodes, "S", "N"), ("stages_of_nodes", stages, "P", "N"),
-                   ("nodes_of_nodes", nodes, "P", "M")]
-    return shapes
 
 
 def _memory(
