@@ -14,7 +14,8 @@ _EMPTY = re.compile(r"\n{3,}")
 def fitted(text: str) -> str:
     """Return C with no line beyond ``WIDTH`` that can be broken, nor two empty lines in a row.
 
-    Lines of code are broken behind commas; a comment of one line becomes one of several. Equations in the comment on top stay as they are.
+    Lines of code are broken behind commas; a comment of one line becomes one of several. Equations
+    in the comment on top stay as they are.
     """
     lines: list[str] = []
     for line in _EMPTY.sub("\n\n", text).split("\n"):

@@ -144,7 +144,8 @@ class Proved:
         else:
             answer = "scalar" if self.correction else "again"
             own = [f"{run}_nodes", "impulses", f"look_{self._kind}", f"schur_{layout}",
-                   *self._schur_set(), "sweep_constrained", "take", f"follow_{answer}{seidel}", f"land_{self._kind}"]
+                   *self._schur_set(), "sweep_constrained", "take",
+                   f"follow_{answer}{seidel}", f"land_{self._kind}"]
         return [*head, *own, work, "sweep", "load"]
 
     def _mean(self) -> list[str]:
