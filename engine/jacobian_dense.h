@@ -1,13 +1,13 @@
 /* The Jacobian of T1 as U rows of U, its factors in its place. */
 static int factorise_jacobian(work_t *w)
 {
-    return factorise(U, w->J, w->exponents, w->pivots, &w->products);
+    return lu_factorise(U, w->J, w->exponents, w->pivots, &w->products);
 }
 
 /* b <- J^-1 b from the factors */
 static int solve_jacobian(work_t *w, real b[U])
 {
-    return substitute(U, w->J, w->exponents, w->pivots, b);
+    return lu_substitute(U, w->J, w->exponents, w->pivots, b);
 }
 
 static void spread_jacobian(const real *J, real *dense)

@@ -5,7 +5,7 @@
  * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
  * are counted: how many there are depends on the zeros.
  */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+static int lu_factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
     long *products)
 {
     *products = 0;
@@ -47,7 +47,7 @@ static int factorise(int n, real *restrict A, int *restrict exponents, int *rest
 }
 
 /* x replaces b in A x = b, from the factors of A. */
-static int substitute(int n, const real *restrict A, const int *restrict exponents,
+static int lu_substitute(int n, const real *restrict A, const int *restrict exponents,
     const int *restrict pivots, real *restrict b)
 {
     for (int i = 0; i < n; ++i) {

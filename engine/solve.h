@@ -3,6 +3,6 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     int *restrict pivots)
 {
     long products;
-    const int status = factorise(n, A, exponents, pivots, &products);
-    return status == OK ? substitute(n, A, exponents, pivots, b) : status;
+    const int status = lu_factorise(n, A, exponents, pivots, &products);
+    return status == OK ? lu_substitute(n, A, exponents, pivots, b) : status;
 }

@@ -961,7 +961,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return lands(w, dt, q, x);
         if (*iterations == 1)
             continue;
-        const int shrinks = ratio < (real)0.5; /* one that is small after one that stalled is chance */
+        const int shrinks = ratio < (real)0.5; /* a small one after one that stalled is chance */
         ratio = size/previous;
         if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);

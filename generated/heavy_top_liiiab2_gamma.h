@@ -155,8 +155,8 @@ typedef struct {
 int heavy_top_liiiab2_gamma_lanes(void);
 
 /*
- * As heavy_top_liiiab2_gamma_integrate for `count` trajectories (at most heavy_top_liiiab2_gamma_lanes() of them), each with its own
- * parameters, dt, state, report and status: all arrays have one entry, or one row, a trajectory.
+ * As heavy_top_liiiab2_gamma_integrate for `count` trajectories
+ * (at most heavy_top_liiiab2_gamma_lanes() of them), each with its own parameters, dt, state, report and status: all arrays have one entry, or one row, a trajectory.
  * Trajectory i stores from row i*rows on. A trajectory that fails keeps its last state and does
  * not disturb the others; statuses are 0 at the first call. Sweeps, and Newton for a trajectory
  * and step where they do not converge.
@@ -172,7 +172,8 @@ void heavy_top_liiiab2_gamma_integrate_lanes(int count,
 /*
  * Whole runs of any number of trajectories, each with its own parameters, dt, state, report and
  * status, which are 0 before. (q, p) become the ends; every `every`-th state goes to q_out, p_out
- * (either may be NULL), steps/every rows a trajectory. A trajectory that fails keeps its last state.
+ * (either may be NULL), steps/every rows a trajectory. A trajectory that fails keeps its last
+ * state.
  */
 void heavy_top_liiiab2_gamma_integrate_many(long count,
     const heavy_top_liiiab2_gamma_parameters *parameters,

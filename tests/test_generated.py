@@ -83,7 +83,7 @@ def parts(scheme, stages):
     end = text.index("};", table)
     fast = re.compile(r"^static const real fast_\w+\[.*?\n\};\n", re.MULTILINE | re.DOTALL)
     code = fast.sub("", text[:start] + text[end:])
-    return code.replace("NOINLINE void stages", "INLINE void stages"), text[table:end]
+    return code.replace("#define PRODUCT NOINLINE", "#define PRODUCT INLINE"), text[table:end]
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [

@@ -89,7 +89,7 @@ def emit(
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
                     bool(system.forces), *(bool(fast.get(name)) for name in (
                         "constant_schur", "correction", "separable")))
-    context |= proved.solver_files(fast["fast"])
+    context |= proved.scheme_files() | proved.solver_files(fast["fast"])
     context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {
         "batch_files": []}
     quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
@@ -172,7 +172,6 @@ def _context(
         "compensated_plain": any(map(sums_products, kernels)),
         "cardinals": c_names_with_needs(frozenset().union(*(k.functions for k in kernels))),
         "own_switches": SWITCHES & printer.functions.union(*(k.functions for k in alone)),
-        "scheme_template": scheme.template,
         "scheme_doc": _scheme_doc(scheme),
         "unknowns_doc": _unknowns_doc(scheme),
         "tableau": _tableau_rows(tableau, real) if tableau else None,

@@ -107,6 +107,22 @@ class Proved:
             ],
         }
 
+    def scheme_files(self) -> dict[str, list[str]]:
+        """Return the files of the scheme up to its Jacobian, and those behind it."""
+        free = "" if self.m else "_free"
+        dense = not self.structured
+        if not self.stages:
+            pull = [f"mean_pull_{self._kind}"] if self.m else []
+            rows = ["mean_constrained" if self.m else "mean_free"]
+            jacobian = [f"mean_columns{free}", "mean_jacobian"] if dense else []
+            return {"stage_files": [*pull, *rows, "mean", *jacobian],
+                    "finish_files": ["mean_finish", *(["mean_work"] if self.forced else [])]}
+        hessian = "hessian_with_forces" if self.forced else "hessian_of_potential"
+        nodes = "spark_constrained" if self.m else "spark_free"
+        return {"stage_files": [nodes, "spark",
+                                *([hessian, f"spark_jacobian{free}"] if dense else [])],
+                "finish_files": [f"spark_finish{free}", *(["spark_work"] if self.forced else [])]}
+
     def sweep_files(self, one: str, many: str) -> dict[str, Any]:
         """Return the files of the sweeps, those that serve one trajectory and many by use."""
         parts = "stages_parts" if self.stages else "mean_parts"

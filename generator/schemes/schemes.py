@@ -105,7 +105,6 @@ class SparkScheme:
 
     system: System
     tableau: Tableau
-    template = "spark.c.jinja"
     #: x holds rates and multipliers themselves, not a state to be reached.
     unknowns_are_state = False
 
@@ -157,7 +156,6 @@ class MeanScheme:
 
     system: System
     discrete: bool  # EMS: the discrete gradient; IMS: the gradient at the midpoint
-    template = "mean.c.jinja"
     tableau = None
     unknowns_are_state = True
 
