@@ -1,4 +1,4 @@
-/* ------------------------------------------------------------------------------ linear algebra */
+/* ------------------------------------------------------------------------------- linear algebra */
 
 /*
  * The Jacobian in an order of the unknowns (and of their equations) in which what interacts stands

@@ -1,4 +1,4 @@
-/* -------------------------------------------------------------------- W trajectories at a time */
+/* --------------------------------------------------------------- several trajectories at a time */
 
 /* What a caller's batch memory holds. */
 typedef struct {
@@ -38,11 +38,11 @@ static void restart(batch_t *b, const int *fresh, const real *x)
     b->kept = b->run.now;
     if (x == NULL)
         MANY(guess)(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (x != NULL && fresh[i])
             MANY(load)(&b->run, i, x);
     MANY(begin)(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (!fresh[i])
             copy_lane(&b->run.now, &b->kept, i, WHOLE);
 }
@@ -57,9 +57,9 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     MANY(t) *run = &b->run;
     const real far = (real)0.02;
     const int predicted = run->predictor.count > 0;
-    progress_t progress[W];
-    int busy[W], early[W], fresh[W], left = 0;
-    for (int i = 0; i < W; ++i) {
+    progress_t progress[LANES];
+    int busy[LANES], early[LANES], fresh[LANES], left = 0;
+    for (int i = 0; i < LANES; ++i) {
         progress[i] = start_of_sweeps(run->predictor.rate[i]);
         busy[i] = alive[i];
         early[i] = lost[i] = 0;
@@ -69,11 +69,11 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     for (int round = 1; left > 0; ++round) {
         int again = 0, looks = 0;
         MANY(sweep)(run);
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
         if (looks)
             MANY(noise)(run);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             fresh[i] = 0;
             if (!busy[i])
                 continue;
@@ -95,7 +95,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         }
         if (again)
             restart(b, fresh, NULL);
-        for (int i = 0; i < W && left > 0; ++i)
+        for (int i = 0; i < LANES && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
                 copy_lane(&b->kept, &run->now, i, MANY(RESULT));
@@ -105,7 +105,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             MANY(factor)(run);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
             copy_lane(&run->now, &b->kept, i, MANY(RESULT));
@@ -116,7 +116,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
 static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
 {
     real q[N], p[N];
-    int fresh[W] = { 0 }, taken;
+    int fresh[LANES] = { 0 }, taken;
     get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
@@ -138,7 +138,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
 INLINE lanes lanes_larger(lanes a, lanes b)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, larger(part(&b, i), part(&a, i)));
     return result;
 }
@@ -146,7 +146,7 @@ INLINE lanes lanes_larger(lanes a, lanes b)
 INLINE lanes lanes_size(lanes a)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, MATH(fabs)(part(&a, i)));
     return result;
 }

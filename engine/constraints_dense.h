@@ -1,4 +1,4 @@
-/* --------------------------------------------------------------- constraints: G as m rows of n */
+/* ---------------------------------------------------------------- constraints: G as m rows of n */
 
 /* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
 enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };

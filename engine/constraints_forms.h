@@ -1,4 +1,4 @@
-/* ----------------------------------------------------------------- constraints: G cell by cell */
+/* ------------------------------------------------------------------ constraints: G cell by cell */
 
 /* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
 enum { SLACK_OF_PLACE = 1024, SLACK_OF_MOMENTUM = 1024 };

@@ -1,4 +1,4 @@
-/* ------------------------------------------------------------------------ the public functions */
+/* ------------------------------------------------------------------------- the public functions */
 
 int NAME(step)(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],

@@ -43,8 +43,8 @@ static int is_finite_lane(const MANY(t) *run, int lane)
 static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
 {
-    b->run.constants._used = count < W ? count : W;
-    for (int i = 0; i < W; ++i) {
+    b->run.constants._used = count < LANES ? count : LANES;
+    for (int i = 0; i < LANES; ++i) {
         const int from = i < count ? i : 0;
         constants c;
         prepare(&parameters[from], &c);
@@ -65,7 +65,7 @@ static void begin_batch(batch_t *b, int count, const parameters_t *parameters, c
 
 int NAME(lanes)(void)
 {
-    return W;
+    return LANES;
 }
 
 static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
@@ -74,7 +74,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
 {
     batch_t *b = batch_of(batch);
     MANY(t) *run = &b->run;
-    int alive[W], most[W] = { 0 }, living = 0;
+    int alive[LANES], most[LANES] = { 0 }, living = 0;
     if (count <= 0)
         return;
     if (reports[0].steps == 0 && status[0] == OK) {
@@ -84,15 +84,15 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             write_report(b, i, &reports[i]);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         alive[i] = i < count && status[i] == OK;
         living += alive[i];
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
-        int lost[W], taken[W] = { 0 };
+        int lost[LANES], taken[LANES] = { 0 };
         run->t = b->start + (real)b->done++*run->h;
         sweep_lanes(b, options, alive, lost, taken);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             if (!lost[i])
                 continue;
             if (options->solver != FIXED_POINT) {

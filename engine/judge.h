@@ -1,4 +1,4 @@
-/* ------------------------------------------------------------------ when a sweep has converged */
+/* ------------------------------------------------------------------- when a sweep has converged */
 
 /* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {

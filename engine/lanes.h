@@ -1,4 +1,4 @@
-enum { W = sizeof(lanes)/sizeof(real) };
+enum { LANES = sizeof(lanes)/sizeof(real) };
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))

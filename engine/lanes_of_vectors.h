@@ -1,4 +1,4 @@
-/* ----------------------------------------------------------- lanes: W reals that move together */
+/* -------------------------------------------------------------- lanes: reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same

@@ -2,7 +2,7 @@
 INLINE lanes product_error(lanes a, lanes b, lanes product)
 {
     lanes error = product;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&error, i, MATH(fma)(part(&a, i), part(&b, i), -part(&product, i)));
     return error;
 }

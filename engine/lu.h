@@ -1,4 +1,4 @@
-/* ------------------------------------------------------------------------------ linear algebra */
+/* ------------------------------------------------------------------------------- linear algebra */
 
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by

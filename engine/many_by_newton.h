@@ -1,4 +1,4 @@
-/* ------------------------------------------------------ any number of trajectories, whole runs */
+/* ------------------------------------------------------- any number of trajectories, whole runs */
 
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,

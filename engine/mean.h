@@ -1,4 +1,4 @@
-/* ----------------------------------------------------------------------- one mean value a step */
+/* ------------------------------------------------------------------------ one mean value a step */
 
 /* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
 enum { DP = N, LAMBDA = 2*N };

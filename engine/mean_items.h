@@ -1,4 +1,4 @@
-/* --------------------------------------------------------------- sweeps: one mean value a step */
+/* ---------------------------------------------------------------- sweeps: one mean value a step */
 
 /* Where the unknowns stand: the increments dq and dp, and the impulses h lambda. */
 enum { RUN(S) = 1, RUN(P) = 1 };

@@ -1,4 +1,4 @@
-/* ----------------------------------------------------------------------------- T1: full Newton */
+/* ------------------------------------------------------------------------------ T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff

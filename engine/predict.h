@@ -1,4 +1,4 @@
-/* --------------------------------------------------------------- starting values from the past */
+/* ---------------------------------------------------------------- starting values from the past */
 
 /*
  * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
@@ -18,8 +18,8 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
-    real rate[W];  /* how fast sweeps converge, as last seen */
-    int stages[W]; /* lanes that are better off with the polynomial through the last stages */
+    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
 } predictor_t;
@@ -29,9 +29,9 @@ static void forget(predictor_t *s)
     s->count = 0;
     s->training = HISTORY + 1;
     s->order = s->fitted = 0;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->rate[i] = 1;
 }
 
@@ -76,7 +76,7 @@ INLINE void predict(const predictor_t *s, lanes *past, int length, const int *en
         return;
     }
     recur(s, s->order, past, length, ends, x);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         for (int e = 0; e < length && s->stages[i]; ++e)
             set_part(&x[e], i, part(&through[e], i));
 }
@@ -104,7 +104,7 @@ INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
             error[k] += defect*defect;
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         int best = 1;
         for (int k = 2; k <= most; ++k)
             if (part(&error[k], i) < part(&error[best], i))
@@ -123,7 +123,7 @@ INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
     for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
         for (int k = 0; k <= ORDER; ++k)
             for (int l = 0; l <= ORDER; ++l)
-                for (int i = 0; i < W; ++i) {
+                for (int i = 0; i < LANES; ++i) {
                     real size = tiny;
                     for (int e = start; k == l && e < ends[group]; ++e)
                         size = larger(size, 8*epsilon*MATH(fabs)(part(&x[e], i)));
@@ -141,7 +141,7 @@ INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, con
     for (int k = 0; k < ORDER; ++k) {
         const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
         lanes inverse = square;
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             set_part(&inverse, i, 1/MATH(sqrt)(part(&square, i)));
         const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
         for (int l = k; l <= ORDER; ++l) {
@@ -160,7 +160,7 @@ static void end_training(predictor_t *s)
     s->fitted = 1;
     for (int group = 0; group < GROUPS; ++group) {
         lanes (*R)[ORDER + 1] = s->R[group];
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             real defect = part(&R[ORDER][ORDER], i), c[ORDER];
             const real allowed = 16*defect;
             int order = ORDER;

@@ -1,4 +1,4 @@
-/* ------------------------------------------------------------------------ onto the constraints */
+/* ------------------------------------------------------------------------- onto the constraints */
 
 /*
  * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is

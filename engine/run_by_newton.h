@@ -1,4 +1,4 @@
-/* ----------------------------------------------------------------- a run: Newton at every step */
+/* ------------------------------------------------------------------ a run: Newton at every step */
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])

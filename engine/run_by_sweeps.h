@@ -1,4 +1,4 @@
-/* ------------------------------------------------------- a run: sweeps, or Newton if asked for */
+/* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])

@@ -43,8 +43,8 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
                 rate += tableau.A[i][j]*x[j*N + a];
                 force += tableau.A_hat[i][j]*x[K_HAT + j*N + a];
             }
-            w->Q[i][a] = q[a] + dt*rate;
-            w->P[i][a] = p[a] + dt*less_node_forces(w, tableau.A_tilde[i], a, force);
+            w->stage_q[i][a] = q[a] + dt*rate;
+            w->stage_p[i][a] = p[a] + dt*less_node_forces(w, tableau.A_tilde[i], a, force);
         }
 }
 
@@ -56,7 +56,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
     for (int i = 0; i < S; ++i) {
         real H_q[N], H_p[N];
         const real t = w->t + dt*tableau.c[i];
-        gradient(&w->constants, w->Q[i], w->P[i], &t, H_q, H_p);
+        gradient(&w->constants, w->stage_q[i], w->stage_p[i], &t, H_q, H_p);
         for (int a = 0; a < N; ++a) {
             r[i*N + a] = x[i*N + a] - H_p[a];
             r[K_HAT + i*N + a] = x[K_HAT + i*N + a] + H_q[a];
@@ -75,7 +75,7 @@ static real increment_size(const work_t *w, real dt, const real q[N], const real
 {
     const real step = MATH(fabs)(dt);
     const real q_size = larger(norm(N, q), step*norm(K_HAT, x));
-    const real p_stages = larger(norm(S*N, &w->P[0][0]), step*norm(K_HAT, x + K_HAT));
+    const real p_stages = larger(norm(S*N, &w->stage_p[0][0]), step*norm(K_HAT, x + K_HAT));
     const real p_size = larger(norm(N, p), p_stages);
     const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
     return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);

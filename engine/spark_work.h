@@ -6,7 +6,7 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
     for (int i = 0; i < S; ++i) {
         real F[N], power = 0;
         const real t = w->t + dt*tableau.c[i];
-        applied_force(&w->constants, w->Q[i], w->P[i], &t, F);
+        applied_force(&w->constants, w->stage_q[i], w->stage_p[i], &t, F);
         for (int a = 0; a < N; ++a)
             power += F[a]*x[i*N + a];
         sum += tableau.b[i]*power;

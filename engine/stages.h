@@ -21,9 +21,9 @@ typedef struct {
 } RUN(t);
 
 /*
- * y_i = base_i + sum_j table_ij x_j over items of W rows: `width` numbers each row, `columns` of
- * them. Four numbers at a time: as many sums as a register file holds, and enough of them to hide
- * latency.
+ * y_i = base_i + sum_j table_ij x_j over items of as many rows as lanes: `width` numbers each row,
+ * `columns` of them. Four numbers at a time: as many sums as a register file holds, and enough of
+ * them to hide latency.
  */
 INLINE void RUN(four)(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
@@ -32,8 +32,8 @@ INLINE void RUN(four)(int rows, int columns, int width, int count, const lanes *
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < rows; ++i)
             sum[a][i] = base[i*stride + a];
-    for (int from = 0; from < columns; from += W, x += width)
-        for (int j = 0; j < W && from + j < columns; ++j, table += rows)
+    for (int from = 0; from < columns; from += LANES, x += width)
+        for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
             for (int a = 0; a < count; ++a) {
                 const lanes value = splat(part(&x[a], j));
                 for (int i = 0; i < rows; ++i)
@@ -61,17 +61,17 @@ INLINE void RUN(total)(int count, int width, const lanes *x, lanes *total)
     for (int a = 0; a < width; ++a) {
         real sum = part(&x[a], 0);
         for (int j = 1; j < count; ++j)
-            sum += part(&x[j/W*width + a], j % W);
+            sum += part(&x[j/LANES*width + a], j % LANES);
         total[a] = splat(sum);
     }
 }
 
 static void RUN(fill)(lanes *to, int rows, int columns, const real *from)
 {
-    const int items = (rows + W - 1)/W;
+    const int items = (rows + LANES - 1)/LANES;
     for (int j = 0; j < columns; ++j)
-        for (int i = 0; i < items*W; ++i)
-            set_part(&to[j*items + i/W], i % W, i < rows ? from[i*columns + j] : 0);
+        for (int i = 0; i < items*LANES; ++i)
+            set_part(&to[j*items + i/LANES], i % LANES, i < rows ? from[i*columns + j] : 0);
 }
 
 /* The weights and tables of all lanes. */
@@ -80,9 +80,9 @@ static void RUN(set_weights)(RUN(t) *w)
     RUN(fill)(w->mu, S, S, &fast_mu[0][0]);
     RUN(fill)(w->mu_hat, S, S, &fast_mu_hat[0][0]);
     RUN(fill)(w->onward, S, S, &fast_onward[0][0]);
-    for (int i = 0; i < RUN(S)*W; ++i) {
-        set_part(&w->hb[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
-        set_part(&w->hb_hat[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
-        set_part(&w->late[i/W], i % W, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
+    for (int i = 0; i < RUN(S)*LANES; ++i) {
+        set_part(&w->hb[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
+        set_part(&w->hb_hat[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
+        set_part(&w->late[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
     }
 }

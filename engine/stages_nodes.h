@@ -44,6 +44,6 @@ static void RUN(set_nodes)(RUN(t) *w)
     RUN(fill)(w->nu_tilde, S, P, &fast_nu_tilde[0][0]);
     RUN(fill)(w->inverse, P, P, &fast_inverse[0][0]);
     RUN(fill)(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
-    for (int l = 0; l < RUN(P)*W; ++l)
-        set_part(&w->moves[l/W], l % W, l < P - 1);
+    for (int l = 0; l < RUN(P)*LANES; ++l)
+        set_part(&w->moves[l/LANES], l % LANES, l < P - 1);
 }

@@ -2,7 +2,7 @@
 INLINE real RUN(of_lanes)(const lanes *x)
 {
     real sum = part(x, 0);
-    for (int i = 1; i < W; ++i)
+    for (int i = 1; i < LANES; ++i)
         sum += part(x, i);
     return sum;
 }
@@ -11,5 +11,5 @@ INLINE real RUN(of_lanes)(const lanes *x)
 static int RUN(used)(void)
 {
     const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
-    return most < W ? most : W;
+    return most < LANES ? most : LANES;
 }

@@ -1,4 +1,4 @@
-/* -------------------------------------------------------------------------- one step by Newton */
+/* --------------------------------------------------------------------------- one step by Newton */
 
 int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
     const real p[N], real x[U], int *iterations, work_t *work)

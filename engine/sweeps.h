@@ -1,4 +1,4 @@
-/* -------------------------------------------------- one trajectory: sweeps, Newton behind them */
+/* --------------------------------------------------- one trajectory: sweeps, Newton behind them */
 
 /* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
 enum { SWEEPS_FIRST, NEWTON_FIRST };
@@ -154,7 +154,7 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     f->patience = 32;
     f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
     f->run.constants._used = ONE(used)();
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         ONE(prepare)(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
         f->run.q[a] = splat(q[a]);

@@ -1,7 +1,7 @@
-/* ------------------------------------------------------------- sweeps: W trajectories in lanes */
+/* -------------------------------------------------------- sweeps: several trajectories in lanes */
 
 /*
- * Each stage and each node is an item, of W trajectories. The scaled unknowns L = h b k and
+ * Each stage and each node is an item, of several trajectories. The scaled unknowns L = h b k and
  * L^ = h b^ k^ stand item by item, then h b~ Lambda.
  */
 enum { RUN(PER) = 1, RUN(S) = S, RUN(P) = P };

@@ -108,8 +108,8 @@ typedef struct {
     int exponents[18]; /* scales of the rows of J, and the order of its pivots */
     int pivots[18];
     double t; /* at the start of the step */
-    double Q[2][4];
-    double P[2][4];
+    double stage_q[2][4]; /* Q_i */
+    double stage_p[2][4]; /* P_i */
     double D[3][4]; /* Q~_l - q */
     double Q_tilde[3][4];
     double force[2][4]; /* G_l^T Lambda_l */

@@ -18,6 +18,16 @@
  *   mean_jacobian          140 add, 211 mul
  *   mean_constraint        4 mul
  *   mean_curvature         no operations
+ *
+ * Letters, each with one meaning:
+ *   N, M, U      coordinates, constraints, unknowns of T1
+ *   q, p, t      coordinates, momenta, time; dt or h is a step, which ends at q1, p1
+ *   H, g, G      Hamiltonian, constraints, their derivative dg/dq; f = 0 on the momenta
+ *   lambda       multipliers of the constraints; impulses are h lambda, with the weight of a node
+ *   x, r, J      unknowns of T1, their residual, its derivative dr/dx
+ *   W            G H_pp G^T, through which the multipliers are corrected
+ *   c, w         constants of a run; its memory
+ *   LANES        reals in a vector register: stages, or trajectories, that move together
  */
 #include "heavy_top_ims_alpha.h"
 
@@ -90,7 +100,7 @@ static real nudge(unsigned *chance)
  * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
  * are counted: how many there are depends on the zeros.
  */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+static int lu_factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
     long *products)
 {
     *products = 0;
@@ -132,7 +142,7 @@ static int factorise(int n, real *restrict A, int *restrict exponents, int *rest
 }
 
 /* x replaces b in A x = b, from the factors of A. */
-static int substitute(int n, const real *restrict A, const int *restrict exponents,
+static int lu_substitute(int n, const real *restrict A, const int *restrict exponents,
     const int *restrict pivots, real *restrict b)
 {
     for (int i = 0; i < n; ++i) {
@@ -163,13 +173,13 @@ static int substitute(int n, const real *restrict A, const int *restrict exponen
 /* The Jacobian of T1 as U rows of U, its factors in its place. */
 static int factorise_jacobian(work_t *w)
 {
-    return factorise(U, w->J, w->exponents, w->pivots, &w->products);
+    return lu_factorise(U, w->J, w->exponents, w->pivots, &w->products);
 }
 
 /* b <- J^-1 b from the factors */
 static int solve_jacobian(work_t *w, real b[U])
 {
-    return substitute(U, w->J, w->exponents, w->pivots, b);
+    return lu_substitute(U, w->J, w->exponents, w->pivots, b);
 }
 
 static void spread_jacobian(const real *J, real *dense)
@@ -504,8 +514,8 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     int *restrict pivots)
 {
     long products;
-    const int status = factorise(n, A, exponents, pivots, &products);
-    return status == OK ? substitute(n, A, exponents, pivots, b) : status;
+    const int status = lu_factorise(n, A, exponents, pivots, &products);
+    return status == OK ? lu_substitute(n, A, exponents, pivots, b) : status;
 }
 
 /* --------------------------------------------------------------- constraints: G as m rows of n */
@@ -1097,7 +1107,7 @@ void heavy_top_ims_alpha_hamiltonian(const parameters_t *parameters, long count,
 
 /* ------------------------------------------------------------- the fast path, Newton behind it */
 
-/* ----------------------------------------------------------- lanes: W reals that move together */
+/* ----------------------------------------------------------- lanes: reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same
@@ -1116,7 +1126,7 @@ typedef real lanes __attribute__((vector_size(LANE_BYTES)));
 typedef real lanes;
 #endif
 
-enum { W = sizeof(lanes)/sizeof(real) };
+enum { LANES = sizeof(lanes)/sizeof(real) };
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
@@ -1174,7 +1184,7 @@ INLINE lanes lanes_rounded(lanes value)
 INLINE lanes product_error(lanes a, lanes b, lanes product)
 {
     lanes error = product;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&error, i, fma(part(&a, i), part(&b, i), -part(&product, i)));
     return error;
 }
@@ -1483,8 +1493,8 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
-    real rate[W];  /* how fast sweeps converge, as last seen */
-    int stages[W]; /* lanes that are better off with the polynomial through the last stages */
+    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
 } predictor_t;
@@ -1494,9 +1504,9 @@ static void forget(predictor_t *s)
     s->count = 0;
     s->training = HISTORY + 1;
     s->order = s->fitted = 0;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->rate[i] = 1;
 }
 
@@ -1541,7 +1551,7 @@ INLINE void predict(const predictor_t *s, lanes *past, int length, const int *en
         return;
     }
     recur(s, s->order, past, length, ends, x);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         for (int e = 0; e < length && s->stages[i]; ++e)
             set_part(&x[e], i, part(&through[e], i));
 }
@@ -1569,7 +1579,7 @@ INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
             error[k] += defect*defect;
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         int best = 1;
         for (int k = 2; k <= most; ++k)
             if (part(&error[k], i) < part(&error[best], i))
@@ -1588,7 +1598,7 @@ INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
     for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
         for (int k = 0; k <= ORDER; ++k)
             for (int l = 0; l <= ORDER; ++l)
-                for (int i = 0; i < W; ++i) {
+                for (int i = 0; i < LANES; ++i) {
                     real size = tiny;
                     for (int e = start; k == l && e < ends[group]; ++e)
                         size = larger(size, 8*epsilon*fabs(part(&x[e], i)));
@@ -1606,7 +1616,7 @@ INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, con
     for (int k = 0; k < ORDER; ++k) {
         const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
         lanes inverse = square;
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             set_part(&inverse, i, 1/sqrt(part(&square, i)));
         const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
         for (int l = k; l <= ORDER; ++l) {
@@ -1625,7 +1635,7 @@ static void end_training(predictor_t *s)
     s->fitted = 1;
     for (int group = 0; group < GROUPS; ++group) {
         lanes (*R)[ORDER + 1] = s->R[group];
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             real defect = part(&R[ORDER][ORDER], i), c[ORDER];
             const real allowed = 16*defect;
             int order = ORDER;
@@ -2191,7 +2201,7 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     f->patience = 32;
     f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
     f->run.constants._used = mean_used();
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         mean_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
         f->run.q[a] = splat(q[a]);
@@ -2336,7 +2346,10 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
     return OK;
 }
 
-/* -------------------------------------------------------------------- W trajectories at a time */
+/*
+ * -------------------------------------------------------------------- several trajectories at a
+ * time
+ */
 
 /* What a caller's batch memory holds. */
 typedef struct {
@@ -2376,11 +2389,11 @@ static void restart(batch_t *b, const int *fresh, const real *x)
     b->kept = b->run.now;
     if (x == NULL)
         mean_guess(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (x != NULL && fresh[i])
             mean_load(&b->run, i, x);
     mean_begin(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (!fresh[i])
             copy_lane(&b->run.now, &b->kept, i, WHOLE);
 }
@@ -2395,9 +2408,9 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     mean_t *run = &b->run;
     const real far = (real)0.02;
     const int predicted = run->predictor.count > 0;
-    progress_t progress[W];
-    int busy[W], early[W], fresh[W], left = 0;
-    for (int i = 0; i < W; ++i) {
+    progress_t progress[LANES];
+    int busy[LANES], early[LANES], fresh[LANES], left = 0;
+    for (int i = 0; i < LANES; ++i) {
         progress[i] = start_of_sweeps(run->predictor.rate[i]);
         busy[i] = alive[i];
         early[i] = lost[i] = 0;
@@ -2407,11 +2420,11 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     for (int round = 1; left > 0; ++round) {
         int again = 0, looks = 0;
         mean_sweep(run);
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
         if (looks)
             mean_noise(run);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             fresh[i] = 0;
             if (!busy[i])
                 continue;
@@ -2433,7 +2446,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         }
         if (again)
             restart(b, fresh, NULL);
-        for (int i = 0; i < W && left > 0; ++i)
+        for (int i = 0; i < LANES && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
                 copy_lane(&b->kept, &run->now, i, mean_RESULT);
@@ -2443,7 +2456,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             mean_factor(run);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
             copy_lane(&run->now, &b->kept, i, mean_RESULT);
@@ -2454,7 +2467,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
 static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
 {
     real q[N], p[N];
-    int fresh[W] = { 0 }, taken;
+    int fresh[LANES] = { 0 }, taken;
     get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
@@ -2476,7 +2489,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
 INLINE lanes lanes_larger(lanes a, lanes b)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, larger(part(&b, i), part(&a, i)));
     return result;
 }
@@ -2484,7 +2497,7 @@ INLINE lanes lanes_larger(lanes a, lanes b)
 INLINE lanes lanes_size(lanes a)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, fabs(part(&a, i)));
     return result;
 }
@@ -2549,8 +2562,8 @@ static int is_finite_lane(const mean_t *run, int lane)
 static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
 {
-    b->run.constants._used = count < W ? count : W;
-    for (int i = 0; i < W; ++i) {
+    b->run.constants._used = count < LANES ? count : LANES;
+    for (int i = 0; i < LANES; ++i) {
         const int from = i < count ? i : 0;
         constants c;
         prepare(&parameters[from], &c);
@@ -2571,7 +2584,7 @@ static void begin_batch(batch_t *b, int count, const parameters_t *parameters, c
 
 int heavy_top_ims_alpha_lanes(void)
 {
-    return W;
+    return LANES;
 }
 
 static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
@@ -2580,7 +2593,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
 {
     batch_t *b = batch_of(batch);
     mean_t *run = &b->run;
-    int alive[W], most[W] = { 0 }, living = 0;
+    int alive[LANES], most[LANES] = { 0 }, living = 0;
     if (count <= 0)
         return;
     if (reports[0].steps == 0 && status[0] == OK) {
@@ -2590,15 +2603,15 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             write_report(b, i, &reports[i]);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         alive[i] = i < count && status[i] == OK;
         living += alive[i];
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
-        int lost[W], taken[W] = { 0 };
+        int lost[LANES], taken[LANES] = { 0 };
         run->t = b->start + (real)b->done++*run->h;
         sweep_lanes(b, options, alive, lost, taken);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             if (!lost[i])
                 continue;
             if (options->solver != FIXED_POINT) {
@@ -2667,7 +2680,7 @@ void heavy_top_ims_alpha_integrate_many(long count, const parameters_t *paramete
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
-    const long rows = steps/every, together = options->solver == NEWTON ? 1 : W;
+    const long rows = steps/every, together = options->solver == NEWTON ? 1 : LANES;
     for (long i = 0; i < count; i += together) {
         const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
             .p = p_out == NULL ? NULL : p_out + i*rows*N };
@@ -2675,7 +2688,8 @@ void heavy_top_ims_alpha_integrate_many(long count, const parameters_t *paramete
             status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
                 out, reports + i, work);
         else
-            integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
+            integrate_lanes(count - i < LANES ? (int)(count - i) : LANES, parameters + i, options,
+                dt + i,
                 steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch, work);
     }
 }

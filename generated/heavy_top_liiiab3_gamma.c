@@ -18,6 +18,19 @@
  *   gradient               33 add, 63 mul
  *   hessian                101 add, 194 mul
  *   constraint_curvature   1 mul
+ *
+ * Letters, each with one meaning:
+ *   N, M, U      coordinates, constraints, unknowns of T1
+ *   q, p, t      coordinates, momenta, time; dt or h is a step, which ends at q1, p1
+ *   H, g, G      Hamiltonian, constraints, their derivative dg/dq; f = 0 on the momenta
+ *   lambda       multipliers of the constraints; impulses are h lambda, with the weight of a node
+ *   x, r, J      unknowns of T1, their residual, its derivative dr/dx
+ *   S, P         stages; constraint nodes 0..P: g is asked for from 1 on, T1 has multipliers up to P-1
+ *   k, k^        rates of q and p at the stages, where these are Q_i and P_i
+ *   A, A^, b, c  coefficients of the tableau; A~, A-, b~, c~ those of the nodes
+ *   W            G H_pp G^T, through which the multipliers are corrected
+ *   c, w         constants of a run; its memory
+ *   LANES        reals in a vector register: stages, or trajectories, that move together
  */
 #include "heavy_top_liiiab3_gamma.h"
 
@@ -90,7 +103,7 @@ static real nudge(unsigned *chance)
  * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
  * are counted: how many there are depends on the zeros.
  */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+static int lu_factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
     long *products)
 {
     *products = 0;
@@ -132,7 +145,7 @@ static int factorise(int n, real *restrict A, int *restrict exponents, int *rest
 }
 
 /* x replaces b in A x = b, from the factors of A. */
-static int substitute(int n, const real *restrict A, const int *restrict exponents,
+static int lu_substitute(int n, const real *restrict A, const int *restrict exponents,
     const int *restrict pivots, real *restrict b)
 {
     for (int i = 0; i < n; ++i) {
@@ -163,13 +176,13 @@ static int substitute(int n, const real *restrict A, const int *restrict exponen
 /* The Jacobian of T1 as U rows of U, its factors in its place. */
 static int factorise_jacobian(work_t *w)
 {
-    return factorise(U, w->J, w->exponents, w->pivots, &w->products);
+    return lu_factorise(U, w->J, w->exponents, w->pivots, &w->products);
 }
 
 /* b <- J^-1 b from the factors */
 static int solve_jacobian(work_t *w, real b[U])
 {
-    return substitute(U, w->J, w->exponents, w->pivots, b);
+    return lu_substitute(U, w->J, w->exponents, w->pivots, b);
 }
 
 static void spread_jacobian(const real *J, real *dense)
@@ -452,8 +465,8 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     int *restrict pivots)
 {
     long products;
-    const int status = factorise(n, A, exponents, pivots, &products);
-    return status == OK ? substitute(n, A, exponents, pivots, b) : status;
+    const int status = lu_factorise(n, A, exponents, pivots, &products);
+    return status == OK ? lu_substitute(n, A, exponents, pivots, b) : status;
 }
 
 /* --------------------------------------------------------------- constraints: G as m rows of n */
@@ -715,8 +728,8 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
                 rate += tableau.A[i][j]*x[j*N + a];
                 force += tableau.A_hat[i][j]*x[K_HAT + j*N + a];
             }
-            w->Q[i][a] = q[a] + dt*rate;
-            w->P[i][a] = p[a] + dt*less_node_forces(w, tableau.A_tilde[i], a, force);
+            w->stage_q[i][a] = q[a] + dt*rate;
+            w->stage_p[i][a] = p[a] + dt*less_node_forces(w, tableau.A_tilde[i], a, force);
         }
 }
 
@@ -728,7 +741,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
     for (int i = 0; i < S; ++i) {
         real H_q[N], H_p[N];
         const real t = w->t + dt*tableau.c[i];
-        gradient(&w->constants, w->Q[i], w->P[i], &t, H_q, H_p);
+        gradient(&w->constants, w->stage_q[i], w->stage_p[i], &t, H_q, H_p);
         for (int a = 0; a < N; ++a) {
             r[i*N + a] = x[i*N + a] - H_p[a];
             r[K_HAT + i*N + a] = x[K_HAT + i*N + a] + H_q[a];
@@ -747,7 +760,7 @@ static real increment_size(const work_t *w, real dt, const real q[N], const real
 {
     const real step = fabs(dt);
     const real q_size = larger(norm(N, q), step*norm(K_HAT, x));
-    const real p_stages = larger(norm(S*N, &w->P[0][0]), step*norm(K_HAT, x + K_HAT));
+    const real p_stages = larger(norm(S*N, &w->stage_p[0][0]), step*norm(K_HAT, x + K_HAT));
     const real p_size = larger(norm(N, p), p_stages);
     const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
     return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
@@ -790,7 +803,7 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
     for (int i = 0; i < S; ++i) {
         real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
         const real t = w->t + dt*tableau.c[i];
-        rates_by_state(&w->constants, w->Q[i], w->P[i], &t, H_qq, H_qp, H_pq, H_pp);
+        rates_by_state(&w->constants, w->stage_q[i], w->stage_p[i], &t, H_qq, H_qp, H_pq, H_pp);
         for (int j = 0; j < S; ++j) {
             const real a_ij = dt*tableau.A[i][j], a_hat = dt*tableau.A_hat[i][j];
             real B[N][N];
@@ -1182,7 +1195,7 @@ void heavy_top_liiiab3_gamma_hamiltonian(const parameters_t *parameters, long co
 
 /* ------------------------------------------------------------- the fast path, Newton behind it */
 
-/* ----------------------------------------------------------- lanes: W reals that move together */
+/* ----------------------------------------------------------- lanes: reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same
@@ -1201,7 +1214,7 @@ typedef real lanes __attribute__((vector_size(LANE_BYTES)));
 typedef real lanes;
 #endif
 
-enum { W = sizeof(lanes)/sizeof(real) };
+enum { LANES = sizeof(lanes)/sizeof(real) };
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
@@ -1259,7 +1272,7 @@ INLINE lanes lanes_rounded(lanes value)
 INLINE lanes product_error(lanes a, lanes b, lanes product)
 {
     lanes error = product;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&error, i, fma(part(&a, i), part(&b, i), -part(&product, i)));
     return error;
 }
@@ -1432,17 +1445,17 @@ enum { SHARED = 3, ROUNDS = 1 };
 
 /* H_p, and what it shares with H_q */
 INLINE void first_rates(const lane_constants *c, const lanes q[N], const lanes p[N],
-    lanes H_p[N], lanes w[SHARED])
+    lanes H_p[N], lanes shared[SHARED])
 {
-    lanes_velocity(c, q, p, H_p, w);
+    lanes_velocity(c, q, p, H_p, shared);
 }
 
 /* H_q - F from the same, and H_p once more where that is asked for */
 INLINE void second_rates(const lane_constants *c, const lanes q[N], const lanes p[N],
-    const lanes t[1], const lanes w[SHARED], lanes H_p[N], lanes H_q[N])
+    const lanes t[1], const lanes shared[SHARED], lanes H_p[N], lanes H_q[N])
 {
     (void)H_p;
-    lanes_force(c, q, p, t, w, H_q);
+    lanes_force(c, q, p, t, shared, H_q);
 }
 
 /* ------------------------------------------------------------------ when a sweep has converged */
@@ -1573,8 +1586,8 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
-    real rate[W];  /* how fast sweeps converge, as last seen */
-    int stages[W]; /* lanes that are better off with the polynomial through the last stages */
+    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
 } predictor_t;
@@ -1584,9 +1597,9 @@ static void forget(predictor_t *s)
     s->count = 0;
     s->training = HISTORY + 1;
     s->order = s->fitted = 0;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->rate[i] = 1;
 }
 
@@ -1631,7 +1644,7 @@ INLINE void predict(const predictor_t *s, lanes *past, int length, const int *en
         return;
     }
     recur(s, s->order, past, length, ends, x);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         for (int e = 0; e < length && s->stages[i]; ++e)
             set_part(&x[e], i, part(&through[e], i));
 }
@@ -1659,7 +1672,7 @@ INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
             error[k] += defect*defect;
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         int best = 1;
         for (int k = 2; k <= most; ++k)
             if (part(&error[k], i) < part(&error[best], i))
@@ -1678,7 +1691,7 @@ INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
     for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
         for (int k = 0; k <= ORDER; ++k)
             for (int l = 0; l <= ORDER; ++l)
-                for (int i = 0; i < W; ++i) {
+                for (int i = 0; i < LANES; ++i) {
                     real size = tiny;
                     for (int e = start; k == l && e < ends[group]; ++e)
                         size = larger(size, 8*epsilon*fabs(part(&x[e], i)));
@@ -1696,7 +1709,7 @@ INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, con
     for (int k = 0; k < ORDER; ++k) {
         const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
         lanes inverse = square;
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             set_part(&inverse, i, 1/sqrt(part(&square, i)));
         const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
         for (int l = k; l <= ORDER; ++l) {
@@ -1715,7 +1728,7 @@ static void end_training(predictor_t *s)
     s->fitted = 1;
     for (int group = 0; group < GROUPS; ++group) {
         lanes (*R)[ORDER + 1] = s->R[group];
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             real defect = part(&R[ORDER][ORDER], i), c[ORDER];
             const real allowed = 16*defect;
             int order = ORDER;
@@ -1835,11 +1848,11 @@ INLINE void lanes_constraint_force(const lane_constants *c, const lanes q[N], co
 /* ----------------------------------------------------- sweeps: the stages of one step in lanes */
 
 /*
- * Items of W stages, or of W constraint nodes 1..P-1 and last P (where g is asked for) or 0 (where
+ * Items of LANES stages, or of LANES constraint nodes 1..P-1 and last P (where g is asked for) or 0 (where
  * a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by item, then
  * h b~ Lambda.
  */
-enum { stages_PER = W, stages_S = (S + W - 1)/W, stages_P = (P + W - 1)/W };
+enum { stages_PER = LANES, stages_S = (S + LANES - 1)/LANES, stages_P = (P + LANES - 1)/LANES };
 enum { stages_HAT = stages_S*N, stages_IMPULSE = 2*stages_S*N,
     stages_X = 2*stages_S*N + stages_P*M };
 static const int stages_ends[GROUPS] = { stages_HAT, stages_IMPULSE, stages_X };
@@ -1888,7 +1901,7 @@ typedef struct {
 } stages_t;
 
 /*
- * y_i = base_i + sum_j table_ij x_j over items of W rows: `width` numbers each row, `columns` of
+ * y_i = base_i + sum_j table_ij x_j over items of LANES rows: `width` numbers each row, `columns` of
  * them. Four numbers at a time: as many sums as a register file holds, and enough of them to hide
  * latency.
  */
@@ -1899,8 +1912,8 @@ INLINE void stages_four(int rows, int columns, int width, int count, const lanes
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < rows; ++i)
             sum[a][i] = base[i*stride + a];
-    for (int from = 0; from < columns; from += W, x += width)
-        for (int j = 0; j < W && from + j < columns; ++j, table += rows)
+    for (int from = 0; from < columns; from += LANES, x += width)
+        for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
             for (int a = 0; a < count; ++a) {
                 const lanes value = splat(part(&x[a], j));
                 for (int i = 0; i < rows; ++i)
@@ -1928,17 +1941,17 @@ INLINE void stages_total(int count, int width, const lanes *x, lanes *total)
     for (int a = 0; a < width; ++a) {
         real sum = part(&x[a], 0);
         for (int j = 1; j < count; ++j)
-            sum += part(&x[j/W*width + a], j % W);
+            sum += part(&x[j/LANES*width + a], j % LANES);
         total[a] = splat(sum);
     }
 }
 
 static void stages_fill(lanes *to, int rows, int columns, const real *from)
 {
-    const int items = (rows + W - 1)/W;
+    const int items = (rows + LANES - 1)/LANES;
     for (int j = 0; j < columns; ++j)
-        for (int i = 0; i < items*W; ++i)
-            set_part(&to[j*items + i/W], i % W, i < rows ? from[i*columns + j] : 0);
+        for (int i = 0; i < items*LANES; ++i)
+            set_part(&to[j*items + i/LANES], i % LANES, i < rows ? from[i*columns + j] : 0);
 }
 
 /* The weights and tables of all lanes. */
@@ -1947,10 +1960,10 @@ static void stages_set_weights(stages_t *w)
     stages_fill(w->mu, S, S, &fast_mu[0][0]);
     stages_fill(w->mu_hat, S, S, &fast_mu_hat[0][0]);
     stages_fill(w->onward, S, S, &fast_onward[0][0]);
-    for (int i = 0; i < stages_S*W; ++i) {
-        set_part(&w->hb[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
-        set_part(&w->hb_hat[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
-        set_part(&w->late[i/W], i % W, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
+    for (int i = 0; i < stages_S*LANES; ++i) {
+        set_part(&w->hb[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
+        set_part(&w->hb_hat[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
+        set_part(&w->late[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
     }
 }
 
@@ -2000,8 +2013,8 @@ static void stages_set_nodes(stages_t *w)
     stages_fill(w->nu_tilde, S, P, &fast_nu_tilde[0][0]);
     stages_fill(w->inverse, P, P, &fast_inverse[0][0]);
     stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
-    for (int l = 0; l < stages_P*W; ++l)
-        set_part(&w->moves[l/W], l % W, l < P - 1);
+    for (int l = 0; l < stages_P*LANES; ++l)
+        set_part(&w->moves[l/LANES], l % LANES, l < P - 1);
 }
 
 /* Multipliers of lane i, from its impulses. */
@@ -2380,7 +2393,10 @@ static void stages_load(stages_t *w, int lane, const real x[U])
     stages_load_impulses(w, lane, x + LAMBDA);
 }
 
-/* ------------------------------------------------------------- sweeps: W trajectories in lanes */
+/*
+ * ------------------------------------------------------------- sweeps: several trajectories in
+ * lanes
+ */
 
 enum { trajectories_PER = 1, trajectories_S = S, trajectories_P = P };
 enum { trajectories_HAT = trajectories_S*N, trajectories_IMPULSE = 2*trajectories_S*N,
@@ -2888,7 +2904,7 @@ static void stages_unscale(const stages_t *w, real x[U])
 INLINE real stages_of_lanes(const lanes *x)
 {
     real sum = part(x, 0);
-    for (int i = 1; i < W; ++i)
+    for (int i = 1; i < LANES; ++i)
         sum += part(x, i);
     return sum;
 }
@@ -2897,7 +2913,7 @@ INLINE real stages_of_lanes(const lanes *x)
 static int stages_used(void)
 {
     const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
-    return most < W ? most : W;
+    return most < LANES ? most : LANES;
 }
 
 /* Adds what is left of the constraints at the one trajectory's state to the record. */
@@ -3076,7 +3092,7 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     f->patience = 32;
     f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
     f->run.constants._used = stages_used();
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         stages_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
         f->run.q[a] = splat(q[a]);
@@ -3221,7 +3237,10 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
     return OK;
 }
 
-/* -------------------------------------------------------------------- W trajectories at a time */
+/*
+ * -------------------------------------------------------------------- several trajectories at a
+ * time
+ */
 
 /* What a caller's batch memory holds. */
 typedef struct {
@@ -3262,11 +3281,11 @@ static void restart(batch_t *b, const int *fresh, const real *x)
     b->kept = b->run.now;
     if (x == NULL)
         trajectories_guess(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (x != NULL && fresh[i])
             trajectories_load(&b->run, i, x);
     trajectories_begin(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (!fresh[i])
             copy_lane(&b->run.now, &b->kept, i, WHOLE);
 }
@@ -3281,9 +3300,9 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     trajectories_t *run = &b->run;
     const real far = (real)0.02;
     const int predicted = run->predictor.count > 0;
-    progress_t progress[W];
-    int busy[W], early[W], fresh[W], left = 0;
-    for (int i = 0; i < W; ++i) {
+    progress_t progress[LANES];
+    int busy[LANES], early[LANES], fresh[LANES], left = 0;
+    for (int i = 0; i < LANES; ++i) {
         progress[i] = start_of_sweeps(run->predictor.rate[i]);
         busy[i] = alive[i];
         early[i] = lost[i] = 0;
@@ -3293,11 +3312,11 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     for (int round = 1; left > 0; ++round) {
         int again = 0, looks = 0;
         trajectories_sweep(run);
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
         if (looks)
             trajectories_noise(run);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             fresh[i] = 0;
             if (!busy[i])
                 continue;
@@ -3319,7 +3338,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         }
         if (again)
             restart(b, fresh, NULL);
-        for (int i = 0; i < W && left > 0; ++i)
+        for (int i = 0; i < LANES && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
                 copy_lane(&b->kept, &run->now, i, trajectories_RESULT);
@@ -3329,7 +3348,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             trajectories_factor(run);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
             copy_lane(&run->now, &b->kept, i, trajectories_RESULT);
@@ -3340,7 +3359,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
 static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
 {
     real q[N], p[N];
-    int fresh[W] = { 0 }, taken;
+    int fresh[LANES] = { 0 }, taken;
     get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
@@ -3362,7 +3381,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
 INLINE lanes lanes_larger(lanes a, lanes b)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, larger(part(&b, i), part(&a, i)));
     return result;
 }
@@ -3370,7 +3389,7 @@ INLINE lanes lanes_larger(lanes a, lanes b)
 INLINE lanes lanes_size(lanes a)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, fabs(part(&a, i)));
     return result;
 }
@@ -3435,8 +3454,8 @@ static int is_finite_lane(const trajectories_t *run, int lane)
 static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
 {
-    b->run.constants._used = count < W ? count : W;
-    for (int i = 0; i < W; ++i) {
+    b->run.constants._used = count < LANES ? count : LANES;
+    for (int i = 0; i < LANES; ++i) {
         const int from = i < count ? i : 0;
         constants c;
         prepare(&parameters[from], &c);
@@ -3457,7 +3476,7 @@ static void begin_batch(batch_t *b, int count, const parameters_t *parameters, c
 
 int heavy_top_liiiab3_gamma_lanes(void)
 {
-    return W;
+    return LANES;
 }
 
 static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
@@ -3466,7 +3485,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
 {
     batch_t *b = batch_of(batch);
     trajectories_t *run = &b->run;
-    int alive[W], most[W] = { 0 }, living = 0;
+    int alive[LANES], most[LANES] = { 0 }, living = 0;
     if (count <= 0)
         return;
     if (reports[0].steps == 0 && status[0] == OK) {
@@ -3476,15 +3495,15 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             write_report(b, i, &reports[i]);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         alive[i] = i < count && status[i] == OK;
         living += alive[i];
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
-        int lost[W], taken[W] = { 0 };
+        int lost[LANES], taken[LANES] = { 0 };
         run->t = b->start + (real)b->done++*run->h;
         sweep_lanes(b, options, alive, lost, taken);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             if (!lost[i])
                 continue;
             if (options->solver != FIXED_POINT) {
@@ -3553,7 +3572,7 @@ void heavy_top_liiiab3_gamma_integrate_many(long count, const parameters_t *para
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
-    const long rows = steps/every, together = options->solver == NEWTON ? 1 : W;
+    const long rows = steps/every, together = options->solver == NEWTON ? 1 : LANES;
     for (long i = 0; i < count; i += together) {
         const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
             .p = p_out == NULL ? NULL : p_out + i*rows*N };
@@ -3561,7 +3580,8 @@ void heavy_top_liiiab3_gamma_integrate_many(long count, const parameters_t *para
             status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
                 out, reports + i, work);
         else
-            integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
+            integrate_lanes(count - i < LANES ? (int)(count - i) : LANES, parameters + i, options,
+                dt + i,
                 steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch, work);
     }
 }

@@ -108,8 +108,8 @@ typedef struct {
     int exponents[35]; /* scales of the rows of J, and the order of its pivots */
     int pivots[35];
     double t; /* at the start of the step */
-    double Q[4][4];
-    double P[4][4];
+    double stage_q[4][4]; /* Q_i */
+    double stage_p[4][4]; /* P_i */
     double D[4][4]; /* Q~_l - q */
     double Q_tilde[4][4];
     double force[3][4]; /* G_l^T Lambda_l */

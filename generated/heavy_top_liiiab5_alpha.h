@@ -108,8 +108,8 @@ typedef struct {
     int exponents[44]; /* scales of the rows of J, and the order of its pivots */
     int pivots[44];
     double t; /* at the start of the step */
-    double Q[5][4];
-    double P[5][4];
+    double stage_q[5][4]; /* Q_i */
+    double stage_p[5][4]; /* P_i */
     double D[5][4]; /* Q~_l - q */
     double Q_tilde[5][4];
     double force[4][4]; /* G_l^T Lambda_l */

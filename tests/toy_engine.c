@@ -36,7 +36,7 @@ typedef struct {
     real J[U*U];
     int exponents[U], pivots[U];
     real t;
-    real Q[S][N], P[S][N], D[P + 1][N], Q_tilde[P + 1][N], force[P][N];
+    real stage_q[S][N], stage_p[S][N], D[P + 1][N], Q_tilde[P + 1][N], force[P][N];
     real G[P + 1][MS][N], K[P][N][N], q_mean[N], p_mean[N];
     unsigned char memory[1 << 17];
 } work_t;
@@ -210,8 +210,8 @@ UNUSED void get_constants(const lane_constants *from, int i, constants *to)
     to->k = part(&from->k, i);
 }
 
-#define LANES(name) lanes_##name
-KERNELS(lanes, LANES, lane_constants, splat(0))
+#define ON_LANES(name) lanes_##name
+KERNELS(lanes, ON_LANES, lane_constants, splat(0))
 
 UNUSED void lanes_schur(const lane_constants *c, const lanes *q, const lanes *p, lanes W[MS][MS])
 {
