@@ -65,7 +65,7 @@ enum {
     JACOBIAN_COST = 298*S + 4*P
 };
 
-/* -------------------------------------------------------------------------- sizes and rounding */
+/* --------------------------------------------------------------------------- sizes and rounding */
 
 static real larger(real a, real b)
 {
@@ -93,7 +93,7 @@ static real nudge(unsigned *chance)
     return *chance >> 31 ? 2*epsilon : -2*epsilon;
 }
 
-/* ------------------------------------------------------------------------------ linear algebra */
+/* ------------------------------------------------------------------------------- linear algebra */
 
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
@@ -510,7 +510,7 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     return status == OK ? lu_substitute(n, A, exponents, pivots, b) : status;
 }
 
-/* --------------------------------------------------------------- constraints: G as m rows of n */
+/* ---------------------------------------------------------------- constraints: G as m rows of n */
 
 /* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
 enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
@@ -561,7 +561,7 @@ static int solve_place(const constants *c, const real q[N], real g[M])
     return solve(M, &W[0][0], g, exponents, pivots);
 }
 
-/* ------------------------------------------------------------------------ onto the constraints */
+/* ------------------------------------------------------------------------- onto the constraints */
 
 /*
  * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is
@@ -675,7 +675,7 @@ static void step_multipliers(const real x[U], real multipliers[ROOM])
         multipliers[mu] = x[2*N + mu];
 }
 
-/* ----------------------------------------------------------------------- one mean value a step */
+/* ------------------------------------------------------------------------ one mean value a step */
 
 /* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
 enum { DP = N, LAMBDA = 2*N };
@@ -813,7 +813,7 @@ static int lands(work_t *w, real dt, const real q[N], const real x[U])
     return OK;
 }
 
-/* ----------------------------------------------------------------------------- T1: full Newton */
+/* ------------------------------------------------------------------------------ T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
@@ -1002,7 +1002,7 @@ static void observe(const constants *c, const real q[N], const real p[N], report
     observe_defects(norm(M, g), norm(M, f), report);
 }
 
-/* -------------------------------------------------------------------------- one step by Newton */
+/* --------------------------------------------------------------------------- one step by Newton */
 
 int heavy_top_ims_gamma_T1(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N],
@@ -1099,7 +1099,7 @@ void heavy_top_ims_gamma_hamiltonian(const parameters_t *parameters, long count,
 
 /* ------------------------------------------------------------- the fast path, Newton behind it */
 
-/* ----------------------------------------------------------- lanes: reals that move together */
+/* -------------------------------------------------------------- lanes: reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same
@@ -1353,7 +1353,7 @@ INLINE lanes lanes_correction(const lane_constants *c)
     return 0.25*c->k0;
 }
 
-/* ------------------------------------------------------------------ when a sweep has converged */
+/* ------------------------------------------------------------------- when a sweep has converged */
 
 /* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {
@@ -1461,7 +1461,7 @@ static int why(const progress_t *s)
     return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
 }
 
-/* --------------------------------------------------------------- starting values from the past */
+/* ---------------------------------------------------------------- starting values from the past */
 
 /*
  * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
@@ -1676,7 +1676,7 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
     }
 }
 
-/* --------------------------------------------------------------- sweeps: one mean value a step */
+/* ---------------------------------------------------------------- sweeps: one mean value a step */
 
 /* Where the unknowns stand: the increments dq and dp, and the impulses h lambda. */
 enum { mean_S = 1, mean_P = 1 };
@@ -2033,7 +2033,7 @@ enum {
         + 19*mean_P + 0*P
 };
 
-/* -------------------------------------------------- one trajectory: sweeps, Newton behind them */
+/* --------------------------------------------------- one trajectory: sweeps, Newton behind them */
 
 /* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
 enum { SWEEPS_FIRST, NEWTON_FIRST };
@@ -2220,7 +2220,7 @@ static void fast_observe(work_t *w, report_t *report)
     mean_observe_defects(s, report);
 }
 
-/* ------------------------------------------------------- a run: sweeps, or Newton if asked for */
+/* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
@@ -2272,7 +2272,7 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     return status;
 }
 
-/* ------------------------------------------------------------------------ the public functions */
+/* ------------------------------------------------------------------------- the public functions */
 
 int heavy_top_ims_gamma_step(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
@@ -2334,10 +2334,7 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
     return OK;
 }
 
-/*
- * -------------------------------------------------------------------- several trajectories at a
- * time
- */
+/* --------------------------------------------------------------- several trajectories at a time */
 
 /* What a caller's batch memory holds. */
 typedef struct {
@@ -2661,7 +2658,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
     }
 }
 
-/* ------------------------------------------------------ any number of trajectories, whole runs */
+/* ------------------------------------------------------- any number of trajectories, whole runs */
 
 void heavy_top_ims_gamma_integrate_many(long count, const parameters_t *parameters,
     const options_t *options,
@@ -2677,8 +2674,8 @@ void heavy_top_ims_gamma_integrate_many(long count, const parameters_t *paramete
                 out, reports + i, work);
         else
             integrate_lanes(count - i < LANES ? (int)(count - i) : LANES, parameters + i, options,
-                dt + i,
-                steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch, work);
+                dt + i, steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch,
+                work);
     }
 }
 

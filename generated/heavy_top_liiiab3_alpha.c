@@ -68,7 +68,7 @@ enum {
     JACOBIAN_COST = 344*S + 1*P + S*S*N*N*(2*N + 4)
 };
 
-/* -------------------------------------------------------------------------- sizes and rounding */
+/* --------------------------------------------------------------------------- sizes and rounding */
 
 static real larger(real a, real b)
 {
@@ -96,7 +96,7 @@ static real nudge(unsigned *chance)
     return *chance >> 31 ? 2*epsilon : -2*epsilon;
 }
 
-/* ------------------------------------------------------------------------------ linear algebra */
+/* ------------------------------------------------------------------------------- linear algebra */
 
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
@@ -474,7 +474,7 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     return status == OK ? lu_substitute(n, A, exponents, pivots, b) : status;
 }
 
-/* --------------------------------------------------------------- constraints: G as m rows of n */
+/* ---------------------------------------------------------------- constraints: G as m rows of n */
 
 /* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
 enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
@@ -525,7 +525,7 @@ static int solve_place(const constants *c, const real q[N], real g[M])
     return solve(M, &W[0][0], g, exponents, pivots);
 }
 
-/* ------------------------------------------------------------------------ onto the constraints */
+/* ------------------------------------------------------------------------- onto the constraints */
 
 /*
  * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is
@@ -913,7 +913,7 @@ static int lands(work_t *w, real dt, const real q[N], const real x[U])
     return OK;
 }
 
-/* ----------------------------------------------------------------------------- T1: full Newton */
+/* ------------------------------------------------------------------------------ T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
@@ -1102,7 +1102,7 @@ static void observe(const constants *c, const real q[N], const real p[N], report
     observe_defects(norm(M, g), norm(M, f), report);
 }
 
-/* -------------------------------------------------------------------------- one step by Newton */
+/* --------------------------------------------------------------------------- one step by Newton */
 
 int heavy_top_liiiab3_alpha_T1(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N],
@@ -1200,7 +1200,7 @@ void heavy_top_liiiab3_alpha_hamiltonian(const parameters_t *parameters, long co
 
 /* ------------------------------------------------------------- the fast path, Newton behind it */
 
-/* ----------------------------------------------------------- lanes: reals that move together */
+/* -------------------------------------------------------------- lanes: reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same
@@ -1467,7 +1467,7 @@ INLINE void second_rates(const lane_constants *c, const lanes q[N], const lanes 
     lanes_force(c, q, p, t, shared, H_q);
 }
 
-/* ------------------------------------------------------------------ when a sweep has converged */
+/* ------------------------------------------------------------------- when a sweep has converged */
 
 /* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {
@@ -1575,7 +1575,7 @@ static int why(const progress_t *s)
     return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
 }
 
-/* --------------------------------------------------------------- starting values from the past */
+/* ---------------------------------------------------------------- starting values from the past */
 
 /*
  * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
@@ -1854,12 +1854,12 @@ INLINE void lanes_constraint_force(const lane_constants *c, const lanes q[N], co
     }
 }
 
-/* ----------------------------------------------------- sweeps: the stages of one step in lanes */
+/* ------------------------------------------------------ sweeps: the stages of one step in lanes */
 
 /*
- * Items of LANES stages, or of LANES constraint nodes 1..P-1 and last P (where g is asked for) or 0 (where
- * a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by item, then
- * h b~ Lambda.
+ * Items of as many stages as lanes, or of constraint nodes 1..P-1 and last P (where g is asked for)
+ * or 0 (where a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by item,
+ * then h b~ Lambda.
  */
 enum { stages_PER = LANES, stages_S = (S + LANES - 1)/LANES, stages_P = (P + LANES - 1)/LANES };
 enum { stages_HAT = stages_S*N, stages_IMPULSE = 2*stages_S*N,
@@ -1910,9 +1910,9 @@ typedef struct {
 } stages_t;
 
 /*
- * y_i = base_i + sum_j table_ij x_j over items of LANES rows: `width` numbers each row, `columns` of
- * them. Four numbers at a time: as many sums as a register file holds, and enough of them to hide
- * latency.
+ * y_i = base_i + sum_j table_ij x_j over items of as many rows as lanes: `width` numbers each row,
+ * `columns` of them. Four numbers at a time: as many sums as a register file holds, and enough of
+ * them to hide latency.
  */
 INLINE void stages_four(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
@@ -2402,10 +2402,7 @@ static void stages_load(stages_t *w, int lane, const real x[U])
     stages_load_impulses(w, lane, x + LAMBDA);
 }
 
-/*
- * ------------------------------------------------------------- sweeps: several trajectories in
- * lanes
- */
+/* -------------------------------------------------------- sweeps: several trajectories in lanes */
 
 enum { trajectories_PER = 1, trajectories_S = S, trajectories_P = P };
 enum { trajectories_HAT = trajectories_S*N, trajectories_IMPULSE = 2*trajectories_S*N,
@@ -2945,7 +2942,7 @@ enum {
         + 19*stages_P + 0*P
 };
 
-/* -------------------------------------------------- one trajectory: sweeps, Newton behind them */
+/* --------------------------------------------------- one trajectory: sweeps, Newton behind them */
 
 /* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
 enum { SWEEPS_FIRST, NEWTON_FIRST };
@@ -3132,7 +3129,7 @@ static void fast_observe(work_t *w, report_t *report)
     stages_observe_defects(s, report);
 }
 
-/* ------------------------------------------------------- a run: sweeps, or Newton if asked for */
+/* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
@@ -3184,7 +3181,7 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     return status;
 }
 
-/* ------------------------------------------------------------------------ the public functions */
+/* ------------------------------------------------------------------------- the public functions */
 
 int heavy_top_liiiab3_alpha_step(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
@@ -3246,10 +3243,7 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
     return OK;
 }
 
-/*
- * -------------------------------------------------------------------- several trajectories at a
- * time
- */
+/* --------------------------------------------------------------- several trajectories at a time */
 
 /* What a caller's batch memory holds. */
 typedef struct {
@@ -3574,7 +3568,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
     }
 }
 
-/* ------------------------------------------------------ any number of trajectories, whole runs */
+/* ------------------------------------------------------- any number of trajectories, whole runs */
 
 void heavy_top_liiiab3_alpha_integrate_many(long count, const parameters_t *parameters,
     const options_t *options,
@@ -3590,8 +3584,8 @@ void heavy_top_liiiab3_alpha_integrate_many(long count, const parameters_t *para
                 out, reports + i, work);
         else
             integrate_lanes(count - i < LANES ? (int)(count - i) : LANES, parameters + i, options,
-                dt + i,
-                steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch, work);
+                dt + i, steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch,
+                work);
     }
 }
 
