@@ -45,15 +45,21 @@ INLINE void RUN(four)(int rows, int columns, int width, int count, const lanes *
     }
 }
 
+INLINE void RUN(product)(int rows, int columns, int width, const lanes *base, int stride,
+    const real *table, const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= width; start += 4)
+        RUN(four)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
+    if (width % 4 > 0)
+        RUN(four)(rows, columns, width, width % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
 NOINLINE void RUN(stages_of_stages)(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        RUN(four)(RUN(S), S, N, 4, base + start, stride, table, x + start, y + start);
-    if (N % 4 > 0)
-        RUN(four)(RUN(S), S, N, N % 4, base + start, stride, table, x + start,
-            y + start);
+    RUN(product)(RUN(S), S, N, base, stride, table, x, y);
 }
 
 /* sum over the `count` rows of x */

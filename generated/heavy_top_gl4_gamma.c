@@ -1923,15 +1923,21 @@ INLINE void stages_four(int rows, int columns, int width, int count, const lanes
             y[i*width + a] = sum[a][i];
 }
 
+INLINE void stages_product(int rows, int columns, int width, const lanes *base, int stride,
+    const lanes *table, const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= width; start += 4)
+        stages_four(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
+    if (width % 4 > 0)
+        stages_four(rows, columns, width, width % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
 PRODUCT void stages_stages_of_stages(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        stages_four(stages_S, S, N, 4, base + start, stride, table, x + start, y + start);
-    if (N % 4 > 0)
-        stages_four(stages_S, S, N, N % 4, base + start, stride, table, x + start,
-            y + start);
+    stages_product(stages_S, S, N, base, stride, table, x, y);
 }
 
 /* sum over the `count` rows of x */
@@ -1969,34 +1975,19 @@ static void stages_set_weights(stages_t *w)
 PRODUCT void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        stages_four(stages_P, S, N, 4, base + start, stride, table, x + start, y + start);
-    if (N % 4 > 0)
-        stages_four(stages_P, S, N, N % 4, base + start, stride, table, x + start,
-            y + start);
+    stages_product(stages_P, S, N, base, stride, table, x, y);
 }
 
 PRODUCT void stages_stages_of_nodes(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        stages_four(stages_S, P, N, 4, base + start, stride, table, x + start, y + start);
-    if (N % 4 > 0)
-        stages_four(stages_S, P, N, N % 4, base + start, stride, table, x + start,
-            y + start);
+    stages_product(stages_S, P, N, base, stride, table, x, y);
 }
 
 PRODUCT void stages_nodes_of_nodes(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= M; start += 4)
-        stages_four(stages_P, P, M, 4, base + start, stride, table, x + start, y + start);
-    if (M % 4 > 0)
-        stages_four(stages_P, P, M, M % 4, base + start, stride, table, x + start,
-            y + start);
+    stages_product(stages_P, P, M, base, stride, table, x, y);
 }
 
 /* The place of the nodes of item j, where multipliers act: node 0 is at q. */
@@ -2464,16 +2455,22 @@ INLINE void trajectories_four(int rows, int columns, int width, int count,
     }
 }
 
+INLINE void trajectories_product(int rows, int columns, int width, const lanes *base, int stride,
+    const real *table, const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= width; start += 4)
+        trajectories_four(rows, columns, width, 4, base + start, stride, table, x + start,
+            y + start);
+    if (width % 4 > 0)
+        trajectories_four(rows, columns, width, width % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
 NOINLINE void trajectories_stages_of_stages(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        trajectories_four(trajectories_S, S, N, 4, base + start, stride, table, x + start,
-            y + start);
-    if (N % 4 > 0)
-        trajectories_four(trajectories_S, S, N, N % 4, base + start, stride, table, x + start,
-            y + start);
+    trajectories_product(trajectories_S, S, N, base, stride, table, x, y);
 }
 
 INLINE void trajectories_total(int count, int width, const lanes *x, lanes *total)
@@ -2497,37 +2494,19 @@ static void trajectories_set_weights(trajectories_t *w)
 NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        trajectories_four(trajectories_P, S, N, 4, base + start, stride, table, x + start,
-            y + start);
-    if (N % 4 > 0)
-        trajectories_four(trajectories_P, S, N, N % 4, base + start, stride, table, x + start,
-            y + start);
+    trajectories_product(trajectories_P, S, N, base, stride, table, x, y);
 }
 
 NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        trajectories_four(trajectories_S, P, N, 4, base + start, stride, table, x + start,
-            y + start);
-    if (N % 4 > 0)
-        trajectories_four(trajectories_S, P, N, N % 4, base + start, stride, table, x + start,
-            y + start);
+    trajectories_product(trajectories_S, P, N, base, stride, table, x, y);
 }
 
 NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= M; start += 4)
-        trajectories_four(trajectories_P, P, M, 4, base + start, stride, table, x + start,
-            y + start);
-    if (M % 4 > 0)
-        trajectories_four(trajectories_P, P, M, M % 4, base + start, stride, table, x + start,
-            y + start);
+    trajectories_product(trajectories_P, P, M, base, stride, table, x, y);
 }
 
 INLINE void trajectories_node(const trajectories_t *w, int j, lanes *place)
