@@ -1862,8 +1862,8 @@ INLINE void lanes_constraint_force(const lane_constants *c, const lanes q[N], co
 
 /*
  * Items of as many stages as lanes, or of constraint nodes 1..P-1 and last P (where g is asked for)
- * or 0 (where a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by item,
- * then h b~ Lambda.
+ * or 0 (where a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by
+ * item, then h b~ Lambda.
  */
 enum { stages_PER = LANES, stages_S = (S + LANES - 1)/LANES, stages_P = (P + LANES - 1)/LANES };
 enum { stages_HAT = stages_S*N, stages_IMPULSE = 2*stages_S*N,

@@ -18,10 +18,10 @@ import pytest
 
 import gyrospark as gs
 from compilers import MAIN, compiler
-from gyrospark.generator.c_lines import WIDTH
-from gyrospark.generator.engine import ENGINE, Proved, engine_of
-from gyrospark.generator.fast_path import FastTableau
-from gyrospark.generator.tableau import FIELDS
+from gyrospark.generator.emission.c_lines import WIDTH
+from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of
+from gyrospark.generator.schemes.fast_path import FastTableau
+from gyrospark.generator.tableaux.tableau import FIELDS
 from gyrospark.real import REALS
 from processes import ROOT, call
 
@@ -341,16 +341,16 @@ class Toy:
         nodes = s + 1
 
         def stages(k, lam):
-            ways = [[h * mp.fdot(t.A_bar[l], [k[j][a] for j in range(s)]) for a in range(n)]
-                    for l in range(nodes)]
-            forces = [self.pull([q[a] + ways[l][a] for a in range(n)], lam[l]) if m else [0] * n
-                      for l in range(s)]
+            ways = [[h * mp.fdot(t.A_bar[node], [k[j][a] for j in range(s)]) for a in range(n)]
+                    for node in range(nodes)]
+            forces = [self.pull([q[a] + ways[node][a] for a in range(n)], lam[node]) if m else [0] * n
+                      for node in range(s)]
             return ways, forces
 
         def rates(x):
             k = [x[i*n:(i + 1)*n] for i in range(s)]
             k_hat = [x[(s + i)*n:(s + i + 1)*n] for i in range(s)]
-            lam = [x[2*s*n + l*m: 2*s*n + (l + 1)*m] for l in range(s)]
+            lam = [x[2*s*n + node*m: 2*s*n + (node + 1)*m] for node in range(s)]
             return k, k_hat, lam
 
         def residual(*x):
@@ -362,8 +362,8 @@ class Toy:
                       + h * mp.fdot(t.A_tilde[i][:s], [f[a] for f in forces]) for a in range(n)]
                 r += [k_hat[i][a] + 2 * (q[a] + h * mp.fdot(t.A[i], [y[a] for y in k]))
                       for a in range(n)]
-            for l in range(1, nodes):
-                r += self.g([q[a] + ways[l][a] for a in range(n)])
+            for node in range(1, nodes):
+                r += self.g([q[a] + ways[node][a] for a in range(n)])
             return r
 
         guess = [*p * s, *[-2 * a for a in q] * s, *[mp.mpf(0)] * (m * s)]
