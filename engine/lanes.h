@@ -3,12 +3,9 @@ enum { LANES = sizeof(lanes)/sizeof(real) };
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
 #define NOINLINE static __attribute__((noinline))
-/* Keeps the compiler from holding more values in registers than there are, and spilling them. */
-#define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
 #else
 #define INLINE static inline
 #define NOINLINE static
-#define LOAD_AGAIN(pointer) (void)(pointer)
 #endif
 
 INLINE lanes splat(real x)

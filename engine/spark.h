@@ -44,7 +44,9 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
                 force += tableau.A_hat[i][j]*x[K_HAT + j*N + a];
             }
             w->stage_q[i][a] = q[a] + dt*rate;
-            w->stage_p[i][a] = p[a] + dt*less_node_forces(w, tableau.A_tilde[i], a, force);
+            for (int l = 0; l < ACTING; ++l)
+                force -= tableau.A_tilde[i][l]*w->force[l][a];
+            w->stage_p[i][a] = p[a] + dt*force;
         }
 }
 

@@ -1,3 +1,6 @@
+/* At how many nodes multipliers act, l = 0..P-1 */
+enum { ACTING = P };
+
 /* G(Q~_l)^T Lambda_l at the nodes l = 0..P-1, where multipliers act */
 static void node_forces(work_t *w, const real q[N], const real x[U])
 {
@@ -7,14 +10,6 @@ static void node_forces(work_t *w, const real q[N], const real x[U])
             w->Q_tilde[l][a] = q[a] + w->D[l][a];
     for (int l = 0; l < P; ++l)
         constraint_force(&w->constants, w->Q_tilde[l], lambda + l*M, w->force[l]);
-}
-
-/* A force of coordinate a, less that of the nodes with weights a~_l */
-static inline real less_node_forces(const work_t *w, const real a_tilde[P + 1], int a, real force)
-{
-    for (int l = 0; l < P; ++l)
-        force -= a_tilde[l]*w->force[l][a];
-    return force;
 }
 
 /* g(Q~_l) at the nodes l = 1..P, where the constraints are asked for */

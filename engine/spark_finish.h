@@ -21,8 +21,10 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
         real force = 0;
         for (int j = 0; j < S; ++j)
             force += tableau.b_hat[j]*x[K_HAT + j*N + a];
+        for (int l = 0; l < ACTING; ++l)
+            force -= tableau.b_tilde[l]*w->force[l][a];
         q1[a] = q[a] + w->D[P][a];
-        p1[a] = p[a] + dt*less_node_forces(w, tableau.b_tilde, a, force);
+        p1[a] = p[a] + dt*force;
     }
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];

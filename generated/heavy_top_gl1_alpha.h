@@ -111,8 +111,8 @@ typedef struct {
     double stage_q[1][4]; /* Q_i */
     double stage_p[1][4]; /* P_i */
     double D[2][4]; /* Q~_l - q */
-    double Q_tilde[2][4];
     double force[1][4]; /* G_l^T Lambda_l */
+    double Q_tilde[2][4];
     double G[2][1][4];
     double K[1][4][4];
     unsigned char memory[78336]; /* of the fast path, kept from step to step */

@@ -645,6 +645,9 @@ const heavy_top_gl2_gamma_tableau *heavy_top_gl2_gamma_coefficients(void)
     return &tableau;
 }
 
+/* At how many nodes multipliers act, l = 0..P-1 */
+enum { ACTING = P };
+
 /* G(Q~_l)^T Lambda_l at the nodes l = 0..P-1, where multipliers act */
 static void node_forces(work_t *w, const real q[N], const real x[U])
 {
@@ -654,14 +657,6 @@ static void node_forces(work_t *w, const real q[N], const real x[U])
             w->Q_tilde[l][a] = q[a] + w->D[l][a];
     for (int l = 0; l < P; ++l)
         constraint_force(&w->constants, w->Q_tilde[l], lambda + l*M, w->force[l]);
-}
-
-/* A force of coordinate a, less that of the nodes with weights a~_l */
-static inline real less_node_forces(const work_t *w, const real a_tilde[P + 1], int a, real force)
-{
-    for (int l = 0; l < P; ++l)
-        force -= a_tilde[l]*w->force[l][a];
-    return force;
 }
 
 /* g(Q~_l) at the nodes l = 1..P, where the constraints are asked for */
@@ -723,7 +718,9 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
                 force += tableau.A_hat[i][j]*x[K_HAT + j*N + a];
             }
             w->stage_q[i][a] = q[a] + dt*rate;
-            w->stage_p[i][a] = p[a] + dt*less_node_forces(w, tableau.A_tilde[i], a, force);
+            for (int l = 0; l < ACTING; ++l)
+                force -= tableau.A_tilde[i][l]*w->force[l][a];
+            w->stage_p[i][a] = p[a] + dt*force;
         }
 }
 
@@ -870,8 +867,10 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
         real force = 0;
         for (int j = 0; j < S; ++j)
             force += tableau.b_hat[j]*x[K_HAT + j*N + a];
+        for (int l = 0; l < ACTING; ++l)
+            force -= tableau.b_tilde[l]*w->force[l][a];
         q1[a] = q[a] + w->D[P][a];
-        p1[a] = p[a] + dt*less_node_forces(w, tableau.b_tilde, a, force);
+        p1[a] = p[a] + dt*force;
     }
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];
@@ -1212,12 +1211,9 @@ enum { LANES = sizeof(lanes)/sizeof(real) };
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
 #define NOINLINE static __attribute__((noinline))
-/* Keeps the compiler from holding more values in registers than there are, and spilling them. */
-#define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
 #else
 #define INLINE static inline
 #define NOINLINE static
-#define LOAD_AGAIN(pointer) (void)(pointer)
 #endif
 
 INLINE lanes splat(real x)
@@ -1805,6 +1801,13 @@ static const real fast_onward_nodes[2][2] = {
 
 /* Inlined only where small: else compilers keep the table in registers they do not have. */
 #define PRODUCT INLINE
+
+/* Keeps the compiler from holding more values in registers than there are, and spilling them. */
+#if defined(__GNUC__)
+#define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
+#else
+#define LOAD_AGAIN(pointer) (void)(pointer)
+#endif
 
 /* W = G H_pp G^T or what takes its place: one number, and its inverse in place of it. */
 typedef lanes schur_t[M][M];

@@ -111,8 +111,8 @@ typedef struct {
     double stage_q[3][4]; /* Q_i */
     double stage_p[3][4]; /* P_i */
     double D[4][4]; /* Q~_l - q */
-    double Q_tilde[4][4];
     double force[3][4]; /* G_l^T Lambda_l */
+    double Q_tilde[4][4];
     double G[4][1][4];
     double K[3][4][4];
     unsigned char memory[79232]; /* of the fast path, kept from step to step */

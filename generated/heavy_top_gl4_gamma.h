@@ -111,8 +111,8 @@ typedef struct {
     double stage_q[4][4]; /* Q_i */
     double stage_p[4][4]; /* P_i */
     double D[5][4]; /* Q~_l - q */
-    double Q_tilde[5][4];
     double force[4][4]; /* G_l^T Lambda_l */
+    double Q_tilde[5][4];
     double G[5][1][4];
     double K[4][4][4];
     unsigned char memory[79680]; /* of the fast path, kept from step to step */

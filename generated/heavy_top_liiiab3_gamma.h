@@ -111,8 +111,8 @@ typedef struct {
     double stage_q[3][4]; /* Q_i */
     double stage_p[3][4]; /* P_i */
     double D[3][4]; /* Q~_l - q */
-    double Q_tilde[3][4];
     double force[2][4]; /* G_l^T Lambda_l */
+    double Q_tilde[3][4];
     double G[3][1][4];
     double K[2][4][4];
     unsigned char memory[79040]; /* of the fast path, kept from step to step */

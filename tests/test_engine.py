@@ -343,7 +343,8 @@ class Toy:
         def stages(k, lam):
             ways = [[h * mp.fdot(t.A_bar[node], [k[j][a] for j in range(s)]) for a in range(n)]
                     for node in range(nodes)]
-            forces = [self.pull([q[a] + ways[node][a] for a in range(n)], lam[node]) if m else [0] * n
+            forces = [self.pull([q[a] + ways[node][a] for a in range(n)], lam[node]) if m
+                      else [0] * n
                       for node in range(s)]
             return ways, forces
 

@@ -136,12 +136,13 @@ class Proved:
         }
 
     def _lane_files(self) -> list[str]:
+        again = ["load_again"] if self.stages else []
         if not self.m or (self.constant_schur and not self.stages):
-            return []  # nothing is factorised
+            return again  # nothing is factorised
         if self.structured:
-            return ["lanes_cells"]
+            return [*again, "lanes_cells"]
         factors = "lanes_lu" if self.m > 1 else "lanes_inverse"
-        return [factors, *(["lanes_force_dense"] if self.stages else [])]
+        return [*again, factors, *(["lanes_force_dense"] if self.stages else [])]
 
     def _schur_set(self) -> list[str]:
         if not self.constant_schur:
