@@ -25,7 +25,8 @@
  *   H, g, G      Hamiltonian, constraints, their derivative dg/dq; f = 0 on the momenta
  *   lambda       multipliers of the constraints; impulses are h lambda, with the weight of a node
  *   x, r, J      unknowns of T1, their residual, its derivative dr/dx
- *   S, P         stages; constraint nodes 0..P: g is asked for from 1 on, T1 has multipliers up to P-1
+ *   S, P         stages; constraint nodes 0..P: g is asked for from 1 on, T1 finds multipliers
+ *                up to P-1
  *   k, k^        rates of q and p at the stages, where these are Q_i and P_i
  *   A, A^, b, c  coefficients of the tableau; A~, A-, b~, c~ those of the nodes
  *   W            G H_pp G^T, through which the multipliers are corrected
