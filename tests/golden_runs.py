@@ -84,10 +84,9 @@ def of_system(scheme: str, stages: int | None, system: Callable[[], gs.System], 
         else:
             from gyrospark.generator.pipeline import generate
             from gyrospark.generator.spec import Spec
-            from gyrospark.runtime.stepper import Stepper
 
             made = generate(Spec.checked(scheme, stages), system=system(), structured=structured)
-            step = Stepper(made.source.name, made.source.files())
+            step = gs.Stepper(made.source.name, made.source.files())
         return Golden(step, np.array(q, float), np.array(p, float), dt, values)
 
     return make
