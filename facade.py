@@ -360,7 +360,7 @@ def _source_key(spec: Spec, *texts: object) -> str:
 def _generator_fingerprint() -> str:
     """Return a hash of the generator's own text, so that no old source outlives a change to it."""
     paths = [*ROOT.glob("*.py"), *(ROOT / "generator").rglob("*.py"),
-             *(ROOT / "templates").glob("*.jinja")]
+             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").glob("*.h")]
     return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
 
 

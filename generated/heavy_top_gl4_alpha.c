@@ -18,6 +18,20 @@
  *   gradient               40 add, 75 mul
  *   hessian                140 add, 204 mul
  *   constraint_curvature   1 mul
+ *
+ * Letters, each with one meaning:
+ *   N, M, U      coordinates, constraints, unknowns of T1
+ *   q, p, t      coordinates, momenta, time; dt or h is a step, which ends at q1, p1
+ *   H, g, G      Hamiltonian, constraints, their derivative dg/dq; f = 0 on the momenta
+ *   lambda       multipliers of the constraints; impulses are h lambda, with the weight of a node
+ *   x, r, J      unknowns of T1, their residual, its derivative dr/dx
+ *   S, P         stages; constraint nodes 0..P: g is asked for from 1 on, T1 finds multipliers
+ *                up to P-1
+ *   k, k^        rates of q and p at the stages, where these are Q_i and P_i
+ *   A, A^, b, c  coefficients of the tableau; A~, A-, b~, c~ those of the nodes
+ *   W            G H_pp G^T, through which the multipliers are corrected
+ *   c, w         constants of a run; its memory
+ *   LANES        reals in a vector register: stages, or trajectories, that move together
  */
 #include "heavy_top_gl4_alpha.h"
 
@@ -49,6 +63,33 @@ enum {
 
 static const real epsilon = DBL_EPSILON;
 
+/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
+enum {
+    RESIDUAL_COST = 115*S + 19*P + U*U,
+    JACOBIAN_COST = 344*S + 1*P + S*S*N*N*(2*N + 4)
+};
+
+/* --------------------------------------------------------------------------- sizes and rounding */
+
+static real larger(real a, real b)
+{
+    return a > b ? a : b;
+}
+
+/* max |x_i|; NaN if there is one */
+static real norm(int n, const real *x)
+{
+    real size = 0;
+    for (int i = 0; i < n; ++i) {
+        const real a = fabs(x[i]);
+        if (isnan(a))
+            return a;
+        if (a > size)
+            size = a;
+    }
+    return size;
+}
+
 /* Two units in the last place of 1, up or down by chance: to see what rounding is worth. */
 static real nudge(unsigned *chance)
 {
@@ -56,7 +97,102 @@ static real nudge(unsigned *chance)
     return *chance >> 31 ? 2*epsilon : -2*epsilon;
 }
 
-/* ---------------------------------------------------------------- kernels: expressions only */
+/* ------------------------------------------------------------------------------- linear algebra */
+
+/*
+ * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
+ * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
+ * are counted: how many there are depends on the zeros.
+ */
+static int lu_factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+    long *products)
+{
+    *products = 0;
+    for (int i = 0; i < n; ++i) {
+        const real size = norm(n, A + i*n);
+        if (!isfinite(size))
+            return NOT_FINITE;
+        if (!(size > 0))
+            return SINGULAR;
+        (void)frexp(size, &exponents[i]);
+        const real scale = ldexp(1, -exponents[i]);
+        for (int j = 0; j < n; ++j)
+            A[i*n + j] *= scale;
+    }
+    for (int k = 0; k < n; ++k) {
+        int pivot = k;
+        for (int i = k + 1; i < n; ++i)
+            if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
+                pivot = i;
+        pivots[k] = pivot;
+        if (!(fabs(A[pivot*n + k]) > 0))
+            return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
+        for (int j = 0; j < n && pivot != k; ++j) {
+            const real swap = A[k*n + j];
+            A[k*n + j] = A[pivot*n + j];
+            A[pivot*n + j] = swap;
+        }
+        for (int i = k + 1; i < n; ++i) {
+            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
+            A[i*n + k] = factor;
+            if (factor == 0) /* most rows: stages couple through few entries */
+                continue;
+            *products += n - k;
+            for (int j = k + 1; j < n; ++j)
+                A[i*n + j] -= factor*A[k*n + j];
+        }
+    }
+    return OK;
+}
+
+/* x replaces b in A x = b, from the factors of A. */
+static int lu_substitute(int n, const real *restrict A, const int *restrict exponents,
+    const int *restrict pivots, real *restrict b)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!isfinite(b[i]))
+            return NOT_FINITE;
+        b[i] = ldexp(b[i], -exponents[i]);
+    }
+    for (int k = 0; k < n; ++k) {
+        const real value = b[pivots[k]];
+        b[pivots[k]] = b[k];
+        b[k] = value;
+    }
+    for (int i = 1; i < n; ++i) {
+        real sum = b[i];
+        for (int j = 0; j < i; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum;
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        real sum = b[i];
+        for (int j = i + 1; j < n; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum/A[i*n + i];
+    }
+    return OK;
+}
+
+/* The Jacobian of T1 as U rows of U, its factors in its place. */
+static int factorise_jacobian(work_t *w)
+{
+    return lu_factorise(U, w->J, w->exponents, w->pivots, &w->products);
+}
+
+/* b <- J^-1 b from the factors */
+static int solve_jacobian(work_t *w, real b[U])
+{
+    return lu_substitute(U, w->J, w->exponents, w->pivots, b);
+}
+
+static void spread_jacobian(const real *J, real *dense)
+{
+    for (int e = 0; e < U*U; ++e)
+        dense[e] = J[e];
+}
+
+/* ------------------------------------------------------------------- kernels: expressions only */
 
 /* Constants of a run from its parameters. */
 static void prepare(const parameters_t *par, constants *c)
@@ -66,6 +202,13 @@ static void prepare(const parameters_t *par, constants *c)
     c->k1 = 1.0/par->I1;
     c->k2 = 1.0/par->I2;
     c->k3 = 1.0/par->I3;
+}
+
+/* The time at the start: of a run, or of a step. */
+static inline real start_time(const parameters_t *parameters)
+{
+    (void)parameters;
+    return 0; /* this system does not ask for it */
 }
 
 /* A rounded value: volatile keeps the compiler from contracting its product into a sum. */
@@ -115,7 +258,8 @@ static void constraint(const constants *c, const double q[4], double g[1])
 }
 
 /* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
-static void constraint_increment(const constants *c, const double q[4], const double d[4], double dg[1])
+static void constraint_increment(const constants *c, const double q[4], const double d[4],
+    double dg[1])
 {
     (void)c;
     dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
@@ -148,8 +292,10 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
 }
 
 /* H_q = dH/dq, H_p = dH/dp. 40 add, 75 mul. */
-static void gradient(const constants *c, const double q[4], const double p[4], double H_q[4], double H_p[4])
+static void gradient(const constants *c, const double q[4], const double p[4], const double t[1],
+    double H_q[4], double H_p[4])
 {
+    (void)t;
     /* Common subexpressions (16) */
     const double t0 = 2.0*c->mgl;
     const double t1 = 0.25*p[0];
@@ -178,8 +324,10 @@ static void gradient(const constants *c, const double q[4], const double p[4], d
 }
 
 /* H_qq, H_pq = dH_p/dq and H_pp. 140 add, 204 mul. */
-static void hessian(const constants *c, const double q[4], const double p[4], double H_qq[4][4], double H_pq[4][4], double H_pp[4][4])
+static void hessian(const constants *c, const double q[4], const double p[4], const double t[1],
+    double H_qq[4][4], double H_pq[4][4], double H_pp[4][4])
 {
+    (void)t;
     /* Common subexpressions (61) */
     const double t0 = 2.0*c->mgl;
     const double t1 = p[0]*p[0];
@@ -293,7 +441,8 @@ static void hessian(const constants *c, const double q[4], const double p[4], do
 }
 
 /* K = d(G^T lambda)/dq. 1 mul. */
-static void constraint_curvature(const constants *c, const double q[4], const double lambda[1], double K[4][4])
+static void constraint_curvature(const constants *c, const double q[4], const double lambda[1],
+    double K[4][4])
 {
     (void)c;
     (void)q;
@@ -317,142 +466,93 @@ static void constraint_curvature(const constants *c, const double q[4], const do
     K[3][3] = t0;
 }
 
-/* ---------------------------------------------------------------- linear algebra */
-
-static real larger(real a, real b)
-{
-    return a > b ? a : b;
-}
-
-/* max |x_i|; NaN if there is one */
-static real norm(int n, const real *x)
-{
-    real size = 0;
-    for (int i = 0; i < n; ++i) {
-        const real a = fabs(x[i]);
-        if (isnan(a))
-            return a;
-        if (a > size)
-            size = a;
-    }
-    return size;
-}
-
-/*
- * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
- * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
- * are counted: how many there are depends on the zeros.
- */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots, long *products)
-{
-    *products = 0;
-    for (int i = 0; i < n; ++i) {
-        const real size = norm(n, A + i*n);
-        if (!isfinite(size))
-            return NOT_FINITE;
-        if (!(size > 0))
-            return SINGULAR;
-        (void)frexp(size, &exponents[i]);
-        const real scale = ldexp(1, -exponents[i]);
-        for (int j = 0; j < n; ++j)
-            A[i*n + j] *= scale;
-    }
-    for (int k = 0; k < n; ++k) {
-        int pivot = k;
-        for (int i = k + 1; i < n; ++i)
-            if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
-                pivot = i;
-        pivots[k] = pivot;
-        if (!(fabs(A[pivot*n + k]) > 0))
-            return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
-        for (int j = 0; j < n && pivot != k; ++j) {
-            const real swap = A[k*n + j];
-            A[k*n + j] = A[pivot*n + j];
-            A[pivot*n + j] = swap;
-        }
-        for (int i = k + 1; i < n; ++i) {
-            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
-            A[i*n + k] = factor;
-            if (factor == 0) /* most rows: stages couple through few entries */
-                continue;
-            *products += n - k;
-            for (int j = k + 1; j < n; ++j)
-                A[i*n + j] -= factor*A[k*n + j];
-        }
-    }
-    return OK;
-}
-
-/* x replaces b in A x = b, from the factors of A. */
-static int substitute(int n, const real *restrict A, const int *restrict exponents,
-    const int *restrict pivots, real *restrict b)
-{
-    for (int i = 0; i < n; ++i) {
-        if (!isfinite(b[i]))
-            return NOT_FINITE;
-        b[i] = ldexp(b[i], -exponents[i]);
-    }
-    for (int k = 0; k < n; ++k) {
-        const real value = b[pivots[k]];
-        b[pivots[k]] = b[k];
-        b[k] = value;
-    }
-    for (int i = 1; i < n; ++i) {
-        real sum = b[i];
-        for (int j = 0; j < i; ++j)
-            sum -= A[i*n + j]*b[j];
-        b[i] = sum;
-    }
-    for (int i = n - 1; i >= 0; --i) {
-        real sum = b[i];
-        for (int j = i + 1; j < n; ++j)
-            sum -= A[i*n + j]*b[j];
-        b[i] = sum/A[i*n + i];
-    }
-    return OK;
-}
-
 /* Solves A x = b; x replaces b, the factors of A replace A. */
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)
 {
     long products;
-    const int status = factorise(n, A, exponents, pivots, &products);
-    return status == OK ? substitute(n, A, exponents, pivots, b) : status;
+    const int status = lu_factorise(n, A, exponents, pivots, &products);
+    return status == OK ? lu_substitute(n, A, exponents, pivots, b) : status;
 }
 
-/* ---------------------------------------------------------------- onto the constraints */
+/* ---------------------------------------------------------------- constraints: G as m rows of n */
+
+/* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
+enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
+
+/* G^T lambda */
+static void constraint_force(const constants *c, const real q[N], const real lambda[M],
+    real force[N])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int a = 0; a < N; ++a) {
+        force[a] = 0;
+        for (int mu = 0; mu < M; ++mu)
+            force[a] += G[mu][a]*lambda[mu];
+    }
+}
+
+/* The largest entry of each row of G. */
+static void constraint_reach(const constants *c, const real q[N], real reach[M])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        reach[mu] = norm(N, G[mu]);
+}
+
+/* f <- W^-1 f with W = (df/dp) G^T */
+static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
+{
+    real W[M][M];
+    int exponents[M], pivots[M];
+    hidden_matrix(c, q, p, W);
+    return solve(M, &W[0][0], f, exponents, pivots);
+}
+
+/* g <- (G G^T)^-1 g */
+static int solve_place(const constants *c, const real q[N], real g[M])
+{
+    real G[M][N], W[M][M];
+    int exponents[M], pivots[M];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu) {
+            W[mu][nu] = 0;
+            for (int a = 0; a < N; ++a)
+                W[mu][nu] += G[mu][a]*G[nu][a];
+        }
+    return solve(M, &W[0][0], g, exponents, pivots);
+}
+
+/* ------------------------------------------------------------------------- onto the constraints */
 
 /*
  * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is
  * round-off; impulse is the sum of all W^-1 f. One step is exact when H is quadratic in p, the
  * next one removes its round-off.
  */
-static int project_momentum(const constants *c, const real q[N], real G[M][N], real p[N],
-    real impulse[M])
+static int project_momentum(const constants *c, const real q[N], real p[N], real impulse[M])
 {
     real previous = HUGE_VAL;
     for (int mu = 0; mu < M; ++mu)
         impulse[mu] = 0;
     for (int iteration = 0; iteration < 20; ++iteration) {
-        real f[M], W[M][M], step = 0;
+        real f[M], change[N];
         hidden_constraint(c, q, p, f);
-        hidden_matrix(c, q, p, W);
-        int exponents[M], pivots[M];
-        const int status = solve(M, &W[0][0], f, exponents, pivots);
+        const int status = solve_momentum(c, q, p, f);
         if (status != OK)
             return status;
-        for (int a = 0; a < N; ++a) {
-            real change = 0;
-            for (int mu = 0; mu < M; ++mu)
-                change += G[mu][a]*f[mu];
-            p[a] -= change;
-            step = larger(step, fabs(change));
-        }
+        constraint_force(c, q, f, change);
+        for (int a = 0; a < N; ++a)
+            p[a] -= change[a];
         for (int mu = 0; mu < M; ++mu)
             impulse[mu] += f[mu];
-        const real floor = epsilon*norm(N, p);
-        if (step <= floor/2 || (step <= 4*floor && step >= previous/2))
+        const real step = norm(N, change), floor = epsilon*norm(N, p);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= floor/2 || (step <= SLACK_OF_MOMENTUM*floor && step >= previous/2))
             return OK;
         previous = step;
     }
@@ -462,29 +562,22 @@ static int project_momentum(const constants *c, const real q[N], real G[M][N], r
 /* Moves q along G^T onto g(q) = 0: q <- q - G^T (G G^T)^-1 g. */
 static int project_coordinates(const constants *c, real q[N])
 {
+    real previous = HUGE_VAL;
     for (int iteration = 0; iteration < 50; ++iteration) {
-        real g[M], G[M][N], W[M][M], step = 0;
+        real g[M], change[N];
         constraint(c, q, g);
-        constraint_jacobian(c, q, G);
-        for (int mu = 0; mu < M; ++mu)
-            for (int nu = 0; nu < M; ++nu) {
-                W[mu][nu] = 0;
-                for (int a = 0; a < N; ++a)
-                    W[mu][nu] += G[mu][a]*G[nu][a];
-            }
-        int exponents[M], pivots[M];
-        const int status = solve(M, &W[0][0], g, exponents, pivots);
+        const int status = solve_place(c, q, g);
         if (status != OK)
             return status;
-        for (int a = 0; a < N; ++a) {
-            real change = 0;
-            for (int mu = 0; mu < M; ++mu)
-                change += G[mu][a]*g[mu];
-            q[a] -= change;
-            step = larger(step, fabs(change));
-        }
-        if (step <= 2*epsilon*norm(N, q))
+        constraint_force(c, q, g, change);
+        for (int a = 0; a < N; ++a)
+            q[a] -= change[a];
+        const real step = norm(N, change), floor = epsilon*norm(N, q);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= 2*floor || (step <= SLACK_OF_PLACE*floor && step >= previous/2))
             return OK;
+        previous = step;
     }
     return NOT_CONVERGED;
 }
@@ -492,16 +585,14 @@ static int project_coordinates(const constants *c, real q[N])
 int heavy_top_gl4_alpha_project(const parameters_t *parameters, real q[N], real p[N])
 {
     constants c;
-    real G[M][N], impulse[M];
+    real impulse[M];
     prepare(parameters, &c);
     const int status = project_coordinates(&c, q);
-    if (status != OK)
-        return status;
-    constraint_jacobian(&c, q, G);
-    return project_momentum(&c, q, G, p, impulse);
+    return status == OK ? project_momentum(&c, q, p, impulse) : status;
 }
 
-void heavy_top_gl4_alpha_defects(const parameters_t *parameters, long count, const real *q, const real *p,
+void heavy_top_gl4_alpha_defects(const parameters_t *parameters, long count, const real *q,
+    const real *p,
     real *g, real *f)
 {
     constants c;
@@ -512,17 +603,19 @@ void heavy_top_gl4_alpha_defects(const parameters_t *parameters, long count, con
     }
 }
 
-/* ---------------------------------------------------------------- SPARK: the tableau is data */
+/* ------------------------------------------------------------------ SPARK: the tableau is data */
 
 /* Coefficients: each literal is the correctly rounded exact value. */
 static const heavy_top_gl4_alpha_tableau tableau = {
     .A = {
-        { 0.08696371128436346, -0.026604180084998794, 0.012627462689404725, -0.0035551496857956833 },
+        { 0.08696371128436346, -0.026604180084998794, 0.012627462689404725,
+            -0.0035551496857956833 },
         { 0.18811811749986806, 0.16303628871563652, -0.027880428602470895, 0.006735500594538156 },
         { 0.16719192197418878, 0.35395300603374397, 0.16303628871563652, -0.014190694931141144 },
         { 0.1774825722545226, 0.31344511474186837, 0.35267675751627187, 0.08696371128436346 } },
     .A_hat = {
-        { 0.08696371128436346, -0.026604180084998794, 0.012627462689404725, -0.0035551496857956833 },
+        { 0.08696371128436346, -0.026604180084998794, 0.012627462689404725,
+            -0.0035551496857956833 },
         { 0.18811811749986806, 0.16303628871563652, -0.027880428602470895, 0.006735500594538156 },
         { 0.16719192197418878, 0.35395300603374397, 0.16303628871563652, -0.014190694931141144 },
         { 0.1774825722545226, 0.31344511474186837, 0.35267675751627187, 0.08696371128436346 } },
@@ -554,6 +647,33 @@ const heavy_top_gl4_alpha_tableau *heavy_top_gl4_alpha_coefficients(void)
     return &tableau;
 }
 
+/* At how many nodes multipliers act, l = 0..P-1 */
+enum { ACTING = P };
+
+/* G(Q~_l)^T Lambda_l at the nodes l = 0..P-1, where multipliers act */
+static void node_forces(work_t *w, const real q[N], const real x[U])
+{
+    const real *lambda = x + 2*S*N;
+    for (int l = 0; l <= P; ++l)
+        for (int a = 0; a < N; ++a)
+            w->Q_tilde[l][a] = q[a] + w->D[l][a];
+    for (int l = 0; l < P; ++l)
+        constraint_force(&w->constants, w->Q_tilde[l], lambda + l*M, w->force[l]);
+}
+
+/* g(Q~_l) at the nodes l = 1..P, where the constraints are asked for */
+static void node_residuals(work_t *w, const real q[N], real r[P*M])
+{
+    real g[M];
+    constraint(&w->constants, q, g);
+    for (int l = 1; l <= P; ++l) {
+        real dg[M];
+        constraint_increment(&w->constants, q, w->D[l], dg);
+        for (int mu = 0; mu < M; ++mu)
+            r[(l - 1)*M + mu] = g[mu] + dg[mu];
+    }
+}
+
 /* Where the unknowns (B.2) stand in x: k_1..k_S, k^_1..k^_S, Lambda_0..Lambda_(P-1). */
 enum { K_HAT = S*N, LAMBDA = 2*S*N };
 
@@ -562,7 +682,7 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
 {
     real H_q[N], H_p[N];
     (void)dt;
-    gradient(&w->constants, q, p, H_q, H_p);
+    gradient(&w->constants, q, p, &w->t, H_q, H_p);
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             x[i*N + a] = H_p[a];
@@ -572,30 +692,26 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
         x[l] = 0;
 }
 
-/*
- * (A.7): Q_i = q + dt sum a_ij k_j,   Q~_l = q + D_l,   D_l = dt sum a-_lj k_j,
- *        P_i = p + dt sum a^_ij k^_j - dt sum a~_il G(Q~_l)^T Lambda_l
- */
-static void stage_values(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+/* D_l = dt sum a-_lj k_j, the way to the constraint nodes Q~_l = q + D_l (A.7) */
+static void node_places(work_t *w, real dt, const real x[U])
 {
-    for (int l = 0; l <= P; ++l) {
+    for (int l = 0; l <= P; ++l)
         for (int a = 0; a < N; ++a) {
             real sum = 0;
             for (int j = 0; j < S; ++j)
                 sum += tableau.A_bar[l][j]*x[j*N + a];
             w->D[l][a] = dt*sum;
         }
-        real Q_tilde[N];
-        for (int a = 0; a < N; ++a)
-            Q_tilde[a] = q[a] + w->D[l][a];
-        constraint_jacobian(&w->constants, Q_tilde, w->G[l]);
-    }
-    for (int l = 0; l < P; ++l)
-        for (int a = 0; a < N; ++a) {
-            w->force[l][a] = 0;
-            for (int mu = 0; mu < M; ++mu)
-                w->force[l][a] += w->G[l][mu][a]*x[LAMBDA + l*M + mu];
-        }
+}
+
+/*
+ * (A.7): Q_i = q + dt sum a_ij k_j,
+ *        P_i = p + dt sum a^_ij k^_j - dt sum a~_il G(Q~_l)^T Lambda_l
+ */
+static void stage_values(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    node_places(w, dt, x);
+    node_forces(w, q, x);
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             real rate = 0, force = 0;
@@ -603,56 +719,87 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
                 rate += tableau.A[i][j]*x[j*N + a];
                 force += tableau.A_hat[i][j]*x[K_HAT + j*N + a];
             }
-            for (int l = 0; l < P; ++l)
+            w->stage_q[i][a] = q[a] + dt*rate;
+            for (int l = 0; l < ACTING; ++l)
                 force -= tableau.A_tilde[i][l]*w->force[l][a];
-            w->Q[i][a] = q[a] + dt*rate;
-            w->P[i][a] = p[a] + dt*force;
+            w->stage_p[i][a] = p[a] + dt*force;
         }
 }
 
-/* (B.1): r = [k_i - H_p(Q_i, P_i); k^_i + H_q(Q_i, P_i); g(Q~_l), l = 1..P] */
+/* (B.1): r = [k_i - H_p(Q_i, P_i); k^_i + H_q(Q_i, P_i) - F(Q_i, P_i, t_i); g(Q~_l), l = 1..P] */
 static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real r[U])
 {
     stage_values(w, dt, q, p, x);
     for (int i = 0; i < S; ++i) {
         real H_q[N], H_p[N];
-        gradient(&w->constants, w->Q[i], w->P[i], H_q, H_p);
+        const real t = w->t + dt*tableau.c[i];
+        gradient(&w->constants, w->stage_q[i], w->stage_p[i], &t, H_q, H_p);
         for (int a = 0; a < N; ++a) {
             r[i*N + a] = x[i*N + a] - H_p[a];
             r[K_HAT + i*N + a] = x[K_HAT + i*N + a] + H_q[a];
         }
     }
-    real g[M];
-    constraint(&w->constants, q, g);
-    for (int l = 1; l <= P; ++l) {
-        real dg[M];
-        constraint_increment(&w->constants, q, w->D[l], dg);
-        for (int mu = 0; mu < M; ++mu)
-            r[LAMBDA + (l - 1)*M + mu] = g[mu] + dg[mu];
-    }
+    node_residuals(w, q, r + LAMBDA);
 }
 
-/* dr/dx at the stage values of the last residual. */
+/*
+ * The increment's effect on the state: max of dt|dk| relative to q and dt|dk^| relative to p, which
+ * is that of the stages of the last residual too: a body at rest has no other.
+ * Multipliers do not count: their round-off grows like 1/dt^2 and does not reach the state.
+ */
+static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real dx[U])
+{
+    const real step = fabs(dt);
+    const real q_size = larger(norm(N, q), step*norm(K_HAT, x));
+    const real p_stages = larger(norm(S*N, &w->stage_p[0][0]), step*norm(K_HAT, x + K_HAT));
+    const real p_size = larger(norm(N, p), p_stages);
+    const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
+    return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
+}
+
+/* The same of a residual; what is left of the constraints does not count. */
+static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real r[U])
+{
+    return increment_size(w, dt, q, p, x, r);
+}
+
+/* Without forces H_qp is the transpose of H_pq. */
+static inline void rates_by_state(const constants *c, const real q[N], const real p[N],
+    const real t[1], real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
+{
+    hessian(c, q, p, t, H_qq, H_pq, H_pp);
+    for (int a = 0; a < N; ++a)
+        for (int b = 0; b < N; ++b)
+            H_qp[a][b] = H_pq[b][a];
+}
+
+/*
+ * dr/dx at the stage values of the last residual. With dP_i/dk_j,
+ * B_ij = -dt^2 sum_l a~_il a-_lj K_l:
+ *   d(k_i row)/dk_j = delta - dt a_ij H_pq - H_pp B_ij,   d/dk^_j = -dt a^_ij H_pp,
+ *   d(k^_i row)/dk_j = dt a_ij H_qq + H_qp B_ij,          d/dk^_j = delta + dt a^_ij H_qp,
+ * and by Lambda_l the same with -dt a~_il G_l^T for B.
+ */
 static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real J[U*U])
 {
-    (void)q;
-    (void)p;
+    (void)q, (void)p;
     for (int e = 0; e < U*U; ++e)
         J[e] = 0;
-    for (int l = 0; l < P; ++l) {
-        real Q_tilde[N];
-        for (int a = 0; a < N; ++a)
-            Q_tilde[a] = q[a] + w->D[l][a];
-        constraint_curvature(&w->constants, Q_tilde, x + LAMBDA + l*M, w->K[l]);
-    }
+    for (int l = 0; l <= P; ++l)
+        constraint_jacobian(&w->constants, w->Q_tilde[l], w->G[l]);
+    for (int l = 0; l < P; ++l)
+        constraint_curvature(&w->constants, w->Q_tilde[l], x + LAMBDA + l*M, w->K[l]);
     for (int i = 0; i < S; ++i) {
-        real H_qq[N][N], H_pq[N][N], H_pp[N][N];
-        hessian(&w->constants, w->Q[i], w->P[i], H_qq, H_pq, H_pp);
+        real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
+        const real t = w->t + dt*tableau.c[i];
+        rates_by_state(&w->constants, w->stage_q[i], w->stage_p[i], &t, H_qq, H_qp, H_pq, H_pp);
         for (int j = 0; j < S; ++j) {
             const real a_ij = dt*tableau.A[i][j], a_hat = dt*tableau.A_hat[i][j];
-            real B[N][N]; /* dP_i/dk_j = -dt^2 sum_l a~_il a-_lj K_l */
+            real B[N][N];
             for (int a = 0; a < N; ++a)
                 for (int b = 0; b < N; ++b) {
                     real sum = 0;
@@ -667,34 +814,36 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
                     real by_k = a_ij*H_pq[a][b], by_k_lower = a_ij*H_qq[a][b];
                     for (int e = 0; e < N; ++e) {
                         by_k += H_pp[a][e]*B[e][b];
-                        by_k_lower += H_pq[e][a]*B[e][b];
+                        by_k_lower += H_qp[a][e]*B[e][b];
                     }
                     upper[j*N + b] = one - by_k;
                     upper[K_HAT + j*N + b] = -a_hat*H_pp[a][b];
                     lower[j*N + b] = by_k_lower;
-                    lower[K_HAT + j*N + b] = one + a_hat*H_pq[b][a];
+                    lower[K_HAT + j*N + b] = one + a_hat*H_qp[a][b];
                 }
             }
         }
         for (int l = 0; l < P; ++l)
             for (int mu = 0; mu < M; ++mu)
                 for (int a = 0; a < N; ++a) {
+                    const int column = LAMBDA + l*M + mu;
                     real by_p = 0, by_p_lower = 0;
                     for (int e = 0; e < N; ++e) {
                         by_p += H_pp[a][e]*w->G[l][mu][e];
-                        by_p_lower += H_pq[e][a]*w->G[l][mu][e];
+                        by_p_lower += H_qp[a][e]*w->G[l][mu][e];
                     }
                     const real a_tilde = dt*tableau.A_tilde[i][l];
-                    J[(i*N + a)*U + LAMBDA + l*M + mu] = a_tilde*by_p;
-                    J[(K_HAT + i*N + a)*U + LAMBDA + l*M + mu] = -a_tilde*by_p_lower;
+                    J[(i*N + a)*U + column] = a_tilde*by_p;
+                    J[(K_HAT + i*N + a)*U + column] = -a_tilde*by_p_lower;
                 }
     }
     for (int l = 1; l <= P; ++l)
-        for (int mu = 0; mu < M; ++mu)
+        for (int mu = 0; mu < M; ++mu) {
+            real *row = J + (LAMBDA + (l - 1)*M + mu)*U;
             for (int j = 0; j < S; ++j)
                 for (int b = 0; b < N; ++b)
-                    J[(LAMBDA + (l - 1)*M + mu)*U + j*N + b] =
-                        dt*tableau.A_bar[l][j]*w->G[l][mu][b];
+                    row[j*N + b] = dt*tableau.A_bar[l][j]*w->G[l][mu][b];
+        }
 }
 
 /* q1 - q (A.3) */
@@ -709,65 +858,59 @@ static void displacement(real dt, const real x[U], real d[N])
 }
 
 /*
- * The increment's effect on the state: max of dt|dk| relative to q and dt|dk^| relative to p, which
- * is that of the stages of the last residual too: a body at rest has no other.
- * Multipliers do not count: their round-off grows like 1/dt^2 and does not reach the state.
+ * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l,
+ * and the last multiplier from the constraint on the momenta (A.5), (A.6).
  */
-static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
-    const real x[U], const real dx[U])
-{
-    const real step = fabs(dt);
-    const real q_size = larger(norm(N, q), step*norm(K_HAT, x));
-    const real p_size = larger(norm(N, p), larger(norm(S*N, &w->P[0][0]), step*norm(K_HAT, x + K_HAT)));
-    const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
-    return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
-}
-
-/* The same of a residual; what is left of the constraints does not count. */
-static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
-    const real x[U], const real r[U])
-{
-    return increment_size(w, dt, q, p, x, r);
-}
-
-/*
- * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j + dt sum_(l<p) b~_l k~_l, and the last
- * multiplier from the constraint on the momenta (A.5), (A.6).
- */
-static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U], real q1[N],
-    real p1[N], real multipliers[ROOM])
+static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real q1[N], real p1[N], real multipliers[ROOM])
 {
     stage_values(w, dt, q, p, x);
     for (int a = 0; a < N; ++a) {
         real force = 0;
         for (int j = 0; j < S; ++j)
             force += tableau.b_hat[j]*x[K_HAT + j*N + a];
-        for (int l = 0; l < P; ++l)
+        for (int l = 0; l < ACTING; ++l)
             force -= tableau.b_tilde[l]*w->force[l][a];
         q1[a] = q[a] + w->D[P][a];
         p1[a] = p[a] + dt*force;
     }
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];
-    const int status = project_momentum(&w->constants, q1, w->G[P], p1, multipliers + P*M);
+    const int status = project_momentum(&w->constants, q1, p1, multipliers + P*M);
     for (int mu = 0; mu < M; ++mu)
         multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
     return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
 }
 
-/* ---------------------------------------------------------------- T1: full Newton */
+/*
+ * Small increments of huge unknowns are no solution: the constraints at the end of the step tell.
+ */
+static int lands(work_t *w, real dt, const real q[N], const real x[U])
+{
+    real d[N], q1[N], g[M], dg[M], reach[M];
+    displacement(dt, x, d);
+    for (int a = 0; a < N; ++a)
+        q1[a] = q[a] + d[a];
+    constraint(&w->constants, q, g);
+    constraint_increment(&w->constants, q, d, dg);
+    constraint_reach(&w->constants, q1, reach);
+    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
+    for (int mu = 0; mu < M; ++mu) {
+        const real allowed = fabs(g[mu]) + reach[mu]*way;
+        if (!(fabs(g[mu] + dg[mu]) <= allowed))
+            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
+    }
+    return OK;
+}
 
-/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
-enum {
-    RESIDUAL_COST = 115*S + 19*P + U*U,
-    JACOBIAN_COST = 344*S + 1*P + S*S*N*N*(2*N + 4)
-};
+/* ------------------------------------------------------------------------------ T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
- * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small momentum:
- * states and guesses two units in the last place away tell by how much the residual is uncertain.
- * They are those at the start of the step, for an iteration that has gone astray proves nothing.
+ * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
+ * momentum: states and guesses two units in the last place away tell by how much the residual is
+ * uncertain. They are those at the start of the step, for an iteration that has gone astray proves
+ * nothing.
  */
 static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
 {
@@ -796,26 +939,7 @@ static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], rea
     return size <= 16*rounding;
 }
 
-/* Small increments of huge unknowns are no solution: the constraints at the end of the step tell. */
-static int lands(work_t *w, real dt, const real q[N], const real x[U])
-{
-    real d[N], q1[N], g[M], dg[M], G[M][N];
-    displacement(dt, x, d);
-    for (int a = 0; a < N; ++a)
-        q1[a] = q[a] + d[a];
-    constraint(&w->constants, q, g);
-    constraint_increment(&w->constants, q, d, dg);
-    constraint_jacobian(&w->constants, q1, G);
-    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
-    for (int mu = 0; mu < M; ++mu) {
-        const real allowed = fabs(g[mu]) + norm(N, G[mu])*way;
-        if (!(fabs(g[mu] + dg[mu]) <= allowed))
-            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
-    }
-    return OK;
-}
-
-/* Why iterations end without a solution, by their last increment and its ratio to the one before. */
+/* Why iterations end without a solution, by the last increment and its ratio to the one before. */
 static int failure(real size, real ratio)
 {
     if (!isfinite(size))
@@ -836,9 +960,9 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
-        int status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+        int status = factorise_jacobian(w);
         if (status == OK)
-            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+            status = solve_jacobian(w, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -854,7 +978,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return lands(w, dt, q, x);
         if (*iterations == 1)
             continue;
-        const int shrinks = ratio < (real)0.5; /* a small increment after one that stalled is chance */
+        const int shrinks = ratio < (real)0.5; /* a small one after one that stalled is chance */
         ratio = size/previous;
         if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);
@@ -882,11 +1006,11 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         int status = OK;
         if (stale) {
             jacobian(w, dt, q, p, x, w->J);
-            status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+            status = factorise_jacobian(w);
             w->effort += JACOBIAN_COST + w->products/2;
         }
         if (status == OK)
-            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+            status = solve_jacobian(w, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -901,7 +1025,8 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         const real ratio = *iterations > 1 ? size/previous : 1;
         if (*iterations > 1 && ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);
-        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5 && size*ratio < epsilon/64)
+        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5
+            && size*ratio < epsilon/64)
             return lands(w, dt, q, x);
         if (*iterations > 2 && ratio > 1)
             return NOT_CONVERGED;
@@ -911,9 +1036,160 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
     return NOT_CONVERGED;
 }
 
-/* ---------------------------------------------------------------- the fast path, Newton behind it */
+/* Without forces no work is done. */
+static inline void note_work(work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U])
+{
+    (void)w, (void)dt, (void)q, (void)p, (void)x;
+}
 
-/* ---------------------------------------------------------------- lanes: W reals that move together */
+static inline void count_work(const work_t *w, report_t *report)
+{
+    (void)w, (void)report;
+}
+
+static inline real work_so_far(const report_t *report)
+{
+    (void)report;
+    return 0;
+}
+
+static inline void set_work(report_t *report, real work, real low)
+{
+    (void)report, (void)work, (void)low;
+}
+
+static inline void restore_work(report_t *report, real work)
+{
+    (void)report, (void)work;
+}
+
+/* Adds the energy of the state (q, p) to the record. */
+static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    const real gain = hamiltonian(c, q, p) - report->energy_start;
+    const real error = fabs(gain - work_so_far(report));
+    report->energy_error_max = larger(error, report->energy_error_max);
+    report->energy_error_sum += error;
+}
+
+/* Adds what is left of the constraints to the record. */
+static void observe_defects(real g_size, real f_size, report_t *report)
+{
+    report->constraint_max = larger(g_size, report->constraint_max);
+    report->constraint_sum += g_size;
+    report->hidden_max = larger(f_size, report->hidden_max);
+    report->hidden_sum += f_size;
+}
+
+/* Adds the state (q, p) to the record. */
+static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    real g[M], f[M];
+    observe_energy(c, q, p, report);
+    constraint(c, q, g);
+    hidden_constraint(c, q, p, f);
+    observe_defects(norm(M, g), norm(M, f), report);
+}
+
+/* --------------------------------------------------------------------------- one step by Newton */
+
+int heavy_top_gl4_alpha_T1(const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N],
+    const real p[N], real x[U], int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    guess(work, dt, q, p, x);
+    return newton(work, options, dt, q, p, x, iterations);
+}
+
+int heavy_top_gl4_alpha_T2(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
+    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    return finish(work, dt, q, p, x, q1, p1, multipliers);
+}
+
+/* One step; the constants of the run are prepared. */
+static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    real q_end[N], p_end[N];
+    guess(w, dt, q, p, w->x);
+    int status = newton(w, options, dt, q, p, w->x, iterations);
+    if (status == OK)
+        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    if (status != OK)
+        return status;
+    note_work(w, dt, q, p, w->x);
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_end[a];
+        p1[a] = p_end[a];
+    }
+    return OK;
+}
+
+void heavy_top_gl4_alpha_guess(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
+    real x[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    guess(work, dt, q, p, x);
+}
+
+void heavy_top_gl4_alpha_residual(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
+    const real x[U], real r[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    residual(work, dt, q, p, x, r);
+}
+
+void heavy_top_gl4_alpha_jacobian(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
+    const real x[U], real J[U*U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    residual(work, dt, q, p, x, work->r);
+    jacobian(work, dt, q, p, x, work->J);
+    spread_jacobian(work->J, J);
+}
+
+real heavy_top_gl4_alpha_increment_size(real dt, const real q[N], const real p[N], const real x[U],
+    const real dx[U], const work_t *work)
+{
+    return increment_size(work, dt, q, p, x, dx);
+}
+
+int heavy_top_gl4_alpha_lands(real dt, const real q[N], const real x[U], work_t *work)
+{
+    return lands(work, dt, q, x);
+}
+
+real heavy_top_gl4_alpha_last_increment(const work_t *work)
+{
+    return work->increment;
+}
+
+void heavy_top_gl4_alpha_hamiltonian(const parameters_t *parameters, long count, const real *q,
+    const real *p,
+    real *H)
+{
+    constants c;
+    prepare(parameters, &c);
+    for (long i = 0; i < count; ++i)
+        H[i] = hamiltonian(&c, q + i*N, p + i*N);
+}
+
+/* ------------------------------------------------------------- the fast path, Newton behind it */
+
+/* -------------------------------------------------------------- lanes: reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same
@@ -932,17 +1208,14 @@ typedef real lanes __attribute__((vector_size(LANE_BYTES)));
 typedef real lanes;
 #endif
 
-enum { W = sizeof(lanes)/sizeof(real) };
+enum { LANES = sizeof(lanes)/sizeof(real) };
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
 #define NOINLINE static __attribute__((noinline))
-/* Keeps the compiler from holding more values in registers than there are, and spilling them. */
-#define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
 #else
 #define INLINE static inline
 #define NOINLINE static
-#define LOAD_AGAIN(pointer) (void)(pointer)
 #endif
 
 INLINE lanes splat(real x)
@@ -958,6 +1231,14 @@ INLINE real part(const lanes *x, int i)
 INLINE void set_part(lanes *x, int i, real value)
 {
     ((real *)x)[i] = value;
+}
+
+/* x + y = *high + *low exactly; *high is the rounded sum. */
+INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
+{
+    const lanes sum = x + y, share = sum - x;
+    *low = (x - (sum - share)) + (y - share);
+    *high = sum;
 }
 
 /* A rounded value: keeps the compiler from contracting its product into a sum. */
@@ -982,7 +1263,7 @@ INLINE lanes lanes_rounded(lanes value)
 INLINE lanes product_error(lanes a, lanes b, lanes product)
 {
     lanes error = product;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&error, i, fma(part(&a, i), part(&b, i), -part(&product, i)));
     return error;
 }
@@ -999,25 +1280,6 @@ INLINE void lanes_add_product(lanes sum[2], int count, const lanes *factors)
     const lanes total = sum[0] + high, share = total - sum[0];
     sum[1] += low + ((sum[0] - (total - share)) + (high - share));
     sum[0] = total;
-}
-
-/* x + y = *high + *low exactly; *high is the rounded sum. */
-INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
-{
-    const lanes sum = x + y, share = sum - x;
-    *low = (x - (sum - share)) + (y - share);
-    *high = sum;
-}
-
-/* A one-by-one matrix is factorised by its inverse. */
-INLINE void lanes_factor(lanes A[M][M])
-{
-    A[0][0] = 1/A[0][0];
-}
-
-INLINE void lanes_substitute(lanes A[M][M], lanes b[M])
-{
-    b[0] *= A[0][0];
 }
 
 /* Constants of a run on lanes. */
@@ -1050,6 +1312,16 @@ static void set_constants(lane_constants *to, int i, const constants *from)
     set_part(&to->f4, i, 2.0*from->mgl);
 }
 
+/* Constants from lane i. */
+static void get_constants(const lane_constants *from, int i, constants *to)
+{
+    to->mgl = part(&from->mgl, i);
+    to->k0 = part(&from->k0, i);
+    to->k1 = part(&from->k1, i);
+    to->k2 = part(&from->k2, i);
+    to->k3 = part(&from->k3, i);
+}
+
 /* H(q, p). 19 add, 33 mul. */
 INLINE lanes lanes_hamiltonian(const lane_constants *c, const lanes q[4], const lanes p[4])
 {
@@ -1076,7 +1348,8 @@ INLINE void lanes_constraint(const lane_constants *c, const lanes q[4], lanes g[
 }
 
 /* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
-INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4], lanes dg[1])
+INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4],
+    lanes dg[1])
 {
     (void)c;
     dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
@@ -1093,8 +1366,12 @@ INLINE void lanes_constraint_jacobian(const lane_constants *c, const lanes q[4],
     G[0][3] = 2.0*q[3];
 }
 
-/* f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the working precision. 4 product. */
-INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4], lanes f[1])
+/*
+ * f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the
+ * working precision. 4 product.
+ */
+INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4],
+    lanes f[1])
 {
     (void)c;
     lanes sum[2];
@@ -1107,7 +1384,8 @@ INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], c
 }
 
 /* W = (df/dp) G^T. no operations. */
-INLINE void lanes_hidden_matrix(const lane_constants *c, const lanes q[4], const lanes p[4], lanes W[1][1])
+INLINE void lanes_hidden_matrix(const lane_constants *c, const lanes q[4], const lanes p[4],
+    lanes W[1][1])
 {
     (void)c;
     (void)q;
@@ -1116,7 +1394,8 @@ INLINE void lanes_hidden_matrix(const lane_constants *c, const lanes q[4], const
 }
 
 /* H_p, and w: what H_q shares with it. 24 add, 37 mul. */
-INLINE void lanes_velocity(const lane_constants *c, const lanes q[4], const lanes p[4], lanes H_p[4], lanes w[3])
+INLINE void lanes_velocity(const lane_constants *c, const lanes q[4], const lanes p[4],
+    lanes H_p[4], lanes w[3])
 {
     const lanes t0 = p[0]*q[0] + p[1]*q[1] + p[2]*q[2] + p[3]*q[3];
     const lanes t1 = c->f0*(p[1]*q[0] + p[2]*q[3] - p[0]*q[1] - p[3]*q[2]);
@@ -1133,8 +1412,10 @@ INLINE void lanes_velocity(const lane_constants *c, const lanes q[4], const lane
 }
 
 /* H_q from the same w. 19 add, 27 mul. */
-INLINE void lanes_force(const lane_constants *c, const lanes q[4], const lanes p[4], const lanes w[3], lanes H_q[4])
+INLINE void lanes_force(const lane_constants *c, const lanes q[4], const lanes p[4],
+    const lanes t[1], const lanes w[3], lanes H_q[4])
 {
+    (void)t;
     const lanes t0 = p[0]*q[0] + p[1]*q[1] + p[2]*q[2] + p[3]*q[3];
     const lanes t1 = t0*c->f3;
     H_q[0] = t1*p[0] + w[0]*p[1] + w[1]*p[2] + w[2]*p[3] + q[0]*c->f4;
@@ -1155,7 +1436,24 @@ INLINE lanes lanes_correction(const lane_constants *c)
     return 0.25*c->k0;
 }
 
-/* ---------------------------------------------------------------- when a sweep has converged */
+enum { SHARED = 3, ROUNDS = 1 };
+
+/* H_p, and what it shares with H_q */
+INLINE void first_rates(const lane_constants *c, const lanes q[N], const lanes p[N],
+    lanes H_p[N], lanes shared[SHARED])
+{
+    lanes_velocity(c, q, p, H_p, shared);
+}
+
+/* H_q - F from the same, and H_p once more where that is asked for */
+INLINE void second_rates(const lane_constants *c, const lanes q[N], const lanes p[N],
+    const lanes t[1], const lanes shared[SHARED], lanes H_p[N], lanes H_q[N])
+{
+    (void)H_p;
+    lanes_force(c, q, p, t, shared, H_q);
+}
+
+/* ------------------------------------------------------------------- when a sweep has converged */
 
 /* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {
@@ -1177,8 +1475,9 @@ enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 
 static progress_t start_of_sweeps(real rate)
 {
-    const progress_t start = { .floor = 16*epsilon, .least = (real)HUGE_VAL, .defect = (real)HUGE_VAL,
-        .least_defect = (real)HUGE_VAL, .rate = rate };
+    const real huge = (real)HUGE_VAL;
+    const progress_t start = { .floor = 16*epsilon, .least = huge, .defect = huge,
+        .least_defect = huge, .rate = rate };
     return start;
 }
 
@@ -1206,7 +1505,8 @@ static int is_met(progress_t *s, real defect)
     s->defect = defect;
     if (defect < s->least_defect)
         s->least_defect = defect;
-    const real floor = 4*epsilon*epsilon, low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
 }
 
@@ -1281,8 +1581,8 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
-    real rate[W];  /* how fast sweeps converge, as last seen */
-    int stages[W]; /* lanes that are better off with the polynomial through the last stages */
+    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
 } predictor_t;
@@ -1292,9 +1592,9 @@ static void forget(predictor_t *s)
     s->count = 0;
     s->training = HISTORY + 1;
     s->order = s->fitted = 0;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->rate[i] = 1;
 }
 
@@ -1339,7 +1639,7 @@ INLINE void predict(const predictor_t *s, lanes *past, int length, const int *en
         return;
     }
     recur(s, s->order, past, length, ends, x);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         for (int e = 0; e < length && s->stages[i]; ++e)
             set_part(&x[e], i, part(&through[e], i));
 }
@@ -1367,7 +1667,7 @@ INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
             error[k] += defect*defect;
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         int best = 1;
         for (int k = 2; k <= most; ++k)
             if (part(&error[k], i) < part(&error[best], i))
@@ -1386,7 +1686,7 @@ INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
     for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
         for (int k = 0; k <= ORDER; ++k)
             for (int l = 0; l <= ORDER; ++l)
-                for (int i = 0; i < W; ++i) {
+                for (int i = 0; i < LANES; ++i) {
                     real size = tiny;
                     for (int e = start; k == l && e < ends[group]; ++e)
                         size = larger(size, 8*epsilon*fabs(part(&x[e], i)));
@@ -1404,7 +1704,7 @@ INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, con
     for (int k = 0; k < ORDER; ++k) {
         const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
         lanes inverse = square;
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             set_part(&inverse, i, 1/sqrt(part(&square, i)));
         const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
         for (int l = k; l <= ORDER; ++l) {
@@ -1423,7 +1723,7 @@ static void end_training(predictor_t *s)
     s->fitted = 1;
     for (int group = 0; group < GROUPS; ++group) {
         lanes (*R)[ORDER + 1] = s->R[group];
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             real defect = part(&R[ORDER][ORDER], i), c[ORDER];
             const real allowed = 16*defect;
             int order = ORDER;
@@ -1519,22 +1819,76 @@ static const real fast_onward_nodes[4][4] = {
     { 0.42857142857142855, -0.375, 0.42857142857142855, -1.0 },
 };
 
-/* ---------------------------------------------------------------- sweeps: the stages of one step in lanes */
+/* Inlined only where small: else compilers keep the table in registers they do not have. */
+#define PRODUCT INLINE
 
-/* Items of W stages, or of W constraint nodes 1..P-1 and last P (where g is asked for) or 0
- * (where a multiplier acts). */
-enum { STAGE_ITEMS = (S + W - 1)/W, NODE_ITEMS = (P + W - 1)/W };
-/* Where the scaled unknowns stand: L = h b k, L^ = h b^ k^ item by item, then h b~ Lambda. */
-enum { STAGES_X_HAT = STAGE_ITEMS*N, STAGES_X_IMPULSE = 2*STAGE_ITEMS*N, STAGES_X = 2*STAGE_ITEMS*N + NODE_ITEMS*M };
-static const int stages_ends[GROUPS] = { STAGES_X_HAT, STAGES_X_IMPULSE, STAGES_X };
+/* Keeps the compiler from holding more values in registers than there are, and spilling them. */
+#if defined(__GNUC__)
+#define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
+#else
+#define LOAD_AGAIN(pointer) (void)(pointer)
+#endif
+
+/* W = G H_pp G^T or what takes its place: one number, and its inverse in place of it. */
+typedef lanes schur_t[M][M];
+
+/* A one-by-one matrix is factorised by its inverse. */
+INLINE void lanes_factor(schur_t A)
+{
+    A[0][0] = 1/A[0][0];
+}
+
+INLINE void lanes_substitute(schur_t A, lanes b[M])
+{
+    b[0] *= A[0][0];
+}
+
+/* G^T lambda */
+INLINE void lanes_constraint_force(const lane_constants *c, const lanes q[N], const lanes lambda[M],
+    lanes force[N])
+{
+    lanes G[M][N];
+    lanes_constraint_jacobian(c, q, G);
+    for (int a = 0; a < N; ++a) {
+        lanes sum = G[0][a]*lambda[0];
+        for (int mu = 1; mu < M; ++mu)
+            sum += G[mu][a]*lambda[mu];
+        force[a] = sum;
+    }
+}
+
+/* ------------------------------------------------------ sweeps: the stages of one step in lanes */
+
+/*
+ * Items of as many stages as lanes, or of constraint nodes 1..P-1 and last P (where g is asked for)
+ * or 0 (where a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by
+ * item, then h b~ Lambda.
+ */
+enum { stages_PER = LANES, stages_S = (S + LANES - 1)/LANES, stages_P = (P + LANES - 1)/LANES };
+enum { stages_HAT = stages_S*N, stages_IMPULSE = 2*stages_S*N,
+    stages_X = 2*stages_S*N + stages_P*M };
+static const int stages_ends[GROUPS] = { stages_HAT, stages_IMPULSE, stages_X };
 static const int stages_rows[GROUPS] = { N, N, M };
 
-/* What a sweep improves, and what the end of the step needs of it. */
+/* What a sweep improves, and what the end of the step needs of it: W is constant. */
 typedef struct {
-    lanes x[STAGES_X];
-    lanes Y[NODE_ITEMS*N];
-    lanes C[STAGE_ITEMS*N], D[NODE_ITEMS*N]; /* from here on: not needed once converged */
+    lanes x[stages_X];
+    lanes Y[stages_P*N];
+    lanes C[stages_S*N], D[stages_P*N]; /* not needed once converged,
+        but C for the work of forces */
 } stages_iterate;
+
+enum { stages_RESULT = stages_X + stages_P*N + stages_S*N };
+
+/* What is known of the constraints. */
+typedef struct {
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes W_inverse[M][M]; /* by h */
+    lanes correction;      /* c, with H_pp G^T = c G^T */
+} stages_bound;
 
 typedef struct {
     lane_constants constants;
@@ -1543,36 +1897,35 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes hb[STAGE_ITEMS], hb_hat[STAGE_ITEMS];
-    lanes mu[S*STAGE_ITEMS], mu_hat[S*STAGE_ITEMS];
-    stages_iterate now;
+    lanes t;                  /* at the start of the step */
+    lanes hb[stages_S], hb_hat[stages_S];
+    lanes late[stages_S];    /* h c: stages after the start of the step */
+    lanes work, work_low;  /* done by the forces since the start */
+    lanes mu[S*stages_S], mu_hat[S*stages_S], onward[S*stages_S];
+    lanes nu[S*stages_P], nu_tilde[P*stages_S], inverse[P*stages_P], onward_nodes[P*stages_P];
+    lanes moves[stages_P]; /* 0 at node 0, which stays where the step starts */
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes nu[S*NODE_ITEMS], nu_tilde[P*STAGE_ITEMS], inverse[P*NODE_ITEMS], moves[NODE_ITEMS]; /* 0 at node 0 */
-    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
-    lanes W_inverse[M][M];
-    lanes correction;
+    stages_iterate now;
+    stages_bound bound;
     predictor_t predictor;
-    lanes through[STAGES_X]; /* the polynomial through the last stages, one step on */
-    lanes onward[S*STAGE_ITEMS], onward_nodes[P*NODE_ITEMS];
-    lanes past[HISTORY*STAGES_X];
+    lanes through[stages_X]; /* the polynomial through the last stages, one step on */
+    lanes past[HISTORY*stages_X];
 } stages_t;
 
 /*
- * y_i = base_i + sum_j table_ij x_j over items of W rows: `width` numbers each row, `columns` of them. Four
- * numbers at a time: as many sums as a register file holds, and enough of them to hide latency.
+ * y_i = base_i + sum_j table_ij x_j over items of as many rows as lanes: `width` numbers each row,
+ * `columns` of them. Four numbers at a time: as many sums as a register file holds, and enough of
+ * them to hide latency.
  */
 INLINE void stages_four(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
 {
-    lanes sum[4][STAGE_ITEMS > NODE_ITEMS ? STAGE_ITEMS : NODE_ITEMS];
+    lanes sum[4][stages_S > stages_P ? stages_S : stages_P];
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < rows; ++i)
             sum[a][i] = base[i*stride + a];
-    for (int from = 0; from < columns; from += W, x += width)
-        for (int j = 0; j < W && from + j < columns; ++j, table += rows)
+    for (int from = 0; from < columns; from += LANES, x += width)
+        for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
             for (int a = 0; a < count; ++a) {
                 const lanes value = splat(part(&x[a], j));
                 for (int i = 0; i < rows; ++i)
@@ -1583,42 +1936,21 @@ INLINE void stages_four(int rows, int columns, int width, int count, const lanes
             y[i*width + a] = sum[a][i];
 }
 
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-INLINE void stages_stages_of_stages(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
+INLINE void stages_product(int rows, int columns, int width, const lanes *base, int stride,
+    const lanes *table, const lanes *x, lanes *y)
 {
     int start = 0;
-    for (; start + 4 <= N; start += 4)
-        stages_four(STAGE_ITEMS, S, N, 4, base + start, stride, table, x + start, y + start);
+    for (; start + 4 <= width; start += 4)
+        stages_four(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
+    if (width % 4 > 0)
+        stages_four(rows, columns, width, width % 4, base + start, stride, table, x + start,
+            y + start);
 }
 
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-INLINE void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
+PRODUCT void stages_stages_of_stages(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        stages_four(NODE_ITEMS, S, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-INLINE void stages_stages_of_nodes(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        stages_four(STAGE_ITEMS, P, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-INLINE void stages_nodes_of_nodes(const lanes *base, int stride, const lanes *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= M; start += 4)
-        stages_four(NODE_ITEMS, P, M, 4, base + start, stride, table, x + start, y + start);
-    stages_four(NODE_ITEMS, P, M, 1, base + start, stride, table, x + start,
-        y + start);
+    stages_product(stages_S, S, N, base, stride, table, x, y);
 }
 
 /* sum over the `count` rows of x */
@@ -1627,51 +1959,149 @@ INLINE void stages_total(int count, int width, const lanes *x, lanes *total)
     for (int a = 0; a < width; ++a) {
         real sum = part(&x[a], 0);
         for (int j = 1; j < count; ++j)
-            sum += part(&x[j/W*width + a], j % W);
+            sum += part(&x[j/LANES*width + a], j % LANES);
         total[a] = splat(sum);
     }
 }
 
 static void stages_fill(lanes *to, int rows, int columns, const real *from)
 {
-    const int items = (rows + W - 1)/W;
+    const int items = (rows + LANES - 1)/LANES;
     for (int j = 0; j < columns; ++j)
-        for (int i = 0; i < items*W; ++i)
-            set_part(&to[j*items + i/W], i % W, i < rows ? from[i*columns + j] : 0);
+        for (int i = 0; i < items*LANES; ++i)
+            set_part(&to[j*items + i/LANES], i % LANES, i < rows ? from[i*columns + j] : 0);
+}
+
+/* The weights and tables of all lanes. */
+static void stages_set_weights(stages_t *w)
+{
+    stages_fill(w->mu, S, S, &fast_mu[0][0]);
+    stages_fill(w->mu_hat, S, S, &fast_mu_hat[0][0]);
+    stages_fill(w->onward, S, S, &fast_onward[0][0]);
+    for (int i = 0; i < stages_S*LANES; ++i) {
+        set_part(&w->hb[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
+        set_part(&w->hb_hat[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
+        set_part(&w->late[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
+    }
+}
+
+PRODUCT void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    stages_product(stages_P, S, N, base, stride, table, x, y);
+}
+
+PRODUCT void stages_stages_of_nodes(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    stages_product(stages_S, P, N, base, stride, table, x, y);
+}
+
+PRODUCT void stages_nodes_of_nodes(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    stages_product(stages_P, P, M, base, stride, table, x, y);
+}
+
+/* The place of the nodes of item j, where multipliers act: node 0 is at q. */
+INLINE void stages_node(const stages_t *w, int j, lanes *place)
+{
+    for (int a = 0; a < N; ++a)
+        place[a] = w->q[a] + w->moves[j]*w->now.D[j*N + a];
+}
+
+static void stages_set_nodes(stages_t *w)
+{
+    stages_fill(w->nu, P, S, &fast_nu[0][0]);
+    stages_fill(w->nu_tilde, S, P, &fast_nu_tilde[0][0]);
+    stages_fill(w->inverse, P, P, &fast_inverse[0][0]);
+    stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
+    for (int l = 0; l < stages_P*LANES; ++l)
+        set_part(&w->moves[l/LANES], l % LANES, l < P - 1);
+}
+
+/* Multipliers of lane i, from its impulses. */
+static void stages_multipliers(const stages_t *w, int lane, real *multipliers)
+{
+    const lanes *impulse = w->now.x + stages_IMPULSE;
+    for (int mu = 0; mu < M; ++mu) {
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % stages_PER;
+            multipliers[l*M + mu] = part(&impulse[node/stages_PER*M + mu], at)
+                /(part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+        multipliers[P*M + mu] = part(&w->bound.last[mu], lane)
+            /(part(&w->h, lane)*tableau.b_tilde[P]);
+    }
+}
+
+/* The impulses of a lane from its multipliers. */
+static void stages_load_impulses(stages_t *w, int lane, const real *multipliers)
+{
+    lanes *impulse = w->now.x + stages_IMPULSE;
+    for (int mu = 0; mu < M; ++mu)
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % stages_PER;
+            set_part(&impulse[node/stages_PER*M + mu], at,
+                multipliers[l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l]);
+        }
 }
 
 /* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
 INLINE void stages_look(stages_t *w)
 {
     lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->g_rounded);
+    lanes_constraint(&w->constants, w->q, w->bound.g_rounded);
     lanes_constraint_jacobian(&w->constants, w->q, G);
     for (int mu = 0; mu < M; ++mu) {
         lanes square = splat(DBL_MIN);
-        w->g[mu] = w->g_rounded[mu];
+        w->bound.g[mu] = w->bound.g_rounded[mu];
         for (int a = 0; a < N; ++a) {
-            w->g[mu] += G[mu][a]*w->q_low[a];
+            w->bound.g[mu] += G[mu][a]*w->q_low[a];
             square += G[mu][a]*G[mu][a];
         }
-        w->shortness[mu] = 1/square;
+        w->bound.shortness[mu] = 1/square;
     }
 }
 
-/* C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j), at the places D. */
+/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+INLINE void stages_factor(stages_t *w)
+{
+    (void)w;
+}
+
+/* impulse += (h W)^-1 defect at the nodes of item j */
+INLINE void stages_correct(const stages_t *w, int j, lanes *defect, lanes *impulse)
+{
+    (void)j;
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            impulse[mu] += w->bound.W_inverse[mu][nu]*defect[nu];
+}
+
+/* (h W)^-1 of the run, and c with H_pp G^T = c G^T */
+static void stages_set_schur(stages_t *w)
+{
+    lanes_schur_inverse(&w->constants, w->bound.W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->bound.W_inverse[mu][nu] *= w->h_inverse;
+    w->bound.correction = lanes_correction(&w->constants);
+}
+
+/*
+ * C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j) at the nodes, which are at
+ * Q~_l = q + D_l, D_l = sum_j nu_lj L_j
+ */
 INLINE void stages_forces(stages_t *w, lanes *C)
 {
-    const lanes *impulse = w->now.x + STAGES_X_IMPULSE;
-    for (int j = 0; j < NODE_ITEMS; ++j) {
-        lanes place[N], G[M][N];
+    const lanes *impulse = w->now.x + stages_IMPULSE;
+    for (int j = 0; j < stages_P; ++j) {
+        lanes place[N], *Y = w->now.Y + j*N;
+        stages_node(w, j, place);
+        lanes_constraint_force(&w->constants, place, impulse + j*M, Y);
         for (int a = 0; a < N; ++a)
-            place[a] = w->q[a] + w->moves[j]*w->now.D[j*N + a];
-        lanes_constraint_jacobian(&w->constants, place, G);
-        for (int a = 0; a < N; ++a) {
-            lanes sum = G[0][a]*impulse[j*M];
-            for (int mu = 1; mu < M; ++mu)
-                sum += G[mu][a]*impulse[j*M + mu];
-            w->now.Y[j*N + a] = -sum;
-        }
+            Y[a] = -Y[a];
     }
     stages_stages_of_nodes(w->p, 0, w->nu_tilde, w->now.Y, C);
 }
@@ -1681,108 +2111,183 @@ INLINE void stages_begin(stages_t *w)
 {
     stages_nodes_of_stages(w->zero, 0, w->nu, w->now.x, w->now.D);
     stages_forces(w, w->now.C);
+    stages_factor(w);
+}
+
+/* P_i = C_i + sum_j mu^_ij L^_j */
+INLINE void stages_momenta(const stages_t *w, const lanes *L_hat, lanes *momentum)
+{
+    stages_stages_of_stages(w->now.C, N, w->mu_hat, L_hat, momentum);
+}
+
+/*
+ * Corrects the impulses, so that places that L leads to are on the constraints; C are their forces.
+ * w->bound.defect is how far from g = 0 the nodes were before.
+ */
+INLINE void stages_constrain(stages_t *w, const lanes *L, lanes *C)
+{
+    lanes g[stages_P*M], defect[stages_P*M];
+    stages_nodes_of_stages(w->zero, 0, w->nu, L, w->now.D);
+    for (int l = 0; l < stages_P; ++l) {
+        lanes increment[M];
+        lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
+        for (int mu = 0; mu < M; ++mu)
+            g[l*M + mu] = w->bound.g[mu] + increment[mu];
+    }
+    w->bound.defect = splat(0);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(0);
+        for (int l = 0; l < stages_P; ++l)
+            square += g[l*M + mu]*g[l*M + mu];
+        w->bound.defect += square*w->bound.shortness[mu];
+    }
+    w->bound.defect *= w->q_size;
+    stages_nodes_of_nodes(w->zero, 0, w->inverse, g, defect);
+    for (int j = 0; j < stages_P; ++j)
+        stages_correct(w, j, defect + j*M, w->now.x + stages_IMPULSE + j*M);
+    stages_forces(w, C);
+}
+
+/* dp += what the impulses did, and what rounding left of the last step */
+INLINE void stages_add_impulses(const stages_t *w, lanes dp[N])
+{
+    lanes impulse[N];
+    stages_total(P, N, w->now.Y, impulse);
+    for (int a = 0; a < N; ++a)
+        dp[a] += impulse[a] + w->p_low[a];
+}
+
+/* The polynomial through the last impulses, one step on. */
+INLINE void stages_continue_nodes(const stages_t *w, const lanes *values, lanes *through)
+{
+    stages_nodes_of_nodes(w->zero, 0, w->onward_nodes, values, through);
+}
+
+/* New rates of item i take the place of the old ones; the squares of their changes are added up. */
+INLINE void stages_take(stages_t *w, int i, const lanes *L_new, const lanes *H_q, lanes *q_change,
+    lanes *p_change)
+{
+    lanes *L = w->now.x + i*N, *L_hat = w->now.x + stages_HAT + i*N;
+    for (int a = 0; a < N; ++a) {
+        const lanes force = -w->hb_hat[i]*H_q[a];
+        const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
+        *q_change += dq*dq;
+        *p_change += dp*dp;
+        L[a] = L_new[i*N + a];
+        L_hat[a] = force;
+    }
+}
+
+/*
+ * The second half of a sweep. H_pp G^T = c G^T: what the corrected impulses change of H_p is c
+ * times what they change of the momenta.
+ */
+INLINE void stages_follow(stages_t *w, lanes *Q, lanes *momentum, lanes *L_new,
+    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
+{
+    lanes C[stages_S*N];
+    stages_constrain(w, L_new, C);
+    for (int i = 0; i < stages_S; ++i) {
+        lanes H_q[N], H_p[N];
+        const lanes pull = w->hb[i]*w->bound.correction;
+        for (int a = 0; a < N; ++a) {
+            const lanes more = C[i*N + a] - w->now.C[i*N + a];
+            momentum[i*N + a] += more;
+            w->now.C[i*N + a] = C[i*N + a];
+            L_new[i*N + a] += pull*more;
+        }
+        const lanes t = w->t + w->late[i];
+        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
+        stages_take(w, i, L_new, H_q, q_change, p_change);
+    }
+}
+
+/*
+ * T2: dp becomes such that p + dp is on the constraint on the momenta at q; w->bound.last are the
+ * impulses that bring it there.
+ */
+INLINE void stages_land(stages_t *w, const lanes q[N], lanes dp[N])
+{
+    lanes G[M][N];
+    lanes_constraint_jacobian(&w->constants, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        w->bound.last[mu] = splat(0);
+    for (int round = 0; round < ROUNDS; ++round) {
+        lanes f[M], p[N];
+        schur_t matrix;
+        for (int a = 0; a < N; ++a)
+            p[a] = w->p[a] + dp[a];
+        lanes_hidden_constraint(&w->constants, q, p, f);
+        lanes_hidden_matrix(&w->constants, q, p, matrix);
+        lanes_factor(matrix);
+        lanes_substitute(matrix, f);
+        for (int mu = 0; mu < M; ++mu) {
+            w->bound.last[mu] += f[mu];
+            for (int a = 0; a < N; ++a)
+                dp[a] -= G[mu][a]*f[mu];
+        }
+    }
+}
+
+/* Without forces no work is done. */
+INLINE void stages_add_work(stages_t *w)
+{
+    (void)w;
 }
 
 /* Starting values without a past: the rates at the start of the step, no impulse. */
 INLINE void stages_guess(stages_t *w)
 {
-    lanes H_q[N], H_p[N];
-    lanes shared[3];
-    lanes_velocity(&w->constants, w->q, w->p, H_p, shared);
-    lanes_force(&w->constants, w->q, w->p, shared, H_q);
-    for (int i = 0; i < STAGE_ITEMS; ++i)
+    lanes H_q[N], H_p[N], shared[SHARED];
+    first_rates(&w->constants, w->q, w->p, H_p, shared);
+    second_rates(&w->constants, w->q, w->p, &w->t, shared, H_p, H_q);
+    for (int i = 0; i < stages_S; ++i)
         for (int a = 0; a < N; ++a) {
             w->now.x[i*N + a] = w->hb[i]*H_p[a];
-            w->now.x[STAGES_X_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
+            w->now.x[stages_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
         }
-    for (int e = STAGES_X_IMPULSE; e < STAGES_X; ++e)
+    for (int e = stages_IMPULSE; e < stages_X; ++e)
         w->now.x[e] = splat(0);
 }
 
-/*
- * One sweep; w->change is the sum of squares of what it changed, relative to the state, w->defect that
- * of how far from g = 0 the nodes were, before the impulses were corrected
- */
+/* One sweep; w->change is the sum of squares of what it changed, relative to the state. */
 INLINE void stages_sweep(stages_t *w)
 {
-    lanes *L = w->now.x, *L_hat = w->now.x + STAGES_X_HAT;
-    lanes Q[STAGE_ITEMS*N], momentum[STAGE_ITEMS*N], L_new[STAGE_ITEMS*N];
-    lanes shared[STAGE_ITEMS][3];
+    lanes Q[stages_S*N], momentum[stages_S*N], L_new[stages_S*N], shared[stages_S][SHARED];
     lanes q_change = splat(0), p_change = splat(0);
-    stages_stages_of_stages(w->q, 0, w->mu, L, Q);
-    stages_stages_of_stages(w->now.C, N, w->mu_hat, L_hat, momentum);
-    for (int i = 0; i < STAGE_ITEMS; ++i) {
+    stages_stages_of_stages(w->q, 0, w->mu, w->now.x, Q);
+    stages_momenta(w, w->now.x + stages_HAT, momentum);
+    for (int i = 0; i < stages_S; ++i) {
         lanes H_p[N];
-        lanes_velocity(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
+        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
         for (int a = 0; a < N; ++a)
             L_new[i*N + a] = w->hb[i]*H_p[a];
     }
-    lanes g[NODE_ITEMS*M], C_new[STAGE_ITEMS*N];
-    stages_nodes_of_stages(w->zero, 0, w->nu, L_new, w->now.D);
-    for (int l = 0; l < NODE_ITEMS; ++l) {
-        lanes increment[M];
-        lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
-        for (int mu = 0; mu < M; ++mu)
-            g[l*M + mu] = w->g[mu] + increment[mu];
-    }
-    w->defect = splat(0);
-    for (int mu = 0; mu < M; ++mu) {
-        lanes square = splat(0);
-        for (int l = 0; l < NODE_ITEMS; ++l)
-            square += g[l*M + mu]*g[l*M + mu];
-        w->defect += square*w->shortness[mu];
-    }
-    w->defect *= w->q_size;
-    lanes defect[NODE_ITEMS*M];
-    stages_nodes_of_nodes(w->zero, 0, w->inverse, g, defect);
-    for (int j = 0; j < NODE_ITEMS; ++j) {
-        lanes *impulse = w->now.x + STAGES_X_IMPULSE + j*M;
-        for (int mu = 0; mu < M; ++mu)
-            for (int nu = 0; nu < M; ++nu)
-                impulse[mu] += w->W_inverse[mu][nu]*defect[j*M + nu];
-    }
-    stages_forces(w, C_new);
-    for (int i = 0; i < STAGE_ITEMS; ++i) {
-        lanes H_q[N];
-        const lanes pull = w->hb[i]*w->correction;
-        for (int a = 0; a < N; ++a) {
-            const lanes more = C_new[i*N + a] - w->now.C[i*N + a];
-            momentum[i*N + a] += more;
-            w->now.C[i*N + a] = C_new[i*N + a];
-            L_new[i*N + a] += pull*more;
-        }
-        lanes_force(&w->constants, Q + i*N, momentum + i*N, shared[i], H_q);
-        for (int a = 0; a < N; ++a) {
-            const lanes force = -w->hb_hat[i]*H_q[a];
-            const lanes dq = L_new[i*N + a] - L[i*N + a], dp = force - L_hat[i*N + a];
-            q_change += dq*dq;
-            p_change += dp*dp;
-            L[i*N + a] = L_new[i*N + a];
-            L_hat[i*N + a] = force;
-        }
-    }
+    stages_follow(w, Q, momentum, L_new, shared, &q_change, &p_change);
     w->change = q_change*w->q_size + p_change*w->p_size;
 }
 
-/* H_p and H_q of stages i at given places and momenta. */
-INLINE void stages_rates(const stages_t *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p, lanes *H_q)
+/* H_p and H_q - F of the stages of item i at given places and momenta. */
+INLINE void stages_rates(const stages_t *w, int i, const lanes *Q, const lanes *momentum,
+    lanes *H_p,
+    lanes *H_q)
 {
-    lanes shared[3];
-    (void)i;
-    lanes_velocity(&w->constants, Q, momentum, H_p, shared);
-    lanes_force(&w->constants, Q, momentum, shared, H_q);
+    lanes shared[SHARED];
+    const lanes t = w->t + w->late[i];
+    first_rates(&w->constants, Q, momentum, H_p, shared);
+    second_rates(&w->constants, Q, momentum, &t, shared, H_p, H_q);
 }
 
 /*
- * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that it
- * makes to the rates when a state is moved by two units in the last place, the mean of four times, and
- * what rounding the rates makes. The state is that at the start of the step, for sweeps that have gone
- * astray prove nothing.
+ * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that
+ * it makes to the rates when a state is moved by two units in the last place, the mean of four
+ * times, and what rounding the rates makes. The state is that at the start of the step, for sweeps
+ * that have gone astray prove nothing.
  */
 NOINLINE void stages_noise(stages_t *w)
 {
     w->noise = splat(0);
-    for (int i = 0; i < STAGE_ITEMS; ++i) {
+    for (int i = 0; i < stages_S; ++i) {
         lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
         unsigned chance = 1;
         stages_rates(w, i, w->q, w->p, H_p, H_q);
@@ -1800,7 +2305,8 @@ NOINLINE void stages_noise(stages_t *w)
                 dp += by_q*by_q;
             }
         }
-        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
+        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq
+            + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
     }
 }
 
@@ -1808,34 +2314,16 @@ NOINLINE void stages_noise(stages_t *w)
 INLINE void stages_finish(stages_t *w)
 {
     lanes dq[N], dp[N], q[N], p[N];
+    stages_add_work(w);
     stages_total(S, N, w->now.x, dq);
-    stages_total(S, N, w->now.x + STAGES_X_HAT, dp);
-    lanes impulse[N];
-    stages_total(P, N, w->now.Y, impulse);
+    stages_total(S, N, w->now.x + stages_HAT, dp);
+    stages_add_impulses(w, dp);
     for (int a = 0; a < N; ++a) {
         dq[a] += w->q_low[a];
-        dp[a] += impulse[a] + w->p_low[a];
         two_sum(w->q[a], dq[a], &q[a], &w->q_low[a]);
         w->q[a] = q[a];
     }
-    lanes G[M][N];
-    lanes_constraint_jacobian(&w->constants, q, G);
-    for (int mu = 0; mu < M; ++mu)
-        w->last[mu] = splat(0);
-    for (int round = 0; round < 1; ++round) {
-        lanes f[M], matrix[M][M];
-        for (int a = 0; a < N; ++a)
-            p[a] = w->p[a] + dp[a];
-        lanes_hidden_constraint(&w->constants, q, p, f);
-        lanes_hidden_matrix(&w->constants, q, p, matrix);
-        lanes_factor(matrix);
-        lanes_substitute(matrix, f);
-        for (int mu = 0; mu < M; ++mu) {
-            w->last[mu] += f[mu];
-            for (int a = 0; a < N; ++a)
-                dp[a] -= G[mu][a]*f[mu];
-        }
-    }
+    stages_land(w, q, dp);
     for (int a = 0; a < N; ++a) {
         two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
         w->p[a] = p[a];
@@ -1843,7 +2331,7 @@ INLINE void stages_finish(stages_t *w)
     stages_look(w);
 }
 
-/* Lane i of a run: its constants and weights. */
+/* Lane i of a run: its constants and time step. */
 static void stages_prepare(stages_t *w, int lane, const constants *c, real h)
 {
     set_constants(&w->constants, lane, c);
@@ -1854,27 +2342,13 @@ static void stages_prepare(stages_t *w, int lane, const constants *c, real h)
 /* What follows from the constants and steps of all lanes. */
 static void stages_set_up(stages_t *w)
 {
-    stages_fill(w->mu, S, S, &fast_mu[0][0]);
-    stages_fill(w->mu_hat, S, S, &fast_mu_hat[0][0]);
-    stages_fill(w->onward, S, S, &fast_onward[0][0]);
-    stages_fill(w->nu, P, S, &fast_nu[0][0]);
-    stages_fill(w->nu_tilde, S, P, &fast_nu_tilde[0][0]);
-    stages_fill(w->inverse, P, P, &fast_inverse[0][0]);
-    stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
-    for (int l = 0; l < NODE_ITEMS*W; ++l)
-        set_part(&w->moves[l/W], l % W, l < P - 1);
-    for (int i = 0; i < STAGE_ITEMS*W; ++i) {
-        set_part(&w->hb[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
-        set_part(&w->hb_hat[i/W], i % W, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
-    }
-    lanes_schur_inverse(&w->constants, w->W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->W_inverse[mu][nu] *= w->h_inverse;
-    w->correction = lanes_correction(&w->constants);
+    stages_set_weights(w);
+    stages_set_nodes(w);
+    stages_set_schur(w);
     forget(&w->predictor);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
+    w->work = w->work_low = splat(0);
     stages_look(w);
 }
 
@@ -1883,7 +2357,7 @@ INLINE void stages_sizes(stages_t *w)
 {
     lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
     stages_total(S, N, w->now.x, dq);
-    stages_total(S, N, w->now.x + STAGES_X_HAT, dp);
+    stages_total(S, N, w->now.x + stages_HAT, dp);
     for (int a = 0; a < N; ++a) {
         q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
         p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
@@ -1897,78 +2371,58 @@ INLINE void stages_start(stages_t *w, int predicted)
 {
     if (predicted) {
         if (!w->predictor.fitted) {
-            const lanes *x = past_values(&w->predictor, w->past, STAGES_X, 0);
+            const lanes *x = past_values(&w->predictor, w->past, stages_X, 0);
             stages_stages_of_stages(w->zero, 0, w->onward, x, w->through);
-            stages_stages_of_stages(w->zero, 0, w->onward, x + STAGES_X_HAT,
-                w->through + STAGES_X_HAT);
-            stages_nodes_of_nodes(w->zero, 0, w->onward_nodes,
-                x + STAGES_X_IMPULSE, w->through + STAGES_X_IMPULSE);
+            stages_stages_of_stages(w->zero, 0, w->onward, x + stages_HAT, w->through + stages_HAT);
+            stages_continue_nodes(w, x + stages_IMPULSE, w->through + stages_IMPULSE);
         }
-        predict(&w->predictor, w->past, STAGES_X, stages_ends, w->through, w->now.x);
+        predict(&w->predictor, w->past, stages_X, stages_ends, w->through, w->now.x);
     } else
         stages_guess(w);
     stages_sizes(w);
     stages_begin(w);
 }
 
-/* Multipliers of lane i, from its impulses. */
-static void stages_multipliers(const stages_t *w, int lane, real *multipliers)
-{
-    for (int mu = 0; mu < M; ++mu) {
-        for (int l = 0; l < P; ++l) {
-            const int place = l == 0 ? P - 1 : l - 1;
-            const real impulse = part(&w->now.x[STAGES_X_IMPULSE + place/W*M + mu], place % W);
-            multipliers[l*M + mu] = impulse/(part(&w->h, lane)*tableau.b_tilde[l]);
-        }
-        multipliers[P*M + mu] = part(&w->last[mu], lane)/(part(&w->h, lane)*tableau.b_tilde[P]);
-    }
-}
-
-/* The unknowns (B.2) from the scaled ones, and back. */
-static void stages_unscale(const stages_t *w, real x[U])
-{
-    for (int i = 0; i < S; ++i)
-        for (int a = 0; a < N; ++a) {
-            const int place = i/W*N + a, at = i % W;
-            x[i*N + a] = part(&w->now.x[place], at)/part(&w->hb[i/W], at);
-            x[K_HAT + i*N + a] = part(&w->now.x[STAGES_X_HAT + place], at)/part(&w->hb_hat[i/W], at);
-        }
-    real multipliers[ROOM];
-    stages_multipliers(w, 0, multipliers);
-    for (int l = 0; l < P*M; ++l)
-        x[LAMBDA + l] = multipliers[l];
-}
-
+/* The scaled unknowns of a lane from (B.2). */
 static void stages_load(stages_t *w, int lane, const real x[U])
 {
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
-            const int place = i/W*N + a, at = i % W;
-            (void)lane;
-            set_part(&w->now.x[place], at, x[i*N + a]*part(&w->hb[i/W], at));
-            set_part(&w->now.x[STAGES_X_HAT + place], at, x[K_HAT + i*N + a]*part(&w->hb_hat[i/W], at));
+            const int item = i/stages_PER, place = item*N + a, at = lane + i % stages_PER;
+            const lanes *hb = &w->hb[item], *hb_hat = &w->hb_hat[item];
+            set_part(&w->now.x[place], at, x[i*N + a]*part(hb, at));
+            set_part(&w->now.x[stages_HAT + place], at, x[K_HAT + i*N + a]*part(hb_hat, at));
         }
-    for (int mu = 0; mu < M; ++mu)
-        for (int l = 0; l < P; ++l) {
-            const int place = l == 0 ? P - 1 : l - 1;
-            const real impulse = x[LAMBDA + l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l];
-            set_part(&w->now.x[STAGES_X_IMPULSE + place/W*M + mu], place % W, impulse);
-        }
+    stages_load_impulses(w, lane, x + LAMBDA);
 }
 
-/* ---------------------------------------------------------------- sweeps: W trajectories in lanes */
+/* -------------------------------------------------------- sweeps: several trajectories in lanes */
 
-/* Where the scaled unknowns stand: L = h b k, L^ = h b^ k^ item by item, then h b~ Lambda. */
-enum { TRAJECTORIES_X_HAT = S*N, TRAJECTORIES_X_IMPULSE = 2*S*N, TRAJECTORIES_X = 2*S*N + P*M };
-static const int trajectories_ends[GROUPS] = { TRAJECTORIES_X_HAT, TRAJECTORIES_X_IMPULSE, TRAJECTORIES_X };
-static const int trajectories_rows[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N, (P > 1 ? 2 : 1)*M };
+enum { trajectories_PER = 1, trajectories_S = S, trajectories_P = P };
+enum { trajectories_HAT = trajectories_S*N, trajectories_IMPULSE = 2*trajectories_S*N,
+    trajectories_X = 2*trajectories_S*N + trajectories_P*M };
+static const int trajectories_ends[GROUPS] = { trajectories_HAT, trajectories_IMPULSE,
+    trajectories_X };
+static const int trajectories_rows[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N,
+    (P > 1 ? 2 : 1)*M };
 
-/* What a sweep improves, and what the end of the step needs of it. */
 typedef struct {
-    lanes x[TRAJECTORIES_X];
-    lanes Y[P*N];
-    lanes C[S*N], D[P*N]; /* from here on: not needed once converged */
+    lanes x[trajectories_X];
+    lanes Y[trajectories_P*N];
+    lanes C[trajectories_S*N], D[trajectories_P*N]; /* not needed once converged,
+        but C for the work of forces */
 } trajectories_iterate;
+
+enum { trajectories_RESULT = trajectories_X + trajectories_P*N + trajectories_S*N };
+
+typedef struct {
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes W_inverse[M][M]; /* by h */
+    lanes correction;      /* c, with H_pp G^T = c G^T */
+} trajectories_bound;
 
 typedef struct {
     lane_constants constants;
@@ -1977,26 +2431,21 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes hb[S], hb_hat[S];
-    trajectories_iterate now;
+    lanes t;                  /* at the start of the step */
+    lanes hb[trajectories_S], hb_hat[trajectories_S];
+    lanes late[trajectories_S];    /* h c: stages after the start of the step */
+    lanes work, work_low;  /* done by the forces since the start */
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
-    lanes W_inverse[M][M];
-    lanes correction;
+    trajectories_iterate now;
+    trajectories_bound bound;
     predictor_t predictor;
-    lanes through[TRAJECTORIES_X]; /* the polynomial through the last stages, one step on */
-    lanes past[HISTORY*TRAJECTORIES_X];
+    lanes through[trajectories_X]; /* the polynomial through the last stages, one step on */
+    lanes past[HISTORY*trajectories_X];
 } trajectories_t;
 
-/*
- * y_i = base_i + sum_j table_ij x_j, `width` numbers each row. Two rows by four numbers at a time: then
- * multiply-adds, not loads, are the limit.
- */
 INLINE void trajectories_four(int rows, int columns, int width, int count,
-    const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
+    const lanes *restrict base,
+    int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
 {
     for (int i = 0; i < rows; i += 2) {
         const int next = i + 1 < rows ? i + 1 : i;
@@ -2019,42 +2468,22 @@ INLINE void trajectories_four(int rows, int columns, int width, int count,
     }
 }
 
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
+INLINE void trajectories_product(int rows, int columns, int width, const lanes *base, int stride,
+    const real *table, const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= width; start += 4)
+        trajectories_four(rows, columns, width, 4, base + start, stride, table, x + start,
+            y + start);
+    if (width % 4 > 0)
+        trajectories_four(rows, columns, width, width % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
 NOINLINE void trajectories_stages_of_stages(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        trajectories_four(S, S, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        trajectories_four(P, S, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= N; start += 4)
-        trajectories_four(S, P, N, 4, base + start, stride, table, x + start, y + start);
-}
-
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
-NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
-{
-    int start = 0;
-    for (; start + 4 <= M; start += 4)
-        trajectories_four(P, P, M, 4, base + start, stride, table, x + start, y + start);
-    trajectories_four(P, P, M, 1, base + start, stride, table, x + start,
-        y + start);
+    trajectories_product(trajectories_S, S, N, base, stride, table, x, y);
 }
 
 INLINE void trajectories_total(int count, int width, const lanes *x, lanes *total)
@@ -2066,149 +2495,278 @@ INLINE void trajectories_total(int count, int width, const lanes *x, lanes *tota
     }
 }
 
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
-INLINE void trajectories_look(trajectories_t *w)
+static void trajectories_set_weights(trajectories_t *w)
 {
-    lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->g_rounded);
-    lanes_constraint_jacobian(&w->constants, w->q, G);
-    for (int mu = 0; mu < M; ++mu) {
-        lanes square = splat(DBL_MIN);
-        w->g[mu] = w->g_rounded[mu];
-        for (int a = 0; a < N; ++a) {
-            w->g[mu] += G[mu][a]*w->q_low[a];
-            square += G[mu][a]*G[mu][a];
-        }
-        w->shortness[mu] = 1/square;
+    for (int i = 0; i < S; ++i) {
+        w->hb[i] = w->h*tableau.b[i];
+        w->hb_hat[i] = w->h*tableau.b_hat[i];
+        w->late[i] = w->h*tableau.c[i];
     }
 }
 
-/* C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j), at the places D. */
+NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    trajectories_product(trajectories_P, S, N, base, stride, table, x, y);
+}
+
+NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    trajectories_product(trajectories_S, P, N, base, stride, table, x, y);
+}
+
+NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    trajectories_product(trajectories_P, P, M, base, stride, table, x, y);
+}
+
+INLINE void trajectories_node(const trajectories_t *w, int j, lanes *place)
+{
+    for (int a = 0; a < N; ++a)
+        place[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
+}
+
+static void trajectories_set_nodes(trajectories_t *w)
+{
+    (void)w;
+}
+
+static void trajectories_multipliers(const trajectories_t *w, int lane, real *multipliers)
+{
+    const lanes *impulse = w->now.x + trajectories_IMPULSE;
+    for (int mu = 0; mu < M; ++mu) {
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % trajectories_PER;
+            multipliers[l*M + mu] = part(&impulse[node/trajectories_PER*M + mu], at)
+                /(part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+        multipliers[P*M + mu] = part(&w->bound.last[mu], lane)
+            /(part(&w->h, lane)*tableau.b_tilde[P]);
+    }
+}
+
+static void trajectories_load_impulses(trajectories_t *w, int lane, const real *multipliers)
+{
+    lanes *impulse = w->now.x + trajectories_IMPULSE;
+    for (int mu = 0; mu < M; ++mu)
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % trajectories_PER;
+            set_part(&impulse[node/trajectories_PER*M + mu], at,
+                multipliers[l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l]);
+        }
+}
+
+INLINE void trajectories_look(trajectories_t *w)
+{
+    lanes G[M][N];
+    lanes_constraint(&w->constants, w->q, w->bound.g_rounded);
+    lanes_constraint_jacobian(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(DBL_MIN);
+        w->bound.g[mu] = w->bound.g_rounded[mu];
+        for (int a = 0; a < N; ++a) {
+            w->bound.g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->bound.shortness[mu] = 1/square;
+    }
+}
+
+INLINE void trajectories_factor(trajectories_t *w)
+{
+    (void)w;
+}
+
+INLINE void trajectories_correct(const trajectories_t *w, int j, lanes *defect, lanes *impulse)
+{
+    (void)j;
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            impulse[mu] += w->bound.W_inverse[mu][nu]*defect[nu];
+}
+
+static void trajectories_set_schur(trajectories_t *w)
+{
+    lanes_schur_inverse(&w->constants, w->bound.W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->bound.W_inverse[mu][nu] *= w->h_inverse;
+    w->bound.correction = lanes_correction(&w->constants);
+}
+
 INLINE void trajectories_forces(trajectories_t *w, lanes *C)
 {
-    const lanes *impulse = w->now.x + TRAJECTORIES_X_IMPULSE;
-    for (int j = 0; j < P; ++j) {
-        lanes place[N], G[M][N];
+    const lanes *impulse = w->now.x + trajectories_IMPULSE;
+    for (int j = 0; j < trajectories_P; ++j) {
+        lanes place[N], *Y = w->now.Y + j*N;
+        trajectories_node(w, j, place);
+        lanes_constraint_force(&w->constants, place, impulse + j*M, Y);
         for (int a = 0; a < N; ++a)
-            place[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
-        lanes_constraint_jacobian(&w->constants, place, G);
-        for (int a = 0; a < N; ++a) {
-            lanes sum = G[0][a]*impulse[j*M];
-            for (int mu = 1; mu < M; ++mu)
-                sum += G[mu][a]*impulse[j*M + mu];
-            w->now.Y[j*N + a] = -sum;
-        }
+            Y[a] = -Y[a];
     }
     trajectories_stages_of_nodes(w->p, 0, &fast_nu_tilde[0][0], w->now.Y, C);
 }
 
-/* From starting values: the places of the nodes and the constraint forces there. */
 INLINE void trajectories_begin(trajectories_t *w)
 {
     trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], w->now.x, w->now.D);
     trajectories_forces(w, w->now.C);
+    trajectories_factor(w);
 }
 
-/* Starting values without a past: the rates at the start of the step, no impulse. */
-INLINE void trajectories_guess(trajectories_t *w)
+INLINE void trajectories_momenta(const trajectories_t *w, const lanes *L_hat, lanes *momentum)
 {
-    lanes H_q[N], H_p[N];
-    lanes shared[3];
-    lanes_velocity(&w->constants, w->q, w->p, H_p, shared);
-    lanes_force(&w->constants, w->q, w->p, shared, H_q);
-    for (int i = 0; i < S; ++i)
-        for (int a = 0; a < N; ++a) {
-            w->now.x[i*N + a] = w->hb[i]*H_p[a];
-            w->now.x[TRAJECTORIES_X_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
-        }
-    for (int e = TRAJECTORIES_X_IMPULSE; e < TRAJECTORIES_X; ++e)
-        w->now.x[e] = splat(0);
-}
-
-/*
- * One sweep; w->change is the sum of squares of what it changed, relative to the state, w->defect that
- * of how far from g = 0 the nodes were, before the impulses were corrected
- */
-INLINE void trajectories_sweep(trajectories_t *w)
-{
-    lanes *L = w->now.x, *L_hat = w->now.x + TRAJECTORIES_X_HAT;
-    lanes Q[S*N], momentum[S*N], L_new[S*N];
-    lanes shared[S][3];
-    lanes q_change = splat(0), p_change = splat(0);
-    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], L, Q);
     trajectories_stages_of_stages(w->now.C, N, &fast_mu_hat[0][0], L_hat, momentum);
-    for (int i = 0; i < S; ++i) {
-        lanes H_p[N];
-        lanes_velocity(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
-        for (int a = 0; a < N; ++a)
-            L_new[i*N + a] = w->hb[i]*H_p[a];
-    }
-    lanes g[P*M], C_new[S*N];
-    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L_new, w->now.D);
-    for (int l = 0; l < P; ++l) {
+}
+
+INLINE void trajectories_constrain(trajectories_t *w, const lanes *L, lanes *C)
+{
+    lanes g[trajectories_P*M], defect[trajectories_P*M];
+    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L, w->now.D);
+    for (int l = 0; l < trajectories_P; ++l) {
         lanes increment[M];
         lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
         for (int mu = 0; mu < M; ++mu)
-            g[l*M + mu] = w->g[mu] + increment[mu];
+            g[l*M + mu] = w->bound.g[mu] + increment[mu];
     }
-    w->defect = splat(0);
+    w->bound.defect = splat(0);
     for (int mu = 0; mu < M; ++mu) {
         lanes square = splat(0);
-        for (int l = 0; l < P; ++l)
+        for (int l = 0; l < trajectories_P; ++l)
             square += g[l*M + mu]*g[l*M + mu];
-        w->defect += square*w->shortness[mu];
+        w->bound.defect += square*w->bound.shortness[mu];
     }
-    w->defect *= w->q_size;
-    lanes defect[P*M];
+    w->bound.defect *= w->q_size;
     trajectories_nodes_of_nodes(w->zero, 0, &fast_inverse[0][0], g, defect);
-    for (int j = 0; j < P; ++j) {
-        lanes *impulse = w->now.x + TRAJECTORIES_X_IMPULSE + j*M;
-        for (int mu = 0; mu < M; ++mu)
-            for (int nu = 0; nu < M; ++nu)
-                impulse[mu] += w->W_inverse[mu][nu]*defect[j*M + nu];
+    for (int j = 0; j < trajectories_P; ++j)
+        trajectories_correct(w, j, defect + j*M, w->now.x + trajectories_IMPULSE + j*M);
+    trajectories_forces(w, C);
+}
+
+INLINE void trajectories_add_impulses(const trajectories_t *w, lanes dp[N])
+{
+    lanes impulse[N];
+    trajectories_total(P, N, w->now.Y, impulse);
+    for (int a = 0; a < N; ++a)
+        dp[a] += impulse[a] + w->p_low[a];
+}
+
+INLINE void trajectories_continue_nodes(const trajectories_t *w, const lanes *values,
+    lanes *through)
+{
+    trajectories_nodes_of_nodes(w->zero, 0, &fast_onward_nodes[0][0], values, through);
+}
+
+INLINE void trajectories_take(trajectories_t *w, int i, const lanes *L_new, const lanes *H_q,
+    lanes *q_change,
+    lanes *p_change)
+{
+    lanes *L = w->now.x + i*N, *L_hat = w->now.x + trajectories_HAT + i*N;
+    for (int a = 0; a < N; ++a) {
+        const lanes force = -w->hb_hat[i]*H_q[a];
+        const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
+        *q_change += dq*dq;
+        *p_change += dp*dp;
+        L[a] = L_new[i*N + a];
+        L_hat[a] = force;
     }
-    trajectories_forces(w, C_new);
-    for (int i = 0; i < S; ++i) {
-        lanes H_q[N];
-        const lanes pull = w->hb[i]*w->correction;
+}
+
+INLINE void trajectories_follow(trajectories_t *w, lanes *Q, lanes *momentum, lanes *L_new,
+    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
+{
+    lanes C[trajectories_S*N];
+    trajectories_constrain(w, L_new, C);
+    for (int i = 0; i < trajectories_S; ++i) {
+        lanes H_q[N], H_p[N];
+        const lanes pull = w->hb[i]*w->bound.correction;
         for (int a = 0; a < N; ++a) {
-            const lanes more = C_new[i*N + a] - w->now.C[i*N + a];
+            const lanes more = C[i*N + a] - w->now.C[i*N + a];
             momentum[i*N + a] += more;
-            w->now.C[i*N + a] = C_new[i*N + a];
+            w->now.C[i*N + a] = C[i*N + a];
             L_new[i*N + a] += pull*more;
         }
-        lanes_force(&w->constants, Q + i*N, momentum + i*N, shared[i], H_q);
-        for (int a = 0; a < N; ++a) {
-            const lanes force = -w->hb_hat[i]*H_q[a];
-            const lanes dq = L_new[i*N + a] - L[i*N + a], dp = force - L_hat[i*N + a];
-            q_change += dq*dq;
-            p_change += dp*dp;
-            L[i*N + a] = L_new[i*N + a];
-            L_hat[i*N + a] = force;
+        const lanes t = w->t + w->late[i];
+        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
+        trajectories_take(w, i, L_new, H_q, q_change, p_change);
+    }
+}
+
+INLINE void trajectories_land(trajectories_t *w, const lanes q[N], lanes dp[N])
+{
+    lanes G[M][N];
+    lanes_constraint_jacobian(&w->constants, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        w->bound.last[mu] = splat(0);
+    for (int round = 0; round < ROUNDS; ++round) {
+        lanes f[M], p[N];
+        schur_t matrix;
+        for (int a = 0; a < N; ++a)
+            p[a] = w->p[a] + dp[a];
+        lanes_hidden_constraint(&w->constants, q, p, f);
+        lanes_hidden_matrix(&w->constants, q, p, matrix);
+        lanes_factor(matrix);
+        lanes_substitute(matrix, f);
+        for (int mu = 0; mu < M; ++mu) {
+            w->bound.last[mu] += f[mu];
+            for (int a = 0; a < N; ++a)
+                dp[a] -= G[mu][a]*f[mu];
         }
     }
+}
+
+INLINE void trajectories_add_work(trajectories_t *w)
+{
+    (void)w;
+}
+
+INLINE void trajectories_guess(trajectories_t *w)
+{
+    lanes H_q[N], H_p[N], shared[SHARED];
+    first_rates(&w->constants, w->q, w->p, H_p, shared);
+    second_rates(&w->constants, w->q, w->p, &w->t, shared, H_p, H_q);
+    for (int i = 0; i < trajectories_S; ++i)
+        for (int a = 0; a < N; ++a) {
+            w->now.x[i*N + a] = w->hb[i]*H_p[a];
+            w->now.x[trajectories_HAT + i*N + a] = -w->hb_hat[i]*H_q[a];
+        }
+    for (int e = trajectories_IMPULSE; e < trajectories_X; ++e)
+        w->now.x[e] = splat(0);
+}
+
+INLINE void trajectories_sweep(trajectories_t *w)
+{
+    lanes Q[trajectories_S*N], momentum[trajectories_S*N], L_new[trajectories_S*N],
+        shared[trajectories_S][SHARED];
+    lanes q_change = splat(0), p_change = splat(0);
+    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], w->now.x, Q);
+    trajectories_momenta(w, w->now.x + trajectories_HAT, momentum);
+    for (int i = 0; i < trajectories_S; ++i) {
+        lanes H_p[N];
+        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
+        for (int a = 0; a < N; ++a)
+            L_new[i*N + a] = w->hb[i]*H_p[a];
+    }
+    trajectories_follow(w, Q, momentum, L_new, shared, &q_change, &p_change);
     w->change = q_change*w->q_size + p_change*w->p_size;
 }
 
-/* H_p and H_q of stage i at given places and momenta. */
-INLINE void trajectories_rates(const trajectories_t *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p, lanes *H_q)
+INLINE void trajectories_rates(const trajectories_t *w, int i, const lanes *Q,
+    const lanes *momentum, lanes *H_p,
+    lanes *H_q)
 {
-    lanes shared[3];
-    (void)i;
-    lanes_velocity(&w->constants, Q, momentum, H_p, shared);
-    lanes_force(&w->constants, Q, momentum, shared, H_q);
+    lanes shared[SHARED];
+    const lanes t = w->t + w->late[i];
+    first_rates(&w->constants, Q, momentum, H_p, shared);
+    second_rates(&w->constants, Q, momentum, &t, shared, H_p, H_q);
 }
 
-/*
- * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that it
- * makes to the rates when a state is moved by two units in the last place, the mean of four times, and
- * what rounding the rates makes. The state is that at the start of the step, for sweeps that have gone
- * astray prove nothing.
- */
 NOINLINE void trajectories_noise(trajectories_t *w)
 {
     w->noise = splat(0);
-    for (int i = 0; i < S; ++i) {
+    for (int i = 0; i < trajectories_S; ++i) {
         lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
         unsigned chance = 1;
         trajectories_rates(w, i, w->q, w->p, H_p, H_q);
@@ -2226,42 +2784,24 @@ NOINLINE void trajectories_noise(trajectories_t *w)
                 dp += by_q*by_q;
             }
         }
-        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
+        w->noise += (real)0.25*(w->hb[i]*w->hb[i]*w->q_size*dq
+            + w->hb_hat[i]*w->hb_hat[i]*w->p_size*dp);
     }
 }
 
-/* T2: the end of the step from the converged stages, in compensated sums. */
 INLINE void trajectories_finish(trajectories_t *w)
 {
     lanes dq[N], dp[N], q[N], p[N];
+    trajectories_add_work(w);
     trajectories_total(S, N, w->now.x, dq);
-    trajectories_total(S, N, w->now.x + TRAJECTORIES_X_HAT, dp);
-    lanes impulse[N];
-    trajectories_total(P, N, w->now.Y, impulse);
+    trajectories_total(S, N, w->now.x + trajectories_HAT, dp);
+    trajectories_add_impulses(w, dp);
     for (int a = 0; a < N; ++a) {
         dq[a] += w->q_low[a];
-        dp[a] += impulse[a] + w->p_low[a];
         two_sum(w->q[a], dq[a], &q[a], &w->q_low[a]);
         w->q[a] = q[a];
     }
-    lanes G[M][N];
-    lanes_constraint_jacobian(&w->constants, q, G);
-    for (int mu = 0; mu < M; ++mu)
-        w->last[mu] = splat(0);
-    for (int round = 0; round < 1; ++round) {
-        lanes f[M], matrix[M][M];
-        for (int a = 0; a < N; ++a)
-            p[a] = w->p[a] + dp[a];
-        lanes_hidden_constraint(&w->constants, q, p, f);
-        lanes_hidden_matrix(&w->constants, q, p, matrix);
-        lanes_factor(matrix);
-        lanes_substitute(matrix, f);
-        for (int mu = 0; mu < M; ++mu) {
-            w->last[mu] += f[mu];
-            for (int a = 0; a < N; ++a)
-                dp[a] -= G[mu][a]*f[mu];
-        }
-    }
+    trajectories_land(w, q, dp);
     for (int a = 0; a < N; ++a) {
         two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
         w->p[a] = p[a];
@@ -2269,7 +2809,6 @@ INLINE void trajectories_finish(trajectories_t *w)
     trajectories_look(w);
 }
 
-/* Lane i of a run: its constants and weights. */
 static void trajectories_prepare(trajectories_t *w, int lane, const constants *c, real h)
 {
     set_constants(&w->constants, lane, c);
@@ -2277,30 +2816,23 @@ static void trajectories_prepare(trajectories_t *w, int lane, const constants *c
     set_part(&w->h_inverse, lane, 1/h);
 }
 
-/* What follows from the constants and steps of all lanes. */
 static void trajectories_set_up(trajectories_t *w)
 {
-    for (int i = 0; i < S; ++i) {
-        w->hb[i] = w->h*tableau.b[i];
-        w->hb_hat[i] = w->h*tableau.b_hat[i];
-    }
-    lanes_schur_inverse(&w->constants, w->W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->W_inverse[mu][nu] *= w->h_inverse;
-    w->correction = lanes_correction(&w->constants);
+    trajectories_set_weights(w);
+    trajectories_set_nodes(w);
+    trajectories_set_schur(w);
     forget(&w->predictor);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
+    w->work = w->work_low = splat(0);
     trajectories_look(w);
 }
 
-/* What changes are relative to: the state and the step's own length. */
 INLINE void trajectories_sizes(trajectories_t *w)
 {
     lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
     trajectories_total(S, N, w->now.x, dq);
-    trajectories_total(S, N, w->now.x + TRAJECTORIES_X_HAT, dp);
+    trajectories_total(S, N, w->now.x + trajectories_HAT, dp);
     for (int a = 0; a < N; ++a) {
         q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
         p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
@@ -2309,61 +2841,90 @@ INLINE void trajectories_sizes(trajectories_t *w)
     w->p_size = 1/p_square;
 }
 
-/* Starting values of the next step. */
 INLINE void trajectories_start(trajectories_t *w, int predicted)
 {
     if (predicted) {
         if (!w->predictor.fitted) {
-            const lanes *x = past_values(&w->predictor, w->past, TRAJECTORIES_X, 0);
+            const lanes *x = past_values(&w->predictor, w->past, trajectories_X, 0);
             trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x, w->through);
-            trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x + TRAJECTORIES_X_HAT,
-                w->through + TRAJECTORIES_X_HAT);
-            trajectories_nodes_of_nodes(w->zero, 0, &fast_onward_nodes[0][0],
-                x + TRAJECTORIES_X_IMPULSE, w->through + TRAJECTORIES_X_IMPULSE);
+            trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x + trajectories_HAT,
+                w->through + trajectories_HAT);
+            trajectories_continue_nodes(w, x + trajectories_IMPULSE,
+                w->through + trajectories_IMPULSE);
         }
-        predict(&w->predictor, w->past, TRAJECTORIES_X, trajectories_ends, w->through, w->now.x);
+        predict(&w->predictor, w->past, trajectories_X, trajectories_ends, w->through, w->now.x);
     } else
         trajectories_guess(w);
     trajectories_sizes(w);
     trajectories_begin(w);
 }
 
-/* Multipliers of lane i, from its impulses. */
-static void trajectories_multipliers(const trajectories_t *w, int lane, real *multipliers)
-{
-    for (int mu = 0; mu < M; ++mu) {
-        for (int l = 0; l < P; ++l) {
-            const int place = l == 0 ? P - 1 : l - 1;
-            const real impulse = part(&w->now.x[TRAJECTORIES_X_IMPULSE + place*M + mu], lane);
-            multipliers[l*M + mu] = impulse/(part(&w->h, lane)*tableau.b_tilde[l]);
-        }
-        multipliers[P*M + mu] = part(&w->last[mu], lane)/(part(&w->h, lane)*tableau.b_tilde[P]);
-    }
-}
-
-/* The scaled unknowns of a lane from (B.2). */
 static void trajectories_load(trajectories_t *w, int lane, const real x[U])
 {
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
-            const int place = i*N + a;
-            set_part(&w->now.x[place], lane, x[i*N + a]*part(&w->hb[i], lane));
-            set_part(&w->now.x[TRAJECTORIES_X_HAT + place], lane, x[K_HAT + i*N + a]*part(&w->hb_hat[i], lane));
+            const int item = i/trajectories_PER, place = item*N + a,
+                at = lane + i % trajectories_PER;
+            const lanes *hb = &w->hb[item], *hb_hat = &w->hb_hat[item];
+            set_part(&w->now.x[place], at, x[i*N + a]*part(hb, at));
+            set_part(&w->now.x[trajectories_HAT + place], at, x[K_HAT + i*N + a]*part(hb_hat, at));
         }
-    for (int mu = 0; mu < M; ++mu)
-        for (int l = 0; l < P; ++l) {
-            const int place = l == 0 ? P - 1 : l - 1;
-            const real impulse = x[LAMBDA + l*M + mu]*part(&w->h, lane)*tableau.b_tilde[l];
-            set_part(&w->now.x[TRAJECTORIES_X_IMPULSE + place*M + mu], lane, impulse);
+    trajectories_load_impulses(w, lane, x + LAMBDA);
+}
+
+/* The unknowns (B.2) from the scaled ones. */
+static void stages_unscale(const stages_t *w, real x[U])
+{
+    real multipliers[ROOM];
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            const int item = i/stages_PER, place = item*N + a, at = i % stages_PER;
+            const lanes *hb = &w->hb[item], *hb_hat = &w->hb_hat[item];
+            x[i*N + a] = part(&w->now.x[place], at)/part(hb, at);
+            x[K_HAT + i*N + a] = part(&w->now.x[stages_HAT + place], at)/part(hb_hat, at);
         }
+    stages_multipliers(w, 0, multipliers);
+    for (int l = 0; l < P*M; ++l)
+        x[LAMBDA + l] = multipliers[l];
+}
+
+/* A number of the one trajectory from its lanes, which hold a part each. */
+INLINE real stages_of_lanes(const lanes *x)
+{
+    real sum = part(x, 0);
+    for (int i = 1; i < LANES; ++i)
+        sum += part(x, i);
+    return sum;
+}
+
+/* How many lanes differ. */
+static int stages_used(void)
+{
+    const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
+    return most < LANES ? most : LANES;
+}
+
+/* Adds what is left of the constraints at the one trajectory's state to the record. */
+static void stages_observe_defects(const stages_t *s, report_t *report)
+{
+    lanes f[M];
+    real g_size = 0, f_size = 0;
+    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = larger(fabs(part(&s->bound.g_rounded[mu], 0)), g_size);
+        f_size = larger(fabs(part(&f[mu], 0)), f_size);
+    }
+    observe_defects(g_size, f_size, report);
 }
 
 /* What a sweep costs, in additions, for all of its stages and nodes. */
 enum {
     PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with what a stage has */
-    SWEEP_COST = (107 + PRODUCTS)*STAGE_ITEMS + 0*S
-        + 19*NODE_ITEMS + 0*P
+    SWEEP_COST = (107 + PRODUCTS)*stages_S + 0*S
+        + 19*stages_P + 0*P
 };
+
+/* --------------------------------------------------- one trajectory: sweeps, Newton behind them */
 
 /* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
 enum { SWEEPS_FIRST, NEWTON_FIRST };
@@ -2386,15 +2947,6 @@ static fast_t *fast_of(work_t *w)
     return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
-/* A number of the one trajectory from its lanes, which hold a part each. */
-INLINE real stages_of_lanes(const lanes *x)
-{
-    real sum = part(x, 0);
-    for (int i = 1; i < W; ++i)
-        sum += part(x, i);
-    return sum;
-}
-
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(stages_t *w, const options_t *options, int predicted, int *sweeps)
 {
@@ -2404,7 +2956,8 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
     stages_start(w, predicted);
     do {
         stages_sweep(w);
-        const real change = stages_of_lanes(&w->change), defect = stages_of_lanes(&w->defect);
+        const real change = stages_of_lanes(&w->change);
+        const real defect = stages_of_lanes(&w->bound.defect);
         if (calls_for_look(&progress, change)) {
             stages_noise(w);
             look(&progress, stages_of_lanes(&w->noise));
@@ -2412,8 +2965,10 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
         verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
-        if (!predicted && verdict == SWEEP_AGAIN && (progress.sweeps == 1 || progress.sweeps == 3)) {
+        const int early = progress.sweeps == 1 || progress.sweeps == 3;
+        if (!predicted && verdict == SWEEP_AGAIN && early) {
             stages_sizes(w); /* what is at rest has none before it moves */
+            stages_factor(w);
         }
     } while (verdict == SWEEP_AGAIN);
     *sweeps += progress.sweeps;
@@ -2453,8 +3008,8 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
 }
 
 /*
- * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed to
- * be three residuals and a Jacobian. The other way is tried again ever more rarely.
+ * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed
+ * to be three residuals and a Jacobian. The other way is tried again ever more rarely.
  */
 static void choose_way(fast_t *f, long effort)
 {
@@ -2477,13 +3032,17 @@ static void choose_way(fast_t *f, long effort)
     }
 }
 
-/* One step of the state in the work memory: sweeps, and Newton where they do not converge or cost more. */
+/*
+ * One step of the state in the work memory: sweeps, and Newton where they do not converge or cost
+ * more.
+ */
 static int fast_advance(work_t *w, const options_t *options, real dt, int *iterations,
     report_t *report)
 {
     fast_t *f = fast_of(w);
     *iterations = 0;
     w->effort = 0;
+    f->run.t = splat(w->t);
     const int past = f->run.predictor.count > 0, only_sweeps = options->solver == FIXED_POINT;
     const int tries = only_sweeps || (f->way == SWEEPS_FIRST && f->wait == 0);
     int status = NOT_CONVERGED;
@@ -2506,7 +3065,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
         f->failures = 0;
     choose_way(f, sweeps*SWEEP_COST + w->effort);
     stages_t *s = &f->run;
-    record(&s->predictor, s->past, STAGES_X, stages_ends, stages_rows, s->through, s->now.x);
+    record(&s->predictor, s->past, stages_X, stages_ends, stages_rows, s->through, s->now.x);
     stages_finish(s);
     real size = 0;
     for (int a = 0; a < N; ++a)
@@ -2520,9 +3079,8 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     f->failures = f->wait = f->way = f->steps = 0;
     f->patience = 32;
     f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
-    const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
-    f->run.constants._used = most < W ? most : W;
-    for (int i = 0; i < W; ++i)
+    f->run.constants._used = stages_used();
+    for (int i = 0; i < LANES; ++i)
         stages_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
         f->run.q[a] = splat(q[a]);
@@ -2545,109 +3103,100 @@ static void fast_observe(work_t *w, report_t *report)
 {
     stages_t *s = &fast_of(w)->run;
     const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
-    const real error = fabs(part(&H, 0) - report->energy_start);
+    set_work(report, part(&s->work, 0), part(&s->work_low, 0));
+    const real gain = part(&H, 0) - report->energy_start;
+    const real error = fabs(gain - work_so_far(report));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
-    lanes f[M];
-    real g_size = 0, f_size = 0;
-    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
-    for (int mu = 0; mu < M; ++mu) {
-        g_size = larger(fabs(part(&s->g_rounded[mu], 0)), g_size);
-        f_size = larger(fabs(part(&f[mu], 0)), f_size);
+    stages_observe_defects(s, report);
+}
+
+/* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
+
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
+{
+    if (options->solver != NEWTON)
+        fast_begin(w, dt, q, p);
+}
+
+/* One step of a run, counted and observed. */
+static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
+    real multipliers[ROOM], int *iterations, report_t *report)
+{
+    if (options->solver == NEWTON) {
+        const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
+        if (status != OK)
+            return status;
+        count_work(w, report);
+        observe(&w->constants, q, p, report);
+        return OK;
     }
-    report->constraint_max = larger(g_size, report->constraint_max);
-    report->constraint_sum += g_size;
-    report->hidden_max = larger(f_size, report->hidden_max);
-    report->hidden_sum += f_size;
-}
-
-/* ---------------------------------------------------------------- the public functions */
-
-int heavy_top_gl4_alpha_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
-    const real p[N], real x[U], int *iterations, work_t *work)
-{
-    prepare(parameters, &work->constants);
-    guess(work, dt, q, p, x);
-    return newton(work, options, dt, q, p, x, iterations);
-}
-
-int heavy_top_gl4_alpha_T2(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    return finish(work, dt, q, p, x, q1, p1, multipliers);
-}
-
-/* One step; the constants of the run are prepared. */
-static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
-    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
-{
-    real q_end[N], p_end[N];
-    guess(w, dt, q, p, w->x);
-    int status = newton(w, options, dt, q, p, w->x, iterations);
-    if (status == OK)
-        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    const int status = fast_advance(w, options, dt, iterations, report);
     if (status != OK)
         return status;
-    for (int a = 0; a < N; ++a) {
-        q1[a] = q_end[a];
-        p1[a] = p_end[a];
-    }
+    fast_observe(w, report);
+    fast_state(w, q, p);
     return OK;
 }
 
+/* The multipliers of the last step; Newton has put them there. */
+static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
+{
+    if (options->solver != NEWTON)
+        stages_multipliers(&fast_of(w)->run, 0, multipliers);
+}
+
+/* A step with no past and no future. */
+static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    if (options->solver == NEWTON)
+        return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
+    report_t report = { 0 };
+    fast_begin(w, dt, q, p);
+    const int status = fast_advance(w, options, dt, iterations, &report);
+    if (status == OK) {
+        fast_state(w, q1, p1);
+        stages_multipliers(&fast_of(w)->run, 0, multipliers);
+    }
+    return status;
+}
+
+/* ------------------------------------------------------------------------- the public functions */
+
 int heavy_top_gl4_alpha_step(const parameters_t *parameters, const options_t *options, real dt,
-    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations,
-    work_t *work)
+    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
+    int *iterations, work_t *work)
 {
     prepare(parameters, &work->constants);
-    if (options->solver != NEWTON) {
-        report_t report = { 0 };
-        fast_begin(work, dt, q, p);
-        const int status = fast_advance(work, options, dt, iterations, &report);
-        if (status == OK) {
-            fast_state(work, q1, p1);
-            stages_multipliers(&fast_of(work)->run, 0, multipliers);
-        }
-        return status;
-    }
-    return advance(work, options, dt, q, p, q1, p1, multipliers, iterations);
+    work->t = start_time(parameters);
+    return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 
-/* Adds the state (q, p) to the record. */
-static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
-{
-    const real error = fabs(hamiltonian(c, q, p) - report->energy_start);
-    report->energy_error_max = larger(error, report->energy_error_max);
-    report->energy_error_sum += error;
-    real g[M], f[M];
-    constraint(c, q, g);
-    hidden_constraint(c, q, p, f);
-    const real g_size = norm(M, g), f_size = norm(M, f);
-    report->constraint_max = larger(g_size, report->constraint_max);
-    report->constraint_sum += g_size;
-    report->hidden_max = larger(f_size, report->hidden_max);
-    report->hidden_sum += f_size;
-}
+/* Where a run stores its rows; NULL where they are not wanted. */
+typedef struct {
+    real *q, *p, *multipliers;
+    int *iterations;
+    real *work;
+} rows_t;
 
-int heavy_top_gl4_alpha_integrate(const parameters_t *parameters, const options_t *options, real dt,
-    long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
-    int *iterations, report_t *report, work_t *work)
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
 {
     prepare(parameters, &work->constants);
     if (report->steps == 0) {
         report->energy_start = hamiltonian(&work->constants, q, p);
         observe(&work->constants, q, p, report);
+        begin_run(work, options, dt, q, p);
     }
-    const int fast = options->solver != NEWTON;
-    if (fast && report->steps == 0)
-        fast_begin(work, dt, q, p);
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        const int status = fast ? fast_advance(work, options, dt, &taken, report)
-            : advance(work, options, dt, q, p, q, p, forces, &taken);
+        work->t = start_time(parameters) + (real)report->steps*dt;
+        const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
         ++report->steps;
@@ -2656,83 +3205,35 @@ int heavy_top_gl4_alpha_integrate(const parameters_t *parameters, const options_
             report->iterations_max = taken;
         if (taken > most)
             most = taken;
-        if (fast) {
-            fast_observe(work, report);
-            fast_state(work, q, p);
-        } else
-            observe(&work->constants, q, p, report);
         if (k % every != 0)
             continue;
-        if (fast && multipliers != NULL)
-            stages_multipliers(&fast_of(work)->run, 0, forces);
+        if (out.multipliers != NULL)
+            multipliers_of_run(work, options, forces);
         const long row = k/every - 1;
-        for (int a = 0; a < N && q_out != NULL; ++a)
-            q_out[row*N + a] = q[a];
-        for (int a = 0; a < N && p_out != NULL; ++a)
-            p_out[row*N + a] = p[a];
-        for (int l = 0; l < MULTIPLIERS && multipliers != NULL; ++l)
-            multipliers[row*MULTIPLIERS + l] = forces[l];
-        if (iterations != NULL)
-            iterations[row] = most;
+        for (int a = 0; a < N && out.q != NULL; ++a)
+            out.q[row*N + a] = q[a];
+        for (int a = 0; a < N && out.p != NULL; ++a)
+            out.p[row*N + a] = p[a];
+        for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
+            out.multipliers[row*MULTIPLIERS + l] = forces[l];
+        if (out.iterations != NULL)
+            out.iterations[row] = most;
+        if (out.work != NULL)
+            out.work[row] = work_so_far(report);
         most = 0;
     }
     return OK;
 }
 
-void heavy_top_gl4_alpha_guess(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    real x[U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    guess(work, dt, q, p, x);
-}
-
-void heavy_top_gl4_alpha_residual(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real r[U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    residual(work, dt, q, p, x, r);
-}
-
-void heavy_top_gl4_alpha_jacobian(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real J[U*U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    residual(work, dt, q, p, x, work->r);
-    jacobian(work, dt, q, p, x, J);
-}
-
-real heavy_top_gl4_alpha_increment_size(real dt, const real q[N], const real p[N], const real x[U],
-    const real dx[U], const work_t *work)
-{
-    return increment_size(work, dt, q, p, x, dx);
-}
-
-int heavy_top_gl4_alpha_lands(real dt, const real q[N], const real x[U], work_t *work)
-{
-    return lands(work, dt, q, x);
-}
-
-real heavy_top_gl4_alpha_last_increment(const work_t *work)
-{
-    return work->increment;
-}
-
-void heavy_top_gl4_alpha_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
-    real *H)
-{
-    constants c;
-    prepare(parameters, &c);
-    for (long i = 0; i < count; ++i)
-        H[i] = hamiltonian(&c, q + i*N, p + i*N);
-}
-
-/* ---------------------------------------------------------------- W trajectories at a time */
+/* --------------------------------------------------------------- several trajectories at a time */
 
 /* What a caller's batch memory holds. */
 typedef struct {
     trajectories_t run;
     trajectories_iterate kept; /* lanes that converged before their mates, or are to be kept */
     lanes energy_start, energy_error_max, energy_error_sum;
+    lanes start; /* the time at the start of the run */
+    long done;   /* steps since then */
     lanes g_max, g_sum, f_max, f_sum;
 } batch_t;
 
@@ -2744,13 +3245,11 @@ static batch_t *batch_of(batch_memory *memory)
     return (batch_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
 }
 
-/* What the end of a step needs of an iterate: its first lanes. */
-enum { RESULT = TRAJECTORIES_X + P*N };
-
 enum { WHOLE = sizeof(trajectories_iterate)/sizeof(lanes) };
 
 /* The first `count` lanes of an iterate, for one trajectory. */
-static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane, int count)
+static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane,
+    int count)
 {
     lanes *target = (lanes *)(void *)to;
     const lanes *source = (const lanes *)(const void *)from;
@@ -2767,11 +3266,11 @@ static void restart(batch_t *b, const int *fresh, const real *x)
     b->kept = b->run.now;
     if (x == NULL)
         trajectories_guess(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (x != NULL && fresh[i])
             trajectories_load(&b->run, i, x);
     trajectories_begin(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (!fresh[i])
             copy_lane(&b->run.now, &b->kept, i, WHOLE);
 }
@@ -2786,9 +3285,9 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     trajectories_t *run = &b->run;
     const real far = (real)0.02;
     const int predicted = run->predictor.count > 0;
-    progress_t progress[W];
-    int busy[W], early[W], fresh[W], left = 0;
-    for (int i = 0; i < W; ++i) {
+    progress_t progress[LANES];
+    int busy[LANES], early[LANES], fresh[LANES], left = 0;
+    for (int i = 0; i < LANES; ++i) {
         progress[i] = start_of_sweeps(run->predictor.rate[i]);
         busy[i] = alive[i];
         early[i] = lost[i] = 0;
@@ -2798,15 +3297,15 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     for (int round = 1; left > 0; ++round) {
         int again = 0, looks = 0;
         trajectories_sweep(run);
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
         if (looks)
             trajectories_noise(run);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             fresh[i] = 0;
             if (!busy[i])
                 continue;
-            const real change = part(&run->change, i), defect = part(&run->defect, i);
+            const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
             if (calls_for_look(&progress[i], change))
                 look(&progress[i], part(&run->noise, i));
             const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
@@ -2824,19 +3323,20 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         }
         if (again)
             restart(b, fresh, NULL);
-        for (int i = 0; i < W && left > 0; ++i)
+        for (int i = 0; i < LANES && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
-                copy_lane(&b->kept, &run->now, i, RESULT);
+                copy_lane(&b->kept, &run->now, i, trajectories_RESULT);
             }
         if (!predicted && left > 0 && (round == 1 || round == 3)) {
             trajectories_sizes(run);
+            trajectories_factor(run);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
-            copy_lane(&run->now, &b->kept, i, RESULT);
+            copy_lane(&run->now, &b->kept, i, trajectories_RESULT);
     }
 }
 
@@ -2844,18 +3344,14 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
 static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
 {
     real q[N], p[N];
-    int fresh[W] = { 0 }, taken;
-    constants *c = &w->constants;
-    c->mgl = part(&b->run.constants.mgl, lane);
-    c->k0 = part(&b->run.constants.k0, lane);
-    c->k1 = part(&b->run.constants.k1, lane);
-    c->k2 = part(&b->run.constants.k2, lane);
-    c->k3 = part(&b->run.constants.k3, lane);
+    int fresh[LANES] = { 0 }, taken;
+    get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
         p[a] = part(&b->run.p[a], lane);
     }
     const real dt = part(&b->run.h, lane);
+    w->t = part(&b->run.t, lane);
     guess(w, dt, q, p, w->x);
     const int status = newton(w, options, dt, q, p, w->x, &taken);
     *iterations += taken;
@@ -2870,7 +3366,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
 INLINE lanes lanes_larger(lanes a, lanes b)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, larger(part(&b, i), part(&a, i)));
     return result;
 }
@@ -2878,22 +3374,18 @@ INLINE lanes lanes_larger(lanes a, lanes b)
 INLINE lanes lanes_size(lanes a)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, fabs(part(&a, i)));
     return result;
 }
 
-static void observe_lanes(batch_t *b)
+static void observe_lane_defects(batch_t *b)
 {
     trajectories_t *run = &b->run;
-    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
-        - b->energy_start);
-    b->energy_error_max = lanes_larger(b->energy_error_max, error);
-    b->energy_error_sum += error;
     lanes f[M], g_size = splat(0), f_size = splat(0);
     lanes_hidden_constraint(&run->constants, run->q, run->p, f);
     for (int mu = 0; mu < M; ++mu) {
-        g_size = lanes_larger(g_size, lanes_size(run->g_rounded[mu]));
+        g_size = lanes_larger(g_size, lanes_size(run->bound.g_rounded[mu]));
         f_size = lanes_larger(f_size, lanes_size(f[mu]));
     }
     b->g_max = lanes_larger(b->g_max, g_size);
@@ -2902,9 +3394,20 @@ static void observe_lanes(batch_t *b)
     b->f_sum += f_size;
 }
 
+static void observe_lanes(batch_t *b)
+{
+    trajectories_t *run = &b->run;
+    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
+        - b->energy_start - run->work);
+    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_sum += error;
+    observe_lane_defects(b);
+}
+
 /* The record of a lane, between memory and report. */
 static void write_report(const batch_t *b, int lane, report_t *report)
 {
+    set_work(report, part(&b->run.work, lane), part(&b->run.work_low, lane));
     report->energy_error_max = part(&b->energy_error_max, lane);
     report->energy_error_sum = part(&b->energy_error_sum, lane);
     report->constraint_max = part(&b->g_max, lane);
@@ -2914,8 +3417,8 @@ static void write_report(const batch_t *b, int lane, report_t *report)
 }
 
 /* State and record of a lane, for the caller. */
-static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p, real *q,
-    real *p, report_t *report)
+static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p,
+    real *q, real *p, report_t *report)
 {
     write_report(b, lane, report);
     for (int a = 0; a < N; ++a) {
@@ -2936,18 +3439,20 @@ static int is_finite_lane(const trajectories_t *run, int lane)
 static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
 {
-    b->run.constants._used = count < W ? count : W;
-    for (int i = 0; i < W; ++i) {
+    b->run.constants._used = count < LANES ? count : LANES;
+    for (int i = 0; i < LANES; ++i) {
         const int from = i < count ? i : 0;
         constants c;
         prepare(&parameters[from], &c);
         trajectories_prepare(&b->run, i, &c, dt[from]);
+        set_part(&b->start, i, start_time(&parameters[from]));
         for (int a = 0; a < N; ++a) {
             set_part(&b->run.q[a], i, q[from*N + a]);
             set_part(&b->run.p[a], i, p[from*N + a]);
         }
     }
     trajectories_set_up(&b->run);
+    b->done = 0;
     b->energy_start = lanes_hamiltonian(&b->run.constants, b->run.q, b->run.p);
     b->energy_error_max = b->energy_error_sum = splat(0);
     b->g_max = b->g_sum = b->f_max = b->f_sum = splat(0);
@@ -2956,17 +3461,16 @@ static void begin_batch(batch_t *b, int count, const parameters_t *parameters, c
 
 int heavy_top_gl4_alpha_lanes(void)
 {
-    return W;
+    return LANES;
 }
 
-void heavy_top_gl4_alpha_integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
-    const real *dt, long steps, long every, long rows, real *q, real *p, real *q_out, real *p_out,
-    real *multipliers, int *iterations, report_t *reports, int *status, batch_memory *batch,
-    work_t *work)
+static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
     batch_t *b = batch_of(batch);
     trajectories_t *run = &b->run;
-    int alive[W], most[W] = { 0 }, living = 0;
+    int alive[LANES], most[LANES] = { 0 }, living = 0;
     if (count <= 0)
         return;
     if (reports[0].steps == 0 && status[0] == OK) {
@@ -2976,14 +3480,15 @@ void heavy_top_gl4_alpha_integrate_lanes(int count, const parameters_t *paramete
             write_report(b, i, &reports[i]);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         alive[i] = i < count && status[i] == OK;
         living += alive[i];
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
-        int lost[W], taken[W] = { 0 };
+        int lost[LANES], taken[LANES] = { 0 };
+        run->t = b->start + (real)b->done++*run->h;
         sweep_lanes(b, options, alive, lost, taken);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             if (!lost[i])
                 continue;
             if (options->solver != FIXED_POINT) {
@@ -3002,7 +3507,8 @@ void heavy_top_gl4_alpha_integrate_lanes(int count, const parameters_t *paramete
             q_before[a] = run->q[a];
             p_before[a] = run->p[a];
         }
-        record(&run->predictor, run->past, TRAJECTORIES_X, trajectories_ends, trajectories_rows,
+        const lanes work_before = run->work;
+        record(&run->predictor, run->past, trajectories_X, trajectories_ends, trajectories_rows,
             run->through, run->now.x);
         trajectories_finish(run);
         for (int i = 0; i < count; ++i)
@@ -3011,6 +3517,7 @@ void heavy_top_gl4_alpha_integrate_lanes(int count, const parameters_t *paramete
                 alive[i] = 0;
                 --living;
                 keep_state(b, i, q_before, p_before, q, p, &reports[i]);
+                restore_work(&reports[i], part(&work_before, i));
             }
         observe_lanes(b);
         for (int i = 0; i < count; ++i) {
@@ -3028,33 +3535,58 @@ void heavy_top_gl4_alpha_integrate_lanes(int count, const parameters_t *paramete
             if (k % every != 0)
                 continue;
             const long row = i*rows + k/every - 1;
-            for (int a = 0; a < N && q_out != NULL; ++a)
-                q_out[row*N + a] = part(&run->q[a], i);
-            for (int a = 0; a < N && p_out != NULL; ++a)
-                p_out[row*N + a] = part(&run->p[a], i);
-            if (MULTIPLIERS > 0 && multipliers != NULL)
-                trajectories_multipliers(run, i, multipliers + row*MULTIPLIERS);
-            if (iterations != NULL)
-                iterations[row] = most[i];
+            for (int a = 0; a < N && out.q != NULL; ++a)
+                out.q[row*N + a] = part(&run->q[a], i);
+            for (int a = 0; a < N && out.p != NULL; ++a)
+                out.p[row*N + a] = part(&run->p[a], i);
+            if (MULTIPLIERS > 0 && out.multipliers != NULL)
+                trajectories_multipliers(run, i, out.multipliers + row*MULTIPLIERS);
+            if (out.iterations != NULL)
+                out.iterations[row] = most[i];
+            if (out.work != NULL)
+                out.work[row] = part(&run->work, i);
             most[i] = 0;
         }
     }
 }
 
-/* ---------------------------------------------------------------- any number of trajectories, whole runs */
+/* ------------------------------------------------------- any number of trajectories, whole runs */
 
-void heavy_top_gl4_alpha_integrate_many(long count, const parameters_t *parameters, const options_t *options,
+void heavy_top_gl4_alpha_integrate_many(long count, const parameters_t *parameters,
+    const options_t *options,
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
-    const long rows = steps/every;
-    for (long i = 0; i < count && options->solver != NEWTON; i += W)
-        heavy_top_gl4_alpha_integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
-            steps, every, rows, q + i*N, p + i*N, q_out == NULL ? NULL : q_out + i*rows*N,
-            p_out == NULL ? NULL : p_out + i*rows*N, NULL, NULL, reports + i, status + i, batch,
-            work);
-    for (long i = 0; i < count && options->solver == NEWTON; ++i)
-        status[i] = heavy_top_gl4_alpha_integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
-            q_out == NULL ? NULL : q_out + i*rows*N, p_out == NULL ? NULL : p_out + i*rows*N, NULL,
-            NULL, reports + i, work);
+    const long rows = steps/every, together = options->solver == NEWTON ? 1 : LANES;
+    for (long i = 0; i < count; i += together) {
+        const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
+            .p = p_out == NULL ? NULL : p_out + i*rows*N };
+        if (options->solver == NEWTON)
+            status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
+                out, reports + i, work);
+        else
+            integrate_lanes(count - i < LANES ? (int)(count - i) : LANES, parameters + i, options,
+                dt + i, steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch,
+                work);
+    }
+}
+
+/* ------------------------------------------------------------- calls with what this system has */
+
+int heavy_top_gl4_alpha_integrate(const parameters_t *parameters, const options_t *options, real dt,
+    long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
+    int *iterations, report_t *report, work_t *work)
+{
+    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
+    return integrate(parameters, options, dt, steps, every, q, p, out, report, work);
+}
+
+void heavy_top_gl4_alpha_integrate_lanes(int count, const parameters_t *parameters,
+    const options_t *options, const real *dt, long steps, long every, long rows, real *q, real *p,
+    real *q_out, real *p_out, real *multipliers, int *iterations,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
+{
+    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
+    integrate_lanes(count, parameters, options, dt, steps, every, rows, q, p, out, reports,
+        status, batch, work);
 }

@@ -27,10 +27,12 @@ extern "C" {
 /* What a call returns. */
 enum heavy_top_gl4_gamma_status {
     HEAVY_TOP_GL4_GAMMA_OK = 0,
-    HEAVY_TOP_GL4_GAMMA_NOT_CONVERGED = 1, /* max_iterations were too few: increments still shrank */
+    HEAVY_TOP_GL4_GAMMA_NOT_CONVERGED = 1,
+        /* max_iterations were too few: increments still shrank */
     HEAVY_TOP_GL4_GAMMA_SINGULAR = 2,
     HEAVY_TOP_GL4_GAMMA_NOT_FINITE = 3,
-    HEAVY_TOP_GL4_GAMMA_STAGNATED = 4, /* increments stopped shrinking above what rounding explains */
+    HEAVY_TOP_GL4_GAMMA_STAGNATED = 4,
+        /* increments stopped shrinking above what rounding explains */
     HEAVY_TOP_GL4_GAMMA_DIVERGED = 5   /* they never became small */
 };
 
@@ -44,7 +46,8 @@ typedef struct {
 
 /* How T1 is solved. */
 enum heavy_top_gl4_gamma_solver {
-    HEAVY_TOP_GL4_GAMMA_AUTO = 0,       /* sweeps, and Newton for a step where they do not converge */
+    HEAVY_TOP_GL4_GAMMA_AUTO = 0,       /* sweeps,
+        and Newton for a step where they do not converge */
     HEAVY_TOP_GL4_GAMMA_NEWTON = 1,     /* full Newton */
     HEAVY_TOP_GL4_GAMMA_FIXED_POINT = 2 /* sweeps alone */
 };
@@ -104,20 +107,23 @@ typedef struct {
     double J[1296];
     int exponents[36]; /* scales of the rows of J, and the order of its pivots */
     int pivots[36];
-    double Q[4][4];
-    double P[4][4];
+    double t; /* at the start of the step */
+    double stage_q[4][4]; /* Q_i */
+    double stage_p[4][4]; /* P_i */
     double D[5][4]; /* Q~_l - q */
-    double G[5][1][4];
     double force[4][4]; /* G_l^T Lambda_l */
+    double Q_tilde[5][4];
+    double G[5][1][4];
     double K[4][4][4];
-    unsigned char memory[78848]; /* of the fast path, kept from step to step */
+    unsigned char memory[79680]; /* of the fast path, kept from step to step */
 } heavy_top_gl4_gamma_work;
 
 /*
  * One step from (q, p) to (q1, p1); the arrays may be the same. multipliers (5
  * of them) and iterations are results too.
  */
-int heavy_top_gl4_gamma_step(const heavy_top_gl4_gamma_parameters *parameters, const heavy_top_gl4_gamma_options *options,
+int heavy_top_gl4_gamma_step(const heavy_top_gl4_gamma_parameters *parameters,
+    const heavy_top_gl4_gamma_options *options,
     double dt, const double q[4], const double p[4], double q1[4], double p1[4],
     double multipliers[5], int *iterations, heavy_top_gl4_gamma_work *work);
 
@@ -128,72 +134,97 @@ int heavy_top_gl4_gamma_step(const heavy_top_gl4_gamma_parameters *parameters, c
  * step ends the call with its status; report->steps says how many succeeded. A call with the
  * report, the work and the options of an earlier one goes on where that ended, to the bit.
  */
-int heavy_top_gl4_gamma_integrate(const heavy_top_gl4_gamma_parameters *parameters, const heavy_top_gl4_gamma_options *options,
+int heavy_top_gl4_gamma_integrate(const heavy_top_gl4_gamma_parameters *parameters,
+    const heavy_top_gl4_gamma_options *options,
     double dt, long steps, long every, double q[4], double p[4], double *q_out, double *p_out,
-    double *multipliers, int *iterations, heavy_top_gl4_gamma_report *report, heavy_top_gl4_gamma_work *work);
+    double *multipliers, int *iterations, heavy_top_gl4_gamma_report *report,
+        heavy_top_gl4_gamma_work *work);
 
-/* Memory of heavy_top_gl4_gamma_integrate_lanes, for one batch at a time. Contents need no preparation. */
+/*
+ * Memory of heavy_top_gl4_gamma_integrate_lanes, for one batch at a time. Contents need no
+ * preparation.
+ */
 typedef struct {
-    unsigned char memory[115200];
+    unsigned char memory[116992];
 } heavy_top_gl4_gamma_batch;
 
-/* How many trajectories heavy_top_gl4_gamma_integrate_lanes takes at a time: the lanes of a vector register. */
+/*
+ * How many trajectories heavy_top_gl4_gamma_integrate_lanes takes at a time: the lanes of a vector
+ * register.
+ */
 int heavy_top_gl4_gamma_lanes(void);
 
 /*
- * As heavy_top_gl4_gamma_integrate for `count` trajectories (at most heavy_top_gl4_gamma_lanes() of them), each with its own
- * parameters, dt, state, report and status: all arrays have one entry, or one row, a trajectory.
+ * As heavy_top_gl4_gamma_integrate for `count` trajectories
+ * (at most heavy_top_gl4_gamma_lanes() of them), each with its own parameters, dt, state, report and status: all arrays have one entry, or one row, a trajectory.
  * Trajectory i stores from row i*rows on. A trajectory that fails keeps its last state and does
  * not disturb the others; statuses are 0 at the first call. Sweeps, and Newton for a trajectory
  * and step where they do not converge.
  */
-void heavy_top_gl4_gamma_integrate_lanes(int count, const heavy_top_gl4_gamma_parameters *parameters,
+void heavy_top_gl4_gamma_integrate_lanes(int count,
+    const heavy_top_gl4_gamma_parameters *parameters,
     const heavy_top_gl4_gamma_options *options, const double *dt, long steps, long every, long rows,
     double *q, double *p, double *q_out, double *p_out, double *multipliers, int *iterations,
-    heavy_top_gl4_gamma_report *reports, int *status, heavy_top_gl4_gamma_batch *batch, heavy_top_gl4_gamma_work *work);
+    heavy_top_gl4_gamma_report *reports, int *status, heavy_top_gl4_gamma_batch *batch,
+        heavy_top_gl4_gamma_work *work);
 
 /*
  * Whole runs of any number of trajectories, each with its own parameters, dt, state, report and
  * status, which are 0 before. (q, p) become the ends; every `every`-th state goes to q_out, p_out
- * (either may be NULL), steps/every rows a trajectory. A trajectory that fails keeps its last state.
+ * (either may be NULL), steps/every rows a trajectory. A trajectory that fails keeps its last
+ * state.
  */
-void heavy_top_gl4_gamma_integrate_many(long count, const heavy_top_gl4_gamma_parameters *parameters,
-    const heavy_top_gl4_gamma_options *options, const double *dt, long steps, long every, double *q, double *p,
-    double *q_out, double *p_out, heavy_top_gl4_gamma_report *reports, int *status, heavy_top_gl4_gamma_batch *batch, heavy_top_gl4_gamma_work *work);
+void heavy_top_gl4_gamma_integrate_many(long count,
+    const heavy_top_gl4_gamma_parameters *parameters,
+    const heavy_top_gl4_gamma_options *options, const double *dt, long steps, long every,
+        double *q, double *p,
+    double *q_out, double *p_out, heavy_top_gl4_gamma_report *reports, int *status,
+        heavy_top_gl4_gamma_batch *batch, heavy_top_gl4_gamma_work *work);
 
 /* The two halves of a step: T1 solves for the 36 unknowns x, T2 finishes the step from them. */
-int heavy_top_gl4_gamma_T1(const heavy_top_gl4_gamma_parameters *parameters, const heavy_top_gl4_gamma_options *options, double dt,
-    const double q[4], const double p[4], double x[36], int *iterations, heavy_top_gl4_gamma_work *work);
-int heavy_top_gl4_gamma_T2(const heavy_top_gl4_gamma_parameters *parameters, double dt, const double q[4], const double p[4],
+int heavy_top_gl4_gamma_T1(const heavy_top_gl4_gamma_parameters *parameters,
+    const heavy_top_gl4_gamma_options *options, double dt,
+    const double q[4], const double p[4], double x[36], int *iterations,
+        heavy_top_gl4_gamma_work *work);
+int heavy_top_gl4_gamma_T2(const heavy_top_gl4_gamma_parameters *parameters, double dt,
+    const double q[4], const double p[4],
     const double x[36], double q1[4], double p1[4], double multipliers[5],
     heavy_top_gl4_gamma_work *work);
 
 /* What T1 solves: residual r(x), its Jacobian (row by row), the starting guess. */
 /* x = (k_1..k_s, k^_1..k^_s, Lambda_0..Lambda_(p-1)), (B.2) */
-void heavy_top_gl4_gamma_guess(const heavy_top_gl4_gamma_parameters *parameters, double dt, const double q[4],
+void heavy_top_gl4_gamma_guess(const heavy_top_gl4_gamma_parameters *parameters, double dt,
+    const double q[4],
     const double p[4], double x[36], heavy_top_gl4_gamma_work *work);
-void heavy_top_gl4_gamma_residual(const heavy_top_gl4_gamma_parameters *parameters, double dt, const double q[4],
+void heavy_top_gl4_gamma_residual(const heavy_top_gl4_gamma_parameters *parameters, double dt,
+    const double q[4],
     const double p[4], const double x[36], double r[36], heavy_top_gl4_gamma_work *work);
-void heavy_top_gl4_gamma_jacobian(const heavy_top_gl4_gamma_parameters *parameters, double dt, const double q[4],
+void heavy_top_gl4_gamma_jacobian(const heavy_top_gl4_gamma_parameters *parameters, double dt,
+    const double q[4],
     const double p[4], const double x[36], double J[1296], heavy_top_gl4_gamma_work *work);
 /* The size by which the iteration judges an increment dx; work is that of the last residual. */
-double heavy_top_gl4_gamma_increment_size(double dt, const double q[4], const double p[4], const double x[36],
+double heavy_top_gl4_gamma_increment_size(double dt, const double q[4], const double p[4],
+    const double x[36],
     const double dx[36], const heavy_top_gl4_gamma_work *work);
 /* Whether the unknowns x end the step on the constraints; work is that of the last residual. */
-int heavy_top_gl4_gamma_lands(double dt, const double q[4], const double x[36], heavy_top_gl4_gamma_work *work);
+int heavy_top_gl4_gamma_lands(double dt, const double q[4], const double x[36],
+    heavy_top_gl4_gamma_work *work);
 /* The size of the last increment that full Newton made with this work memory. */
 double heavy_top_gl4_gamma_last_increment(const heavy_top_gl4_gamma_work *work);
 
 /* H of `count` states. */
-void heavy_top_gl4_gamma_hamiltonian(const heavy_top_gl4_gamma_parameters *parameters, long count, const double *q,
+void heavy_top_gl4_gamma_hamiltonian(const heavy_top_gl4_gamma_parameters *parameters, long count,
+    const double *q,
     const double *p, double *H);
 
 /* Defects of `count` states: g(q), and f(q, p) with f = p0*q0 + p1*q1 + p2*q2 + p3*q3. */
-void heavy_top_gl4_gamma_defects(const heavy_top_gl4_gamma_parameters *parameters, long count, const double *q,
+void heavy_top_gl4_gamma_defects(const heavy_top_gl4_gamma_parameters *parameters, long count,
+    const double *q,
     const double *p, double *g, double *f);
 
 /* Moves (q, p) onto g(q) = 0, f(q, p) = 0 by Newton steps along g_q^T. */
-int heavy_top_gl4_gamma_project(const heavy_top_gl4_gamma_parameters *parameters, double q[4], double p[4]);
+int heavy_top_gl4_gamma_project(const heavy_top_gl4_gamma_parameters *parameters, double q[4],
+    double p[4]);
 
 /* The coefficients this stepper was compiled with. */
 const heavy_top_gl4_gamma_tableau *heavy_top_gl4_gamma_coefficients(void);

@@ -18,6 +18,16 @@
  *   mean_jacobian          140 add, 211 mul
  *   mean_constraint        4 mul
  *   mean_curvature         no operations
+ *
+ * Letters, each with one meaning:
+ *   N, M, U      coordinates, constraints, unknowns of T1
+ *   q, p, t      coordinates, momenta, time; dt or h is a step, which ends at q1, p1
+ *   H, g, G      Hamiltonian, constraints, their derivative dg/dq; f = 0 on the momenta
+ *   lambda       multipliers of the constraints; impulses are h lambda, with the weight of a node
+ *   x, r, J      unknowns of T1, their residual, its derivative dr/dx
+ *   W            G H_pp G^T, through which the multipliers are corrected
+ *   c, w         constants of a run; its memory
+ *   LANES        reals in a vector register: stages, or trajectories, that move together
  */
 #include "heavy_top_ims_alpha.h"
 
@@ -49,6 +59,33 @@ enum {
 
 static const real epsilon = DBL_EPSILON;
 
+/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
+enum {
+    RESIDUAL_COST = 115*S + 79*P + U*U,
+    JACOBIAN_COST = 351*S + 4*P
+};
+
+/* --------------------------------------------------------------------------- sizes and rounding */
+
+static real larger(real a, real b)
+{
+    return a > b ? a : b;
+}
+
+/* max |x_i|; NaN if there is one */
+static real norm(int n, const real *x)
+{
+    real size = 0;
+    for (int i = 0; i < n; ++i) {
+        const real a = fabs(x[i]);
+        if (isnan(a))
+            return a;
+        if (a > size)
+            size = a;
+    }
+    return size;
+}
+
 /* Two units in the last place of 1, up or down by chance: to see what rounding is worth. */
 static real nudge(unsigned *chance)
 {
@@ -56,7 +93,102 @@ static real nudge(unsigned *chance)
     return *chance >> 31 ? 2*epsilon : -2*epsilon;
 }
 
-/* ---------------------------------------------------------------- kernels: expressions only */
+/* ------------------------------------------------------------------------------- linear algebra */
+
+/*
+ * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
+ * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
+ * are counted: how many there are depends on the zeros.
+ */
+static int lu_factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
+    long *products)
+{
+    *products = 0;
+    for (int i = 0; i < n; ++i) {
+        const real size = norm(n, A + i*n);
+        if (!isfinite(size))
+            return NOT_FINITE;
+        if (!(size > 0))
+            return SINGULAR;
+        (void)frexp(size, &exponents[i]);
+        const real scale = ldexp(1, -exponents[i]);
+        for (int j = 0; j < n; ++j)
+            A[i*n + j] *= scale;
+    }
+    for (int k = 0; k < n; ++k) {
+        int pivot = k;
+        for (int i = k + 1; i < n; ++i)
+            if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
+                pivot = i;
+        pivots[k] = pivot;
+        if (!(fabs(A[pivot*n + k]) > 0))
+            return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
+        for (int j = 0; j < n && pivot != k; ++j) {
+            const real swap = A[k*n + j];
+            A[k*n + j] = A[pivot*n + j];
+            A[pivot*n + j] = swap;
+        }
+        for (int i = k + 1; i < n; ++i) {
+            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
+            A[i*n + k] = factor;
+            if (factor == 0) /* most rows: stages couple through few entries */
+                continue;
+            *products += n - k;
+            for (int j = k + 1; j < n; ++j)
+                A[i*n + j] -= factor*A[k*n + j];
+        }
+    }
+    return OK;
+}
+
+/* x replaces b in A x = b, from the factors of A. */
+static int lu_substitute(int n, const real *restrict A, const int *restrict exponents,
+    const int *restrict pivots, real *restrict b)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!isfinite(b[i]))
+            return NOT_FINITE;
+        b[i] = ldexp(b[i], -exponents[i]);
+    }
+    for (int k = 0; k < n; ++k) {
+        const real value = b[pivots[k]];
+        b[pivots[k]] = b[k];
+        b[k] = value;
+    }
+    for (int i = 1; i < n; ++i) {
+        real sum = b[i];
+        for (int j = 0; j < i; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum;
+    }
+    for (int i = n - 1; i >= 0; --i) {
+        real sum = b[i];
+        for (int j = i + 1; j < n; ++j)
+            sum -= A[i*n + j]*b[j];
+        b[i] = sum/A[i*n + i];
+    }
+    return OK;
+}
+
+/* The Jacobian of T1 as U rows of U, its factors in its place. */
+static int factorise_jacobian(work_t *w)
+{
+    return lu_factorise(U, w->J, w->exponents, w->pivots, &w->products);
+}
+
+/* b <- J^-1 b from the factors */
+static int solve_jacobian(work_t *w, real b[U])
+{
+    return lu_substitute(U, w->J, w->exponents, w->pivots, b);
+}
+
+static void spread_jacobian(const real *J, real *dense)
+{
+    for (int e = 0; e < U*U; ++e)
+        dense[e] = J[e];
+}
+
+/* ------------------------------------------------------------------- kernels: expressions only */
 
 /* Constants of a run from its parameters. */
 static void prepare(const parameters_t *par, constants *c)
@@ -66,6 +198,13 @@ static void prepare(const parameters_t *par, constants *c)
     c->k1 = 1.0/par->I1;
     c->k2 = 1.0/par->I2;
     c->k3 = 1.0/par->I3;
+}
+
+/* The time at the start: of a run, or of a step. */
+static inline real start_time(const parameters_t *parameters)
+{
+    (void)parameters;
+    return 0; /* this system does not ask for it */
 }
 
 /* A rounded value: volatile keeps the compiler from contracting its product into a sum. */
@@ -115,7 +254,8 @@ static void constraint(const constants *c, const double q[4], double g[1])
 }
 
 /* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
-static void constraint_increment(const constants *c, const double q[4], const double d[4], double dg[1])
+static void constraint_increment(const constants *c, const double q[4], const double d[4],
+    double dg[1])
 {
     (void)c;
     dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
@@ -148,10 +288,12 @@ static void hidden_matrix(const constants *c, const double q[4], const double p[
 }
 
 /* D_q, D_p: gradient at the midpoint. 40 add, 75 mul. */
-static void mean_gradient(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], double D_q[4], double D_p[4])
+static void mean_gradient(const constants *c, const double qm[4], const double pm[4],
+    const double dq[4], const double dp[4], const double t[1], double D_q[4], double D_p[4])
 {
     (void)dq;
     (void)dp;
+    (void)t;
     /* Common subexpressions (16) */
     const double t0 = 2.0*c->mgl;
     const double t1 = 0.25*pm[0];
@@ -180,10 +322,13 @@ static void mean_gradient(const constants *c, const double qm[4], const double p
 }
 
 /* derivatives of D_q and D_p by dq and dp. 140 add, 211 mul. */
-static void mean_jacobian(const constants *c, const double qm[4], const double pm[4], const double dq[4], const double dp[4], double D_qq[4][4], double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
+static void mean_jacobian(const constants *c, const double qm[4], const double pm[4],
+    const double dq[4], const double dp[4], const double t[1], double D_qq[4][4],
+    double D_qp[4][4], double D_pq[4][4], double D_pp[4][4])
 {
     (void)dq;
     (void)dp;
+    (void)t;
     /* Common subexpressions (76) */
     const double t0 = pm[0]*pm[0];
     const double t1 = 0.125*c->k0;
@@ -328,7 +473,8 @@ static void mean_jacobian(const constants *c, const double qm[4], const double p
 }
 
 /* G between q0 and q1. 4 mul. */
-static void mean_constraint(const constants *c, const double qm[4], const double dq[4], double G[1][4])
+static void mean_constraint(const constants *c, const double qm[4], const double dq[4],
+    double G[1][4])
 {
     (void)c;
     (void)dq;
@@ -339,7 +485,8 @@ static void mean_constraint(const constants *c, const double qm[4], const double
 }
 
 /* K = d(G^T lambda)/d(dq). no operations. */
-static void mean_curvature(const constants *c, const double qm[4], const double dq[4], const double lambda[1], double K[4][4])
+static void mean_curvature(const constants *c, const double qm[4], const double dq[4],
+    const double lambda[1], double K[4][4])
 {
     (void)c;
     (void)qm;
@@ -362,142 +509,93 @@ static void mean_curvature(const constants *c, const double qm[4], const double 
     K[3][3] = lambda[0];
 }
 
-/* ---------------------------------------------------------------- linear algebra */
-
-static real larger(real a, real b)
-{
-    return a > b ? a : b;
-}
-
-/* max |x_i|; NaN if there is one */
-static real norm(int n, const real *x)
-{
-    real size = 0;
-    for (int i = 0; i < n; ++i) {
-        const real a = fabs(x[i]);
-        if (isnan(a))
-            return a;
-        if (a > size)
-            size = a;
-    }
-    return size;
-}
-
-/*
- * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
- * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
- * are counted: how many there are depends on the zeros.
- */
-static int factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots, long *products)
-{
-    *products = 0;
-    for (int i = 0; i < n; ++i) {
-        const real size = norm(n, A + i*n);
-        if (!isfinite(size))
-            return NOT_FINITE;
-        if (!(size > 0))
-            return SINGULAR;
-        (void)frexp(size, &exponents[i]);
-        const real scale = ldexp(1, -exponents[i]);
-        for (int j = 0; j < n; ++j)
-            A[i*n + j] *= scale;
-    }
-    for (int k = 0; k < n; ++k) {
-        int pivot = k;
-        for (int i = k + 1; i < n; ++i)
-            if (fabs(A[i*n + k]) > fabs(A[pivot*n + k]))
-                pivot = i;
-        pivots[k] = pivot;
-        if (!(fabs(A[pivot*n + k]) > 0))
-            return isfinite(A[pivot*n + k]) ? SINGULAR : NOT_FINITE;
-        for (int j = 0; j < n && pivot != k; ++j) {
-            const real swap = A[k*n + j];
-            A[k*n + j] = A[pivot*n + j];
-            A[pivot*n + j] = swap;
-        }
-        for (int i = k + 1; i < n; ++i) {
-            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
-            A[i*n + k] = factor;
-            if (factor == 0) /* most rows: stages couple through few entries */
-                continue;
-            *products += n - k;
-            for (int j = k + 1; j < n; ++j)
-                A[i*n + j] -= factor*A[k*n + j];
-        }
-    }
-    return OK;
-}
-
-/* x replaces b in A x = b, from the factors of A. */
-static int substitute(int n, const real *restrict A, const int *restrict exponents,
-    const int *restrict pivots, real *restrict b)
-{
-    for (int i = 0; i < n; ++i) {
-        if (!isfinite(b[i]))
-            return NOT_FINITE;
-        b[i] = ldexp(b[i], -exponents[i]);
-    }
-    for (int k = 0; k < n; ++k) {
-        const real value = b[pivots[k]];
-        b[pivots[k]] = b[k];
-        b[k] = value;
-    }
-    for (int i = 1; i < n; ++i) {
-        real sum = b[i];
-        for (int j = 0; j < i; ++j)
-            sum -= A[i*n + j]*b[j];
-        b[i] = sum;
-    }
-    for (int i = n - 1; i >= 0; --i) {
-        real sum = b[i];
-        for (int j = i + 1; j < n; ++j)
-            sum -= A[i*n + j]*b[j];
-        b[i] = sum/A[i*n + i];
-    }
-    return OK;
-}
-
 /* Solves A x = b; x replaces b, the factors of A replace A. */
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)
 {
     long products;
-    const int status = factorise(n, A, exponents, pivots, &products);
-    return status == OK ? substitute(n, A, exponents, pivots, b) : status;
+    const int status = lu_factorise(n, A, exponents, pivots, &products);
+    return status == OK ? lu_substitute(n, A, exponents, pivots, b) : status;
 }
 
-/* ---------------------------------------------------------------- onto the constraints */
+/* ---------------------------------------------------------------- constraints: G as m rows of n */
+
+/* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
+enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
+
+/* G^T lambda */
+static void constraint_force(const constants *c, const real q[N], const real lambda[M],
+    real force[N])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int a = 0; a < N; ++a) {
+        force[a] = 0;
+        for (int mu = 0; mu < M; ++mu)
+            force[a] += G[mu][a]*lambda[mu];
+    }
+}
+
+/* The largest entry of each row of G. */
+static void constraint_reach(const constants *c, const real q[N], real reach[M])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        reach[mu] = norm(N, G[mu]);
+}
+
+/* f <- W^-1 f with W = (df/dp) G^T */
+static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
+{
+    real W[M][M];
+    int exponents[M], pivots[M];
+    hidden_matrix(c, q, p, W);
+    return solve(M, &W[0][0], f, exponents, pivots);
+}
+
+/* g <- (G G^T)^-1 g */
+static int solve_place(const constants *c, const real q[N], real g[M])
+{
+    real G[M][N], W[M][M];
+    int exponents[M], pivots[M];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu) {
+            W[mu][nu] = 0;
+            for (int a = 0; a < N; ++a)
+                W[mu][nu] += G[mu][a]*G[nu][a];
+        }
+    return solve(M, &W[0][0], g, exponents, pivots);
+}
+
+/* ------------------------------------------------------------------------- onto the constraints */
 
 /*
  * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is
  * round-off; impulse is the sum of all W^-1 f. One step is exact when H is quadratic in p, the
  * next one removes its round-off.
  */
-static int project_momentum(const constants *c, const real q[N], real G[M][N], real p[N],
-    real impulse[M])
+static int project_momentum(const constants *c, const real q[N], real p[N], real impulse[M])
 {
     real previous = HUGE_VAL;
     for (int mu = 0; mu < M; ++mu)
         impulse[mu] = 0;
     for (int iteration = 0; iteration < 20; ++iteration) {
-        real f[M], W[M][M], step = 0;
+        real f[M], change[N];
         hidden_constraint(c, q, p, f);
-        hidden_matrix(c, q, p, W);
-        int exponents[M], pivots[M];
-        const int status = solve(M, &W[0][0], f, exponents, pivots);
+        const int status = solve_momentum(c, q, p, f);
         if (status != OK)
             return status;
-        for (int a = 0; a < N; ++a) {
-            real change = 0;
-            for (int mu = 0; mu < M; ++mu)
-                change += G[mu][a]*f[mu];
-            p[a] -= change;
-            step = larger(step, fabs(change));
-        }
+        constraint_force(c, q, f, change);
+        for (int a = 0; a < N; ++a)
+            p[a] -= change[a];
         for (int mu = 0; mu < M; ++mu)
             impulse[mu] += f[mu];
-        const real floor = epsilon*norm(N, p);
-        if (step <= floor/2 || (step <= 4*floor && step >= previous/2))
+        const real step = norm(N, change), floor = epsilon*norm(N, p);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= floor/2 || (step <= SLACK_OF_MOMENTUM*floor && step >= previous/2))
             return OK;
         previous = step;
     }
@@ -507,29 +605,22 @@ static int project_momentum(const constants *c, const real q[N], real G[M][N], r
 /* Moves q along G^T onto g(q) = 0: q <- q - G^T (G G^T)^-1 g. */
 static int project_coordinates(const constants *c, real q[N])
 {
+    real previous = HUGE_VAL;
     for (int iteration = 0; iteration < 50; ++iteration) {
-        real g[M], G[M][N], W[M][M], step = 0;
+        real g[M], change[N];
         constraint(c, q, g);
-        constraint_jacobian(c, q, G);
-        for (int mu = 0; mu < M; ++mu)
-            for (int nu = 0; nu < M; ++nu) {
-                W[mu][nu] = 0;
-                for (int a = 0; a < N; ++a)
-                    W[mu][nu] += G[mu][a]*G[nu][a];
-            }
-        int exponents[M], pivots[M];
-        const int status = solve(M, &W[0][0], g, exponents, pivots);
+        const int status = solve_place(c, q, g);
         if (status != OK)
             return status;
-        for (int a = 0; a < N; ++a) {
-            real change = 0;
-            for (int mu = 0; mu < M; ++mu)
-                change += G[mu][a]*g[mu];
-            q[a] -= change;
-            step = larger(step, fabs(change));
-        }
-        if (step <= 2*epsilon*norm(N, q))
+        constraint_force(c, q, g, change);
+        for (int a = 0; a < N; ++a)
+            q[a] -= change[a];
+        const real step = norm(N, change), floor = epsilon*norm(N, q);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= 2*floor || (step <= SLACK_OF_PLACE*floor && step >= previous/2))
             return OK;
+        previous = step;
     }
     return NOT_CONVERGED;
 }
@@ -537,16 +628,14 @@ static int project_coordinates(const constants *c, real q[N])
 int heavy_top_ims_alpha_project(const parameters_t *parameters, real q[N], real p[N])
 {
     constants c;
-    real G[M][N], impulse[M];
+    real impulse[M];
     prepare(parameters, &c);
     const int status = project_coordinates(&c, q);
-    if (status != OK)
-        return status;
-    constraint_jacobian(&c, q, G);
-    return project_momentum(&c, q, G, p, impulse);
+    return status == OK ? project_momentum(&c, q, p, impulse) : status;
 }
 
-void heavy_top_ims_alpha_defects(const parameters_t *parameters, long count, const real *q, const real *p,
+void heavy_top_ims_alpha_defects(const parameters_t *parameters, long count, const real *q,
+    const real *p,
     real *g, real *f)
 {
     constants c;
@@ -557,85 +646,26 @@ void heavy_top_ims_alpha_defects(const parameters_t *parameters, long count, con
     }
 }
 
-/* ---------------------------------------------------------------- one mean value a step */
-
-/* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
-enum { DP = N, LAMBDA = 2*N };
-
-/* Starting guess: an explicit Euler step, no constraint force. */
-static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U])
+/* force += G^T lambda, with G between two states */
+static void add_mean_pull(const constants *c, const real qm[N], const real dq[N],
+    const real lambda[M], real force[N])
 {
-    const real zero[N] = { 0 };
-    real D_q[N], D_p[N];
-    mean_gradient(&w->constants, q, p, zero, zero, D_q, D_p);
-    for (int a = 0; a < N; ++a) {
-        x[a] = dt*D_p[a];
-        x[DP + a] = -dt*D_q[a];
-    }
-    for (int l = LAMBDA; l < U; ++l)
-        x[l] = 0;
-}
-
-/* q_mean, p_mean (51), and G between the two ends. */
-static void mean_values(work_t *w, const real q[N], const real p[N], const real x[U])
-{
-    for (int a = 0; a < N; ++a) {
-        w->q_mean[a] = q[a] + x[a]/2;
-        w->p_mean[a] = p[a] + x[DP + a]/2;
-    }
-    mean_constraint(&w->constants, w->q_mean, x, w->G[0]);
-}
-
-/* r = [dq/dt - D_p; dp/dt + D_q + G^T lambda; g(q + dq)] */
-static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
-    real r[U])
-{
-    real D_q[N], D_p[N];
-    mean_values(w, q, p, x);
-    mean_gradient(&w->constants, w->q_mean, w->p_mean, x, x + DP, D_q, D_p);
-    for (int a = 0; a < N; ++a) {
-        r[a] = x[a]/dt - D_p[a];
-        r[DP + a] = x[DP + a]/dt + D_q[a];
+    real G[M][N];
+    mean_constraint(c, qm, dq, G);
+    for (int a = 0; a < N; ++a)
         for (int mu = 0; mu < M; ++mu)
-            r[DP + a] += w->G[0][mu][a]*x[LAMBDA + mu];
-    }
+            force[a] += G[mu][a]*lambda[mu];
+}
+
+/* What constraints add to the residual: the pull of the multipliers, and g at the end. */
+static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
+{
     real g[M], dg[M];
+    add_mean_pull(&w->constants, w->q_mean, x, x + 2*N, r + N);
     constraint(&w->constants, q, g);
     constraint_increment(&w->constants, q, x, dg);
     for (int mu = 0; mu < M; ++mu)
-        r[LAMBDA + mu] = g[mu] + dg[mu];
-}
-
-/* dr/dx at the mean values of the last residual. */
-static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
-    real J[U*U])
-{
-    real D_qq[N][N], D_qp[N][N], D_pq[N][N], D_pp[N][N];
-    (void)p;
-    mean_jacobian(&w->constants, w->q_mean, w->p_mean, x, x + DP, D_qq, D_qp, D_pq, D_pp);
-    for (int e = 0; e < U*U; ++e)
-        J[e] = 0;
-    for (int a = 0; a < N; ++a)
-        for (int b = 0; b < N; ++b) {
-            const real rate = a == b ? 1/dt : 0;
-            J[a*U + b] = rate - D_pq[a][b];
-            J[a*U + DP + b] = -D_pp[a][b];
-            J[(DP + a)*U + b] = D_qq[a][b];
-            J[(DP + a)*U + DP + b] = rate + D_qp[a][b];
-        }
-    real K[N][N], q1[N], G1[M][N];
-    mean_curvature(&w->constants, w->q_mean, x, x + LAMBDA, K);
-    for (int a = 0; a < N; ++a)
-        q1[a] = q[a] + x[a];
-    constraint_jacobian(&w->constants, q1, G1);
-    for (int a = 0; a < N; ++a) {
-        for (int b = 0; b < N; ++b)
-            J[(DP + a)*U + b] += K[a][b];
-        for (int mu = 0; mu < M; ++mu) {
-            J[(DP + a)*U + LAMBDA + mu] = w->G[0][mu][a];
-            J[(LAMBDA + mu)*U + a] = G1[mu][a];
-        }
-    }
+        r[2*N + mu] = g[mu] + dg[mu];
 }
 
 /* q1 - q */
@@ -646,12 +676,64 @@ static void displacement(real dt, const real x[U], real d[N])
         d[a] = x[a];
 }
 
+/* The multipliers of a step, from its unknowns. */
+static void step_multipliers(const real x[U], real multipliers[ROOM])
+{
+    for (int mu = 0; mu < M; ++mu)
+        multipliers[mu] = x[2*N + mu];
+}
+
+/* ------------------------------------------------------------------------ one mean value a step */
+
+/* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
+enum { DP = N, LAMBDA = 2*N };
+
+/* Starting guess: an explicit Euler step, no constraint force. */
+static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U])
+{
+    const real zero[N] = { 0 };
+    real D_q[N], D_p[N];
+    mean_gradient(&w->constants, q, p, zero, zero, &w->t, D_q, D_p);
+    for (int a = 0; a < N; ++a) {
+        x[a] = dt*D_p[a];
+        x[DP + a] = -dt*D_q[a];
+    }
+    for (int l = LAMBDA; l < U; ++l)
+        x[l] = 0;
+}
+
+/* q_mean, p_mean (51) */
+static void mean_values(work_t *w, const real q[N], const real p[N], const real x[U])
+{
+    for (int a = 0; a < N; ++a) {
+        w->q_mean[a] = q[a] + x[a]/2;
+        w->p_mean[a] = p[a] + x[DP + a]/2;
+    }
+}
+
+/*
+ * r = [dq/dt - D_p; dp/dt + D_q - F + G^T lambda; g(q + dq)], F at the means and t + dt/2,
+ * G between the two ends
+ */
+static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real r[U])
+{
+    real D_q[N], D_p[N];
+    const real t = w->t + dt/2;
+    mean_values(w, q, p, x);
+    mean_gradient(&w->constants, w->q_mean, w->p_mean, x, x + DP, &t, D_q, D_p);
+    for (int a = 0; a < N; ++a) {
+        r[a] = x[a]/dt - D_p[a];
+        r[DP + a] = x[DP + a]/dt + D_q[a];
+    }
+    constraint_rows(w, q, x, r);
+}
+
 /* The increment relative to the state; the multipliers do not count. */
 static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
     const real x[U], const real dx[U])
 {
-    (void)w;
-    (void)dt;
+    (void)w, (void)dt;
     const real q_size = larger(norm(N, q), norm(N, x));
     const real p_size = larger(norm(N, p), norm(N, x + DP));
     const real dq = norm(N, dx), dp = norm(N, dx + DP);
@@ -665,34 +747,88 @@ static real residual_size(const work_t *w, real dt, const real q[N], const real 
     return fabs(dt)*increment_size(w, dt, q, p, x, r);
 }
 
-/* T2 has nothing left to solve: the unknowns are the step. */
-static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U], real q1[N],
-    real p1[N], real multipliers[ROOM])
+/* What constraints add to the Jacobian. */
+static void constraint_columns(work_t *w, const real q[N], const real x[U], real J[U*U])
 {
-    (void)w;
-    (void)dt;
+    real K[N][N], q1[N], G[M][N], G1[M][N];
+    mean_curvature(&w->constants, w->q_mean, x, x + LAMBDA, K);
+    mean_constraint(&w->constants, w->q_mean, x, G);
+    for (int a = 0; a < N; ++a)
+        q1[a] = q[a] + x[a];
+    constraint_jacobian(&w->constants, q1, G1);
+    for (int a = 0; a < N; ++a) {
+        for (int b = 0; b < N; ++b)
+            J[(DP + a)*U + b] += K[a][b];
+        for (int mu = 0; mu < M; ++mu) {
+            J[(DP + a)*U + LAMBDA + mu] = G[mu][a];
+            J[(LAMBDA + mu)*U + a] = G1[mu][a];
+        }
+    }
+}
+
+/* dr/dx at the mean values of the last residual. */
+static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real J[U*U])
+{
+    real D_qq[N][N], D_qp[N][N], D_pq[N][N], D_pp[N][N];
+    const real t = w->t + dt/2;
+    (void)p;
+    mean_jacobian(&w->constants, w->q_mean, w->p_mean, x, x + DP, &t, D_qq, D_qp, D_pq, D_pp);
+    for (int e = 0; e < U*U; ++e)
+        J[e] = 0;
+    for (int a = 0; a < N; ++a)
+        for (int b = 0; b < N; ++b) {
+            const real rate = a == b ? 1/dt : 0;
+            J[a*U + b] = rate - D_pq[a][b];
+            J[a*U + DP + b] = -D_pp[a][b];
+            J[(DP + a)*U + b] = D_qq[a][b];
+            J[(DP + a)*U + DP + b] = rate + D_qp[a][b];
+        }
+    constraint_columns(w, q, x, J);
+}
+
+/* T2 has nothing left to solve: the unknowns are the step. */
+static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real q1[N], real p1[N], real multipliers[ROOM])
+{
+    (void)w, (void)dt;
     for (int a = 0; a < N; ++a) {
         q1[a] = q[a] + x[a];
         p1[a] = p[a] + x[DP + a];
     }
-    for (int mu = 0; mu < M; ++mu)
-        multipliers[mu] = x[LAMBDA + mu];
+    step_multipliers(x, multipliers);
     return isfinite(norm(N, q1) + norm(N, p1)) ? OK : NOT_FINITE;
 }
 
-/* ---------------------------------------------------------------- T1: full Newton */
+/*
+ * Small increments of huge unknowns are no solution: the constraints at the end of the step tell.
+ */
+static int lands(work_t *w, real dt, const real q[N], const real x[U])
+{
+    real d[N], q1[N], g[M], dg[M], reach[M];
+    displacement(dt, x, d);
+    for (int a = 0; a < N; ++a)
+        q1[a] = q[a] + d[a];
+    constraint(&w->constants, q, g);
+    constraint_increment(&w->constants, q, d, dg);
+    constraint_reach(&w->constants, q1, reach);
+    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
+    for (int mu = 0; mu < M; ++mu) {
+        const real allowed = fabs(g[mu]) + reach[mu]*way;
+        if (!(fabs(g[mu] + dg[mu]) <= allowed))
+            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
+    }
+    return OK;
+}
 
-/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
-enum {
-    RESIDUAL_COST = 115*S + 79*P + U*U,
-    JACOBIAN_COST = 351*S + 4*P
-};
+/* ------------------------------------------------------------------------------ T1: full Newton */
 
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
- * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small momentum:
- * states and guesses two units in the last place away tell by how much the residual is uncertain.
- * They are those at the start of the step, for an iteration that has gone astray proves nothing.
+ * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
+ * momentum: states and guesses two units in the last place away tell by how much the residual is
+ * uncertain. They are those at the start of the step, for an iteration that has gone astray proves
+ * nothing.
  */
 static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
 {
@@ -721,26 +857,7 @@ static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], rea
     return size <= 16*rounding;
 }
 
-/* Small increments of huge unknowns are no solution: the constraints at the end of the step tell. */
-static int lands(work_t *w, real dt, const real q[N], const real x[U])
-{
-    real d[N], q1[N], g[M], dg[M], G[M][N];
-    displacement(dt, x, d);
-    for (int a = 0; a < N; ++a)
-        q1[a] = q[a] + d[a];
-    constraint(&w->constants, q, g);
-    constraint_increment(&w->constants, q, d, dg);
-    constraint_jacobian(&w->constants, q1, G);
-    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
-    for (int mu = 0; mu < M; ++mu) {
-        const real allowed = fabs(g[mu]) + norm(N, G[mu])*way;
-        if (!(fabs(g[mu] + dg[mu]) <= allowed))
-            return isfinite(allowed) ? DIVERGED : NOT_FINITE;
-    }
-    return OK;
-}
-
-/* Why iterations end without a solution, by their last increment and its ratio to the one before. */
+/* Why iterations end without a solution, by the last increment and its ratio to the one before. */
 static int failure(real size, real ratio)
 {
     if (!isfinite(size))
@@ -761,9 +878,9 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
-        int status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+        int status = factorise_jacobian(w);
         if (status == OK)
-            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+            status = solve_jacobian(w, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -779,7 +896,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return lands(w, dt, q, x);
         if (*iterations == 1)
             continue;
-        const int shrinks = ratio < (real)0.5; /* a small increment after one that stalled is chance */
+        const int shrinks = ratio < (real)0.5; /* a small one after one that stalled is chance */
         ratio = size/previous;
         if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);
@@ -807,11 +924,11 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         int status = OK;
         if (stale) {
             jacobian(w, dt, q, p, x, w->J);
-            status = factorise(U, w->J, w->exponents, w->pivots, &w->products);
+            status = factorise_jacobian(w);
             w->effort += JACOBIAN_COST + w->products/2;
         }
         if (status == OK)
-            status = substitute(U, w->J, w->exponents, w->pivots, w->r);
+            status = solve_jacobian(w, w->r);
         if (status != OK)
             return status;
         ++*iterations;
@@ -826,7 +943,8 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         const real ratio = *iterations > 1 ? size/previous : 1;
         if (*iterations > 1 && ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
             return lands(w, dt, q, x);
-        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5 && size*ratio < epsilon/64)
+        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5
+            && size*ratio < epsilon/64)
             return lands(w, dt, q, x);
         if (*iterations > 2 && ratio > 1)
             return NOT_CONVERGED;
@@ -836,9 +954,160 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
     return NOT_CONVERGED;
 }
 
-/* ---------------------------------------------------------------- the fast path, Newton behind it */
+/* Without forces no work is done. */
+static inline void note_work(work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U])
+{
+    (void)w, (void)dt, (void)q, (void)p, (void)x;
+}
 
-/* ---------------------------------------------------------------- lanes: W reals that move together */
+static inline void count_work(const work_t *w, report_t *report)
+{
+    (void)w, (void)report;
+}
+
+static inline real work_so_far(const report_t *report)
+{
+    (void)report;
+    return 0;
+}
+
+static inline void set_work(report_t *report, real work, real low)
+{
+    (void)report, (void)work, (void)low;
+}
+
+static inline void restore_work(report_t *report, real work)
+{
+    (void)report, (void)work;
+}
+
+/* Adds the energy of the state (q, p) to the record. */
+static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    const real gain = hamiltonian(c, q, p) - report->energy_start;
+    const real error = fabs(gain - work_so_far(report));
+    report->energy_error_max = larger(error, report->energy_error_max);
+    report->energy_error_sum += error;
+}
+
+/* Adds what is left of the constraints to the record. */
+static void observe_defects(real g_size, real f_size, report_t *report)
+{
+    report->constraint_max = larger(g_size, report->constraint_max);
+    report->constraint_sum += g_size;
+    report->hidden_max = larger(f_size, report->hidden_max);
+    report->hidden_sum += f_size;
+}
+
+/* Adds the state (q, p) to the record. */
+static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    real g[M], f[M];
+    observe_energy(c, q, p, report);
+    constraint(c, q, g);
+    hidden_constraint(c, q, p, f);
+    observe_defects(norm(M, g), norm(M, f), report);
+}
+
+/* --------------------------------------------------------------------------- one step by Newton */
+
+int heavy_top_ims_alpha_T1(const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N],
+    const real p[N], real x[U], int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    guess(work, dt, q, p, x);
+    return newton(work, options, dt, q, p, x, iterations);
+}
+
+int heavy_top_ims_alpha_T2(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
+    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    return finish(work, dt, q, p, x, q1, p1, multipliers);
+}
+
+/* One step; the constants of the run are prepared. */
+static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    real q_end[N], p_end[N];
+    guess(w, dt, q, p, w->x);
+    int status = newton(w, options, dt, q, p, w->x, iterations);
+    if (status == OK)
+        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    if (status != OK)
+        return status;
+    note_work(w, dt, q, p, w->x);
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_end[a];
+        p1[a] = p_end[a];
+    }
+    return OK;
+}
+
+void heavy_top_ims_alpha_guess(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
+    real x[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    guess(work, dt, q, p, x);
+}
+
+void heavy_top_ims_alpha_residual(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
+    const real x[U], real r[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    residual(work, dt, q, p, x, r);
+}
+
+void heavy_top_ims_alpha_jacobian(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N],
+    const real x[U], real J[U*U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    residual(work, dt, q, p, x, work->r);
+    jacobian(work, dt, q, p, x, work->J);
+    spread_jacobian(work->J, J);
+}
+
+real heavy_top_ims_alpha_increment_size(real dt, const real q[N], const real p[N], const real x[U],
+    const real dx[U], const work_t *work)
+{
+    return increment_size(work, dt, q, p, x, dx);
+}
+
+int heavy_top_ims_alpha_lands(real dt, const real q[N], const real x[U], work_t *work)
+{
+    return lands(work, dt, q, x);
+}
+
+real heavy_top_ims_alpha_last_increment(const work_t *work)
+{
+    return work->increment;
+}
+
+void heavy_top_ims_alpha_hamiltonian(const parameters_t *parameters, long count, const real *q,
+    const real *p,
+    real *H)
+{
+    constants c;
+    prepare(parameters, &c);
+    for (long i = 0; i < count; ++i)
+        H[i] = hamiltonian(&c, q + i*N, p + i*N);
+}
+
+/* ------------------------------------------------------------- the fast path, Newton behind it */
+
+/* -------------------------------------------------------------- lanes: reals that move together */
 
 /*
  * One vector register where compiler and machine have them, one number elsewhere: the same
@@ -857,7 +1126,7 @@ typedef real lanes __attribute__((vector_size(LANE_BYTES)));
 typedef real lanes;
 #endif
 
-enum { W = sizeof(lanes)/sizeof(real) };
+enum { LANES = sizeof(lanes)/sizeof(real) };
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
@@ -882,6 +1151,14 @@ INLINE void set_part(lanes *x, int i, real value)
     ((real *)x)[i] = value;
 }
 
+/* x + y = *high + *low exactly; *high is the rounded sum. */
+INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
+{
+    const lanes sum = x + y, share = sum - x;
+    *low = (x - (sum - share)) + (y - share);
+    *high = sum;
+}
+
 /* A rounded value: keeps the compiler from contracting its product into a sum. */
 INLINE lanes lanes_rounded(lanes value)
 {
@@ -904,7 +1181,7 @@ INLINE lanes lanes_rounded(lanes value)
 INLINE lanes product_error(lanes a, lanes b, lanes product)
 {
     lanes error = product;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&error, i, fma(part(&a, i), part(&b, i), -part(&product, i)));
     return error;
 }
@@ -921,14 +1198,6 @@ INLINE void lanes_add_product(lanes sum[2], int count, const lanes *factors)
     const lanes total = sum[0] + high, share = total - sum[0];
     sum[1] += low + ((sum[0] - (total - share)) + (high - share));
     sum[0] = total;
-}
-
-/* x + y = *high + *low exactly; *high is the rounded sum. */
-INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
-{
-    const lanes sum = x + y, share = sum - x;
-    *low = (x - (sum - share)) + (y - share);
-    *high = sum;
 }
 
 /* Constants of a run on lanes. */
@@ -961,6 +1230,16 @@ static void set_constants(lane_constants *to, int i, const constants *from)
     set_part(&to->f4, i, 0.25*from->k3);
 }
 
+/* Constants from lane i. */
+static void get_constants(const lane_constants *from, int i, constants *to)
+{
+    to->mgl = part(&from->mgl, i);
+    to->k0 = part(&from->k0, i);
+    to->k1 = part(&from->k1, i);
+    to->k2 = part(&from->k2, i);
+    to->k3 = part(&from->k3, i);
+}
+
 /* H(q, p). 19 add, 33 mul. */
 INLINE lanes lanes_hamiltonian(const lane_constants *c, const lanes q[4], const lanes p[4])
 {
@@ -987,7 +1266,8 @@ INLINE void lanes_constraint(const lane_constants *c, const lanes q[4], lanes g[
 }
 
 /* g(q + d) - g(q), by discrete differentiation: no digit is lost for small d. 7 add, 8 mul. */
-INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4], lanes dg[1])
+INLINE void lanes_constraint_increment(const lane_constants *c, const lanes q[4], const lanes d[4],
+    lanes dg[1])
 {
     (void)c;
     dg[0] = d[0]*(d[0] + 2.0*q[0]) + d[1]*(d[1] + 2.0*q[1]) + d[2]*(d[2] + 2.0*q[2]) + d[3]*(d[3]
@@ -1004,8 +1284,12 @@ INLINE void lanes_constraint_jacobian(const lane_constants *c, const lanes q[4],
     G[0][3] = 2.0*q[3];
 }
 
-/* f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the working precision. 4 product. */
-INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4], lanes f[1])
+/*
+ * f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish, in twice the
+ * working precision. 4 product.
+ */
+INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], const lanes p[4],
+    lanes f[1])
 {
     (void)c;
     lanes sum[2];
@@ -1018,7 +1302,8 @@ INLINE void lanes_hidden_constraint(const lane_constants *c, const lanes q[4], c
 }
 
 /* D_p. 24 add, 37 mul. */
-INLINE void lanes_mean_velocity(const lane_constants *c, const lanes qm[4], const lanes pm[4], const lanes dq[4], const lanes dp[4], lanes D_p[4])
+INLINE void lanes_mean_velocity(const lane_constants *c, const lanes qm[4], const lanes pm[4],
+    const lanes dq[4], const lanes dp[4], lanes D_p[4])
 {
     (void)dq;
     (void)dp;
@@ -1034,10 +1319,12 @@ INLINE void lanes_mean_velocity(const lane_constants *c, const lanes qm[4], cons
 }
 
 /* D_q. 28 add, 44 mul. */
-INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const lanes pm[4], const lanes dq[4], const lanes dp[4], lanes D_q[4])
+INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const lanes pm[4],
+    const lanes dq[4], const lanes dp[4], const lanes t[1], lanes D_q[4])
 {
     (void)dq;
     (void)dp;
+    (void)t;
     const lanes t0 = pm[0]*qm[0] + pm[1]*qm[1] + pm[2]*qm[2] + pm[3]*qm[3];
     const lanes t1 = t0*c->f1;
     const lanes t2 = c->f2*(pm[1]*qm[0] + pm[2]*qm[3] - pm[0]*qm[1] - pm[3]*qm[2]);
@@ -1052,7 +1339,8 @@ INLINE void lanes_mean_force(const lane_constants *c, const lanes qm[4], const l
 }
 
 /* G between q0 and q1. 4 mul. */
-INLINE void lanes_mean_constraint(const lane_constants *c, const lanes qm[4], const lanes dq[4], lanes G[1][4])
+INLINE void lanes_mean_constraint(const lane_constants *c, const lanes qm[4], const lanes dq[4],
+    lanes G[1][4])
 {
     (void)c;
     (void)dq;
@@ -1074,7 +1362,7 @@ INLINE lanes lanes_correction(const lane_constants *c)
     return 0.25*c->k0;
 }
 
-/* ---------------------------------------------------------------- when a sweep has converged */
+/* ------------------------------------------------------------------- when a sweep has converged */
 
 /* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
 typedef struct {
@@ -1096,8 +1384,9 @@ enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 
 static progress_t start_of_sweeps(real rate)
 {
-    const progress_t start = { .floor = 16*epsilon, .least = (real)HUGE_VAL, .defect = (real)HUGE_VAL,
-        .least_defect = (real)HUGE_VAL, .rate = rate };
+    const real huge = (real)HUGE_VAL;
+    const progress_t start = { .floor = 16*epsilon, .least = huge, .defect = huge,
+        .least_defect = huge, .rate = rate };
     return start;
 }
 
@@ -1125,7 +1414,8 @@ static int is_met(progress_t *s, real defect)
     s->defect = defect;
     if (defect < s->least_defect)
         s->least_defect = defect;
-    const real floor = 4*epsilon*epsilon, low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
 }
 
@@ -1200,8 +1490,8 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
-    real rate[W];  /* how fast sweeps converge, as last seen */
-    int stages[W]; /* lanes that are better off with the polynomial through the last stages */
+    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
 } predictor_t;
@@ -1211,9 +1501,9 @@ static void forget(predictor_t *s)
     s->count = 0;
     s->training = HISTORY + 1;
     s->order = s->fitted = 0;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         s->rate[i] = 1;
 }
 
@@ -1258,7 +1548,7 @@ INLINE void predict(const predictor_t *s, lanes *past, int length, const int *en
         return;
     }
     recur(s, s->order, past, length, ends, x);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         for (int e = 0; e < length && s->stages[i]; ++e)
             set_part(&x[e], i, part(&through[e], i));
 }
@@ -1286,7 +1576,7 @@ INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
             error[k] += defect*defect;
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         int best = 1;
         for (int k = 2; k <= most; ++k)
             if (part(&error[k], i) < part(&error[best], i))
@@ -1305,7 +1595,7 @@ INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
     for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
         for (int k = 0; k <= ORDER; ++k)
             for (int l = 0; l <= ORDER; ++l)
-                for (int i = 0; i < W; ++i) {
+                for (int i = 0; i < LANES; ++i) {
                     real size = tiny;
                     for (int e = start; k == l && e < ends[group]; ++e)
                         size = larger(size, 8*epsilon*fabs(part(&x[e], i)));
@@ -1323,7 +1613,7 @@ INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, con
     for (int k = 0; k < ORDER; ++k) {
         const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
         lanes inverse = square;
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             set_part(&inverse, i, 1/sqrt(part(&square, i)));
         const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
         for (int l = k; l <= ORDER; ++l) {
@@ -1342,7 +1632,7 @@ static void end_training(predictor_t *s)
     s->fitted = 1;
     for (int group = 0; group < GROUPS; ++group) {
         lanes (*R)[ORDER + 1] = s->R[group];
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             real defect = part(&R[ORDER][ORDER], i), c[ORDER];
             const real allowed = 16*defect;
             int order = ORDER;
@@ -1398,14 +1688,24 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
 /* ---------------------------------------------------------------- sweeps: one mean value a step */
 
 /* Where the unknowns stand: the increments dq and dp, and the impulses h lambda. */
-enum { MEAN_X_HAT = N, MEAN_X_IMPULSE = 2*N, MEAN_X = 2*N + M };
-static const int mean_ends[GROUPS] = { MEAN_X_HAT, MEAN_X_IMPULSE, MEAN_X };
+enum { mean_S = 1, mean_P = 1 };
+enum { mean_HAT = N, mean_IMPULSE = 2*N, mean_X = 2*N + M, mean_RESULT = mean_X };
+static const int mean_ends[GROUPS] = { mean_HAT, mean_IMPULSE, mean_X };
 static const int mean_rows[GROUPS] = { N, N, M };
 
-/* What a sweep improves, and what the end of the step needs of it. */
+/* What a sweep improves: W is constant. */
 typedef struct {
-    lanes x[MEAN_X];
+    lanes x[mean_X];
 } mean_iterate;
+
+/* What is known of the constraints. */
+typedef struct {
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes W_inverse[M][M]; /* by h */
+    lanes correction;      /* c, with H_pp G^T = c G^T */
+} mean_bound;
 
 typedef struct {
     lane_constants constants;
@@ -1413,48 +1713,163 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes t;                  /* at the start of the step */
+    lanes work, work_low;     /* done by the forces since the start */
+    lanes change, noise;      /* of the last sweep; what rounding is worth in one */
     mean_iterate now;
-    lanes change, noise; /* of the last sweep; what rounding is worth in one */
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes W_inverse[M][M];
-    lanes correction;
+    mean_bound bound;
     predictor_t predictor;
-    lanes through[MEAN_X]; /* what went before, once more */
-    lanes past[HISTORY*MEAN_X];
+    lanes through[mean_X]; /* what went before, once more */
+    lanes past[HISTORY*mean_X];
 } mean_t;
-
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
-INLINE void mean_look(mean_t *w)
-{
-    lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->g_rounded);
-    lanes_constraint_jacobian(&w->constants, w->q, G);
-    for (int mu = 0; mu < M; ++mu) {
-        lanes square = splat(DBL_MIN);
-        w->g[mu] = w->g_rounded[mu];
-        for (int a = 0; a < N; ++a) {
-            w->g[mu] += G[mu][a]*w->q_low[a];
-            square += G[mu][a]*G[mu][a];
-        }
-        w->shortness[mu] = 1/square;
-    }
-}
-
-/* From starting values: W = G H_pp G^T at the end of the step, where it is not constant. */
-INLINE void mean_begin(mean_t *w)
-{
-    (void)w;
-}
 
 /* The means of the ends (51). */
 INLINE void mean_means(const mean_t *w, const lanes *x, lanes *q_mean, lanes *p_mean)
 {
     for (int a = 0; a < N; ++a) {
         q_mean[a] = w->q[a] + (real)0.5*x[a];
-        p_mean[a] = w->p[a] + (real)0.5*x[MEAN_X_HAT + a];
+        p_mean[a] = w->p[a] + (real)0.5*x[mean_HAT + a];
     }
+}
+
+/* dq = h D_p between the state and the end that x says. */
+INLINE void mean_move(const mean_t *w, lanes *x)
+{
+    lanes q_mean[N], p_mean[N], rate[N];
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_velocity(&w->constants, q_mean, p_mean, x, x + mean_HAT, rate);
+    for (int a = 0; a < N; ++a)
+        x[a] = w->h*rate[a];
+}
+
+/* The momentum's increment a; the squares of what a sweep has changed are added up. */
+INLINE void mean_take(const mean_t *w, int a, lanes force, lanes *x, lanes *q_change,
+    lanes *p_change)
+{
+    x[mean_HAT + a] = force;
+    const lanes dq = x[a] - w->now.x[a], dp = force - w->now.x[mean_HAT + a];
+    *q_change += dq*dq;
+    *p_change += dp*dp;
+}
+
+/* D_q - F there, with F at the means and the middle of the step. */
+INLINE void mean_kick(const mean_t *w, const lanes *x, lanes *rate)
+{
+    lanes q_mean[N], p_mean[N];
+    const lanes t = w->t + (real)0.5*w->h;
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_force(&w->constants, q_mean, p_mean, x, x + mean_HAT, &t, rate);
+}
+
+/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+INLINE void mean_look(mean_t *w)
+{
+    lanes G[M][N];
+    lanes_constraint(&w->constants, w->q, w->bound.g_rounded);
+    lanes_constraint_jacobian(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(DBL_MIN);
+        w->bound.g[mu] = w->bound.g_rounded[mu];
+        for (int a = 0; a < N; ++a) {
+            w->bound.g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->bound.shortness[mu] = 1/square;
+    }
+}
+
+/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+INLINE void mean_factor(mean_t *w)
+{
+    (void)w;
+}
+
+/* impulse += 2 (h W)^-1 g */
+INLINE void mean_correct(const mean_t *w, lanes g[M], lanes *impulse)
+{
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            impulse[mu] += 2*w->bound.W_inverse[mu][nu]*g[nu];
+}
+
+/* (h W)^-1 of the run, and c with H_pp G^T = c G^T */
+static void mean_set_schur(mean_t *w)
+{
+    lanes_schur_inverse(&w->constants, w->bound.W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->bound.W_inverse[mu][nu] *= w->h_inverse;
+    w->bound.correction = lanes_correction(&w->constants);
+}
+
+/* H_pp G^T = c G^T: a pull changes the velocity by c times what it changes the momenta by. */
+INLINE void mean_respond(const mean_t *w, int a, lanes pull, lanes *x)
+{
+    x[a] -= (real)0.5*w->h*w->bound.correction*pull;
+}
+
+INLINE void mean_move_again(const mean_t *w, lanes *x)
+{
+    (void)w, (void)x;
+}
+
+INLINE void mean_begin(mean_t *w)
+{
+    mean_factor(w);
+}
+
+/*
+ * Corrects the impulses, so that the end is on the constraints; w->bound.defect is how far from
+ * g = 0 it was before.
+ */
+INLINE void mean_constrain(mean_t *w, lanes *x)
+{
+    lanes g[M];
+    lanes_constraint_increment(&w->constants, w->q, x, g);
+    w->bound.defect = splat(0);
+    for (int mu = 0; mu < M; ++mu) {
+        g[mu] += w->bound.g[mu];
+        w->bound.defect += g[mu]*g[mu]*w->bound.shortness[mu];
+    }
+    w->bound.defect *= w->q_size;
+    mean_correct(w, g, x + mean_IMPULSE);
+}
+
+/* The multipliers of lane i, from its impulses. */
+static void mean_multipliers(const mean_t *w, int lane, real *multipliers)
+{
+    for (int mu = 0; mu < M; ++mu)
+        multipliers[mu] = part(&w->now.x[mean_IMPULSE + mu], lane)/part(&w->h, lane);
+}
+
+/* The second half of a sweep: the impulses, both increments corrected, dp from them. */
+INLINE void mean_follow(mean_t *w, lanes *x, lanes *q_change, lanes *p_change)
+{
+    lanes G[M][N], q_mean[N], p_mean[N], rate[N];
+    mean_means(w, x, q_mean, p_mean);
+    lanes_mean_constraint(&w->constants, q_mean, x, G);
+    mean_constrain(w, x);
+    for (int mu = 0; mu < M; ++mu)
+        for (int a = 0; a < N; ++a) {
+            const int e = mean_IMPULSE + mu;
+            const lanes pull = G[mu][a]*(x[e] - w->now.x[e]);
+            x[mean_HAT + a] -= pull;
+            mean_respond(w, a, pull, x);
+        }
+    mean_move_again(w, x);
+    mean_kick(w, x, rate);
+    for (int a = 0; a < N; ++a) {
+        lanes force = -w->h*rate[a];
+        for (int mu = 0; mu < M; ++mu)
+            force -= G[mu][a]*x[mean_IMPULSE + mu];
+        mean_take(w, a, force, x, q_change, p_change);
+    }
+}
+
+/* Without forces no work is done. */
+INLINE void mean_add_work(mean_t *w)
+{
+    (void)w;
 }
 
 /* Starting values without a past: an explicit Euler step, no impulse. */
@@ -1464,78 +1879,46 @@ INLINE void mean_guess(mean_t *w)
     for (int a = 0; a < N; ++a)
         zero[a] = splat(0);
     lanes_mean_velocity(&w->constants, w->q, w->p, zero, zero, rates);
-    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, rates + N);
+    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, &w->t, rates + N);
     for (int a = 0; a < N; ++a) {
         w->now.x[a] = w->h*rates[a];
-        w->now.x[MEAN_X_HAT + a] = -w->h*rates[N + a];
+        w->now.x[mean_HAT + a] = -w->h*rates[N + a];
     }
-    for (int e = MEAN_X_IMPULSE; e < MEAN_X; ++e)
+    for (int e = mean_IMPULSE; e < mean_X; ++e)
         w->now.x[e] = splat(0);
 }
 
 /*
  * One sweep, Gauss-Seidel: dq from dp, the impulses from the constraint at the end, both corrected,
- * dp from them. w->change is the sum of squares of what it changed, relative to the state, w->defect that
- * of how far from g = 0 the end was, before the impulses were corrected
+ * dp from them. w->change is the sum of squares of what it changed, relative to the state.
  */
 INLINE void mean_sweep(mean_t *w)
 {
-    lanes x[MEAN_X], q_mean[N], p_mean[N], rate[N], q_change = splat(0), p_change = splat(0);
-    for (int e = 0; e < MEAN_X; ++e)
+    lanes x[mean_X], q_change = splat(0), p_change = splat(0);
+    for (int e = 0; e < mean_X; ++e)
         x[e] = w->now.x[e];
-    mean_means(w, x, q_mean, p_mean);
-    lanes_mean_velocity(&w->constants, q_mean, p_mean, x, x + MEAN_X_HAT, rate);
-    for (int a = 0; a < N; ++a)
-        x[a] = w->h*rate[a];
-    lanes G[M][N], more[M];
-    mean_means(w, x, q_mean, p_mean);
-    lanes_mean_constraint(&w->constants, q_mean, x, G);
-    lanes_constraint_increment(&w->constants, w->q, x, more);
-    w->defect = splat(0);
-    for (int mu = 0; mu < M; ++mu) {
-        more[mu] += w->g[mu];
-        w->defect += more[mu]*more[mu]*w->shortness[mu];
-    }
-    w->defect *= w->q_size;
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            x[MEAN_X_IMPULSE + mu] += 2*w->W_inverse[mu][nu]*more[nu];
-    for (int mu = 0; mu < M; ++mu)
-        for (int a = 0; a < N; ++a) {
-            const lanes pull = G[mu][a]*(x[MEAN_X_IMPULSE + mu] - w->now.x[MEAN_X_IMPULSE + mu]);
-            x[MEAN_X_HAT + a] -= pull;
-            x[a] -= (real)0.5*w->h*w->correction*pull;
-        }
-    mean_means(w, x, q_mean, p_mean);
-    lanes_mean_force(&w->constants, q_mean, p_mean, x, x + MEAN_X_HAT, rate);
-    for (int a = 0; a < N; ++a) {
-        lanes force = -w->h*rate[a];
-        for (int mu = 0; mu < M; ++mu)
-            force -= G[mu][a]*x[MEAN_X_IMPULSE + mu];
-        x[MEAN_X_HAT + a] = force;
-        const lanes dq = x[a] - w->now.x[a], dp = force - w->now.x[MEAN_X_HAT + a];
-        q_change += dq*dq;
-        p_change += dp*dp;
-    }
-    for (int e = 0; e < MEAN_X; ++e)
+    mean_move(w, x);
+    mean_follow(w, x, &q_change, &p_change);
+    for (int e = 0; e < mean_X; ++e)
         w->now.x[e] = x[e];
     w->change = q_change*w->q_size + p_change*w->p_size;
 }
 
 /*
- * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that it
- * makes to the rates when a state is moved by two units in the last place, the mean of four times, and
- * what rounding the rates makes. The state is that at the start of the step, for sweeps that have gone
- * astray prove nothing.
+ * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that
+ * it makes to the rates when a state is moved by two units in the last place, the mean of four
+ * times, and what rounding the rates makes. The state is that at the start of the step, for sweeps
+ * that have gone astray prove nothing.
  */
 NOINLINE void mean_noise(mean_t *w)
 {
     lanes zero[N], H_p[N], H_q[N], dq = splat(0), dp = splat(0);
     unsigned chance = 1;
+    const lanes t = w->t + (real)0.5*w->h;
     for (int a = 0; a < N; ++a)
         zero[a] = splat(0);
     lanes_mean_velocity(&w->constants, w->q, w->p, zero, zero, H_p);
-    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, H_q);
+    lanes_mean_force(&w->constants, w->q, w->p, zero, zero, &t, H_q);
     for (int attempt = 0; attempt < 4; ++attempt) {
         lanes place[N], push[N], H_p_near[N], H_q_near[N];
         for (int a = 0; a < N; ++a) {
@@ -1543,7 +1926,7 @@ NOINLINE void mean_noise(mean_t *w)
             push[a] = w->p[a] + nudge(&chance)*w->p[a];
         }
         lanes_mean_velocity(&w->constants, place, push, zero, zero, H_p_near);
-        lanes_mean_force(&w->constants, place, push, zero, zero, H_q_near);
+        lanes_mean_force(&w->constants, place, push, zero, zero, &t, H_q_near);
         for (int a = 0; a < N; ++a) {
             const lanes by_p = H_p_near[a] - H_p[a] + nudge(&chance)*H_p[a];
             const lanes by_q = H_q_near[a] - H_q[a] + nudge(&chance)*H_q[a];
@@ -1558,9 +1941,10 @@ NOINLINE void mean_noise(mean_t *w)
 INLINE void mean_finish(mean_t *w)
 {
     lanes q[N], p[N];
+    mean_add_work(w);
     for (int a = 0; a < N; ++a) {
         two_sum(w->q[a], w->now.x[a] + w->q_low[a], &q[a], &w->q_low[a]);
-        two_sum(w->p[a], w->now.x[MEAN_X_HAT + a] + w->p_low[a], &p[a], &w->p_low[a]);
+        two_sum(w->p[a], w->now.x[mean_HAT + a] + w->p_low[a], &p[a], &w->p_low[a]);
         w->q[a] = q[a];
         w->p[a] = p[a];
     }
@@ -1578,14 +1962,11 @@ static void mean_prepare(mean_t *w, int lane, const constants *c, real h)
 /* What follows from the constants and steps of all lanes. */
 static void mean_set_up(mean_t *w)
 {
-    lanes_schur_inverse(&w->constants, w->W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->W_inverse[mu][nu] *= w->h_inverse;
-    w->correction = lanes_correction(&w->constants);
+    mean_set_schur(w);
     forget(&w->predictor);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = splat(0);
+    w->work = w->work_low = splat(0);
     mean_look(w);
 }
 
@@ -1594,7 +1975,7 @@ INLINE void mean_sizes(mean_t *w)
 {
     lanes q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
     for (int a = 0; a < N; ++a) {
-        const lanes *dq = w->now.x, *dp = w->now.x + MEAN_X_HAT;
+        const lanes *dq = w->now.x, *dp = w->now.x + mean_HAT;
         q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
         p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
     }
@@ -1606,43 +1987,62 @@ INLINE void mean_sizes(mean_t *w)
 INLINE void mean_start(mean_t *w, int predicted)
 {
     if (predicted) {
-        const lanes *x = past_values(&w->predictor, w->past, MEAN_X, 0);
-        for (int e = 0; e < MEAN_X && !w->predictor.fitted; ++e)
+        const lanes *x = past_values(&w->predictor, w->past, mean_X, 0);
+        for (int e = 0; e < mean_X && !w->predictor.fitted; ++e)
             w->through[e] = x[e];
-        predict(&w->predictor, w->past, MEAN_X, mean_ends, w->through, w->now.x);
+        predict(&w->predictor, w->past, mean_X, mean_ends, w->through, w->now.x);
     } else
         mean_guess(w);
     mean_sizes(w);
     mean_begin(w);
 }
 
-/* The multipliers of lane i, from its impulses. */
-static void mean_multipliers(const mean_t *w, int lane, real *multipliers)
-{
-    for (int mu = 0; mu < M; ++mu)
-        multipliers[mu] = part(&w->now.x[MEAN_X_IMPULSE + mu], lane)/part(&w->h, lane);
-}
-
 /* The unknowns from those of the sweeps, and those of a lane from them. */
 static void mean_unscale(const mean_t *w, real x[U])
 {
-    for (int e = 0; e < MEAN_X; ++e)
-        x[e] = part(&w->now.x[e], 0)/(e < MEAN_X_IMPULSE ? 1 : part(&w->h, 0));
+    for (int e = 0; e < mean_X; ++e)
+        x[e] = part(&w->now.x[e], 0)/(e < mean_IMPULSE ? 1 : part(&w->h, 0));
 }
 
 static void mean_load(mean_t *w, int lane, const real x[U])
 {
-    for (int e = 0; e < MEAN_X; ++e)
-        set_part(&w->now.x[e], lane, x[e]*(e < MEAN_X_IMPULSE ? 1 : part(&w->h, lane)));
+    for (int e = 0; e < mean_X; ++e)
+        set_part(&w->now.x[e], lane, x[e]*(e < mean_IMPULSE ? 1 : part(&w->h, lane)));
+}
+
+/* A number of the one trajectory from its lanes, which are all the same. */
+INLINE real mean_of_lanes(const lanes *x)
+{
+    return part(x, 0);
+}
+
+/* How many lanes differ. */
+static int mean_used(void)
+{
+    return 1;
+}
+
+/* Adds what is left of the constraints at the one trajectory's state to the record. */
+static void mean_observe_defects(const mean_t *s, report_t *report)
+{
+    lanes f[M];
+    real g_size = 0, f_size = 0;
+    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = larger(fabs(part(&s->bound.g_rounded[mu], 0)), g_size);
+        f_size = larger(fabs(part(&f[mu], 0)), f_size);
+    }
+    observe_defects(g_size, f_size, report);
 }
 
 /* What a sweep costs, in additions, for all of its stages and nodes. */
 enum {
-    STAGE_ITEMS = 1, NODE_ITEMS = 1,
     PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with what a stage has */
-    SWEEP_COST = (133 + PRODUCTS)*STAGE_ITEMS + 0*S
-        + 19*NODE_ITEMS + 0*P
+    SWEEP_COST = (133 + PRODUCTS)*mean_S + 0*S
+        + 19*mean_P + 0*P
 };
+
+/* --------------------------------------------------- one trajectory: sweeps, Newton behind them */
 
 /* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
 enum { SWEEPS_FIRST, NEWTON_FIRST };
@@ -1665,13 +2065,6 @@ static fast_t *fast_of(work_t *w)
     return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
-/* A number of the one trajectory from its lanes, which are all the same. */
-INLINE real mean_of_lanes(const lanes *x)
-{
-    real sum = part(x, 0);
-    return sum;
-}
-
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps)
 {
@@ -1681,7 +2074,8 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
     mean_start(w, predicted);
     do {
         mean_sweep(w);
-        const real change = mean_of_lanes(&w->change), defect = mean_of_lanes(&w->defect);
+        const real change = mean_of_lanes(&w->change);
+        const real defect = mean_of_lanes(&w->bound.defect);
         if (calls_for_look(&progress, change)) {
             mean_noise(w);
             look(&progress, mean_of_lanes(&w->noise));
@@ -1689,8 +2083,10 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
         verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
-        if (!predicted && verdict == SWEEP_AGAIN && (progress.sweeps == 1 || progress.sweeps == 3)) {
+        const int early = progress.sweeps == 1 || progress.sweeps == 3;
+        if (!predicted && verdict == SWEEP_AGAIN && early) {
             mean_sizes(w); /* what is at rest has none before it moves */
+            mean_factor(w);
         }
     } while (verdict == SWEEP_AGAIN);
     *sweeps += progress.sweeps;
@@ -1730,8 +2126,8 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
 }
 
 /*
- * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed to
- * be three residuals and a Jacobian. The other way is tried again ever more rarely.
+ * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed
+ * to be three residuals and a Jacobian. The other way is tried again ever more rarely.
  */
 static void choose_way(fast_t *f, long effort)
 {
@@ -1754,13 +2150,17 @@ static void choose_way(fast_t *f, long effort)
     }
 }
 
-/* One step of the state in the work memory: sweeps, and Newton where they do not converge or cost more. */
+/*
+ * One step of the state in the work memory: sweeps, and Newton where they do not converge or cost
+ * more.
+ */
 static int fast_advance(work_t *w, const options_t *options, real dt, int *iterations,
     report_t *report)
 {
     fast_t *f = fast_of(w);
     *iterations = 0;
     w->effort = 0;
+    f->run.t = splat(w->t);
     const int past = f->run.predictor.count > 0, only_sweeps = options->solver == FIXED_POINT;
     const int tries = only_sweeps || (f->way == SWEEPS_FIRST && f->wait == 0);
     int status = NOT_CONVERGED;
@@ -1783,7 +2183,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
         f->failures = 0;
     choose_way(f, sweeps*SWEEP_COST + w->effort);
     mean_t *s = &f->run;
-    record(&s->predictor, s->past, MEAN_X, mean_ends, mean_rows, s->through, s->now.x);
+    record(&s->predictor, s->past, mean_X, mean_ends, mean_rows, s->through, s->now.x);
     mean_finish(s);
     real size = 0;
     for (int a = 0; a < N; ++a)
@@ -1797,8 +2197,8 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
     f->failures = f->wait = f->way = f->steps = 0;
     f->patience = 32;
     f->effort[SWEEPS_FIRST] = f->effort[NEWTON_FIRST] = 0;
-    f->run.constants._used = 1;
-    for (int i = 0; i < W; ++i)
+    f->run.constants._used = mean_used();
+    for (int i = 0; i < LANES; ++i)
         mean_prepare(&f->run, i, &w->constants, dt);
     for (int a = 0; a < N; ++a) {
         f->run.q[a] = splat(q[a]);
@@ -1821,109 +2221,100 @@ static void fast_observe(work_t *w, report_t *report)
 {
     mean_t *s = &fast_of(w)->run;
     const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
-    const real error = fabs(part(&H, 0) - report->energy_start);
+    set_work(report, part(&s->work, 0), part(&s->work_low, 0));
+    const real gain = part(&H, 0) - report->energy_start;
+    const real error = fabs(gain - work_so_far(report));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
-    lanes f[M];
-    real g_size = 0, f_size = 0;
-    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
-    for (int mu = 0; mu < M; ++mu) {
-        g_size = larger(fabs(part(&s->g_rounded[mu], 0)), g_size);
-        f_size = larger(fabs(part(&f[mu], 0)), f_size);
+    mean_observe_defects(s, report);
+}
+
+/* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
+
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
+{
+    if (options->solver != NEWTON)
+        fast_begin(w, dt, q, p);
+}
+
+/* One step of a run, counted and observed. */
+static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
+    real multipliers[ROOM], int *iterations, report_t *report)
+{
+    if (options->solver == NEWTON) {
+        const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
+        if (status != OK)
+            return status;
+        count_work(w, report);
+        observe(&w->constants, q, p, report);
+        return OK;
     }
-    report->constraint_max = larger(g_size, report->constraint_max);
-    report->constraint_sum += g_size;
-    report->hidden_max = larger(f_size, report->hidden_max);
-    report->hidden_sum += f_size;
-}
-
-/* ---------------------------------------------------------------- the public functions */
-
-int heavy_top_ims_alpha_T1(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
-    const real p[N], real x[U], int *iterations, work_t *work)
-{
-    prepare(parameters, &work->constants);
-    guess(work, dt, q, p, x);
-    return newton(work, options, dt, q, p, x, iterations);
-}
-
-int heavy_top_ims_alpha_T2(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    return finish(work, dt, q, p, x, q1, p1, multipliers);
-}
-
-/* One step; the constants of the run are prepared. */
-static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
-    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
-{
-    real q_end[N], p_end[N];
-    guess(w, dt, q, p, w->x);
-    int status = newton(w, options, dt, q, p, w->x, iterations);
-    if (status == OK)
-        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    const int status = fast_advance(w, options, dt, iterations, report);
     if (status != OK)
         return status;
-    for (int a = 0; a < N; ++a) {
-        q1[a] = q_end[a];
-        p1[a] = p_end[a];
-    }
+    fast_observe(w, report);
+    fast_state(w, q, p);
     return OK;
 }
 
+/* The multipliers of the last step; Newton has put them there. */
+static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
+{
+    if (options->solver != NEWTON)
+        mean_multipliers(&fast_of(w)->run, 0, multipliers);
+}
+
+/* A step with no past and no future. */
+static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    if (options->solver == NEWTON)
+        return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
+    report_t report = { 0 };
+    fast_begin(w, dt, q, p);
+    const int status = fast_advance(w, options, dt, iterations, &report);
+    if (status == OK) {
+        fast_state(w, q1, p1);
+        mean_multipliers(&fast_of(w)->run, 0, multipliers);
+    }
+    return status;
+}
+
+/* ------------------------------------------------------------------------- the public functions */
+
 int heavy_top_ims_alpha_step(const parameters_t *parameters, const options_t *options, real dt,
-    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations,
-    work_t *work)
+    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
+    int *iterations, work_t *work)
 {
     prepare(parameters, &work->constants);
-    if (options->solver != NEWTON) {
-        report_t report = { 0 };
-        fast_begin(work, dt, q, p);
-        const int status = fast_advance(work, options, dt, iterations, &report);
-        if (status == OK) {
-            fast_state(work, q1, p1);
-            mean_multipliers(&fast_of(work)->run, 0, multipliers);
-        }
-        return status;
-    }
-    return advance(work, options, dt, q, p, q1, p1, multipliers, iterations);
+    work->t = start_time(parameters);
+    return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 
-/* Adds the state (q, p) to the record. */
-static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
-{
-    const real error = fabs(hamiltonian(c, q, p) - report->energy_start);
-    report->energy_error_max = larger(error, report->energy_error_max);
-    report->energy_error_sum += error;
-    real g[M], f[M];
-    constraint(c, q, g);
-    hidden_constraint(c, q, p, f);
-    const real g_size = norm(M, g), f_size = norm(M, f);
-    report->constraint_max = larger(g_size, report->constraint_max);
-    report->constraint_sum += g_size;
-    report->hidden_max = larger(f_size, report->hidden_max);
-    report->hidden_sum += f_size;
-}
+/* Where a run stores its rows; NULL where they are not wanted. */
+typedef struct {
+    real *q, *p, *multipliers;
+    int *iterations;
+    real *work;
+} rows_t;
 
-int heavy_top_ims_alpha_integrate(const parameters_t *parameters, const options_t *options, real dt,
-    long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
-    int *iterations, report_t *report, work_t *work)
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
 {
     prepare(parameters, &work->constants);
     if (report->steps == 0) {
         report->energy_start = hamiltonian(&work->constants, q, p);
         observe(&work->constants, q, p, report);
+        begin_run(work, options, dt, q, p);
     }
-    const int fast = options->solver != NEWTON;
-    if (fast && report->steps == 0)
-        fast_begin(work, dt, q, p);
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        const int status = fast ? fast_advance(work, options, dt, &taken, report)
-            : advance(work, options, dt, q, p, q, p, forces, &taken);
+        work->t = start_time(parameters) + (real)report->steps*dt;
+        const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
         ++report->steps;
@@ -1932,83 +2323,35 @@ int heavy_top_ims_alpha_integrate(const parameters_t *parameters, const options_
             report->iterations_max = taken;
         if (taken > most)
             most = taken;
-        if (fast) {
-            fast_observe(work, report);
-            fast_state(work, q, p);
-        } else
-            observe(&work->constants, q, p, report);
         if (k % every != 0)
             continue;
-        if (fast && multipliers != NULL)
-            mean_multipliers(&fast_of(work)->run, 0, forces);
+        if (out.multipliers != NULL)
+            multipliers_of_run(work, options, forces);
         const long row = k/every - 1;
-        for (int a = 0; a < N && q_out != NULL; ++a)
-            q_out[row*N + a] = q[a];
-        for (int a = 0; a < N && p_out != NULL; ++a)
-            p_out[row*N + a] = p[a];
-        for (int l = 0; l < MULTIPLIERS && multipliers != NULL; ++l)
-            multipliers[row*MULTIPLIERS + l] = forces[l];
-        if (iterations != NULL)
-            iterations[row] = most;
+        for (int a = 0; a < N && out.q != NULL; ++a)
+            out.q[row*N + a] = q[a];
+        for (int a = 0; a < N && out.p != NULL; ++a)
+            out.p[row*N + a] = p[a];
+        for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
+            out.multipliers[row*MULTIPLIERS + l] = forces[l];
+        if (out.iterations != NULL)
+            out.iterations[row] = most;
+        if (out.work != NULL)
+            out.work[row] = work_so_far(report);
         most = 0;
     }
     return OK;
 }
 
-void heavy_top_ims_alpha_guess(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    real x[U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    guess(work, dt, q, p, x);
-}
-
-void heavy_top_ims_alpha_residual(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real r[U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    residual(work, dt, q, p, x, r);
-}
-
-void heavy_top_ims_alpha_jacobian(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real J[U*U], work_t *work)
-{
-    prepare(parameters, &work->constants);
-    residual(work, dt, q, p, x, work->r);
-    jacobian(work, dt, q, p, x, J);
-}
-
-real heavy_top_ims_alpha_increment_size(real dt, const real q[N], const real p[N], const real x[U],
-    const real dx[U], const work_t *work)
-{
-    return increment_size(work, dt, q, p, x, dx);
-}
-
-int heavy_top_ims_alpha_lands(real dt, const real q[N], const real x[U], work_t *work)
-{
-    return lands(work, dt, q, x);
-}
-
-real heavy_top_ims_alpha_last_increment(const work_t *work)
-{
-    return work->increment;
-}
-
-void heavy_top_ims_alpha_hamiltonian(const parameters_t *parameters, long count, const real *q, const real *p,
-    real *H)
-{
-    constants c;
-    prepare(parameters, &c);
-    for (long i = 0; i < count; ++i)
-        H[i] = hamiltonian(&c, q + i*N, p + i*N);
-}
-
-/* ---------------------------------------------------------------- W trajectories at a time */
+/* --------------------------------------------------------------- several trajectories at a time */
 
 /* What a caller's batch memory holds. */
 typedef struct {
     mean_t run;
     mean_iterate kept; /* lanes that converged before their mates, or are to be kept */
     lanes energy_start, energy_error_max, energy_error_sum;
+    lanes start; /* the time at the start of the run */
+    long done;   /* steps since then */
     lanes g_max, g_sum, f_max, f_sum;
 } batch_t;
 
@@ -2019,9 +2362,6 @@ static batch_t *batch_of(batch_memory *memory)
 {
     return (batch_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
 }
-
-/* What the end of a step needs of an iterate: its first lanes. */
-enum { RESULT = MEAN_X };
 
 enum { WHOLE = sizeof(mean_iterate)/sizeof(lanes) };
 
@@ -2043,11 +2383,11 @@ static void restart(batch_t *b, const int *fresh, const real *x)
     b->kept = b->run.now;
     if (x == NULL)
         mean_guess(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (x != NULL && fresh[i])
             mean_load(&b->run, i, x);
     mean_begin(&b->run);
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         if (!fresh[i])
             copy_lane(&b->run.now, &b->kept, i, WHOLE);
 }
@@ -2062,9 +2402,9 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     mean_t *run = &b->run;
     const real far = (real)0.02;
     const int predicted = run->predictor.count > 0;
-    progress_t progress[W];
-    int busy[W], early[W], fresh[W], left = 0;
-    for (int i = 0; i < W; ++i) {
+    progress_t progress[LANES];
+    int busy[LANES], early[LANES], fresh[LANES], left = 0;
+    for (int i = 0; i < LANES; ++i) {
         progress[i] = start_of_sweeps(run->predictor.rate[i]);
         busy[i] = alive[i];
         early[i] = lost[i] = 0;
@@ -2074,15 +2414,15 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     for (int round = 1; left > 0; ++round) {
         int again = 0, looks = 0;
         mean_sweep(run);
-        for (int i = 0; i < W; ++i)
+        for (int i = 0; i < LANES; ++i)
             looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
         if (looks)
             mean_noise(run);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             fresh[i] = 0;
             if (!busy[i])
                 continue;
-            const real change = part(&run->change, i), defect = part(&run->defect, i);
+            const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
             if (calls_for_look(&progress[i], change))
                 look(&progress[i], part(&run->noise, i));
             const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
@@ -2100,19 +2440,20 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         }
         if (again)
             restart(b, fresh, NULL);
-        for (int i = 0; i < W && left > 0; ++i)
+        for (int i = 0; i < LANES && left > 0; ++i)
             if (early[i] == 1) {
                 early[i] = 2;
-                copy_lane(&b->kept, &run->now, i, RESULT);
+                copy_lane(&b->kept, &run->now, i, mean_RESULT);
             }
         if (!predicted && left > 0 && (round == 1 || round == 3)) {
             mean_sizes(run);
+            mean_factor(run);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         run->predictor.rate[i] = progress[i].rate;
         if (early[i] == 2)
-            copy_lane(&run->now, &b->kept, i, RESULT);
+            copy_lane(&run->now, &b->kept, i, mean_RESULT);
     }
 }
 
@@ -2120,18 +2461,14 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
 static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
 {
     real q[N], p[N];
-    int fresh[W] = { 0 }, taken;
-    constants *c = &w->constants;
-    c->mgl = part(&b->run.constants.mgl, lane);
-    c->k0 = part(&b->run.constants.k0, lane);
-    c->k1 = part(&b->run.constants.k1, lane);
-    c->k2 = part(&b->run.constants.k2, lane);
-    c->k3 = part(&b->run.constants.k3, lane);
+    int fresh[LANES] = { 0 }, taken;
+    get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
         p[a] = part(&b->run.p[a], lane);
     }
     const real dt = part(&b->run.h, lane);
+    w->t = part(&b->run.t, lane);
     guess(w, dt, q, p, w->x);
     const int status = newton(w, options, dt, q, p, w->x, &taken);
     *iterations += taken;
@@ -2146,7 +2483,7 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
 INLINE lanes lanes_larger(lanes a, lanes b)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, larger(part(&b, i), part(&a, i)));
     return result;
 }
@@ -2154,22 +2491,18 @@ INLINE lanes lanes_larger(lanes a, lanes b)
 INLINE lanes lanes_size(lanes a)
 {
     lanes result = a;
-    for (int i = 0; i < W; ++i)
+    for (int i = 0; i < LANES; ++i)
         set_part(&result, i, fabs(part(&a, i)));
     return result;
 }
 
-static void observe_lanes(batch_t *b)
+static void observe_lane_defects(batch_t *b)
 {
     mean_t *run = &b->run;
-    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
-        - b->energy_start);
-    b->energy_error_max = lanes_larger(b->energy_error_max, error);
-    b->energy_error_sum += error;
     lanes f[M], g_size = splat(0), f_size = splat(0);
     lanes_hidden_constraint(&run->constants, run->q, run->p, f);
     for (int mu = 0; mu < M; ++mu) {
-        g_size = lanes_larger(g_size, lanes_size(run->g_rounded[mu]));
+        g_size = lanes_larger(g_size, lanes_size(run->bound.g_rounded[mu]));
         f_size = lanes_larger(f_size, lanes_size(f[mu]));
     }
     b->g_max = lanes_larger(b->g_max, g_size);
@@ -2178,9 +2511,20 @@ static void observe_lanes(batch_t *b)
     b->f_sum += f_size;
 }
 
+static void observe_lanes(batch_t *b)
+{
+    mean_t *run = &b->run;
+    const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
+        - b->energy_start - run->work);
+    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_sum += error;
+    observe_lane_defects(b);
+}
+
 /* The record of a lane, between memory and report. */
 static void write_report(const batch_t *b, int lane, report_t *report)
 {
+    set_work(report, part(&b->run.work, lane), part(&b->run.work_low, lane));
     report->energy_error_max = part(&b->energy_error_max, lane);
     report->energy_error_sum = part(&b->energy_error_sum, lane);
     report->constraint_max = part(&b->g_max, lane);
@@ -2190,8 +2534,8 @@ static void write_report(const batch_t *b, int lane, report_t *report)
 }
 
 /* State and record of a lane, for the caller. */
-static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p, real *q,
-    real *p, report_t *report)
+static void keep_state(const batch_t *b, int lane, const lanes *from_q, const lanes *from_p,
+    real *q, real *p, report_t *report)
 {
     write_report(b, lane, report);
     for (int a = 0; a < N; ++a) {
@@ -2212,18 +2556,20 @@ static int is_finite_lane(const mean_t *run, int lane)
 static void begin_batch(batch_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
 {
-    b->run.constants._used = count < W ? count : W;
-    for (int i = 0; i < W; ++i) {
+    b->run.constants._used = count < LANES ? count : LANES;
+    for (int i = 0; i < LANES; ++i) {
         const int from = i < count ? i : 0;
         constants c;
         prepare(&parameters[from], &c);
         mean_prepare(&b->run, i, &c, dt[from]);
+        set_part(&b->start, i, start_time(&parameters[from]));
         for (int a = 0; a < N; ++a) {
             set_part(&b->run.q[a], i, q[from*N + a]);
             set_part(&b->run.p[a], i, p[from*N + a]);
         }
     }
     mean_set_up(&b->run);
+    b->done = 0;
     b->energy_start = lanes_hamiltonian(&b->run.constants, b->run.q, b->run.p);
     b->energy_error_max = b->energy_error_sum = splat(0);
     b->g_max = b->g_sum = b->f_max = b->f_sum = splat(0);
@@ -2232,17 +2578,16 @@ static void begin_batch(batch_t *b, int count, const parameters_t *parameters, c
 
 int heavy_top_ims_alpha_lanes(void)
 {
-    return W;
+    return LANES;
 }
 
-void heavy_top_ims_alpha_integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
-    const real *dt, long steps, long every, long rows, real *q, real *p, real *q_out, real *p_out,
-    real *multipliers, int *iterations, report_t *reports, int *status, batch_memory *batch,
-    work_t *work)
+static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
     batch_t *b = batch_of(batch);
     mean_t *run = &b->run;
-    int alive[W], most[W] = { 0 }, living = 0;
+    int alive[LANES], most[LANES] = { 0 }, living = 0;
     if (count <= 0)
         return;
     if (reports[0].steps == 0 && status[0] == OK) {
@@ -2252,14 +2597,15 @@ void heavy_top_ims_alpha_integrate_lanes(int count, const parameters_t *paramete
             write_report(b, i, &reports[i]);
         }
     }
-    for (int i = 0; i < W; ++i) {
+    for (int i = 0; i < LANES; ++i) {
         alive[i] = i < count && status[i] == OK;
         living += alive[i];
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
-        int lost[W], taken[W] = { 0 };
+        int lost[LANES], taken[LANES] = { 0 };
+        run->t = b->start + (real)b->done++*run->h;
         sweep_lanes(b, options, alive, lost, taken);
-        for (int i = 0; i < W; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             if (!lost[i])
                 continue;
             if (options->solver != FIXED_POINT) {
@@ -2278,7 +2624,8 @@ void heavy_top_ims_alpha_integrate_lanes(int count, const parameters_t *paramete
             q_before[a] = run->q[a];
             p_before[a] = run->p[a];
         }
-        record(&run->predictor, run->past, MEAN_X, mean_ends, mean_rows,
+        const lanes work_before = run->work;
+        record(&run->predictor, run->past, mean_X, mean_ends, mean_rows,
             run->through, run->now.x);
         mean_finish(run);
         for (int i = 0; i < count; ++i)
@@ -2287,6 +2634,7 @@ void heavy_top_ims_alpha_integrate_lanes(int count, const parameters_t *paramete
                 alive[i] = 0;
                 --living;
                 keep_state(b, i, q_before, p_before, q, p, &reports[i]);
+                restore_work(&reports[i], part(&work_before, i));
             }
         observe_lanes(b);
         for (int i = 0; i < count; ++i) {
@@ -2304,33 +2652,58 @@ void heavy_top_ims_alpha_integrate_lanes(int count, const parameters_t *paramete
             if (k % every != 0)
                 continue;
             const long row = i*rows + k/every - 1;
-            for (int a = 0; a < N && q_out != NULL; ++a)
-                q_out[row*N + a] = part(&run->q[a], i);
-            for (int a = 0; a < N && p_out != NULL; ++a)
-                p_out[row*N + a] = part(&run->p[a], i);
-            if (MULTIPLIERS > 0 && multipliers != NULL)
-                mean_multipliers(run, i, multipliers + row*MULTIPLIERS);
-            if (iterations != NULL)
-                iterations[row] = most[i];
+            for (int a = 0; a < N && out.q != NULL; ++a)
+                out.q[row*N + a] = part(&run->q[a], i);
+            for (int a = 0; a < N && out.p != NULL; ++a)
+                out.p[row*N + a] = part(&run->p[a], i);
+            if (MULTIPLIERS > 0 && out.multipliers != NULL)
+                mean_multipliers(run, i, out.multipliers + row*MULTIPLIERS);
+            if (out.iterations != NULL)
+                out.iterations[row] = most[i];
+            if (out.work != NULL)
+                out.work[row] = part(&run->work, i);
             most[i] = 0;
         }
     }
 }
 
-/* ---------------------------------------------------------------- any number of trajectories, whole runs */
+/* ------------------------------------------------------- any number of trajectories, whole runs */
 
-void heavy_top_ims_alpha_integrate_many(long count, const parameters_t *parameters, const options_t *options,
+void heavy_top_ims_alpha_integrate_many(long count, const parameters_t *parameters,
+    const options_t *options,
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
-    const long rows = steps/every;
-    for (long i = 0; i < count && options->solver != NEWTON; i += W)
-        heavy_top_ims_alpha_integrate_lanes(count - i < W ? (int)(count - i) : W, parameters + i, options, dt + i,
-            steps, every, rows, q + i*N, p + i*N, q_out == NULL ? NULL : q_out + i*rows*N,
-            p_out == NULL ? NULL : p_out + i*rows*N, NULL, NULL, reports + i, status + i, batch,
-            work);
-    for (long i = 0; i < count && options->solver == NEWTON; ++i)
-        status[i] = heavy_top_ims_alpha_integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
-            q_out == NULL ? NULL : q_out + i*rows*N, p_out == NULL ? NULL : p_out + i*rows*N, NULL,
-            NULL, reports + i, work);
+    const long rows = steps/every, together = options->solver == NEWTON ? 1 : LANES;
+    for (long i = 0; i < count; i += together) {
+        const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
+            .p = p_out == NULL ? NULL : p_out + i*rows*N };
+        if (options->solver == NEWTON)
+            status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N,
+                out, reports + i, work);
+        else
+            integrate_lanes(count - i < LANES ? (int)(count - i) : LANES, parameters + i, options,
+                dt + i, steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch,
+                work);
+    }
+}
+
+/* ------------------------------------------------------------- calls with what this system has */
+
+int heavy_top_ims_alpha_integrate(const parameters_t *parameters, const options_t *options, real dt,
+    long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
+    int *iterations, report_t *report, work_t *work)
+{
+    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
+    return integrate(parameters, options, dt, steps, every, q, p, out, report, work);
+}
+
+void heavy_top_ims_alpha_integrate_lanes(int count, const parameters_t *parameters,
+    const options_t *options, const real *dt, long steps, long every, long rows, real *q, real *p,
+    real *q_out, real *p_out, real *multipliers, int *iterations,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
+{
+    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
+    integrate_lanes(count, parameters, options, dt, steps, every, rows, q, p, out, reports,
+        status, batch, work);
 }

@@ -14,7 +14,7 @@ rooms above it alone.
     model_files/  TOML to a model
     kernels/      expressions with inputs and outputs, and C text of them
     schemes/      what a step must solve; what sweeps may use
-    emission/     kernels, tableau and templates to header, source and manifest
+    emission/     kernels, tableau, templates and files of the engine to header, source and manifest
 
 At the door: ``spec``, what is to be generated, and ``pipeline``.
 
@@ -23,7 +23,8 @@ At the door: ``spec``, what is to be generated, and ``pipeline``.
 3. **tableau**  scheme and s → exact coefficients from (A.8)-(A.18); what they satisfy is proved
 4. **scheme**   system and tableau → what a step must solve: unknowns, kernels
 5. **kernels**  expressions → statements with shared subexpressions
-6. **emit**     kernels, tableau, templates → header, source, manifest
+6. **emit**     kernels, tableau, templates → header, source, manifest, with the files of
+   ``engine/`` that they need
 
 Nothing in this package knows a compiler; nothing in ``runtime`` knows SymPy. The manifest is the
 whole contract between the two. This file imports nothing, so ``spec`` costs no SymPy.

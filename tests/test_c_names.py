@@ -60,7 +60,8 @@ def macros(folder):
 @pytest.fixture(scope="module")
 def suspicious(tmp_path_factory):
     """Return keywords, macros, cffi's types, and every word of the templates."""
-    words = {word for path in (ROOT / "templates").glob("*.jinja")
+    texts = [*(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").glob("*.h")]
+    words = {word for path in texts
              for word in re.findall(r"\b[A-Za-z]\w*", path.read_text(encoding="utf-8"))}
     seen = macros(tmp_path_factory.mktemp("macros"))
     return sorted({*KEYWORDS, *seen, *COMMON_TYPES, *words, *HANDPICKED})

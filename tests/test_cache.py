@@ -478,7 +478,7 @@ def test_two_compilers_two_modules(own_cache, quick):
 def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
     """Changed text of the generator or a template, another version: no old source is used."""
     spec = Spec("IMS", real="float")
-    for folder in ("generator", "templates"):
+    for folder in ("generator", "engine", "templates"):
         shutil.copytree(ROOT / folder, tmp_path / folder,
                         ignore=shutil.ignore_patterns("__pycache__"))
     for path in ROOT.glob("*.py"):
@@ -493,11 +493,11 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
         patch.setattr(facade, "ROOT", tmp_path)
         keys = [key()]
         assert keys == [here]
-        for path in (tmp_path / "templates" / "mean.c.jinja",
+        for path in (tmp_path / "templates" / "stepper.c.jinja", tmp_path / "engine" / "judge.h",
                      tmp_path / "generator" / "tableaux" / "nodes.py", tmp_path / "real.py"):
             path.write_text(path.read_text(encoding="utf-8") + "\n", encoding="utf-8")
             keys.append(key())
-        (tmp_path / "templates" / "mean.c.jinja").unlink()
+        (tmp_path / "engine" / "judge.h").unlink()
         keys.append(key())
         patch.setattr(facade, "__version__", "99")
         keys.append(key())

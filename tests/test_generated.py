@@ -83,7 +83,7 @@ def parts(scheme, stages):
     end = text.index("};", table)
     fast = re.compile(r"^static const real fast_\w+\[.*?\n\};\n", re.MULTILINE | re.DOTALL)
     code = fast.sub("", text[:start] + text[end:])
-    return code.replace("NOINLINE void stages", "INLINE void stages"), text[table:end]
+    return code.replace("#define PRODUCT NOINLINE", "#define PRODUCT INLINE"), text[table:end]
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [
@@ -101,7 +101,7 @@ def test_only_the_tables_grow_with_the_stages(scheme, stages):
         numbers = re.findall(r"[{ ](-?[0-9][0-9.e+-]*)", table)
         assert len(numbers) == entries
         assert len(table) <= 26 * entries + 40 * s + 400  # 17 digits, sign, point, exponent
-        assert table.count("\n") <= 4 * s + 30
+        assert table.count("\n") <= 4 * s + 30 + len(table) // 60  # rows of 100 columns
 
 
 # ---------------------------------------------------------------- what it says

@@ -58,7 +58,7 @@ def imports_of(path: Path) -> set[str]:
 
 def folders_to_install() -> list[Path]:
     """Return the folders of the package: of modules, and of data that are installed as well."""
-    data = [ROOT / name for name in ("examples", "generated", "templates")]
+    data = [ROOT / name for name in ("engine", "examples", "generated", "templates")]
     modules = [path.parent for depth in ("*", "*/*") for path in ROOT.glob(f"{depth}/__init__.py")
                if path.parts[len(ROOT.parts)] not in ("build", "tests", ".venv")]
     inner = [path for path in (ROOT / "examples").iterdir() if path.is_dir()]
@@ -108,7 +108,7 @@ def test_nothing_generated_is_checked_in_elsewhere():
     present = [Path(name) for name in listed if name and (ROOT / name).exists()]
     for path in present:
         if path.suffix in (".c", ".h"):
-            assert path.parts[0] in ("generated", "examples", "benchmarks", "tests"), path
+            assert path.parts[0] in ("engine", "generated", "examples", "benchmarks", "tests"), path
         assert path.suffix not in (".so", ".o", ".npz", ".pyc"), path
 
 

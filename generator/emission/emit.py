@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -25,8 +24,10 @@ from ..systems.structure import Structure
 from ..systems.system import System
 from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
+from .c_lines import fitted
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
+from .engine import Proved, engine_of
 from .solver_costs import solver_costs
 
 __all__ = ["SCHEMA", "Source", "emit"]
@@ -84,14 +85,21 @@ def emit(
     context = _context(name, method, scheme, system, constants, real,
                        [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())],
                        forms) | fast | {"kernels": kernels}
+    context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""))
+    proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
+                    bool(system.forces), *(bool(fast.get(name)) for name in (
+                        "constant_schur", "correction", "separable")))
+    context |= proved.scheme_files() | proved.solver_files(fast["fast"])
+    context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {
+        "batch_files": []}
     quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
     if quantities is not None:
         context["own_switches"] |= quantities.functions & SWITCHES
     environment = _environment()
     return Source(
         name,
-        _text(environment.get_template("stepper.h.jinja").render(context)),
-        _text(environment.get_template("stepper.c.jinja").render(context)),
+        fitted(environment.get_template("stepper.h.jinja").render(context)),
+        fitted(environment.get_template("stepper.c.jinja").render(context)),
         _manifest(name, method, scheme, system, constants, real, kernels, fast, forms),
     )
 
@@ -108,11 +116,6 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters["operations"] = operations_text
     return environment
-
-
-def _text(rendered: str) -> str:
-    """Return C with at most one empty line between its parts, whichever of them are there."""
-    return re.sub(r"\n{3,}", "\n\n", rendered)
 
 
 def operations_text(operations: dict[str, int]) -> str:
@@ -169,7 +172,6 @@ def _context(
         "compensated_plain": any(map(sums_products, kernels)),
         "cardinals": c_names_with_needs(frozenset().union(*(k.functions for k in kernels))),
         "own_switches": SWITCHES & printer.functions.union(*(k.functions for k in alone)),
-        "scheme_template": scheme.template,
         "scheme_doc": _scheme_doc(scheme),
         "unknowns_doc": _unknowns_doc(scheme),
         "tableau": _tableau_rows(tableau, real) if tableau else None,

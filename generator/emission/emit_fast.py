@@ -47,7 +47,6 @@ def fast_context(
                         for name, rows in tables.items()},
         "compensated": any(sums_products(k, "lanes_") for k in kernels),
         "eliminates": scheme.system.m and (spark or system.schur_inverse is None),
-        "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
         "one": "stages" if spark else "mean",
         "many": "trajectories" if spark else "mean",
         "constant_schur": scheme.system.m and system.schur_inverse is not None,
@@ -55,10 +54,6 @@ def fast_context(
         "shared": len(system.shared),
         "separable": system.is_separable,
         "affine": system.is_affine,
-        "predictor_order": 16,
-        "beyond": 4096,
-        "product_shapes": lambda mode: _product_shapes(mode, scheme.system.m),
-        "widths": {"N": scheme.system.n, "M": scheme.system.m},
         "memory": _memory(scheme, real, held, m * m, one=True),
         "batch_memory": _memory(scheme, real, held, m * m, one=False),
     }
@@ -89,7 +84,6 @@ def structured_fast_context(
                         for name, rows in tables.items()},
         "compensated": any(sums_products(k, "lanes_") for k in kernels),
         "eliminates": bool(m),
-        "fast_template": "sweep_spark.c.jinja" if spark else "sweep_mean.c.jinja",
         "one": "stages" if spark else "mean",
         "many": "trajectories" if spark else "mean",
         "constant_schur": False,
@@ -97,10 +91,6 @@ def structured_fast_context(
         "shared": 0,
         "separable": structure.is_separable,
         "affine": structure.is_quadratic,
-        "predictor_order": 16,
-        "beyond": 4096,
-        "product_shapes": lambda mode: _product_shapes(mode, m),
-        "widths": {"N": scheme.system.n, "M": m},
         "memory": _memory(scheme, real, held, factor, one=True),
         "batch_memory": _memory(scheme, real, held, factor, one=False),
     }
@@ -126,16 +116,6 @@ def fast_manifest(fast: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _product_shapes(mode: str, m: int) -> list[tuple[str, str, str, str]]:
-    """Return name, rows (as items), columns and width of each kind of table product."""
-    stages, nodes = ("STAGE_ITEMS", "NODE_ITEMS") if mode == "stages" else ("S", "P")
-    shapes = [("stages_of_stages", stages, "S", "N")]
-    if m:
-        shapes += [("nodes_of_stages", nodes, "S", "N"), ("stages_of_nodes", stages, "P", "N"),
-                   ("nodes_of_nodes", nodes, "P", "M")]
-    return shapes
-
-
 def _memory(
     scheme: SparkScheme | MeanScheme, real: Real, constants: int, factor: int, *, one: bool
 ) -> int:
@@ -152,8 +132,8 @@ def _memory(
     x = 2 * blocks * n + nodes * m
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
-    forced = 8 + blocks + (n if one else s * n) if scheme.system.forces else 0
-    vectors = (forced + constants + 33
+    forced = n if one else s * n
+    vectors = (forced + blocks + constants + 41
                + 5 * n + 2 * blocks + tables + 2 * iterate + 17 * x + 4 * m + m * m
                + 3 * (16 + 17 * 17))
     return vectors * lanes * real.bytes + 512

@@ -39,8 +39,9 @@ def vector(name: str, count: int) -> list[sp.Symbol]:
 
 
 def time_input(system: System) -> dict[str, list[sp.Symbol]]:
-    """Return the input of what depends on time, if anything does."""
-    return {"t": [system.time]} if system.time is not None and system.is_driven else {}
+    """Return the input of what may depend on time: an autonomous system ignores it."""
+    driven = system.time is not None and system.is_driven
+    return {"t": [system.time if driven else sp.Symbol("_time", real=True)]}
 
 
 def common_kernels(system: System) -> list[Kernel]:
@@ -104,7 +105,6 @@ class SparkScheme:
 
     system: System
     tableau: Tableau
-    template = "spark.c.jinja"
     #: x holds rates and multipliers themselves, not a state to be reached.
     unknowns_are_state = False
 
@@ -126,7 +126,7 @@ class SparkScheme:
     def kernels(self) -> list[Kernel]:
         """Return the derivative kernels that the stage loops call."""
         system = self.system
-        state = {"q": list(system.q), "p": list(system.p)}
+        state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
         kernels = [
             Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
                    {"H_q": system.H_q, "H_p": system.H_p}),
@@ -134,7 +134,6 @@ class SparkScheme:
                    {"H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}),
         ]
         if system.forces:
-            state |= time_input(system)
             kernels = [
                 Kernel("gradient", "H_q = dH/dq - F, H_p = dH/dp", state,
                        {"H_q": system.minus_p_rate, "H_p": system.H_p}),
@@ -157,7 +156,6 @@ class MeanScheme:
 
     system: System
     discrete: bool  # EMS: the discrete gradient; IMS: the gradient at the midpoint
-    template = "mean.c.jinja"
     tableau = None
     unknowns_are_state = True
 

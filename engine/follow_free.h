@@ -1,0 +1,11 @@
+/* The second half of a sweep: H_q at the places found. */
+INLINE void RUN(follow)(RUN(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
+    lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
+{
+    for (int i = 0; i < RUN(S); ++i) {
+        lanes H_q[N], H_p[N];
+        const lanes t = w->t + w->late[i];
+        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
+        RUN(take)(w, i, L_new, H_q, q_change, p_change);
+    }
+}

@@ -1,0 +1,61 @@
+/* ------------------------------------------------------------------------- the public functions */
+
+int NAME(step)(const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
+    int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
+}
+
+/* Where a run stores its rows; NULL where they are not wanted. */
+typedef struct {
+    real *q, *p, *multipliers;
+    int *iterations;
+    real *work;
+} rows_t;
+
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    if (report->steps == 0) {
+        report->energy_start = hamiltonian(&work->constants, q, p);
+        observe(&work->constants, q, p, report);
+        begin_run(work, options, dt, q, p);
+    }
+    int most = 0;
+    for (long k = 1; k <= steps; ++k) {
+        real forces[ROOM];
+        int taken;
+        work->t = start_time(parameters) + (real)report->steps*dt;
+        const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
+        if (status != OK)
+            return status;
+        ++report->steps;
+        report->iterations += taken;
+        if (taken > report->iterations_max)
+            report->iterations_max = taken;
+        if (taken > most)
+            most = taken;
+        if (k % every != 0)
+            continue;
+        if (out.multipliers != NULL)
+            multipliers_of_run(work, options, forces);
+        const long row = k/every - 1;
+        for (int a = 0; a < N && out.q != NULL; ++a)
+            out.q[row*N + a] = q[a];
+        for (int a = 0; a < N && out.p != NULL; ++a)
+            out.p[row*N + a] = p[a];
+        for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
+            out.multipliers[row*MULTIPLIERS + l] = forces[l];
+        if (out.iterations != NULL)
+            out.iterations[row] = most;
+        if (out.work != NULL)
+            out.work[row] = work_so_far(report);
+        most = 0;
+    }
+    return OK;
+}

@@ -1,0 +1,14 @@
+/* ------------------------------------------------------- any number of trajectories, whole runs */
+
+void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
+    report_t *reports, int *status, work_t *work)
+{
+    const long rows = steps/every;
+    for (long i = 0; i < count; ++i) {
+        const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
+            .p = p_out == NULL ? NULL : p_out + i*rows*N };
+        status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N, out,
+            reports + i, work);
+    }
+}

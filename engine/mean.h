@@ -1,0 +1,63 @@
+/* ------------------------------------------------------------------------ one mean value a step */
+
+/* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
+enum { DP = N, LAMBDA = 2*N };
+
+/* Starting guess: an explicit Euler step, no constraint force. */
+static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U])
+{
+    const real zero[N] = { 0 };
+    real D_q[N], D_p[N];
+    mean_gradient(&w->constants, q, p, zero, zero, &w->t, D_q, D_p);
+    for (int a = 0; a < N; ++a) {
+        x[a] = dt*D_p[a];
+        x[DP + a] = -dt*D_q[a];
+    }
+    for (int l = LAMBDA; l < U; ++l)
+        x[l] = 0;
+}
+
+/* q_mean, p_mean (51) */
+static void mean_values(work_t *w, const real q[N], const real p[N], const real x[U])
+{
+    for (int a = 0; a < N; ++a) {
+        w->q_mean[a] = q[a] + x[a]/2;
+        w->p_mean[a] = p[a] + x[DP + a]/2;
+    }
+}
+
+/*
+ * r = [dq/dt - D_p; dp/dt + D_q - F + G^T lambda; g(q + dq)], F at the means and t + dt/2,
+ * G between the two ends
+ */
+static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real r[U])
+{
+    real D_q[N], D_p[N];
+    const real t = w->t + dt/2;
+    mean_values(w, q, p, x);
+    mean_gradient(&w->constants, w->q_mean, w->p_mean, x, x + DP, &t, D_q, D_p);
+    for (int a = 0; a < N; ++a) {
+        r[a] = x[a]/dt - D_p[a];
+        r[DP + a] = x[DP + a]/dt + D_q[a];
+    }
+    constraint_rows(w, q, x, r);
+}
+
+/* The increment relative to the state; the multipliers do not count. */
+static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real dx[U])
+{
+    (void)w, (void)dt;
+    const real q_size = larger(norm(N, q), norm(N, x));
+    const real p_size = larger(norm(N, p), norm(N, x + DP));
+    const real dq = norm(N, dx), dp = norm(N, dx + DP);
+    return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
+}
+
+/* The same of a residual, which is by dt; what is left of the constraints does not count. */
+static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real r[U])
+{
+    return MATH(fabs)(dt)*increment_size(w, dt, q, p, x, r);
+}

@@ -1,0 +1,12 @@
+/* Adds F.dq, the work of the forces. For a discrete gradient it is what H gains, exactly. */
+INLINE void RUN(add_work)(RUN(t) *w)
+{
+    lanes q_mean[N], p_mean[N], F[N], done = splat(0), total;
+    const lanes t = w->t + (real)0.5*w->h;
+    RUN(means)(w, w->now.x, q_mean, p_mean);
+    lanes_applied_force(&w->constants, q_mean, p_mean, &t, F);
+    for (int a = 0; a < N; ++a)
+        done += F[a]*w->now.x[a];
+    two_sum(w->work, done + w->work_low, &total, &w->work_low);
+    w->work = total;
+}

@@ -1,0 +1,11 @@
+/* F.dq: the work of the forces. For a discrete gradient it is what H gains, exactly. */
+static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    real F[N], sum = 0;
+    const real t = w->t + dt/2;
+    mean_values(w, q, p, x);
+    applied_force(&w->constants, w->q_mean, w->p_mean, &t, F);
+    for (int a = 0; a < N; ++a)
+        sum += F[a]*x[a];
+    return sum;
+}

@@ -1,0 +1,85 @@
+/* ------------------------------------------------------------------------------ T1: full Newton */
+
+/*
+ * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
+ * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
+ * momentum: states and guesses two units in the last place away tell by how much the residual is
+ * uncertain. They are those at the start of the step, for an iteration that has gone astray proves
+ * nothing.
+ */
+static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
+{
+    real q_near[N], p_near[N], rounding = 0;
+    unsigned chance = 1;
+    if (size <= 64*epsilon)
+        return 1;
+    guess(w, dt, q, p, w->x_near);
+    residual(w, dt, q, p, w->x_near, w->r_near);
+    size = increment_size(w, dt, q, p, w->x_near, w->r);
+    for (int e = 0; e < U; ++e)
+        w->r[e] = w->r_near[e];
+    for (int attempt = 0; attempt < 4; ++attempt) {
+        for (int a = 0; a < N; ++a) {
+            q_near[a] = q[a] + nudge(&chance)*q[a];
+            p_near[a] = p[a] + nudge(&chance)*p[a];
+        }
+        for (int e = 0; e < U; ++e)
+            w->x_near[e] += nudge(&chance)*w->x_near[e];
+        residual(w, dt, q_near, p_near, w->x_near, w->r_near);
+        for (int e = 0; e < U; ++e)
+            w->r_near[e] -= w->r[e];
+        guess(w, dt, q, p, w->x_near);
+        rounding = larger(rounding, residual_size(w, dt, q, p, w->x_near, w->r_near));
+    }
+    return size <= 16*rounding;
+}
+
+/* Why iterations end without a solution, by the last increment and its ratio to the one before. */
+static int failure(real size, real ratio)
+{
+    if (!isfinite(size))
+        return NOT_FINITE;
+    return ratio < (real)0.5 ? NOT_CONVERGED : size < (real)0.001 ? STAGNATED : DIVERGED;
+}
+
+/*
+ * Iterates x <- x - J^-1 r from the guess in x. It ends when the increment is below the
+ * tolerance, when the next one would be below round-off (quadratic convergence: about
+ * size (size/previous)^2), or when increments have stopped shrinking where rounding stops them.
+ */
+static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real x[U], int *iterations)
+{
+    real size = 0, ratio = 0;
+    *iterations = 0;
+    while (*iterations < options->max_iterations) {
+        residual(w, dt, q, p, x, w->r);
+        jacobian(w, dt, q, p, x, w->J);
+        int status = factorise_jacobian(w);
+        if (status == OK)
+            status = solve_jacobian(w, w->r);
+        if (status != OK)
+            return status;
+        ++*iterations;
+        w->effort += RESIDUAL_COST + JACOBIAN_COST + w->products/2;
+        const real previous = size;
+        size = increment_size(w, dt, q, p, x, w->r);
+        w->increment = size;
+        for (int e = 0; e < U; ++e)
+            x[e] -= w->r[e];
+        if (!isfinite(norm(U, w->r))) /* the size is infinite where a body at rest begins to move */
+            return NOT_FINITE;
+        if (size <= options->tolerance)
+            return lands(w, dt, q, x);
+        if (*iterations == 1)
+            continue;
+        const int shrinks = ratio < (real)0.5; /* a small one after one that stalled is chance */
+        ratio = size/previous;
+        if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
+            return lands(w, dt, q, x);
+        if (!(options->tolerance > 0) && shrinks && size < (real)0.001 && ratio < (real)0.1
+            && size*ratio*ratio < epsilon/64)
+            return lands(w, dt, q, x);
+    }
+    return failure(size, ratio);
+}

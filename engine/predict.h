@@ -1,0 +1,214 @@
+/* ---------------------------------------------------------------- starting values from the past */
+
+/*
+ * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
+ * of a spinning body are sums of a few exponentials, and one set of c_m serves them all: such a
+ * sum obeys a linear recurrence. At first the c_m are those of polynomial extrapolation, of the
+ * order that would have done best at the last step, unless the polynomial through the stages of
+ * the last step would have done better; then they are fitted by least squares to the steps just
+ * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
+ * small). They change the starting values only, never what the sweeps converge to.
+ */
+enum { ORDER = 16, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+/* Rates of q, of p, and multipliers have each their own recurrence. */
+enum { GROUPS = 3 };
+
+typedef struct {
+    long count;    /* steps recorded */
+    long training; /* the step from which the next fit takes its samples */
+    int order;     /* c_m in use */
+    int fitted;    /* whether by least squares */
+    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
+    lanes coefficient[GROUPS][ORDER];
+    lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
+} predictor_t;
+
+static void forget(predictor_t *s)
+{
+    s->count = 0;
+    s->training = HISTORY + 1;
+    s->order = s->fitted = 0;
+    for (int i = 0; i < LANES; ++i)
+        s->stages[i] = 1;
+    for (int i = 0; i < LANES; ++i)
+        s->rate[i] = 1;
+}
+
+/* The values of m steps ago; m = 0 is the place of the newest. */
+INLINE lanes *past_values(const predictor_t *s, lanes *past, int length, int m)
+{
+    return past + ((s->count - m) & (HISTORY - 1))*length;
+}
+
+/* x = sum_m c_m x_(n-m), m = 1..order, group by group */
+INLINE void recur(const predictor_t *s, int order, lanes *past, int length, const int *ends,
+    lanes *x)
+{
+    const lanes *before[ORDER];
+    for (int m = 0; m < order; ++m)
+        before[m] = past_values(s, past, length, m);
+    for (int group = 0, i = 0; group < GROUPS; ++group) {
+        const lanes *c = s->coefficient[group];
+        for (; i + 2 <= ends[group]; i += 2) {
+            lanes first = c[0]*before[0][i], second = c[0]*before[0][i + 1];
+            for (int m = 1; m < order; ++m) {
+                first += c[m]*before[m][i];
+                second += c[m]*before[m][i + 1];
+            }
+            x[i] = first;
+            x[i + 1] = second;
+        }
+        for (; i < ends[group]; ++i) {
+            x[i] = c[0]*before[0][i];
+            for (int m = 1; m < order; ++m)
+                x[i] += c[m]*before[m][i];
+        }
+    }
+}
+
+/* Starting values x; `through` are those of the polynomial through the last stages. */
+INLINE void predict(const predictor_t *s, lanes *past, int length, const int *ends,
+    const lanes *through, lanes *x)
+{
+    if (s->fitted) {
+        recur(s, ORDER, past, length, ends, x);
+        return;
+    }
+    recur(s, s->order, past, length, ends, x);
+    for (int i = 0; i < LANES; ++i)
+        for (int e = 0; e < length && s->stages[i]; ++e)
+            set_part(&x[e], i, part(&through[e], i));
+}
+
+/* Chooses, lane by lane, the extrapolation that comes closest to x. */
+INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
+    const lanes *through, const lanes *x)
+{
+    const int most = s->count < POLYNOMIAL ? (int)s->count : POLYNOMIAL;
+    real binomial[POLYNOMIAL + 1][POLYNOMIAL];
+    lanes error[POLYNOMIAL + 1];
+    s->order = most;
+    error[0] = splat(0);
+    for (int i = 0; i < rows; ++i)
+        error[0] += (through[i] - x[i])*(through[i] - x[i]);
+    for (int k = 1; k <= most; ++k) {
+        error[k] = splat(0);
+        for (int m = 0; m < POLYNOMIAL; ++m)
+            binomial[k][m] = m == 0 ? (real)k : m >= k ? 0
+                : -binomial[k][m - 1]*(real)(k - m)/(real)(m + 1);
+        for (int i = 0; i < rows; ++i) {
+            lanes defect = x[i];
+            for (int m = 0; m < k; ++m)
+                defect -= binomial[k][m]*past_values(s, past, length, m)[i];
+            error[k] += defect*defect;
+        }
+    }
+    for (int i = 0; i < LANES; ++i) {
+        int best = 1;
+        for (int k = 2; k <= most; ++k)
+            if (part(&error[k], i) < part(&error[best], i))
+                best = k;
+        s->stages[i] = part(&error[0], i) < part(&error[best], i);
+        for (int m = 0; m < most; ++m)
+            for (int group = 0; group < GROUPS; ++group)
+                set_part(&s->coefficient[group][m], i, binomial[best][m]);
+    }
+}
+
+/* Empty least-squares problems: R = the ridge. */
+INLINE void begin_training(predictor_t *s, const int *ends, const lanes *x)
+{
+    const real tiny = MATH(sqrt)(LIMIT(MIN))*1024;
+    for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
+        for (int k = 0; k <= ORDER; ++k)
+            for (int l = 0; l <= ORDER; ++l)
+                for (int i = 0; i < LANES; ++i) {
+                    real size = tiny;
+                    for (int e = start; k == l && e < ends[group]; ++e)
+                        size = larger(size, 8*epsilon*MATH(fabs)(part(&x[e], i)));
+                    set_part(&s->R[group][k][l], i, k == l && k < ORDER ? size : 0);
+                }
+}
+
+/* One more equation, sum_m c_m x_(n-m) = x_n, for the value at place e. */
+INLINE void train(predictor_t *s, lanes *past, int length, int group, int e, const lanes *x)
+{
+    lanes row[ORDER + 1], (*R)[ORDER + 1] = s->R[group];
+    for (int m = 0; m < ORDER; ++m)
+        row[m] = past_values(s, past, length, m)[e];
+    row[ORDER] = x[e];
+    for (int k = 0; k < ORDER; ++k) {
+        const lanes square = R[k][k]*R[k][k] + row[k]*row[k];
+        lanes inverse = square;
+        for (int i = 0; i < LANES; ++i)
+            set_part(&inverse, i, 1/MATH(sqrt)(part(&square, i)));
+        const lanes cosine = R[k][k]*inverse, sine = row[k]*inverse;
+        for (int l = k; l <= ORDER; ++l) {
+            const lanes upper = R[k][l];
+            R[k][l] = cosine*upper + sine*row[l];
+            row[l] = cosine*row[l] - sine*upper;
+        }
+    }
+    R[ORDER][ORDER] += row[ORDER]*row[ORDER];
+}
+
+/* The c_m of the fit: the shortest recurrence that fits within a factor of the longest. */
+static void end_training(predictor_t *s)
+{
+    s->order = ORDER;
+    s->fitted = 1;
+    for (int group = 0; group < GROUPS; ++group) {
+        lanes (*R)[ORDER + 1] = s->R[group];
+        for (int i = 0; i < LANES; ++i) {
+            real defect = part(&R[ORDER][ORDER], i), c[ORDER];
+            const real allowed = 16*defect;
+            int order = ORDER;
+            while (order > 1) {
+                const real more = part(&R[order - 1][ORDER], i);
+                if (!(defect + more*more <= allowed))
+                    break;
+                defect += more*more;
+                --order;
+            }
+            for (int k = ORDER - 1; k >= 0; --k) {
+                c[k] = k < order ? part(&R[k][ORDER], i) : 0;
+                for (int l = k + 1; l < order; ++l)
+                    c[k] -= part(&R[k][l], i)*c[l];
+                c[k] = k < order ? c[k]/part(&R[k][k], i) : 0;
+                set_part(&s->coefficient[group][k], i, c[k]);
+            }
+        }
+    }
+}
+
+/*
+ * Records the values x of the step just done. Equations for a fit come from the first `rows` of
+ * each group: its other values obey the same recurrence.
+ */
+INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, const int *rows,
+    const lanes *through, const lanes *x)
+{
+    const long since = s->count - s->training;
+    if (s->count > 0 && !s->fitted && since <= 0)
+        choose_polynomial(s, past, length, rows[0], through, x);
+    if (since == 0)
+        begin_training(s, ends, x);
+    if (since >= 0 && since % STRIDE == 0)
+        for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
+            for (int e = start; e < start + rows[group]; ++e)
+                train(s, past, length, group, e, x);
+    if (since == STRIDE*(SAMPLES - 1)) {
+        end_training(s);
+        s->training = s->count + (s->count < 4096 ? 16*s->count : 65536);
+    }
+    ++s->count;
+    lanes *newest = past_values(s, past, length, 0);
+    for (int i = 0; i < length; ++i)
+        newest[i] = x[i];
+    if (s->count == 1) {
+        s->order = 1;
+        for (int group = 0; group < GROUPS; ++group)
+            s->coefficient[group][0] = splat(1);
+    }
+}

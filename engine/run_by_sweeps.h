@@ -1,0 +1,51 @@
+/* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
+
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
+{
+    if (options->solver != NEWTON)
+        fast_begin(w, dt, q, p);
+}
+
+/* One step of a run, counted and observed. */
+static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
+    real multipliers[ROOM], int *iterations, report_t *report)
+{
+    if (options->solver == NEWTON) {
+        const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
+        if (status != OK)
+            return status;
+        count_work(w, report);
+        observe(&w->constants, q, p, report);
+        return OK;
+    }
+    const int status = fast_advance(w, options, dt, iterations, report);
+    if (status != OK)
+        return status;
+    fast_observe(w, report);
+    fast_state(w, q, p);
+    return OK;
+}
+
+/* The multipliers of the last step; Newton has put them there. */
+static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
+{
+    if (options->solver != NEWTON)
+        ONE(multipliers)(&fast_of(w)->run, 0, multipliers);
+}
+
+/* A step with no past and no future. */
+static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    if (options->solver == NEWTON)
+        return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
+    report_t report = { 0 };
+    fast_begin(w, dt, q, p);
+    const int status = fast_advance(w, options, dt, iterations, &report);
+    if (status == OK) {
+        fast_state(w, q1, p1);
+        ONE(multipliers)(&fast_of(w)->run, 0, multipliers);
+    }
+    return status;
+}

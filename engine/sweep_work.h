@@ -1,0 +1,19 @@
+/* Adds h sum b_i F(Q_i, P_i, t_i).k_i, the work of the forces. */
+INLINE void RUN(add_work)(RUN(t) *w)
+{
+    const lanes *L = w->now.x;
+    lanes Q[RUN(S)*N], momentum[RUN(S)*N], parts[RUN(S)], done, total;
+    RUN(stages_of_stages)(w->q, 0, TABLE(mu), L, Q);
+    RUN(momenta)(w, L + RUN(HAT), momentum);
+    for (int i = 0; i < RUN(S); ++i) {
+        lanes F[N];
+        const lanes t = w->t + w->late[i];
+        lanes_applied_force(&w->constants, Q + i*N, momentum + i*N, &t, F);
+        parts[i] = splat(0);
+        for (int a = 0; a < N; ++a)
+            parts[i] += F[a]*L[i*N + a];
+    }
+    RUN(total)(S, 1, parts, &done);
+    two_sum(w->work, done + w->work_low, &total, &w->work_low);
+    w->work = total;
+}

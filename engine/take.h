@@ -1,0 +1,14 @@
+/* New rates of item i take the place of the old ones; the squares of their changes are added up. */
+INLINE void RUN(take)(RUN(t) *w, int i, const lanes *L_new, const lanes *H_q, lanes *q_change,
+    lanes *p_change)
+{
+    lanes *L = w->now.x + i*N, *L_hat = w->now.x + RUN(HAT) + i*N;
+    for (int a = 0; a < N; ++a) {
+        const lanes force = -w->hb_hat[i]*H_q[a];
+        const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
+        *q_change += dq*dq;
+        *p_change += dp*dp;
+        L[a] = L_new[i*N + a];
+        L_hat[a] = force;
+    }
+}

@@ -1,0 +1,177 @@
+"""The engine: algorithms in C that do not depend on a system, put into the file of a stepper.
+
+The files of ``engine/`` are plain C against the interface that ``engine/README.md`` describes.
+They are read, never rendered; what differs from stepper to stepper without being a number is
+spelled with macros, which are written out here so that the C of a stepper has none of them:
+
+    NAME(step)        a public function        heavy_top_gl3_gamma_step
+    MATH(fabs)(x)     a function of <math.h>   fabsf(x)
+    LIMIT(MIN)        a limit of <float.h>     FLT_MIN
+    ON(factor)        for numbers or lanes     factor, lanes_factor
+    NUMBER            what these work on       real, lanes
+    ONE(sweep)        of one trajectory        stages_sweep, mean_sweep
+    MANY(sweep)       of W of them             trajectories_sweep, mean_sweep
+    RUN(sweep)        of either                as the file is put in for the one or the other
+    TABLE(mu)         a table of the tableau   w->mu in lanes, &fast_mu[0][0] as numbers
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ...real import Real
+
+__all__ = ["ENGINE", "Proved", "engine_of"]
+
+ENGINE = Path(__file__).resolve().parents[2] / "engine"
+_COMMENT = re.compile(r"^/\*(?! -).*?\*/\n", re.MULTILINE | re.DOTALL)
+_MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\bNUMBER\b")
+
+
+def engine_of(name: str, real: Real, one: str = "", many: str = "") -> Callable[..., str]:
+    """Return the function by which a template puts in a file of the engine.
+
+    Its arguments are the file's name without ending, ``on`` ("" or "lanes_") for a file that is
+    written for numbers and for lanes, and ``run`` for one that serves one trajectory or many.
+    """
+
+    def put(file: str, on: str = "", run: str = "") -> str:
+        spelled: dict[str, Callable[[str], str]] = {
+            "NAME": f"{name}_{{}}".format,
+            "MATH": f"{{}}{real.suffix.lower()}".format,
+            "LIMIT": f"{real.limits}_{{}}".format,
+            "ON": f"{on}{{}}".format,
+            "ONE": f"{one}_{{}}".format,
+            "MANY": f"{many}_{{}}".format,
+            "RUN": f"{run}_{{}}".format,
+            "TABLE": ("w->{}" if run == one else "&fast_{}[0][0]").format,
+        }
+
+        def spell(found: re.Match[str]) -> str:
+            if found[1] is None:
+                return "lanes" if on else "real"
+            return spelled[found[1]](found[2])
+
+        text = _text(file)
+        if run == many != one:  # the same again, told once
+            text = _COMMENT.sub("", text)
+        return _MACRO.sub(spell, text).rstrip("\n")
+
+    return put
+
+
+@cache
+def _text(file: str) -> str:
+    return (ENGINE / f"{file}.h").read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Proved:
+    """What decides which files of the engine a stepper has."""
+
+    n: int
+    m: int
+    stages: bool
+    structured: bool
+    forced: bool
+    constant_schur: bool = False
+    correction: bool = False
+    separable: bool = False
+
+    @property
+    def _suits(self) -> str:
+        return "constrained" if self.m else "free"
+
+    @property
+    def _kind(self) -> str:
+        return "forms" if self.structured else "dense"
+
+    def solver_files(self, fast: bool) -> dict[str, list[str]]:
+        """Return the files before and behind those of the scheme: constraints, Newton, steps."""
+        solve = [] if self.structured else ["solve"]
+        projection = [*solve, f"constraints_{self._kind}", "project"]
+        return {
+            "files": projection if self.m else [],
+            "solver_files": [
+                "lands" if self.m else "lands_free",
+                "newton",
+                *(["simplified_newton"] if fast else []),
+                "work" if self.forced else "work_free",
+                "observe", f"observe_{self._suits}",
+                "step",
+            ],
+        }
+
+    def scheme_files(self) -> dict[str, list[str]]:
+        """Return the files of the scheme up to its Jacobian, and those behind it."""
+        free = "" if self.m else "_free"
+        dense = not self.structured
+        if not self.stages:
+            pull = [f"mean_pull_{self._kind}"] if self.m else []
+            rows = ["mean_constrained" if self.m else "mean_free"]
+            jacobian = [f"mean_columns{free}", "mean_jacobian"] if dense else []
+            return {"stage_files": [*pull, *rows, "mean", *jacobian],
+                    "finish_files": ["mean_finish", *(["mean_work"] if self.forced else [])]}
+        hessian = "hessian_with_forces" if self.forced else "hessian_of_potential"
+        nodes = "spark_constrained" if self.m else "spark_free"
+        return {"stage_files": [nodes, "spark",
+                                *([hessian, f"spark_jacobian{free}"] if dense else [])],
+                "finish_files": [f"spark_finish{free}", *(["spark_work"] if self.forced else [])]}
+
+    def sweep_files(self, one: str, many: str) -> dict[str, Any]:
+        """Return the files of the sweeps, those that serve one trajectory and many by use."""
+        parts = "stages_parts" if self.stages else "mean_parts"
+        return {
+            "lane_files": self._lane_files(),
+            "sweep_files": {run: self._spark(run) if self.stages else self._mean()
+                            for run in (one, many)},
+            "one_files": [*(["unscale"] if self.stages else []), parts,
+                          f"lanes_observe_{self._suits}"],
+            "batch_files": ["batch", f"batch_observe_{self._suits}", "integrate_lanes"],
+        }
+
+    def _lane_files(self) -> list[str]:
+        again = ["load_again"] if self.stages else []
+        if not self.m or (self.constant_schur and not self.stages):
+            return again  # nothing is factorised
+        if self.structured:
+            return [*again, "lanes_cells"]
+        factors = "lanes_lu" if self.m > 1 else "lanes_inverse"
+        return [*again, factors, *(["lanes_force_dense"] if self.stages else [])]
+
+    def _schur_set(self) -> list[str]:
+        if not self.constant_schur:
+            return []
+        return ["schur_set_scalar" if self.correction else "schur_set"]
+
+    def _layout(self) -> str:
+        return "free" if not self.m else "constant" if self.constant_schur else "varying"
+
+    def _spark(self, run: str) -> list[str]:
+        layout, seidel = self._layout(), "_seidel" if self.separable else ""
+        work = "sweep_work" if self.forced else "sweep_no_work"
+        head = [f"{run}_items", f"layout_{layout}", run]
+        if not self.m:
+            own = ["sweep_free", "take", f"follow_free{seidel}"]
+        else:
+            answer = "scalar" if self.correction else "again"
+            own = [f"{run}_nodes", "impulses", f"look_{self._kind}", f"schur_{layout}",
+                   *self._schur_set(), "sweep_constrained", "take",
+                   f"follow_{answer}{seidel}", f"land_{self._kind}"]
+        return [*head, *own, work, "sweep", "load"]
+
+    def _mean(self) -> list[str]:
+        layout = self._layout()
+        work = "mean_sweep_work" if self.forced else "sweep_no_work"
+        own = ["mean_follow_free"]
+        if self.m:
+            answer = "scalar" if self.correction else "again"
+            own = [f"look_{self._kind}", f"mean_schur_{layout}", *self._schur_set(),
+                   f"mean_respond_{answer}",
+                   "mean_constrain", f"mean_follow_{self._kind}"]
+        return ["mean_items", f"mean_layout_{layout}", "mean_run", *own, work, "mean_sweep"]
