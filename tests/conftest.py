@@ -18,6 +18,11 @@ from gyrospark.commands import main, main_generate
 # itself. Set another level to test its code.
 os.environ.setdefault("GYROSPARK_OPTIMISE", "1")
 
+# They start hundreds of processes of Python: what the first compiles of a module the others read,
+# for without it each takes a second and more to import SymPy.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 # The same examples in every run, so that what fails is what was changed. Look for others now and
 # then: pytest --hypothesis-profile=random.
 settings.register_profile("same", derandomize=True)
