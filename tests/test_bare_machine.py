@@ -61,8 +61,10 @@ assert q0.shape == p0.shape == (4,) and pendulum.name == "pendulum" and step.ord
 
 def copy(folder: Path) -> Path:
     """Copy the project without what is made in it."""
-    return shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(
-        ".git", ".venv", ".*_cache", ".hypothesis", "__pycache__", "build", "dist", "*.egg-info"))
+    anywhere = shutil.ignore_patterns(".*_cache", "__pycache__", "*.egg-info")
+    at_the_root = {".git", ".venv", ".hypothesis", "build", "dist"}
+    return shutil.copytree(ROOT, folder, ignore=lambda where, names: anywhere(where, names) | (
+        at_the_root if Path(where) == ROOT else set()))
 
 
 def megabytes(folder: Path) -> float:
