@@ -175,7 +175,7 @@ class Examination:
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
         if not self.promises.symmetric:
             return told(quantity, found, "not promised", "the tableau is not symmetric", value)
-        jumps = self.switching.named_jumps(discrete=self._manifest["method"] == "EMS")
+        jumps = self.switching.named_jumps(discrete=self.promises.discrete)
         if jumps:
             return told(quantity, found, "by the same steps back",
                         f"forces jump at {jumps}: a step may have several ends, or none", value)

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from .bodies import Body, Frame, Vector, dot
 from .poses import Pose
 
-__all__ = ["Align", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring", "named_vector"]
+__all__ = ["Align", "Connection", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring",
+           "direction", "named_vector"]
 
 Array = NDArray[Any]
 
@@ -65,27 +66,47 @@ def hand_on(quantity: str, a: Pose, b: Pose, more: Array) -> bool:
     return True
 
 
-def _shown(link: Link | Align) -> str:
+def _shown(link: Connection) -> str:
     """Return what stands for a joint, a rod or a spring."""
     ends = [frame.name if isinstance(frame, Body) else "ground" for frame in (link.a, link.b)]
     return f"<{type(link).__name__} {link.name}: {', '.join(ends)}>"
 
 
 @dataclass(eq=False, repr=False)
-class Link:
+class Connection:
+    """What joins two frames. It may hand on motion at the start, hold, and have energy."""
+
+    name: str
+    a: Frame
+    b: Frame
+
+    def __repr__(self) -> str:
+        return _shown(self)
+
+    def turn(self, poses: Mapping[Frame, Pose]) -> bool:
+        """Hand on angular velocity where one of the two lacks it; return whether it did."""
+        return False
+
+    def equations(
+        self, poses: Mapping[Frame, Pose], store: dict[str, float]
+    ) -> Iterator[Equation]:
+        """Yield the constraints, none; values of their parameters go into ``store``."""
+        yield from ()
+
+    def energy(self, store: dict[str, float]) -> sp.Expr:
+        """Return V, 0; values of its parameters go into ``store``."""
+        return sp.Integer(0)
+
+
+@dataclass(eq=False, repr=False)
+class Link(Connection):
     """Two points of two frames: what a joint and a spring have in common.
 
     ``on_a`` and ``on_b`` are in body axes, from the origin of the body.
     """
 
-    name: str
-    a: Frame
-    b: Frame
     on_a: Array | None = None
     on_b: Array | None = None
-
-    def __repr__(self) -> str:
-        return _shown(self)
 
     def points(self, store: dict[str, float]) -> tuple[Vector, Vector]:
         """Return both points in space as expressions; their components become parameters."""
@@ -154,20 +175,14 @@ class Joint(Link):
 
 
 @dataclass(eq=False, repr=False)
-class Align:
+class Align(Connection):
     """One axis of a stays one of b; ``axis`` is a unit vector in space at the start.
 
     b turns about it against a, at ``rate`` to begin with.
     """
 
-    name: str
-    a: Frame
-    b: Frame
     axis: Array
     rate: float = 0.0
-
-    def __repr__(self) -> str:
-        return _shown(self)
 
     def turn(self, poses: Mapping[Frame, Pose]) -> bool:
         """Hand on the angular velocity: that of b is that of a and the rate about the axis."""
