@@ -15,8 +15,8 @@ from ..generator.algebra.evaluation import evaluate
 from ..generator.bodies.model import Model
 from ..generator.symmetry.momentum_maps import MAX_COORDINATES, momentum_maps
 from ..generator.systems.smoothness import Switching
+from ..runtime.output.trajectory import Trajectory
 from ..runtime.run.stepper import Stepper
-from ..runtime.run.trajectory import Trajectory
 from .loop_invariant import loop_drift
 from .measurements import order_seen, reversal, trend
 from .promises import Promise, Promises
