@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError, MissingDependencyError
+from ...real import REALS
 from .endings import PICTURES, ending_of
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ def _constraints(axes: Any, trajectory: Trajectory) -> None:
     """Draw the constraint errors; exact zeros are drawn at the bottom."""
     some = _thin(trajectory)
     t = trajectory.t[some].astype(float)
-    floor = 1e-36 if trajectory.manifest["real"] == "float128" else 1e-18
+    floor = 1e-36 if REALS[trajectory.manifest["real"]].in_mpmath else 1e-18
     for values, name, colour in zip(trajectory.constraint_errors(),
                                     ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
                                     strict=True):
