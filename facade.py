@@ -70,9 +70,8 @@ def stepper(
     tableau : path or Tableau
         A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
     real : RealName
-        ``"double"``, ``"float"``, ``"long-double"``, ``"float128"``: the floating-point type of the
-        compiled code. Arrays of float128 hold mpmath numbers of 113
-        bits.
+        ``"double"``, ``"float"``, ``"long-double"``, ``"float128"``: floating-point type of the
+        compiled code. Arrays of float128 hold mpmath numbers of 113 bits.
     allow_invalid : bool
         Use a tableau although it violates required conditions, and a system although some of its
         constraints follow from others.

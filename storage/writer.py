@@ -13,7 +13,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..runtime.output.outputs import OUTPUTS, States, pieces
+from ..runtime.output.outputs import OUTPUTS, States, parts, pieces, value_of
 from ..runtime.run.integration import Rows, Run
 from .chunks import Chunk, write_chunks
 from .durable import storage_errors
@@ -130,5 +130,6 @@ def stored_arrays(
                     rows.multipliers[kept], rows.iterations[kept], rows.work[kept])
     found: dict[str, Array] = {}
     for one in OUTPUTS:
-        found |= pieces(one, manifest, one.compute(states))
+        if parts(one, manifest):
+            found |= pieces(one, manifest, value_of(one, states))
     return found

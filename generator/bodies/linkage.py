@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from .poses import Start, finite, positive, three, three_or_none, unit
 __all__ = ["JOINTS", "Linkage"]
 
 Array = NDArray[Any]
+Joined = TypeVar("Joined", bound=Connection)
 
 JOINTS = ("ball", "fixed_point", "revolute", "align", "rod")
 
@@ -51,10 +52,10 @@ class Linkage:
             enough; a position that is not given follows from them. ``at`` alone is enough for
             bodies in known places.
         """
-        joint = Joint(name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-                      at=three_or_none(f"at of {name!r}", at))
-        self._join(joint)
-        return joint
+        return self._join(Joint(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+            at=three_or_none(f"at of {name!r}", at),
+        ))
 
     def fixed_point(
         self, name: str, body: Frame | str, *, at: ArrayLike | None = None,
@@ -77,13 +78,10 @@ class Linkage:
         velocity of b against a about it in rad/s, from which an angular velocity that is not
         given follows. All else as for ``ball``.
         """
-        joint = Revolute(
+        return self._join(Revolute(
             name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-            at=three_or_none(f"at of {name!r}", at),
-            hinge=self._hinge(name, a, b, axis, rate),
-        )
-        self._join(joint)
-        return joint
+            at=three_or_none(f"at of {name!r}", at), hinge=self._hinge(name, a, b, axis, rate),
+        ))
 
     def align(
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, rate: float = 0.0
@@ -93,9 +91,7 @@ class Linkage:
         For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
         ``axis`` and ``rate`` are those of ``revolute``.
         """
-        joint = self._hinge(name, a, b, axis, rate)
-        self._join(joint)
-        return joint
+        return self._join(self._hinge(name, a, b, axis, rate))
 
     def rod(
         self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
@@ -104,9 +100,8 @@ class Linkage:
         """Keep two points at a distance: one constraint; by default at that of the start."""
         if length is not None:
             length = positive(f"length of {name!r}", length)
-        rod = Rod(name, *self._two(name, a, b), *self._points(name, on_a, on_b), length=length)
-        self._join(rod)
-        return rod
+        return self._join(Rod(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b), length=length))
 
     def spring(
         self, name: str, a: Frame | str, b: Frame | str, *, stiffness: float, length: float = 0.0,
@@ -116,27 +111,23 @@ class Linkage:
         rest = float(finite(f"length of {name!r}", length, ()))
         if rest < 0:
             raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
-        spring = Spring(
+        return self._join(Spring(
             name, *self._two(name, a, b), *self._points(name, on_a, on_b),
             stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
-        )
-        self._join(spring)
-        return spring
+        ))
 
     # ------------------------------------------------------------ inside
 
     def _hinge(
         self, name: str, a: Frame | str, b: Frame | str, axis: ArrayLike, rate: float
     ) -> Align:
-        direction = three(f"axis of {name!r}", axis)
-        if not direction.any():
-            raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
-        return Align(name, *self._two(name, a, b), unit(direction),
+        return Align(name, *self._two(name, a, b), _direction(name, "axis", axis),
                      float(finite(f"rate of {name!r}", rate, ())))
 
-    def _join(self, link: Connection) -> None:
+    def _join(self, link: Joined) -> Joined:
         self._claim(link.name)
         self._links.append(link)
+        return link
 
     def _claim(self, name: str) -> None:
         as_text(f"a name in Multibody {self.name!r}", name)
@@ -171,3 +162,11 @@ class Linkage:
     def _points(self, name: str, on_a: Any, on_b: Any) -> tuple[Array | None, Array | None]:
         return (three_or_none(f"on_a of {name!r}", on_a),
                 three_or_none(f"on_b of {name!r}", on_b))
+
+
+def _direction(name: str, what: str, given: ArrayLike) -> Array:
+    """Return a direction in space, of any length, as a unit vector."""
+    found = three(f"{what} of {name!r}", given)
+    if not found.any():
+        raise InputError(f"The {what} of {name!r} is zero; give its direction in space.")
+    return unit(found)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..call.binding import Binding
 
 __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "absent", "defect_sizes", "parts", "pieces",
-           "together"]
+           "together", "value_of"]
 
 Array = NDArray[Any]
 Manifest = Mapping[str, Any]
@@ -169,6 +169,15 @@ OUTPUTS = (
     Output("quantities", "quantity_values", "quantity {} of the system", lambda at: at.quantities,
            labels="quantities", split=True),
 )
+
+
+def value_of(one: Output, states: States) -> Array:
+    """Return an output of stored states, in the stepper's own type unless it has one of its own."""
+    binding = states.binding
+    if one.inner(states.manifest) is None:
+        return binding.new(len(states.q) - one.of_steps, *one.absent)
+    found = one.compute(states)
+    return found if one.dtype or found.dtype == binding.dtype else binding.converted(found)
 
 
 def parts(one: Output, manifest: Manifest) -> list[str]:

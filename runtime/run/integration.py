@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...errors import InputError, StepFailed, Stopped
 from ..call.binding import Binding, SolverName
 from ..interrupts import Interrupts, ctrl_c
-from ..output.outputs import OUTPUTS, States, defect_sizes
+from ..output.outputs import OUTPUTS, States, defect_sizes, value_of
 from ..output.report import Report
 from ..output.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
@@ -266,7 +266,7 @@ def trajectory_of(
     states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
                     rows.iterations[:stored], rows.work[: stored + 1])
     return Trajectory(
-        **{one.attribute: one.compute(states) for one in OUTPUTS},
+        **{one.attribute: value_of(one, states) for one in OUTPUTS},
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,
