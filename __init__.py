@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
     from .runtime.body.quaternion import momentum, state_from_rotation
     from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
+    from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
     from .runtime.run.stepper import Stepper
-    from .runtime.run.trajectory import Trajectory
     from .storage.record import record
     from .storage.recording import Recording, open_recording
     from .sweeps.results import open_sweep
@@ -83,7 +83,7 @@ _HOMES = {
     "momentum": "runtime.body.quaternion",
     "state_from_rotation": "runtime.body.quaternion",
     "Stepper": "runtime.run.stepper",
-    "Trajectory": "runtime.run.trajectory",
+    "Trajectory": "runtime.output.trajectory",
     "Recording": "storage.recording",
     "open_recording": "storage.recording",
     "record": "storage.record",

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import xarray
 
+    from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
-    from .runtime.run.trajectory import Trajectory
 
 __all__ = [
     "CompilerError",

@@ -18,10 +18,10 @@ from .arguments import as_flag
 from .body_values import RepName
 from .catalogue import MODELS
 from .errors import InputError
-from .generator.schemes.scheme import SchemeName
+from .generator.schemes.scheme import SCHEMES, SchemeName
 from .generator.spec import Spec
 from .generator.text.text_file import UnusableFileError, model_text, read_text
-from .naming import shown
+from .naming import listed, shown
 from .projection import Projection, project
 from .real import RealName
 from .remarks import listening, remark
@@ -58,10 +58,10 @@ def stepper(
 
     Parameters
     ----------
-    scheme : {"IMS", "EMS", "G-L", "LIIIA-B"}
-        The scheme; left out when a tableau is given.
+    scheme : SchemeName
+        ``"IMS"``, ``"EMS"``, ``"G-L"``, ``"LIIIA-B"``; left out when a tableau is given.
     stages : int
-        Stages of G-L (from 1) or LIIIA-B (from 2).
+        Stages of a scheme that has a choice of them: G-L (from 1) or LIIIA-B (from 2).
     rep : {"gamma", "alpha"}
         Inertia representation of the named systems and of model files.
     system : str, path, System or Model
@@ -69,9 +69,9 @@ def stepper(
         file (TOML), a ``gyrospark.System`` or the system of a ``gyrospark.Model``.
     tableau : path or Tableau
         A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
-    real : {"double", "float", "long-double", "float128"}
-        Floating-point type of the compiled code. Arrays of float128 hold mpmath numbers of 113
-        bits.
+    real : RealName
+        ``"double"``, ``"float"``, ``"long-double"``, ``"float128"``: floating-point type of the
+        compiled code. Arrays of float128 hold mpmath numbers of 113 bits.
     allow_invalid : bool
         Use a tableau although it violates required conditions, and a system although some of its
         constraints follow from others.
@@ -171,9 +171,10 @@ def load_model(
         The file, at most 256 KiB of UTF-8.
     rep : {"gamma", "alpha"}, optional
         Takes the place of the file's ``[body] rep``.
-    real : {"double", "float", "long-double", "float128"}
-        The type of the numbers. Those of a file are decimals and formulas, rounded once: with
-        ``"float128"`` to mpmath numbers of 113 bits, with ``"long-double"`` to NumPy's.
+    real : RealName
+        The type of the numbers, as for ``stepper``. Those of a file are decimals and formulas,
+        rounded once: with ``"float128"`` to mpmath numbers of 113 bits, with ``"long-double"`` to
+        NumPy's.
 
     Raises
     ------
@@ -202,7 +203,8 @@ def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Table
     else:
         found = tableau_of(Spec.checked(scheme, stages))
     if found is None:
-        raise InputError(f"{scheme} has no SPARK tableau; choose G-L or LIIIA-B.")
+        names = [known.name for known in SCHEMES.values() if known.tableau is not None]
+        raise InputError(f"{scheme} has no SPARK tableau; choose {listed(names)}.")
     return found
 
 

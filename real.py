@@ -62,6 +62,11 @@ class Real:
         return self.bits > 53
 
     @property
+    def standard(self) -> bool:
+        """Whether every C compiler has it; others have names like _Float128."""
+        return not self.c_type.startswith("_")
+
+    @property
     def in_mpmath(self) -> bool:
         """Whether Python holds it as mpmath numbers."""
         return self.dtype is object

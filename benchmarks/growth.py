@@ -28,8 +28,8 @@ from ..generator.pipeline import Generated, generate
 from ..generator.spec import Spec
 from ..generator.systems.structure import Structure
 from ..runtime.build.compiler import compile_module, find_compiler
+from ..runtime.output.trajectory import Trajectory
 from ..runtime.run.stepper import Stepper
-from ..runtime.run.trajectory import Trajectory
 from .timing import Sample, alternate, repeated
 
 __all__ = ["COUNTS", "QUICK", "Size", "grow", "laws"]

@@ -15,8 +15,8 @@ from ..generator.algebra.evaluation import evaluate
 from ..generator.bodies.model import Model
 from ..generator.symmetry.momentum_maps import MAX_COORDINATES, momentum_maps
 from ..generator.systems.smoothness import Switching
+from ..runtime.output.trajectory import Trajectory
 from ..runtime.run.stepper import Stepper
-from ..runtime.run.trajectory import Trajectory
 from .loop_invariant import loop_drift
 from .measurements import order_seen, reversal, trend
 from .promises import Promise, Promises
@@ -175,7 +175,7 @@ class Examination:
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
         if not self.promises.symmetric:
             return told(quantity, found, "not promised", "the tableau is not symmetric", value)
-        jumps = self.switching.named_jumps(discrete=self._manifest["method"] == "EMS")
+        jumps = self.switching.named_jumps(discrete=self.promises.discrete)
         if jumps:
             return told(quantity, found, "by the same steps back",
                         f"forces jump at {jumps}: a step may have several ends, or none", value)

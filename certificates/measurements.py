@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GyrosparkError, StepFailed
+from ..runtime.output.trajectory import Trajectory
 from ..runtime.run.stepper import Stepper
-from ..runtime.run.trajectory import Trajectory
 
 __all__ = ["OrderSeen", "Reversal", "constraint_scales", "order_seen", "reversal", "trend"]
 

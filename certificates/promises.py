@@ -17,6 +17,7 @@ from ..generator.algebra.derivatives import derivative
 from ..generator.algebra.identities import compare
 from ..generator.algebra.residues import identically_zero
 from ..generator.algebra.sharing import substitute
+from ..generator.schemes.scheme import scheme_named
 from ..generator.schemes.schemes import MeanScheme
 from ..generator.symmetry.momentum_maps import MomentumMap
 from ..generator.systems.system import System
@@ -43,6 +44,10 @@ class Promises(Protocol):
     @property
     def symmetric(self) -> bool:
         """Whether step(−h) undoes step(h)."""
+
+    @property
+    def discrete(self) -> bool:
+        """Whether the discrete gradient carries the step."""
 
     def loop(self) -> Promise:
         """Return whether the map is symplectic: ∮p·dq stays."""
@@ -121,6 +126,11 @@ class SparkPromises:
         return self.tableau.claims.get("symplectic") == 0
 
     @property
+    def discrete(self) -> bool:
+        """Stages have gradients."""
+        return False
+
+    @property
     def symmetric(self) -> bool:
         """Whether the tableau is: step(−h) then undoes step(h)."""
         return any(line.name == "symmetric" and line.found == "yes"
@@ -191,7 +201,12 @@ class MeanPromises:
     @cached_property
     def scheme(self) -> MeanScheme:
         """The scheme with its D and Ḡ."""
-        return MeanScheme(self.system, self.name == "EMS")
+        return MeanScheme(self.system, scheme_named(self.name).discrete)
+
+    @property
+    def discrete(self) -> bool:
+        """Whether D is the discrete gradient."""
+        return self.scheme.discrete
 
     @property
     def symmetric(self) -> bool:
@@ -205,17 +220,17 @@ class MeanPromises:
                                   "no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
             return Promise(False, "the forces are no gradient in q and may do work on the loop")
-        if self.name == "IMS":
+        if not self.scheme.discrete:
             return Promise(True, "the implicit midpoint rule")
         if not self._is_midpoint:
-            return Promise(False, "EMS's D is not the gradient at the midpoint: it promises no "
-                                  "∮p·dq")
+            return Promise(False, f"{self.name}'s D is not the gradient at the midpoint: it "
+                                  "promises no ∮p·dq")
         return Promise(True, "D is the gradient at the midpoint: H is quadratic")
 
     def energy(self) -> Promise:
         """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
         how = self._how_energy
-        if self.name == "EMS":
+        if self.scheme.discrete:
             return Promise(True, f"ΔH = Δp·D_pH + Δq·D_qH, Δg = Ḡ·Δq ({how})",
                            "" if how else "ΔH = Δp·D_pH + Δq·D_qH is refuted")
         if how:
@@ -266,7 +281,7 @@ class MeanPromises:
         works = [[a * d for a, d in zip(slope, differences, strict=False)] for slope in slopes]
         how = self._vanish([[b, -a, *(-w for w in work)]
                             for a, b, work in zip(start, end, works, strict=True)])
-        if how or self.name == "IMS":
+        if how or not self.scheme.discrete:
             return how
         found = compare([b - a for a, b in zip(start, end, strict=True)],
                         [sp.Add(*work) for work in works], differences, thorough=False)

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..facade import stepper
 from ..runtime.body.inertia import gamma_m
 from ..runtime.body.problems import Problem
-from ..runtime.run.trajectory import Trajectory
+from ..runtime.output.trajectory import Trajectory
 
 __all__ = ["reference_axis"]
 

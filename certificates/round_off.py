@@ -20,8 +20,8 @@ from ..generator.algebra.evaluation import evaluate
 from ..generator.algebra.rounding import rounding
 from ..generator.algebra.sharing import parts_of
 from ..generator.systems.system import System
+from ..runtime.output.trajectory import Trajectory
 from ..runtime.run.stepper import Stepper
-from ..runtime.run.trajectory import Trajectory
 from .measurements import constraint_scales
 
 __all__ = ["RoundOff"]

@@ -21,10 +21,12 @@ from ..real import REALS
 from ..runtime.notices import hush
 from ..runtime.show.endings import PICTURES, ending_of
 
-__all__ = ["check_ending", "check_folder", "check_no_file", "check_picture", "check_writable",
-           "json_option", "real_number", "spec_from", "stepper_options", "whole_number",
-           "with_default_scheme"]
+__all__ = ["DEFAULT", "check_ending", "check_folder", "check_no_file", "check_picture",
+           "check_writable", "completing", "json_option", "real_number", "spec_from",
+           "stepper_options", "whole_number", "with_default_scheme"]
 
+#: What is taken where no scheme is named, in words.
+DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
 #: Endings of what is written to folders.
 _FILES = (".c", ".h", ".json", ".html", ".csv", *PICTURES)
 
@@ -32,20 +34,19 @@ _FILES = (".c", ".h", ".json", ".html", ".csv", *PICTURES)
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add --scheme, --stages, --rep, --system, --tableau and --real."""
     options = [
-        click.option("--scheme", metavar="NAME", shell_complete=_completing(SCHEMES),
-                     help=f"{listed(SCHEMES)} (default: {DEFAULT_SCHEME} with {DEFAULT_STAGES} "
-                          "stages)."),
+        click.option("--scheme", metavar="NAME", shell_complete=completing(SCHEMES),
+                     help=f"{listed(SCHEMES)} (default: {DEFAULT})."),
         click.option("--stages", metavar="S", help="Stages of " + " or ".join(
-            f"{scheme.name} ({scheme.fewest}..)" for scheme in SCHEMES.values() if scheme.fewest)
+            f"{scheme.name} ({scheme.fewest}..)" for scheme in SCHEMES.values() if scheme.counted)
             + "."),
-        click.option("--rep", metavar="NAME", shell_complete=_completing(REPS),
+        click.option("--rep", metavar="NAME", shell_complete=completing(REPS),
                      help="Inertia: gamma (default) or alpha."),
         click.option("--system", metavar="NAME or FILE",
                      help="heavy_top (default), free_body, one of gs.models, or a model file "
                           "(TOML)."),
         click.option("--tableau", metavar="FILE", type=click.Path(path_type=Path),
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
-        click.option("--real", metavar="TYPE", shell_complete=_completing(REALS),
+        click.option("--real", metavar="TYPE", shell_complete=completing(REALS),
                      help=f"{listed(REALS)} (default: double)."),
     ]
     for option in reversed(options):
@@ -87,7 +88,7 @@ def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[st
     return {**choice, "scheme": DEFAULT_SCHEME, "stages": stages}, [said]
 
 
-def _completing(names: Iterable[str]) -> Callable[..., list[str]]:
+def completing(names: Iterable[str]) -> Callable[..., list[str]]:
     """Return what completes an option's text to one of the names, on a shell's Tab."""
     return lambda context, parameter, text: [name for name in names if name.startswith(text)]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..catalogue import Entry, entry_named
+from ..catalogue import MODELS, PROBLEMS, Entry, entry_named
 from ..errors import GyrosparkError, InputError, Stopped
 from ..exact import Rounded, decimal
 from ..generator.spec import is_model_file
@@ -22,6 +22,8 @@ from ..runtime.build.manifest import remarks_of
 from ..runtime.interrupts import watched
 from ..runtime.run.start import Start
 from .options import (
+    DEFAULT,
+    completing,
     json_option,
     real_number,
     spec_from,
@@ -45,7 +47,7 @@ _BAR_FROM = 20_000
 
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("problem", metavar="PROBLEM")
+@click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
 @stepper_options
 @click.option("--gamma", metavar="{m,h,mt,ht,auto,auto-energy,fast,NUMBER}",
               help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); auto: "
@@ -86,9 +88,8 @@ def run(
     settings: tuple[str, ...], reference: bool, out: Path | None, resume: bool, seed: str | None,
     plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
-    """Integrate PROBLEM: one of the paper's, fast-top, regular-precession or free-body; one of
-    gs.models, lagrange_top, satellite, double_pendulum, double_top, gimbal, four_bar or chain; or a
-    model file (TOML). Without --scheme by G-L with 3 stages.
+    """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); or a model
+    file (TOML). Without --scheme by (DEFAULT).
 
     \b
     gyrospark run double_pendulum
@@ -168,6 +169,10 @@ def run(
     if trouble is not None:
         raise trouble
     return 0
+
+
+run.help = (run.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
+    "(MODELS)", listed(MODELS)).replace("(DEFAULT)", DEFAULT)
 
 
 def _options(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:

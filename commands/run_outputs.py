@@ -15,8 +15,8 @@ from ..runtime.show.endings import ENDINGS, ending_of
 from .options import check_ending, check_picture, check_writable
 
 if TYPE_CHECKING:
+    from ..runtime.output.trajectory import Trajectory
     from ..runtime.run.stepper import Stepper
-    from ..runtime.run.trajectory import Trajectory
     from ..storage.recording import Recording
 
 __all__ = ["Done", "check_targets", "integrate_to", "where_it_is"]

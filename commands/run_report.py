@@ -13,9 +13,9 @@ from ..runtime.body.inertia import AIMS
 if TYPE_CHECKING:
     from ..runtime.body.problems import Problem
     from ..runtime.choice.gamma_choice import GammaChoice
+    from ..runtime.output.trajectory import Trajectory
     from ..runtime.run.start import Start
     from ..runtime.run.stepper import Stepper
-    from ..runtime.run.trajectory import Trajectory
     from .run_outputs import Done
 
 __all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of"]

@@ -87,7 +87,7 @@ def generate(
         if not allow_invalid:
             refuse_violations(coefficients, constrained=system.m > 0)
         scheme = SparkScheme(reduced, coefficients)
-        method = f"{spec.stages}-{spec.scheme}" if spec.stages else f"SPARK {coefficients.name}"
+        method = spec.title if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name
     name = join_name(system.name, method_name, rep, spec.real)
     source = emit(name, method, scheme, system, constants, REALS[spec.real], structured)

@@ -11,11 +11,10 @@ from ..catalogue import MODELS, SYSTEMS
 from ..errors import InputError
 from ..naming import choose, listed, shown, whole
 from ..real import REALS, RealName
-from .schemes.scheme import SCHEMES, Scheme, scheme_named
+from .schemes.scheme import MAX_STAGES, SCHEMES, Scheme, scheme_named
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
 
-MAX_STAGES = 16
 #: The scheme of a spec whose tableau is given.
 OWN = "SPARK"
 
@@ -87,8 +86,14 @@ class Spec:
         """Short name of scheme and stages: ``ims``, ``gl3``, ``liiiab4``."""
         if self.scheme == OWN:
             return OWN.lower()
-        key = scheme_named(self.scheme).key
-        return key if self.stages is None else f"{key}{self.stages}"
+        scheme = scheme_named(self.scheme)
+        return f"{scheme.key}{self.stages}" if scheme.counted else scheme.key
+
+    @property
+    def title(self) -> str:
+        """Scheme and stages as the paper writes them: ``IMS``, ``3-G-L``."""
+        counted = self.scheme != OWN and scheme_named(self.scheme).counted
+        return f"{self.stages}-{self.scheme}" if counted else self.scheme
 
     @property
     def name(self) -> str:
@@ -125,13 +130,16 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
                 f"{scheme.name} has no stages, but stages = {shown(stages)} is given; leave it out."
             )
         return None
-    allowed = f"{scheme.name} takes {scheme.fewest} to {MAX_STAGES}"
+    allowed = f"{scheme.name} takes {scheme.fewest}" + (
+        f" to {scheme.most}" if scheme.counted else " and no other number")
+    if stages is None and not scheme.counted:
+        return scheme.fewest
     if stages is None:
         raise InputError(f"The number of stages is not given; {allowed}.")
     count = whole(stages)
     if count is None:
         raise InputError(f"Stages {shown(stages)} is not a whole number; {allowed}.")
-    if not scheme.fewest <= count <= MAX_STAGES:
+    if not scheme.fewest <= count <= scheme.most:
         raise InputError(f"Stages {count} is out of range; {allowed}.")
     return count
 

@@ -5,7 +5,8 @@
     body/    the rigid body in numbers
     choice/  γ chosen by measurement
     show/    pictures, endings of files
-    run/     steppers, trajectories, ensembles
+    output/  what a run returns, and its file
+    run/     steppers, single runs, ensembles
 
 At the door: ``interrupts``, Ctrl-C and the end a cluster asks for, and ``notices``, what takes
 seconds is said.

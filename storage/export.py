@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, MissingDependencyError, StorageError
-from ..runtime.run.states import headings, write_csv
+from ..runtime.output.states import headings, write_csv
 from ..runtime.show.endings import ENDINGS, ending_of
 from .durable import finished
 from .layout import labels_of
 from .table import Column, Table, stored_table, table_of
 
 if TYPE_CHECKING:
-    from ..runtime.run.trajectory import Trajectory
+    from ..runtime.output.trajectory import Trajectory
     from .recording import Recording
 
 __all__ = ["check_export", "export", "save_table"]

@@ -1,7 +1,6 @@
 """The arrays of a stored run: what xarray, Julia or any other reader of Zarr finds.
 
-    time, q, p, multipliers, iterations, energy, g_error, f_error, work, quantity_<name>
-
+Those of ``OUTPUTS``, of which some systems have no multipliers, no work, no quantities, lie
 along the dimension ``time``, one entry a stored state; multipliers and iterations belong to the
 steps that end there and have none at the start. What is not computed yet is NaN, or 0. Wide
 numbers (long double, binary128), which Zarr has not, stand rounded to double under these names and
@@ -23,7 +22,7 @@ import numpy as np
 import zarr
 
 from ..real import REALS
-from ..runtime.run.states import QUANTITY
+from ..runtime.output.outputs import OUTPUTS, QUANTITY, parts
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
@@ -96,35 +95,16 @@ def wide_name(name: str) -> str:
 def fields_of(manifest: dict[str, Any]) -> list[Field]:
     """Return the arrays of a run of the stepper with this manifest."""
     system, real = manifest["system"], REALS[manifest["real"]]
-    wide, dtype = real.wide, real.stored
-    body = system["rigid_body"]
-    n, m = len(system["coordinates"]), len(system["constraints"])
-
-    def numbers(name: str, long_name: str, *inner: tuple[str, int], units: str = "",
-                **more: Any) -> Field:
-        said = {"long_name": long_name} | ({"units": units} if units else {}) | more
-        return Field(name, inner, said, dtype, wide)
-
-    found = [
-        Field("time", (), {"long_name": "time", "units": "s"}, "f8", wide),
-        numbers("q", "coordinates", ("coordinate", n), units="1" if body else "",
-                components=list(system["coordinates"])),
-        numbers("p", "momenta", ("coordinate", n), units="kg m2 s-1" if body else "",
-                components=list(system["momenta"])),
-        numbers("energy", "Hamiltonian of the stepper's own form", units="J" if body else ""),
-        numbers("g_error", "largest |g(q)|"),
-        numbers("f_error", "largest |g_q H_p|; |q.p| of a body"),
-        Field("iterations", (), {"long_name": "most iterations of a step since the last state"},
-              "i4"),
-    ]
-    if m:
-        inner = (("node", manifest["scheme"]["multipliers"]),
-                 *([("constraint", m)] if m > 1 else []))
-        found.append(numbers("multipliers", "multipliers of the step that ends here", *inner))
-    if "forces" in system:
-        found.append(numbers("work", "work of the forces since the start"))
-    found += [numbers(QUANTITY + name, f"quantity {name} of the system")
-              for name in system.get("quantities", ())]
+    found = []
+    for one in OUTPUTS:
+        units = one.units or (one.body_units if system["rigid_body"] else "")
+        said: dict[str, Any] = {"units": units} if units else {}
+        if one.labels and not one.split:
+            said["components"] = list(system[one.labels])
+        found += [Field(name, one.inner(manifest) or (),
+                        {"long_name": one.long_name.format(name.removeprefix(QUANTITY))} | said,
+                        one.dtype or real.stored, real.wide and not one.whole)
+                  for name in parts(one, manifest)]
     return found
 
 

@@ -26,9 +26,9 @@ from ..runtime.call.binding import REASONS, SolverName
 from ..runtime.call.checks import as_callback
 from ..runtime.choice.gamma_choice import with_choice
 from ..runtime.interrupts import Interrupts, watched
+from ..runtime.output.report import Report
 from ..runtime.run.integration import Pace, Rows, Run, advance, ended_at, next_chunk
 from ..runtime.run.stepper import Stepper
-from ..runtime.run.trajectory import Report
 from .checkpoint import State, pack, room, unpack
 from .durable import new_store_path, remove_parts, storage_errors
 from .fresh import appearing, is_new

@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 
 from ..arguments import as_path
 from ..errors import InputError, StepFailed
+from ..naming import listed
 from ..real import REALS
 from ..runtime.call.checks import as_positive_count
 from ..runtime.call.reals import from_text
-from ..runtime.run.trajectory import Report, Trajectory, known_fields
+from ..runtime.output.outputs import OUTPUTS, parts, together
+from ..runtime.output.report import Report, known_fields
+from ..runtime.output.trajectory import Trajectory
 from .durable import one_line, store_path
-from .layout import QUANTITY, array_of, labels_of, open_group, wide_name
+from .identity import written_by
+from .layout import array_of, labels_of, open_group, wide_name
 from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, rows_of, sound_attributes
 from .wide import from_bytes
 
@@ -127,7 +131,8 @@ class Recording:
         Raises
         ------
         InputError
-            Before the first commit, when nothing is stored.
+            Before the first commit, when nothing is stored; if a version with other outputs
+            stored it.
         """
         if self.report is None:
             raise InputError(f"{str(self.path)!r} holds no state yet; go on with its run first.")
@@ -135,36 +140,27 @@ class Recording:
         thin = as_positive_count("thin", thin, least=1)
         group, manifest, run = self.group(), self.attributes["manifest"], self.attributes["run"]
         refuse_missing_blocks(self.path, group, first, self.states)
+        missing = [name for one in OUTPUTS for name in parts(one, manifest) if name not in group]
+        if missing:
+            raise written_by(self.path, run.get("gyrospark"), f"it has no {listed(missing)}")
         real = REALS[manifest["real"]]
         wide, dtype = real.wide, real.dtype
 
         def read(name: str, *, after_start: bool = False) -> Array:
-            """Return an array's rows in the stepper's type; zeros where the store has none."""
-            if name not in group:
-                return np.zeros(self.states, dtype=dtype)[first::thin]
+            """Return an array's rows in the stepper's type."""
             exact = wide and wide_name(name) in group
             values = stored_values(array_of(group, wide_name(name) if exact else name), first,
                                    self.states - first, exact, dtype)[::thin]
             return values[1:] if after_start else values
 
-        names = manifest["system"].get("quantities", ())
-        values = [read(QUANTITY + name) for name in names]
-        t = read("time")
+        rows = len(range(first, self.states, thin))
+        arrays = {one.attribute: together(
+            one, [read(name, after_start=one.of_steps) for name in parts(one, manifest)], rows,
+            dtype) for one in OUTPUTS}
         return Trajectory(
-            t=t, q=read("q"), p=read("p"), multipliers=self._multipliers(read, len(t)),
-            iterations=read("iterations", after_start=True).astype(np.intc),
-            dt=from_text(run["dt"], real.name), every=run["every"] * thin,
+            **arrays, dt=from_text(run["dt"], real.name), every=run["every"] * thin,
             parameters={name: from_text(x, real.name) for name, x in run["parameters"].items()},
-            report=self.report, manifest=manifest, energies=read("energy"),
-            g_errors=read("g_error"), f_errors=read("f_error"), work=read("work"),
-            quantity_values=np.stack(values, axis=1) if values else np.zeros((len(t), 0), dtype),
-        )
-
-    def _multipliers(self, read: Any, states: int) -> Array:
-        if "multipliers" in self.group():
-            found: Array = read("multipliers", after_start=True)
-            return found
-        return np.zeros((states - 1, 0), dtype=REALS[self.attributes["manifest"]["real"]].dtype)
+            report=self.report, manifest=manifest)
 
     def export(self, path: str | os.PathLike[str]) -> Path:
         """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""

@@ -18,7 +18,7 @@ from .._version import __version__
 from ..errors import InputError
 from ..real import REALS, RealName
 from ..runtime.call.reals import from_text
-from ..runtime.run.trajectory import Report, known_fields
+from ..runtime.output.report import Report, known_fields
 from .identity import FORMAT, written_by
 from .layout import CHECKPOINT, EXTENDS, Field, array_of, attributes_of, wide_name
 
@@ -183,7 +183,7 @@ def refuse_other_arrays(
     ------
     InputError
     """
-    block = array_of(group, "time").chunks[0]
+    block, about = array_of(group, "time").chunks[0], attributes_of(group)
     expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
         CHECKPOINT: ((), (checkpoint_bytes,), np.dtype("u1"))}
     for one in fields:
@@ -195,6 +195,9 @@ def refuse_other_arrays(
         try:
             array = array_of(group, name)
         except UNREADABLE:
+            if name not in (*about["arrays"], CHECKPOINT):
+                raise written_by(path, about["run"].get("gyrospark"),
+                                 f"it has no array {name!r}") from None
             raise _damaged(path, f"array {name!r} is missing or cannot be read") from None
         if (array.shape[:1] not in {(length,) for length in lengths}
                 or (array.shape[1:], array.chunks, array.dtype) != (inner, chunks, dtype)):

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from ..exact import digits_of
 from ..real import REALS
-from ..runtime.run.states import states_of
+from ..runtime.output.states import states_of
 from .layout import Field, array_of, fields_of, wide_name
 from .recording import Recording, stored_values
 from .soundness import refuse_missing_blocks
 from .wide import as_bytes, from_bytes
 
 if TYPE_CHECKING:
-    from ..runtime.run.trajectory import Trajectory
+    from ..runtime.output.trajectory import Trajectory
 
 __all__ = ["Column", "Table", "stored_table", "table_of"]
 

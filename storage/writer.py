@@ -13,10 +13,11 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..runtime.run.integration import Rows, Run, defect_sizes
+from ..runtime.output.outputs import OUTPUTS, States, parts, pieces, value_of
+from ..runtime.run.integration import Rows, Run
 from .chunks import Chunk, write_chunks
 from .durable import storage_errors
-from .layout import CHECKPOINT, QUANTITY, Field, array_of, attributes_of, wide_name
+from .layout import CHECKPOINT, Field, array_of, attributes_of, wide_name
 from .wide import as_bytes
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ class Writer:
         self._arrays = {name: array_of(group, name)
                         for name in (*attributes_of(group)["arrays"], CHECKPOINT)}
         self._binding, self._run, self._block = binding, run, block
+        self._manifest = attributes_of(group)["manifest"]
         # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)
         self._queue: queue.Queue[Batch | None] = queue.Queue(maxsize=1)
@@ -109,27 +111,25 @@ class Writer:
     def _chunks(self, batch: Batch) -> list[Chunk]:
         """Return the batch as the chunks of all arrays."""
         number = batch.first // self._block
-        values = stored_arrays(self._binding, self._run, self._parameters, batch)
+        values = stored_arrays(self._binding, self._manifest, self._run, self._parameters,
+                               batch)
         values |= {wide_name(one.name): as_bytes(values[one.name])
                    for one in self._fields if one.wide}
         return [Chunk(self._arrays[name], (number, *(0 for _ in rows.shape[1:])), rows)
                 for name, rows in values.items() if name in self._arrays]
 
 
-def stored_arrays(binding: Binding, run: Run, parameters: Any, batch: Batch) -> dict[str, Array]:
+def stored_arrays(
+    binding: Binding, manifest: dict[str, Any], run: Run, parameters: Any, batch: Batch
+) -> dict[str, Array]:
     """Return every array of a batch by the field's name."""
     kept = slice(0, batch.count)
     rows, numbers = batch.rows, np.arange(batch.first, batch.first + batch.count)
-    q, p = rows.q[kept], rows.p[kept]
     t = binding.times(run.t0, run.dt, np.minimum(numbers * run.every, run.steps))
-    g_error, f_error = defect_sizes(binding, parameters, q, p)
-    values = binding.quantities(parameters, t.astype(binding.dtype), q, p)
-    multipliers = rows.multipliers[kept]
-    if binding.m > 1:
-        multipliers = multipliers.reshape(len(q), -1, binding.m)
-    return {
-        "time": t, "q": q, "p": p, "multipliers": multipliers, "iterations": rows.iterations[kept],
-        "energy": binding.hamiltonian(parameters, q, p), "g_error": g_error, "f_error": f_error,
-        "work": rows.work[kept],
-        **{QUANTITY + name: values[:, i] for i, name in enumerate(binding.quantity_names)},
-    }
+    states = States(binding, manifest, parameters, t, rows.q[kept], rows.p[kept],
+                    rows.multipliers[kept], rows.iterations[kept], rows.work[kept])
+    found: dict[str, Array] = {}
+    for one in OUTPUTS:
+        if parts(one, manifest):
+            found |= pieces(one, manifest, value_of(one, states))
+    return found

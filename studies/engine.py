@@ -29,8 +29,8 @@ from ..generator.schemes.scheme import SchemeName, scheme_named
 from ..real import RealName
 from ..runtime.body.inertia import MEANS
 from ..runtime.body.problems import Problem
+from ..runtime.output.trajectory import Trajectory
 from ..runtime.run.stepper import Stepper
-from ..runtime.run.trajectory import Trajectory
 
 __all__ = ["Case", "Engine", "Quantity", "parameter_value", "scheme_of"]
 

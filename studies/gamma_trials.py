@@ -24,7 +24,7 @@ from ..runtime.body.problems import Problem, fast_top, free_body, regular_preces
 from ..runtime.body.quaternion import euler_quaternion, momentum
 from ..runtime.choice.gamma_choice import GammaChoice, choose_gamma
 from ..runtime.choice.motion_error import MotionError, sizes
-from ..runtime.run.trajectory import Trajectory
+from ..runtime.output.trajectory import Trajectory
 
 __all__ = ["BODIES", "METHODS", "TIMES", "Body", "Trial", "asymmetric_top"]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..runtime.body.inertia import gamma_h, gamma_m
 from ..runtime.body.problems import fast_top
-from ..runtime.run.trajectory import Trajectory
+from ..runtime.output.trajectory import Trajectory
 from .engine import Engine
 from .fit import fit_line
 from .model import Claim, Finding, Panel, Series

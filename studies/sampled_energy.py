@@ -14,7 +14,7 @@ from ..generator.schemes.scheme import SchemeName
 from ..real import RealName
 from ..runtime.body.problems import fast_top
 from ..runtime.body.quaternion import rotation_matrix
-from ..runtime.run.trajectory import Trajectory
+from ..runtime.output.trajectory import Trajectory
 from .body_frame import Top
 
 __all__ = ["energy_errors", "peak", "run", "top_along"]

@@ -11,7 +11,7 @@ from rooms import DOOR, HALLS, ROOT_ROOM, imports, reachable, reduced, rooms
 
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
 #: The one arrow that goes up: a trajectory saves itself as .csv or .nc by what stores use for it.
-UPWARDS = {"runtime.run.trajectory -> storage.export"}
+UPWARDS = {"runtime.output.trajectory -> storage.export"}
 #: Kept as they are: lists of what is printed, and what is computed for one table of the paper.
 MANY_FILES = {"studies", "benchmarks"}
 

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from gyrospark.errors import InputError
 from gyrospark.generator.bodies.attitude import from_euler
+from gyrospark.generator.bodies.rigid_body import left_matrix
 from gyrospark.generator.model_files.model_file import parse_model
 from gyrospark.runtime.body import quaternion
 from processes import ROOT
@@ -144,7 +145,7 @@ def test_torque_of_a_body_does_its_work():
     values = dict(zip([*model.system.q, *model.system.p], [*model.q0, *model.p0], strict=True))
     values |= {s: model.parameters[s.name] for s in model.system.parameters if s.name != "gamma"}
     values |= {gs.symbols.t: 0.3}
-    L = gs.generator.rigid_body.left_matrix(model.system.q)
+    L = left_matrix(model.system.q)
     rate = L.T * omega / 2  # q̇ = ½ Lᵀ Ω where |q| = 1
     power, wanted = ((side[0]).subs(values) for side in (F.T * rate, tau.T * omega))
     assert abs(power - wanted) <= 16 * EPS * abs(wanted)

@@ -15,6 +15,7 @@ from gyrospark import naming
 from gyrospark.body_values import REPS, RepName
 from gyrospark.catalogue import MODELS, PROBLEMS, SYSTEMS, entry_named
 from gyrospark.commands.verify import _model as model_of_verify
+from gyrospark.commands.verify import spec_of_name
 from gyrospark.generator.model_files.model_expressions import parse_formula
 from gyrospark.generator.pipeline import generate, tableau_of
 from gyrospark.generator.schemes.scheme import SCHEMES, SchemeName
@@ -33,6 +34,29 @@ TOP = gs.problems.fast_top()
 def test_literals_are_the_records(names, records):
     """What editors complete is what is taken, in the same order."""
     assert get_args(names) == tuple(records)
+
+
+def test_a_scheme_of_one_number_of_stages_is_called_by_its_name(monkeypatch):
+    """Its stages need not be said, and are in no name; a family's have to."""
+    made = replace(SCHEMES["LIIIA-B"], name="RATTLE", most=2)
+    monkeypatch.setitem(SCHEMES, "RATTLE", made)
+    spec = Spec.checked("RATTLE")
+    assert (spec.stages, spec.method, spec.title) == (2, "rattle", "RATTLE")
+    assert spec == Spec.checked("RATTLE", 2)
+    assert spec_of_name("heavy_top_rattle_gamma") == spec
+    with pytest.raises(gs.InputError, match="out of range; RATTLE takes 2 and no other number"):
+        Spec.checked("RATTLE", 3)
+    assert tableau_of(spec).A == tableau_of(Spec.checked("LIIIA-B", 2)).A
+    assert Spec.checked("LIIIA-B", 2).title == "2-LIIIA-B"
+
+
+def test_what_lists_names_lists_all_of_them(gyrospark):
+    """Help and the docstrings of the calls; see also what each refusal says, below."""
+    said = "".join(gyrospark("run", "--help").stdout.split())
+    for name in (*PROBLEMS, *MODELS, *SCHEMES, *REALS, *SOLVERS):
+        assert name in said
+    for name in (*SCHEMES, *REALS, *REPS):
+        assert f'"{name}"' in gs.stepper.__doc__
 
 
 @pytest.mark.parametrize(("function", "argument", "type_name"), [

@@ -13,7 +13,7 @@ import xarray
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.runtime.run.states import headings
+from gyrospark.runtime.output.states import headings
 from stores import START, Interrupted, assert_same, ends_after, small_blocks
 from test_cli import FAILS, RUN, refused
 from test_forces import PARAMETERS as FORCED

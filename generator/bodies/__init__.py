@@ -6,6 +6,7 @@
     joints          what joints and springs hold on to
     attitude        the start of a body in numbers, to 50 digits
     poses           where bodies are at the start
+    linkage         a method for each kind of joint
     multibody       bodies, joints and forces, put into a model
     model           a system with the numbers to run it with
     example_models  models to start from, as ``gyrospark.models``

@@ -18,7 +18,10 @@ from typing import Any
 
 import sympy as sp
 
-from ..systems.system import INVERSE, BodyAt
+from ...arguments import as_items
+from ...errors import InputError
+from ...naming import shown
+from ..systems.system import INVERSE, BodyAt, as_expression
 from .rigid_body import (
     Rep,
     angular_velocity,
@@ -29,7 +32,7 @@ from .rigid_body import (
     tensor_symbols,
 )
 
-__all__ = ["GROUND", "Body", "Frame", "Vector"]
+__all__ = ["GROUND", "Body", "Frame", "Vector", "three_expressions"]
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 
@@ -226,3 +229,19 @@ def _times(rows: Sequence[Sequence[sp.Expr]], v: Sequence[object]) -> list[sp.Ex
 def _vector(entries: Sequence[sp.Expr]) -> Vector:
     x, y, z = entries
     return x, y, z
+
+
+def three_expressions(what: str, values: Any) -> Vector:
+    """Return what a caller gave as a vector.
+
+    Raises
+    ------
+    InputError
+    """
+    if callable(values):
+        raise InputError(f"The {what} is the function {shown(values)}; write three expressions of "
+                         "the body's symbols, such as body.angular_velocity, time and parameters.")
+    entries = [as_expression(value) for value in as_items(what, values, "three expressions")]
+    if len(entries) != 3:
+        raise InputError(f"The {what} has {len(entries)} components; give three.")
+    return entries[0], entries[1], entries[2]

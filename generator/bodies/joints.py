@@ -22,9 +22,14 @@ from numpy.typing import NDArray
 from .bodies import Body, Frame, Vector, dot
 from .poses import Pose
 
-__all__ = ["Align", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring", "named_vector"]
+__all__ = ["Align", "Connection", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring",
+           "direction", "named_vector"]
 
 Array = NDArray[Any]
+#: Where the frames are at the start.
+Poses = Mapping[Frame, Pose]
+#: The values of a model's parameters by name.
+Store = dict[str, float]
 
 #: Components smaller than this beside the vector, or its distance to walk, are rounding: zero.
 _ROUNDING = 2.0**-49
@@ -39,7 +44,7 @@ class Equation:
 
 
 def named_vector(
-    prefix: str, values: Sequence[float], store: dict[str, float], plain: Sequence[float] = (0.0,)
+    prefix: str, values: Sequence[float], store: Store, plain: Sequence[float] = (0.0,)
 ) -> Vector:
     """Return symbols prefix_x, … for a vector and store their values; plain ones stay numbers."""
     entries = []
@@ -65,29 +70,47 @@ def hand_on(quantity: str, a: Pose, b: Pose, more: Array) -> bool:
     return True
 
 
-def _shown(link: Link | Align) -> str:
+def _shown(link: Connection) -> str:
     """Return what stands for a joint, a rod or a spring."""
     ends = [frame.name if isinstance(frame, Body) else "ground" for frame in (link.a, link.b)]
     return f"<{type(link).__name__} {link.name}: {', '.join(ends)}>"
 
 
 @dataclass(eq=False, repr=False)
-class Link:
+class Connection:
+    """What joins two frames. It may hand on motion at the start, hold, and have energy."""
+
+    name: str
+    a: Frame
+    b: Frame
+
+    def __repr__(self) -> str:
+        return _shown(self)
+
+    def turn(self, poses: Poses) -> bool:
+        """Hand on angular velocity where one of the two lacks it; return whether it did."""
+        return False
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints, none; values of their parameters go into ``store``."""
+        yield from ()
+
+    def energy(self, store: Store) -> sp.Expr:
+        """Return V, 0; values of its parameters go into ``store``."""
+        return sp.Integer(0)
+
+
+@dataclass(eq=False, repr=False)
+class Link(Connection):
     """Two points of two frames: what a joint and a spring have in common.
 
     ``on_a`` and ``on_b`` are in body axes, from the origin of the body.
     """
 
-    name: str
-    a: Frame
-    b: Frame
     on_a: Array | None = None
     on_b: Array | None = None
 
-    def __repr__(self) -> str:
-        return _shown(self)
-
-    def points(self, store: dict[str, float]) -> tuple[Vector, Vector]:
+    def points(self, store: Store) -> tuple[Vector, Vector]:
         """Return both points in space as expressions; their components become parameters."""
         where = []
         for frame, r in ((self.a, self.on_a), (self.b, self.on_b)):
@@ -96,12 +119,12 @@ class Link:
             where.append(frame.point(named_vector(prefix, r.tolist(), store)))
         return where[0], where[1]
 
-    def square(self, store: dict[str, float]) -> sp.Expr:
+    def square(self, store: Store) -> sp.Expr:
         """Return the squared distance of the points."""
         point_a, point_b = self.points(store)
         return sum(((x - y) ** 2 for x, y in zip(point_a, point_b, strict=True)), sp.Integer(0))
 
-    def distance(self, poses: Mapping[Frame, Pose]) -> float:
+    def distance(self, poses: Poses) -> float:
         """Return how far apart the points are at the start."""
         assert self.on_a is not None
         assert self.on_b is not None
@@ -118,7 +141,7 @@ class Joint(Link):
 
     at: Array | None = None
 
-    def place(self, poses: Mapping[Frame, Pose]) -> bool:
+    def place(self, poses: Poses) -> bool:
         """Hand on points and positions; return whether something was found."""
         found = False
         sides = ((self.a, "on_a"), (self.b, "on_b"))
@@ -136,7 +159,7 @@ class Joint(Link):
                 pose.x, found = self.at - pose.R @ r, True
         return found
 
-    def move(self, poses: Mapping[Frame, Pose]) -> bool:
+    def move(self, poses: Poses) -> bool:
         """Hand on the velocity of the common point; return whether it did."""
         a, b = poses[self.a], poses[self.b]
         assert a.spin is not None
@@ -145,44 +168,32 @@ class Joint(Link):
         turning = np.cross(a.spin, arm_a) - np.cross(b.spin, arm_b)
         return hand_on("v", a, b, turning)
 
-    def equations(
-        self, poses: Mapping[Frame, Pose], store: dict[str, float]
-    ) -> Iterator[Equation]:
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         for axis, x, y in zip("xyz", *self.points(store), strict=True):
             yield Equation(f"{self.name}: {axis}", x - y)
 
 
 @dataclass(eq=False, repr=False)
-class Align:
+class Align(Connection):
     """One axis of a stays one of b; ``axis`` is a unit vector in space at the start.
 
     b turns about it against a, at ``rate`` to begin with.
     """
 
-    name: str
-    a: Frame
-    b: Frame
     axis: Array
     rate: float = 0.0
 
-    def __repr__(self) -> str:
-        return _shown(self)
-
-    def turn(self, poses: Mapping[Frame, Pose]) -> bool:
+    def turn(self, poses: Poses) -> bool:
         """Hand on the angular velocity: that of b is that of a and the rate about the axis."""
         return hand_on("spin", poses[self.a], poses[self.b], self.rate * self.axis)
 
-    def equations(
-        self, poses: Mapping[Frame, Pose], store: dict[str, float]
-    ) -> Iterator[Equation]:
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         in_a, in_b = (direction(poses[frame].R.T @ self.axis) for frame in (self.a, self.b))
-        unit = (0.0, 1.0, -1.0)
-        axis = self.b.direction(named_vector(f"{self.name}_axis", in_b.tolist(), store, unit))
+        axis = carried(self.b, f"{self.name}_axis", in_b, store)
         for k, normal in enumerate(normals(in_a), start=1):
-            prefix = f"{self.name}_normal{k}"
-            n = self.a.direction(named_vector(prefix, normal.tolist(), store, unit))
+            n = carried(self.a, f"{self.name}_normal{k}", normal, store)
             yield Equation(f"{self.name}: axis {k}", dot(n, axis))
 
 
@@ -192,13 +203,11 @@ class Revolute(Joint):
 
     hinge: Align = field(kw_only=True)
 
-    def turn(self, poses: Mapping[Frame, Pose]) -> bool:
+    def turn(self, poses: Poses) -> bool:
         """Hand on the angular velocity as ``Align`` does."""
         return self.hinge.turn(poses)
 
-    def equations(
-        self, poses: Mapping[Frame, Pose], store: dict[str, float]
-    ) -> Iterator[Equation]:
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         yield from super().equations(poses, store)
         yield from self.hinge.equations(poses, store)
@@ -210,9 +219,7 @@ class Rod(Link):
 
     length: float | None = None
 
-    def equations(
-        self, poses: Mapping[Frame, Pose], store: dict[str, float]
-    ) -> Iterator[Equation]:
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
         length = sp.Symbol(f"{self.name}_length", positive=True)
         store[str(length)] = self.distance(poses) if self.length is None else self.length
@@ -226,7 +233,7 @@ class Spring(Link):
     stiffness: float = 0.0
     length: float = 0.0
 
-    def energy(self, store: dict[str, float]) -> sp.Expr:
+    def energy(self, store: Store) -> sp.Expr:
         """Return V; values of its parameters go into ``store``."""
         k = sp.Symbol(f"{self.name}_stiffness", real=True)
         store[str(k)] = self.stiffness
@@ -235,6 +242,11 @@ class Spring(Link):
         length = sp.Symbol(f"{self.name}_length", positive=True)
         store[str(length)] = self.length
         return k * (sp.sqrt(self.square(store)) - length) ** 2 / 2
+
+
+def carried(frame: Frame, name: str, unit: Array, store: Store) -> Vector:
+    """Return the components in space of a unit vector that a frame carries; see named_vector."""
+    return frame.direction(named_vector(name, unit.tolist(), store, (0.0, 1.0, -1.0)))
 
 
 def normals(axis: Array) -> tuple[Array, Array]:

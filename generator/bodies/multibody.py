@@ -10,7 +10,7 @@ Lengths, masses and moments are parameters, not numbers, so that equal joints ha
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,37 +28,33 @@ from ...body_values import (
     moments_of,
 )
 from ...errors import InputError
-from ...naming import proposal, shown, unknown, whole
+from ...naming import shown, unknown, whole
 from ...projection import Projection, project
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from ..systems.redundancy import refuse_redundant
 from ..systems.system import System, as_expression, few
-from .bodies import GROUND, Body, Frame, Vector, cross, dot
-from .joints import Align, Equation, Joint, Link, Revolute, Rod, Spring, named_vector
+from .bodies import GROUND, Body, Frame, cross, dot, three_expressions
+from .joints import Connection, Equation, Joint, named_vector
+from .linkage import Linkage
 from .model import Model
-from .poses import Pose, attitude, finite, in_range, rotation, settle, three, unit
+from .poses import (
+    Pose,
+    Start,
+    attitude,
+    finite,
+    in_range,
+    positive,
+    settle,
+    three,
+    three_or_none,
+)
 
 __all__ = ["Multibody"]
 
 Array = NDArray[Any]
 
 
-@dataclass
-class Start:
-    """What a caller says of a body's start."""
-
-    q: Array
-    x: Array | None
-    v: Array | None
-    omega: Array | None  # in body axes
-
-    def pose(self) -> Pose:
-        """Return the pose, unknown where nothing was said."""
-        R = rotation(self.q)
-        return Pose(self.q, R, self.x, self.v, None if self.omega is None else R @ self.omega)
-
-
-class Multibody:
+class Multibody(Linkage):
     """A builder of models: add bodies, joints and forces, then ask for ``model()``.
 
     Attributes
@@ -89,8 +85,7 @@ class Multibody:
         self, name: str, *, gravity: ArrayLike = (0.0, 0.0, -9.81),
         dt: float | None = None, steps: int | None = None, description: str = "",
     ) -> None:
-        self.name = as_text("name of a Multibody", name)
-        self.ground: Frame = GROUND
+        super().__init__(name)
         self.time = sp.Symbol("t", real=True)
         self.start: Projection | None = None
         self._values: dict[str, float] = {}
@@ -100,13 +95,10 @@ class Multibody:
             "steps": None if steps is None else _count(steps),
             "description": as_text("description", description),
         }
-        self._bodies: dict[Body, Start] = {}
         self._inertia: dict[Body, Inertia] = {}
-        self._links: list[Link | Align] = []
         self._potential: list[sp.Expr] = []
         self._forces: dict[sp.Symbol, sp.Expr] = {}
         self._quantities: dict[str, sp.Expr] = {}
-        self._symbols: dict[str, sp.Symbol] = {}
 
     def __repr__(self) -> str:
         return (f"<Multibody {self.name}: bodies {few(body.name for body in self._bodies)}; "
@@ -185,98 +177,7 @@ class Multibody:
         start = self._start(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
         return self._add(body, start, mass, given, weight)
 
-    # ------------------------------------------------------------ joints
-
-    def ball(
-        self, name: str, a: Frame | str, b: Frame | str, *, at: ArrayLike | None = None,
-        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None,
-    ) -> Joint:
-        """Join a point of a to a point of b: three constraints, ``name: x``, ``y`` and ``z``.
-
-        Parameters
-        ----------
-        a, b : Body, ``ground``, or a name
-            In the order of the chain.
-        at : three floats, optional
-            Where in space the joint is at the start.
-        on_a, on_b : three floats, optional
-            Where on the bodies it is, in body axes from their origins. Two of the three are
-            enough; a position that is not given follows from them. ``at`` alone is enough for
-            bodies in known places.
-        """
-        joint = Joint(name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-                      at=_three_or_none(f"at of {name!r}", at))
-        self._join(joint)
-        return joint
-
-    def fixed_point(
-        self, name: str, body: Frame | str, *, at: ArrayLike | None = None,
-        on_body: ArrayLike | None = None,
-    ) -> Joint:
-        """Hold a point of a body at a point of space: three constraints.
-
-        Prefer ``top`` where it is the only joint to the ground: it needs no constraint.
-        """
-        return self.ball(name, GROUND, body, at=at, on_b=on_body)
-
-    def revolute(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
-        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
-        on_b: ArrayLike | None = None, rate: float = 0.0,
-    ) -> Revolute:
-        """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
-
-        ``axis`` is its direction in space at the start, of any length; ``rate`` the angular
-        velocity of b against a about it in rad/s, from which an angular velocity that is not
-        given follows. All else as for ``ball``.
-        """
-        joint = Revolute(
-            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-            at=_three_or_none(f"at of {name!r}", at),
-            hinge=self._hinge(name, a, b, axis, rate),
-        )
-        self._join(joint)
-        return joint
-
-    def align(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, rate: float = 0.0
-    ) -> Align:
-        """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
-
-        For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
-        ``axis`` and ``rate`` are those of ``revolute``.
-        """
-        joint = self._hinge(name, a, b, axis, rate)
-        self._join(joint)
-        return joint
-
-    def rod(
-        self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
-        on_b: ArrayLike = (0.0, 0.0, 0.0), length: float | None = None,
-    ) -> Rod:
-        """Keep two points at a distance: one constraint; by default at that of the start."""
-        if length is not None:
-            length = _positive(f"length of {name!r}", length)
-        rod = Rod(name, *self._two(name, a, b), *self._points(name, on_a, on_b), length=length)
-        self._join(rod)
-        return rod
-
     # ------------------------------------------------------------ forces
-
-    def spring(
-        self, name: str, a: Frame | str, b: Frame | str, *, stiffness: float, length: float = 0.0,
-        on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
-    ) -> Spring:
-        """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m)."""
-        rest = float(finite(f"length of {name!r}", length, ()))
-        if rest < 0:
-            raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
-        spring = Spring(
-            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
-        )
-        self._join(spring)
-        return spring
 
     def potential(self, expression: Any) -> None:
         """Add to H: an expression in the bodies' symbols and ``parameter``s.
@@ -302,8 +203,8 @@ class Multibody:
         symbols, momenta, ``time`` and parameters.
         """
         pushed = self._body(body, "A force")
-        F = _expressions(f"force on {pushed.name!r}", force)
-        r = _three_or_none(f"point of the force on {pushed.name!r}", on_body)
+        F = three_expressions(f"force on {pushed.name!r}", force)
+        r = three_or_none(f"point of the force on {pushed.name!r}", on_body)
         self._push(pushed.p_x, F)
         if r is not None:
             in_body = [dot(row, F) for row in pushed.rotation.T.tolist()]
@@ -316,7 +217,7 @@ class Multibody:
         """
         turned = self._body(body, "A torque")
         self._push(turned.p, turned.torque_force(
-            _expressions(f"torque on {turned.name!r}", torque)))
+            three_expressions(f"torque on {turned.name!r}", torque)))
 
     def quantity(self, name: str, expression: Any) -> None:
         """Have an expression computed along trajectories under a name."""
@@ -358,12 +259,11 @@ class Multibody:
         bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
 
-    def _poses(self, links: Sequence[Link | Align]) -> dict[Frame, Pose]:
+    def _poses(self, links: Sequence[Connection]) -> dict[Frame, Pose]:
         poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
         poses |= {body: start.pose() for body, start in self._bodies.items()}
         joints = [link for link in links if isinstance(link, Joint)]
-        settle(poses, "spin", [
-            link.turn for link in links if isinstance(link, (Align, Revolute))])
+        settle(poses, "spin", [link.turn for link in links])
         settle(poses, "x", [joint.place for joint in joints])
         for joint in joints:
             if joint.on_a is None or joint.on_b is None:
@@ -373,7 +273,7 @@ class Multibody:
         return poses
 
     def _equations(
-        self, links: Sequence[Link | Align], poses: Mapping[Frame, Pose], store: dict[str, float],
+        self, links: Sequence[Connection], poses: Mapping[Frame, Pose], store: dict[str, float],
         without: set[str],
     ) -> list[Equation]:
         """Return the constraints, each with the later of its bodies."""
@@ -381,9 +281,8 @@ class Multibody:
         rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)]
                 for body in self._bodies}
         for link in links:
-            if isinstance(link, (Align, Joint, Rod)):
-                own = [frame for frame in (link.a, link.b) if isinstance(frame, Body)]
-                rows[max(own, key=order.__getitem__)] += link.equations(poses, store)
+            own = [frame for frame in (link.a, link.b) if isinstance(frame, Body)]
+            rows[max(own, key=order.__getitem__)] += link.equations(poses, store)
         found = [equation for body in self._bodies for equation in rows[body]]
         unknown = without - {equation.name for equation in found}
         if unknown:
@@ -393,12 +292,12 @@ class Multibody:
             )
         return [equation for equation in found if equation.name not in without]
 
-    def _hamiltonian(self, links: Sequence[Link | Align], store: dict[str, float]) -> sp.Expr:
+    def _hamiltonian(self, links: Sequence[Connection], store: dict[str, float]) -> sp.Expr:
         terms = []
         for body in self._bodies:
             terms.append(body.kinetic_energy)
             terms.append(-body.mass * dot(self._gravity, body.centre_of_mass))
-        terms += [link.energy(store) for link in links if isinstance(link, Spring)]
+        terms += [link.energy(store) for link in links]
         return sp.Add(*terms, *self._potential)
 
     def _system(
@@ -453,7 +352,7 @@ class Multibody:
     def _add(
         self, body: Body, start: Start, mass: float, inertia: Inertia, weight: float | None
     ) -> Body:
-        self._values[str(body.mass)] = _positive(f"mass of {body.name!r}", mass)
+        self._values[str(body.mass)] = positive(f"mass of {body.name!r}", mass)
         mean = float(np.mean(moments_of(inertia)))
         self._values[str(body.weight)] = mean if weight is None else _weight(
             f"{body.rep} of {body.name!r}", weight)
@@ -466,57 +365,10 @@ class Multibody:
     ) -> Start:
         return Start(
             attitude(f"body {name!r}", quaternion, rotation),
-            _three_or_none(f"position of {name!r}", position),
-            _three_or_none(f"velocity of {name!r}", velocity),
-            _three_or_none(f"angular velocity of {name!r}", omega),
+            three_or_none(f"position of {name!r}", position),
+            three_or_none(f"velocity of {name!r}", velocity),
+            three_or_none(f"angular velocity of {name!r}", omega),
         )
-
-    def _hinge(
-        self, name: str, a: Frame | str, b: Frame | str, axis: ArrayLike, rate: float
-    ) -> Align:
-        direction = three(f"axis of {name!r}", axis)
-        if not direction.any():
-            raise InputError(f"The axis of {name!r} is zero; give its direction in space.")
-        return Align(name, *self._two(name, a, b), unit(direction),
-                     float(finite(f"rate of {name!r}", rate, ())))
-
-    def _join(self, link: Link | Align) -> None:
-        self._claim(link.name)
-        self._links.append(link)
-
-    def _claim(self, name: str) -> None:
-        as_text(f"a name in Multibody {self.name!r}", name)
-        taken = {*(b.name for b in self._bodies), *(link.name for link in self._links),
-                 *self._symbols}
-        if name in taken or name in ("ground", "gravity"):
-            raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; bodies, joints, "
-                             "springs and parameters need names of their own.")
-        if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
-            raise InputError(f"{shown(name)} is no name for a part of Multibody {self.name!r}; use "
-                             "letters, digits and '_', a letter first.")
-
-    def _two(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
-        found = [frame if frame is GROUND else GROUND if isinstance(frame, str) and
-                 frame == "ground" else self._body(frame, shown(name)) for frame in (a, b)]
-        if found[0] is found[1]:
-            raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
-        return found[0], found[1]
-
-    def _body(self, body: Any, what: str) -> Body:
-        """Return a body of this builder: itself, or that of a name."""
-        names = {known.name: known for known in self._bodies}
-        if isinstance(body, str) and body in names:
-            return names[body]
-        if isinstance(body, Body) and body in self._bodies:
-            return body
-        raise InputError(
-            f"{what} holds on to {shown(body)}, which is no body of Multibody {self.name!r}; pass "
-            f"what body(...) returned, or a name: {', '.join(names) or 'there is none yet'}"
-            f"{proposal(body, names)}.")
-
-    def _points(self, name: str, on_a: Any, on_b: Any) -> tuple[Array | None, Array | None]:
-        return (_three_or_none(f"on_a of {name!r}", on_a),
-                _three_or_none(f"on_b of {name!r}", on_b))
 
     def _push(self, momenta: Sequence[sp.Symbol], force: Sequence[sp.Expr]) -> None:
         for symbol, e in zip(momenta, force, strict=bool(momenta)):
@@ -546,24 +398,3 @@ def _weight(what: str, value: Any) -> float:
         raise InputError(f"The {what} is 0, and the kinetic energy divides by it; give another "
                          "number.")
     return number
-
-
-def _positive(what: str, value: Any) -> float:
-    number = float(finite(what, value, ()))
-    if number <= 0:
-        raise InputError(f"The {what} is {number}; it must be above 0.")
-    return number
-
-
-def _three_or_none(what: str, value: Any) -> Array | None:
-    return None if value is None else three(what, value)
-
-
-def _expressions(what: str, values: Any) -> Vector:
-    if callable(values):
-        raise InputError(f"The {what} is the function {shown(values)}; write three expressions of "
-                         "the body's symbols, such as body.angular_velocity, time and parameters.")
-    entries = [as_expression(value) for value in as_items(what, values, "three expressions")]
-    if len(entries) != 3:
-        raise InputError(f"The {what} has {len(entries)} components; give three.")
-    return entries[0], entries[1], entries[2]

@@ -22,8 +22,8 @@ from ...errors import InputError
 from ...naming import shown
 from .rigid_body import left_matrix, rotation_matrix
 
-__all__ = ["Attitude", "Pose", "attitude", "finite", "in_range", "rotation", "settle", "three",
-           "unit"]
+__all__ = ["Attitude", "Pose", "Start", "attitude", "finite", "in_range", "positive", "rotation",
+           "settle", "three", "three_or_none", "unit"]
 
 Array = NDArray[Any]
 
@@ -68,6 +68,21 @@ class Pose:
         L = numbers(left_matrix(self.q.tolist()))
         p: Array = 2 * L.T @ (inertia_matrix(inertia) @ (self.R.T @ self.spin))
         return p
+
+
+@dataclass
+class Start:
+    """What a caller says of a body's start."""
+
+    q: Array
+    x: Array | None
+    v: Array | None
+    omega: Array | None  # in body axes
+
+    def pose(self) -> Pose:
+        """Return the pose, unknown where nothing was said."""
+        R = rotation(self.q)
+        return Pose(self.q, R, self.x, self.v, None if self.omega is None else R @ self.omega)
 
 
 def numbers(matrix: Any) -> Array:
@@ -154,6 +169,19 @@ def finite(what: str, value: Any, shape: tuple[int, ...]) -> Array:
         raise InputError(f"The {what} is {shown(value)}; give {count} finite "
                          f"number{'s' if count > 1 else ''}.")
     return array
+
+
+def positive(what: str, value: Any) -> float:
+    """Return a finite number above 0."""
+    number = float(finite(what, value, ()))
+    if number <= 0:
+        raise InputError(f"The {what} is {number}; it must be above 0.")
+    return number
+
+
+def three_or_none(what: str, value: Any) -> Array | None:
+    """Return three numbers, or None where none are given."""
+    return None if value is None else three(what, value)
 
 
 def settle(

@@ -30,6 +30,7 @@ and t, beside the file's parameters.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
@@ -38,6 +39,7 @@ import sympy as sp
 from ...body_values import REPS, RepName
 from ...errors import InputError
 from ..bodies.bodies import Body, Frame
+from ..bodies.linkage import JOINTS as KINDS
 from ..bodies.model import Model
 from ..bodies.multibody import Multibody
 from ..bodies.poses import Attitude
@@ -51,13 +53,9 @@ __all__ = ["read_bodies"]
 MAX_BODIES = 100
 POINTS = ("on_a", "on_b")
 
-#: Type of a joint or force → the keys it takes beside name, type and bodies.
-JOINTS = {
-    "ball": ("at", *POINTS),
-    "fixed_point": ("at", "on_body"),
-    "revolute": ("at", "axis", *POINTS, "rate"),
-    "rod": (*POINTS, "length"),
-}
+#: Type of a joint → all arguments of the method that makes it.
+JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters for kind in KINDS}
+#: Type of a force → the keys it takes beside name, type and bodies.
 FORCES = {
     "spring": ("stiffness", "length", *POINTS),
     "force": ("force", "on_body"),
@@ -146,17 +144,16 @@ def _names(
 
 
 def _join(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> None:
-    kind = _kind(table, JOINTS)
-    single = kind == "fixed_point"
-    frames = _frames(table, bodies, 1 if single else 2)
-    numbers = {key: table.number(key, units) for key, units in (("rate", RATES), ("length", {}))
-               if key in table}
-    vectors = {key: table.vector(key, 3) for key in ("at", "axis", "on_body", *POINTS)
-               if key in table}
-    if kind == "revolute":
-        table.require("axis")
-    make = getattr(builder, kind)
-    make(table.symbol("name", table.text("name")), *frames, **vectors, **numbers)
+    """Call the method of the joint's type with the keys of its table."""
+    keys = {kind: {key: one for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
+            for kind, parameters in JOINTS.items()}
+    kind = _kind(table, {kind: tuple(found) for kind, found in keys.items()})
+    table.require("name", *(key for key, one in keys[kind].items() if one.default is one.empty))
+    frames = _frames(table, bodies, 2 if "b" in JOINTS[kind] else 1)
+    values = {key: table.vector(key, 3) if "ArrayLike" in str(one.annotation) else
+              table.number(key, RATES if key == "rate" else {})
+              for key, one in keys[kind].items() if key in table}
+    getattr(builder, kind)(table.symbol("name", table.text("name")), *frames, **values)
 
 
 def _force(
@@ -184,8 +181,6 @@ def _kind(table: Table, kinds: Mapping[str, tuple[str, ...]]) -> str:
     table.require("type", "bodies")
     kind = table.choice("type", tuple(kinds), "")
     table.allow("name", "type", "bodies", *kinds[kind])
-    if kinds is JOINTS:
-        table.require("name")
     return kind
 
 

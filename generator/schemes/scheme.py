@@ -11,7 +11,11 @@ from ...naming import choose
 if TYPE_CHECKING:
     from ..tableaux.tableau import Tableau
 
-__all__ = ["DEFAULT_SCHEME", "DEFAULT_STAGES", "SCHEMES", "Scheme", "SchemeName", "scheme_named"]
+__all__ = ["DEFAULT_SCHEME", "DEFAULT_STAGES", "MAX_STAGES", "SCHEMES", "Scheme", "SchemeName",
+           "scheme_named"]
+
+#: The most stages of a family: tableaux of more have not been looked at.
+MAX_STAGES = 16
 
 #: What ``scheme`` may be; the keys of ``SCHEMES``, for editors and type checkers.
 SchemeName = Literal["IMS", "EMS", "G-L", "LIIIA-B"]
@@ -29,6 +33,8 @@ class Scheme:
         What the name stands for.
     fewest : int
         The fewest stages it has; 0 where it has none.
+    most : int
+        The most it has; where that is the fewest, nobody has to say them.
     tableau : callable or None
         Number of stages → its exact tableau; None for a mean value.
     discrete : bool
@@ -40,11 +46,17 @@ class Scheme:
     fewest: int = 0
     tableau: Callable[[int], Tableau] | None = None
     discrete: bool = False
+    most: int = MAX_STAGES
 
     @property
     def key(self) -> str:
         """The name as file names have it: ``ims``, ``gl``, ``liiiab``."""
         return self.name.lower().replace("-", "")
+
+    @property
+    def counted(self) -> bool:
+        """Whether it is a family: its number of stages has to be said."""
+        return 0 < self.fewest < self.most
 
 
 def _gauss_lobatto(stages: int) -> Tableau:

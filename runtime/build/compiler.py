@@ -6,6 +6,7 @@ import functools
 import importlib.util
 import os
 import platform
+import re
 import shlex
 import shutil
 import subprocess
@@ -15,18 +16,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cffi
+import numpy as np
 
 from ...errors import CompilerError, InputError
+from ...real import REALS, Real
 from .quad_wrapper import is_quad, wrap_declarations
 
 __all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
 
 #: For the generated kernel: it must be clean under all of these.
 STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
-#: For float128: ISO C11 has neither the type nor its literals, which -Wpedantic says of each.
-QUAD_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
+#: For float128 and its like: ISO C11 has neither type nor literals, which -Wpedantic says of each.
+EXTENDED_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
 SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
+
+#: NumPy's types → the standard ones of C with the same numbers.
+_STANDARD = {np.float32: "float", np.float64: "double", np.longdouble: "long double"}
 
 #: Names the compiler's level of optimisation: lower ones build faster and run slower.
 OPTIMISE = "GYROSPARK_OPTIMISE"
@@ -144,16 +150,16 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
     """
     for file, text in files.items():
         (folder / file).write_text(text, encoding="utf-8")
-    quad = is_quad(read_declarations(files[f"{name}.h"]))
-    if quad:
+    declarations = read_declarations(files[f"{name}.h"])
+    if is_quad(declarations):
         _refuse_without_quad(compiler, folder)
     wrapper = _write_wrapper(name, files[f"{name}.h"], folder)
     include = sysconfig.get_paths()["include"]
     compile_ = [*compiler.command, *compiler.flags]
     wrapping = "-O1" if optimisation() in ("-O2", "-O3") else "-O0"  # the lower build faster
     commands = [
-        [*compile_, *(QUAD_FLAGS if quad else STRICT_FLAGS), "-c", f"{name}.c", "-o",
-         "kernel.o"],
+        [*compile_, *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS), "-c",
+         f"{name}.c", "-o", "kernel.o"],
         [*compiler.command, wrapping, "-fPIC", f"-I{include}", "-I.", "-w", "-c", wrapper.name,
          "-o", "wrapper.o"],
     ]
@@ -170,22 +176,33 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
 
 def _write_wrapper(name: str, header: str, folder: Path) -> Path:
     """Write cffi's C for a header; return its path."""
-    declarations, functions = read_declarations(header), ""
+    declarations, functions, renamed = read_declarations(header), "", ""
     if is_quad(declarations):
         declarations, functions = wrap_declarations(declarations)
+    elif real := _extended(declarations):  # of which cffi knows only what it is the same as
+        standard = _STANDARD[real.dtype]
+        declarations = f"typedef {standard} {real.c_type};\n{declarations}"
+        renamed = f"#define {real.c_type} {standard}\n"
     ffi = cffi.FFI()
     ffi.cdef(declarations)
-    ffi.set_source(module_name(name), f'#include "{name}.h"\n{functions}', compiler_verbose=0)
+    ffi.set_source(module_name(name), f'{renamed}#include "{name}.h"\n{functions}',
+                   compiler_verbose=0)
     wrapper = folder / f"{module_name(name)}.c"
     ffi.emit_c_code(str(wrapper))
     return wrapper
 
 
+def _extended(declarations: str) -> Real | None:
+    """Return the type of these declarations if not every C compiler has it."""
+    return next((real for real in REALS.values() if not real.standard
+                 and re.search(rf"\b{real.c_type}\b", declarations)), None)
+
+
 def _refuse_without_quad(compiler: Compiler, folder: Path) -> None:
     """Refuse a compiler, or a C library, without binary128."""
     (folder / "binary128.c").write_text(_QUAD_PROBE, encoding="utf-8")
-    command = [*compiler.command, *QUAD_FLAGS, "-fPIC", *compiler.link_flags, "binary128.c", "-lm",
-               "-o", "binary128.out"]
+    command = [*compiler.command, *EXTENDED_FLAGS, "-fPIC", *compiler.link_flags, "binary128.c",
+               "-lm", "-o", "binary128.out"]
     try:
         _run_together([command], folder)
     except CompilerError as error:

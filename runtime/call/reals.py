@@ -16,11 +16,11 @@ __all__ = ["as_float", "from_text", "rounding"]
 
 def rounding(real: RealName) -> Callable[[Fraction], Any]:
     """Return what rounds a number to a type: to NumPy's long double, to mpf, else to double."""
-    if real == "float128":
+    if REALS[real].in_mpmath:
         from .quad import rounded  # mpmath costs time, and only float128 needs it
 
         return rounded
-    return _as_long_double if real == "long-double" else as_double
+    return _as_long_double if REALS[real].dtype is np.longdouble else as_double
 
 
 def as_float(value: Fraction, dtype: Any) -> Any:

@@ -28,8 +28,8 @@ from ..body.inertia import MEANS_BY_SYMBOL, Aim
 from .motion_error import MotionError, sizes
 
 if TYPE_CHECKING:
+    from ..output.trajectory import Trajectory
     from ..run.stepper import Stepper
-    from ..run.trajectory import Trajectory
 
 __all__ = ["WORTHWHILE", "Pilot", "Pilots"]
 

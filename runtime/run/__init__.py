@@ -1,4 +1,4 @@
-"""Running: a stepper, one trajectory or many, what they return, why they fail.
+"""Running: a stepper, one trajectory or many, why they fail.
 
     stepper      a compiled stepper, the class of the contract
     parameters   the parameters of a run, in their domains
@@ -10,6 +10,4 @@
     failure      why a step failed, and what would do
     lanes        trajectories side by side in a vector register
     ensemble     many trajectories on threads
-    trajectory   what an integration returns, and its file
-    states       the states as columns, under their names
 """

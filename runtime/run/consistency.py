@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..call.binding import Binding
-from .integration import defect_sizes
+from ..output.outputs import defect_sizes
 
 __all__ = ["Defects", "defects_of_starts"]
 

@@ -17,8 +17,8 @@ from ...exact import Number
 from ...naming import shown
 from ..call.checks import as_numbers, as_positive_count
 from ..interrupts import ctrl_c
+from ..output.trajectory import Trajectory
 from .parameters import refuse_auto
-from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from .integration import Run

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from ...errors import InputError, StepFailed, Stopped
 from ..call.binding import Binding, SolverName
 from ..interrupts import Interrupts, ctrl_c
+from ..output.outputs import OUTPUTS, States, defect_sizes, value_of
+from ..output.report import Report
+from ..output.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
 from .newton import newton_step
-from .trajectory import Report, Trajectory
 
-__all__ = ["Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at", "failure_of",
+__all__ = ["Pace", "Rows", "Run", "advance", "course", "ended_at", "failure_of",
            "integrate", "next_chunk", "trajectory_of"]
 
 Array = NDArray[Any]
@@ -260,31 +262,14 @@ def trajectory_of(
     done = int(report.steps)
     stored = run.rows if done == run.steps else done // run.every
     q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
-    multipliers = rows.multipliers[:stored]
-    if binding.m > 1:
-        multipliers = multipliers.reshape(stored, binding.multipliers // binding.m, binding.m)
-    g_errors, f_errors = defect_sizes(binding, parameters, q_kept, p_kept)
     t = binding.times(run.t0, run.dt, np.minimum(np.arange(stored + 1) * run.every, done))
+    states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
+                    rows.iterations[:stored], rows.work[: stored + 1])
     return Trajectory(
-        t=t,
-        q=q_kept,
-        p=p_kept,
-        multipliers=multipliers,
-        iterations=rows.iterations[:stored],
+        **{one.attribute: value_of(one, states) for one in OUTPUTS},
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,
         report=Report.read(report, q, p, forced=binding.has_forces),
         manifest=manifest,
-        energies=binding.hamiltonian(parameters, q_kept, p_kept),
-        g_errors=g_errors,
-        f_errors=f_errors,
-        work=rows.work[: stored + 1],
-        quantity_values=binding.quantities(parameters, t.astype(binding.dtype), q_kept, p_kept),
     )
-
-
-def defect_sizes(binding: Binding, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
-    """Return the largest |g| and the largest momentum-constraint error of each row."""
-    g, f = binding.defects(parameters, q, p)
-    return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)

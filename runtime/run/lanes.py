@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ...errors import StepFailed
 from ..call.binding import Binding
+from ..output.trajectory import Trajectory
 from .failure import Diagnosis
 from .integration import Pace, Rows, Run, failure_of, next_chunk, trajectory_of
-from .trajectory import Trajectory
 
 __all__ = ["Member", "integrate_lanes"]
 

@@ -21,6 +21,7 @@ from ..call.binding import REASONS, SOLVERS, Binding, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real, as_step
 from ..call.compiled_constraints import CompiledConstraints
 from ..choice.gamma_choice import with_choice
+from ..output.trajectory import Trajectory
 from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
 from .failure import Diagnosis
@@ -28,7 +29,6 @@ from .held import Held
 from .integration import Run, course, failure_of, integrate
 from .lanes import Member, integrate_lanes
 from .parameters import as_parameters
-from .trajectory import Trajectory
 
 __all__ = ["SOLVERS", "Stepper"]
 

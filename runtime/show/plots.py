@@ -10,10 +10,11 @@ import numpy as np
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError, MissingDependencyError
+from ...real import REALS
 from .endings import PICTURES, ending_of
 
 if TYPE_CHECKING:
-    from ..run.trajectory import Trajectory
+    from ..output.trajectory import Trajectory
 
 __all__ = ["check_target", "draw", "figure_class", "save"]
 
@@ -45,14 +46,18 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
         Without matplotlib.
     """
     target = None if path is None else check_target(path)
-    figure = figure_class()(figsize=(11, 4.6), layout="constrained")
-    grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.4))
+    more = trajectory.panels()
+    rows = 2 + len(more)
+    figure = figure_class()(figsize=(11, 2.3 * rows), layout="constrained")
+    grid = figure.add_gridspec(rows, 2, width_ratios=(1, 1.4))
     if len(trajectory.bodies) == 1:
         _sphere(figure.add_subplot(grid[:, 0], projection="3d"), trajectory)
     else:
         _coordinates(figure.add_subplot(grid[:, 0]), trajectory)
     _energy(figure.add_subplot(grid[0, 1]), trajectory)
     _constraints(figure.add_subplot(grid[1, 1]), trajectory)
+    for row, (title, values) in enumerate(more.items(), 2):
+        _output(figure.add_subplot(grid[row, 1]), trajectory, title, values)
     figure.suptitle(f"{trajectory.manifest['name']}, Δt = {trajectory.dt:g} s, "
                     f"{trajectory.report.steps:,} steps", fontsize=11)
     if target is not None:
@@ -155,11 +160,21 @@ def _energy(axes: Any, trajectory: Trajectory) -> None:
     axes.grid(alpha=0.3)
 
 
+def _output(axes: Any, trajectory: Trajectory, title: str, values: Any) -> None:
+    """Draw an output against time, a line for each of its numbers."""
+    some, t = _thin(trajectory), trajectory.t[-len(values) :]
+    numbers = values.reshape(len(t), -1)[some].astype(float)
+    axes.plot(t[some].astype(float), numbers, linewidth=0.8)
+    axes.set_xlabel("t [s]")
+    axes.set_title(title, fontsize=10)
+    axes.grid(alpha=0.3)
+
+
 def _constraints(axes: Any, trajectory: Trajectory) -> None:
     """Draw the constraint errors; exact zeros are drawn at the bottom."""
     some = _thin(trajectory)
     t = trajectory.t[some].astype(float)
-    floor = 1e-36 if trajectory.manifest["real"] == "float128" else 1e-18
+    floor = 1e-36 if REALS[trajectory.manifest["real"]].in_mpmath else 1e-18
     for values, name, colour in zip(trajectory.constraint_errors(),
                                     ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
                                     strict=True):

@@ -1,7 +1,6 @@
 """The states of a run as columns along the time, under the names that the system gives them.
 
-Time, coordinates, momenta, energy, constraint errors, iterations, multipliers, work, quantities:
-a stored run has the same in the same order.
+They stand in the order of ``OUTPUTS``, here as in a stored run.
 """
 
 from __future__ import annotations
@@ -17,36 +16,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...exact import digits_of
+from .outputs import OUTPUTS, QUANTITY, pieces
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["QUANTITY", "finished", "headings", "save_csv", "states_of", "write_csv"]
+__all__ = ["finished", "headings", "save_csv", "states_of", "write_csv"]
 
 Array = NDArray[Any]
 
-#: What the names of a system's own quantities begin with.
-QUANTITY = "quantity_"
 #: Rows that are in memory as Python's numbers.
 _ROWS = 2**13
 
 
 def states_of(trajectory: Trajectory) -> dict[str, Array]:
     """Return the arrays of a trajectory, a row a state; those of steps begin with nothing."""
-    multipliers = trajectory.multipliers
-    none = 0 * trajectory.q[0, 0] + np.nan  # of the stepper's own type
-    found = {
-        "time": trajectory.t, "q": trajectory.q, "p": trajectory.p,
-        "energy": trajectory.energies, "g_error": trajectory.g_errors,
-        "f_error": trajectory.f_errors,
-        "iterations": np.concatenate([[0], trajectory.iterations]),
-    }
-    if trajectory.manifest["system"]["constraints"]:
-        start = np.full((1, *multipliers.shape[1:]), none, dtype=multipliers.dtype)
-        found["multipliers"] = np.concatenate([start, multipliers])
-    if "forces" in trajectory.manifest["system"]:
-        found["work"] = trajectory.work
-    return found | {QUANTITY + name: trajectory.quantity(name) for name in trajectory.quantities}
+    found: dict[str, Array] = {}
+    for one in OUTPUTS:
+        values = getattr(trajectory, one.attribute)
+        if one.of_steps:
+            none = 0 if one.whole else 0 * trajectory.q[0, 0] + np.nan  # of the stepper's own type
+            start = np.full((1, *values.shape[1:]), none, dtype=values.dtype)
+            values = np.concatenate([start, values])
+        found |= pieces(one, trajectory.manifest, values)
+    return found
 
 
 def headings(system: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:

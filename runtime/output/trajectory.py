@@ -2,101 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from ..._version import __version__
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
-from ...exact import digits_of
 from ...naming import choose, proposal, shown
-from ...real import REALS
 from ..body import quaternion
-from ..build.manifest import BodyAt, bodies_of, sizes_of
-from ..call.memory import without_padding
-from ..call.reals import from_text
+from ..build.manifest import BodyAt, bodies_of
 from ..show.endings import ENDINGS, ending_of
-from .states import finished, save_csv
+from .outputs import OUTPUTS, parts
+from .report import Report
+from .states import save_csv
+from .trajectory_file import read_npz, write_npz
 
-__all__ = ["Report", "Trajectory", "known_fields"]
+__all__ = ["Trajectory"]
 
 Array = NDArray[Any]
-_FORMAT = 2
-#: Arrays of the stepper's own type; float128 is stored as bytes, a last axis of 16.
-_QUADS = ("t", "q", "p", "multipliers", "energies", "g_errors", "f_errors", "work",
-          "quantity_values")
-_ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
-           "quantity_values")
-#: Names of the columns of q, p and quantity_values, for other readers of the file.
-_NAMES = ("coordinates", "momenta", "quantities")
-
-
-@dataclass(frozen=True)
-class Report:
-    """Diagnostics over *every* step of an integration, stored or not.
-
-    Energy errors are |H_k − H_0| with the scheme's own H (α or γ term included), |H_k − H_0 − W_k|
-    where forces do the work W_k (``work`` at the end of the run); constraint
-    errors |g(q_k)| and momentum-constraint errors |qᵀp| (for other systems the derived
-    constraint on the momenta); means run over k = 0..N as in (87)-(91). ``iterations`` counts
-    sweeps and Newton iterations together; ``newton_steps`` the steps of solver ``auto`` whose
-    sweeps did not converge.
-    """
-
-    steps: int
-    iterations: int
-    iterations_max: int
-    newton_steps: int
-    energy_start: float
-    energy_error_max: float
-    energy_error_mean: float
-    constraint_max: float
-    constraint_mean: float
-    momentum_constraint_max: float
-    momentum_constraint_mean: float
-    q: tuple[float, ...]
-    p: tuple[float, ...]
-    work: float = 0.0
-
-    def __repr__(self) -> str:
-        return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each\n"
-                f"  largest errors: energy {self.energy_error_max:.2e}, constraint "
-                f"{self.constraint_max:.2e}, momentum {self.momentum_constraint_max:.2e}\n"
-                f"  mean errors: energy {self.energy_error_mean:.2e}, constraint "
-                f"{self.constraint_mean:.2e}, momentum {self.momentum_constraint_mean:.2e}>")
-
-    @classmethod
-    def read(cls, record: Any, q: Array, p: Array, *, forced: bool) -> Report:
-        """Return the report of a compiled running record and the final state."""
-        states = int(record.steps) + 1
-        return cls(
-            int(record.steps),
-            int(record.iterations),
-            int(record.iterations_max),
-            int(record.newton_steps),
-            float(record.energy_start),
-            float(record.energy_error_max),
-            float(record.energy_error_sum) / states,
-            float(record.constraint_max),
-            float(record.constraint_sum) / states,
-            float(record.hidden_max),
-            float(record.hidden_sum) / states,
-            tuple(float(x) for x in q),
-            tuple(float(x) for x in p),
-            float(record.work) if forced else 0.0,
-        )
-
-    @property
-    def iterations_mean(self) -> float:
-        """Iterations (sweeps, Newton) a step; 0 without steps."""
-        return self.iterations / self.steps if self.steps else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,27 +212,12 @@ class Trajectory:
             if ending_of(target) == ".csv":
                 save_csv(self, target)
             else:
-                self._save_npz(target)
+                write_npz(self, target)
         except OSError as error:
             raise GyrosparkError(
                 f"The trajectory cannot be written to {str(target)!r}: {error.strerror or error}."
             ) from error
         return target
-
-    def _save_npz(self, target: Path) -> None:
-        about = {
-            "format": _FORMAT,
-            "dt": digits_of(self.dt),
-            "every": self.every,
-            "parameters": {name: digits_of(x) for name, x in self.parameters.items()},
-            "report": asdict(self.report),
-            "manifest": self.manifest,
-        }
-        with finished(target) as part, part.open("wb") as file:
-            np.savez_compressed(
-                file, allow_pickle=False, about=np.array(json.dumps(about)),
-                **{name: np.array(getattr(self, name), dtype=str) for name in _NAMES},
-                **{name: _storable(getattr(self, name)) for name in _ARRAYS})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
@@ -317,65 +228,12 @@ class Trajectory:
         InputError
             If the file is missing, damaged or of another kind.
         """
-        file_name = as_path("path", path, "run.npz")
-        try:
-            # Opened here because np.load leaves a damaged file open.
-            with file_name.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-                about = json.loads(str(file["about"]))
-                if about["format"] != _FORMAT:
-                    raise InputError(
-                        f"{str(path)!r} was written by gyrospark {about['manifest']['generator']} "
-                        f"in format {about['format']}; this is gyrospark {__version__}, which "
-                        f"reads format {_FORMAT}.")
-                arrays = {name: file[name] for name in _ARRAYS}
-                names = {name: tuple(file[name].tolist()) for name in _NAMES if name in file}
-            real = about["manifest"]["real"]
-            if REALS[real].in_mpmath:
-                in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
-                arrays |= {name: _from_bytes(arrays[name]) for name in {*_QUADS} - in_double}
-            report = known_fields(Report, about["report"])
-            report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
-            loaded = cls(
-                **arrays, dt=from_text(about["dt"], real), every=about["every"],
-                parameters={k: from_text(x, real) for k, x in about["parameters"].items()},
-                report=Report(**report), manifest=about["manifest"])
-            loaded._refuse_unless_sound()
-            if any(getattr(loaded, name) != found for name, found in names.items()):
-                raise ValueError("a column has two names")
-            return loaded
-        except InputError:
-            raise
-        except OSError as error:
-            raise InputError(f"{str(path)!r} cannot be read: {error.strerror or error}.") from error
-        except Exception as error:  # a damaged zip file raises of ten kinds, zlib.error among them
-            raise InputError(f"{str(path)!r} is not a trajectory file of gyrospark, or damaged."
-                             ) from error
+        return cls(**read_npz(as_path("path", path, "run.npz")))
 
-    def _refuse_unless_sound(self) -> None:
-        """Raise for arrays, numbers and a manifest that no integration returns together."""
-        sizes, report = sizes_of(self.manifest), asdict(self.report)
-        rows, n = len(self.t), sizes["coordinates"]
-        shapes = {
-            "t": (rows,), "q": (rows, n), "p": (rows, n), "energies": (rows,),
-            "g_errors": (rows,), "f_errors": (rows,), "iterations": (rows - 1,),
-            "work": (rows,), "quantity_values": (rows, sizes["quantities"]),
-        }
-        for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"{name} has another shape than {shape}")
-        if self.multipliers.shape[:1] != (rows - 1,) or self.multipliers.ndim not in (2, 3):
-            raise ValueError("multipliers have another shape than the steps")
-        for name in _ARRAYS:
-            if getattr(self, name).dtype.kind not in ("iu" if name == "iterations" else "fO"):
-                raise ValueError(f"{name} has entries of another type")
-        lists = [report.pop("q"), report.pop("p")]
-        numbers = [*report.values(), *lists[0], *lists[1]]
-        counts = [report["steps"], report["iterations"], self.every]
-        if (not all(type(x) in (int, float) for x in numbers)
-                or not all(type(x) is int for x in counts)
-                or not all(abs(x) < 2**63 for x in numbers if type(x) is int)
-                or self.parameters.keys() != self.manifest["system"]["parameters"].keys()):
-            raise ValueError("a number is of another type")
+    def panels(self) -> dict[str, Array]:
+        """Return the outputs that pictures show in panels of their own, by title."""
+        return {one.panel: getattr(self, one.attribute) for one in OUTPUTS
+                if one.panel and parts(one, self.manifest)}
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw axis trace, energy error and constraint errors; write them where a path is given.
@@ -385,24 +243,3 @@ class Trajectory:
         from ..show.plots import draw  # matplotlib is optional
 
         return draw(self, path)
-
-
-def known_fields(kind: type, kept: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries for a dataclass's fields: a later version may have written more."""
-    return {field.name: kept[field.name] for field in fields(kind) if field.name in kept}
-
-
-def _storable(array: Array) -> Array:
-    """Return an array as a file can hold it: mpmath numbers as their bytes in binary128."""
-    if array.dtype != object:
-        return without_padding(array)
-    from ..call.quad import to_bytes  # mpmath costs time, and only float128 needs it
-
-    return to_bytes(array)
-
-
-def _from_bytes(array: Array) -> Array:
-    """Return the mpmath numbers that were stored as bytes."""
-    from ..call.quad import from_bytes
-
-    return from_bytes(array)

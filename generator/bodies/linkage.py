@@ -1,0 +1,172 @@
+"""Joining bodies: a method for each kind of joint, for springs, and for the names that join.
+
+``JOINTS`` are those that a model file may have as ``type``; its keys are the arguments.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import as_text
+from ...errors import InputError
+from ...naming import proposal, shown
+from .bodies import GROUND, Body, Frame
+from .joints import Align, Connection, Joint, Revolute, Rod, Spring
+from .poses import Start, finite, positive, three, three_or_none, unit
+
+__all__ = ["JOINTS", "Linkage"]
+
+Array = NDArray[Any]
+Joined = TypeVar("Joined", bound=Connection)
+
+JOINTS = ("ball", "fixed_point", "revolute", "align", "rod")
+
+
+class Linkage:
+    """Bodies and what joins them; ``Multibody`` adds what makes bodies of it, and the model."""
+
+    def __init__(self, name: str) -> None:
+        self.name = as_text("name of a Multibody", name)
+        self.ground: Frame = GROUND
+        self._bodies: dict[Body, Start] = {}
+        self._links: list[Connection] = []
+        self._symbols: dict[str, sp.Symbol] = {}
+
+    def ball(
+        self, name: str, a: Frame | str, b: Frame | str, *, at: ArrayLike | None = None,
+        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None,
+    ) -> Joint:
+        """Join a point of a to a point of b: three constraints, ``name: x``, ``y`` and ``z``.
+
+        Parameters
+        ----------
+        a, b : Body, ``ground``, or a name
+            In the order of the chain.
+        at : three floats, optional
+            Where in space the joint is at the start.
+        on_a, on_b : three floats, optional
+            Where on the bodies it is, in body axes from their origins. Two of the three are
+            enough; a position that is not given follows from them. ``at`` alone is enough for
+            bodies in known places.
+        """
+        return self._join(Joint(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+            at=three_or_none(f"at of {name!r}", at),
+        ))
+
+    def fixed_point(
+        self, name: str, body: Frame | str, *, at: ArrayLike | None = None,
+        on_body: ArrayLike | None = None,
+    ) -> Joint:
+        """Hold a point of a body at a point of space: three constraints.
+
+        Prefer ``top`` where it is the only joint to the ground: it needs no constraint.
+        """
+        return self.ball(name, GROUND, body, at=at, on_b=on_body)
+
+    def revolute(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0,
+    ) -> Revolute:
+        """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
+
+        ``axis`` is its direction in space at the start, of any length; ``rate`` the angular
+        velocity of b against a about it in rad/s, from which an angular velocity that is not
+        given follows. All else as for ``ball``.
+        """
+        return self._join(Revolute(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+            at=three_or_none(f"at of {name!r}", at), hinge=self._hinge(name, a, b, axis, rate),
+        ))
+
+    def align(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, rate: float = 0.0
+    ) -> Align:
+        """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
+
+        For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
+        ``axis`` and ``rate`` are those of ``revolute``.
+        """
+        return self._join(self._hinge(name, a, b, axis, rate))
+
+    def rod(
+        self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
+        on_b: ArrayLike = (0.0, 0.0, 0.0), length: float | None = None,
+    ) -> Rod:
+        """Keep two points at a distance: one constraint; by default at that of the start."""
+        if length is not None:
+            length = positive(f"length of {name!r}", length)
+        return self._join(Rod(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b), length=length))
+
+    def spring(
+        self, name: str, a: Frame | str, b: Frame | str, *, stiffness: float, length: float = 0.0,
+        on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> Spring:
+        """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m)."""
+        rest = float(finite(f"length of {name!r}", length, ()))
+        if rest < 0:
+            raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
+        return self._join(Spring(
+            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
+        ))
+
+    # ------------------------------------------------------------ inside
+
+    def _hinge(
+        self, name: str, a: Frame | str, b: Frame | str, axis: ArrayLike, rate: float
+    ) -> Align:
+        return Align(name, *self._two(name, a, b), _direction(name, "axis", axis),
+                     float(finite(f"rate of {name!r}", rate, ())))
+
+    def _join(self, link: Joined) -> Joined:
+        self._claim(link.name)
+        self._links.append(link)
+        return link
+
+    def _claim(self, name: str) -> None:
+        as_text(f"a name in Multibody {self.name!r}", name)
+        taken = {*(b.name for b in self._bodies), *(link.name for link in self._links),
+                 *self._symbols}
+        if name in taken or name in ("ground", "gravity"):
+            raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; bodies, joints, "
+                             "springs and parameters need names of their own.")
+        if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
+            raise InputError(f"{shown(name)} is no name for a part of Multibody {self.name!r}; use "
+                             "letters, digits and '_', a letter first.")
+
+    def _two(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
+        found = [frame if frame is GROUND else GROUND if isinstance(frame, str) and
+                 frame == "ground" else self._body(frame, shown(name)) for frame in (a, b)]
+        if found[0] is found[1]:
+            raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
+        return found[0], found[1]
+
+    def _body(self, body: Any, what: str) -> Body:
+        """Return a body of this builder: itself, or that of a name."""
+        names = {known.name: known for known in self._bodies}
+        if isinstance(body, str) and body in names:
+            return names[body]
+        if isinstance(body, Body) and body in self._bodies:
+            return body
+        raise InputError(
+            f"{what} holds on to {shown(body)}, which is no body of Multibody {self.name!r}; pass "
+            f"what body(...) returned, or a name: {', '.join(names) or 'there is none yet'}"
+            f"{proposal(body, names)}.")
+
+    def _points(self, name: str, on_a: Any, on_b: Any) -> tuple[Array | None, Array | None]:
+        return (three_or_none(f"on_a of {name!r}", on_a),
+                three_or_none(f"on_b of {name!r}", on_b))
+
+
+def _direction(name: str, what: str, given: ArrayLike) -> Array:
+    """Return a direction in space, of any length, as a unit vector."""
+    found = three(f"{what} of {name!r}", given)
+    if not found.any():
+        raise InputError(f"The {what} of {name!r} is zero; give its direction in space.")
+    return unit(found)

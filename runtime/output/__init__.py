@@ -1,0 +1,8 @@
+"""What a run returns: states, what is computed of each, the record of every step, the file.
+
+    report           diagnostics over every step
+    outputs          the list of a run's arrays, for all that holds, writes, reads or draws them
+    trajectory       what an integration returns
+    trajectory_file  its .npz
+    states           the states as columns, under their names
+"""

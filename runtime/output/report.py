@@ -1,0 +1,79 @@
+"""Diagnostics over every step of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from numpy.typing import NDArray
+
+__all__ = ["Report", "known_fields"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Diagnostics over *every* step of an integration, stored or not.
+
+    Energy errors are |H_k − H_0| with the scheme's own H (α or γ term included), |H_k − H_0 − W_k|
+    where forces do the work W_k (``work`` at the end of the run); constraint
+    errors |g(q_k)| and momentum-constraint errors |qᵀp| (for other systems the derived
+    constraint on the momenta); means run over k = 0..N as in (87)-(91). ``iterations`` counts
+    sweeps and Newton iterations together; ``newton_steps`` the steps of solver ``auto`` whose
+    sweeps did not converge.
+    """
+
+    steps: int
+    iterations: int
+    iterations_max: int
+    newton_steps: int
+    energy_start: float
+    energy_error_max: float
+    energy_error_mean: float
+    constraint_max: float
+    constraint_mean: float
+    momentum_constraint_max: float
+    momentum_constraint_mean: float
+    q: tuple[float, ...]
+    p: tuple[float, ...]
+    work: float = 0.0
+
+    def __repr__(self) -> str:
+        return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each\n"
+                f"  largest errors: energy {self.energy_error_max:.2e}, constraint "
+                f"{self.constraint_max:.2e}, momentum {self.momentum_constraint_max:.2e}\n"
+                f"  mean errors: energy {self.energy_error_mean:.2e}, constraint "
+                f"{self.constraint_mean:.2e}, momentum {self.momentum_constraint_mean:.2e}>")
+
+    @classmethod
+    def read(cls, record: Any, q: Array, p: Array, *, forced: bool) -> Report:
+        """Return the report of a compiled running record and the final state."""
+        states = int(record.steps) + 1
+        return cls(
+            int(record.steps),
+            int(record.iterations),
+            int(record.iterations_max),
+            int(record.newton_steps),
+            float(record.energy_start),
+            float(record.energy_error_max),
+            float(record.energy_error_sum) / states,
+            float(record.constraint_max),
+            float(record.constraint_sum) / states,
+            float(record.hidden_max),
+            float(record.hidden_sum) / states,
+            tuple(float(x) for x in q),
+            tuple(float(x) for x in p),
+            float(record.work) if forced else 0.0,
+        )
+
+    @property
+    def iterations_mean(self) -> float:
+        """Iterations (sweeps, Newton) a step; 0 without steps."""
+        return self.iterations / self.steps if self.steps else 0.0
+
+
+def known_fields(kind: type, kept: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries for a dataclass's fields: a later version may have written more."""
+    return {field.name: kept[field.name] for field in fields(kind) if field.name in kept}

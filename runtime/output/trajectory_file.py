@@ -1,0 +1,155 @@
+"""A trajectory as .npz: all arrays with all their digits, names, parameters, report, manifest."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._version import __version__
+from ...errors import InputError
+from ...exact import digits_of
+from ...naming import listed
+from ...real import REALS
+from ..build.manifest import sizes_of
+from ..call.memory import without_padding
+from ..call.reals import from_text
+from .outputs import OUTPUTS, Output, absent
+from .report import Report, known_fields
+from .states import finished
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
+
+__all__ = ["read_npz", "write_npz"]
+
+Array = NDArray[Any]
+_FORMAT = 2
+#: Arrays of names, for other readers of the file.
+_LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
+
+
+def write_npz(trajectory: Trajectory, target: Path) -> None:
+    """Write all of a trajectory; float128 as bytes, a last axis of 16."""
+    about = {
+        "format": _FORMAT,
+        "dt": digits_of(trajectory.dt),
+        "every": trajectory.every,
+        "parameters": {name: digits_of(x) for name, x in trajectory.parameters.items()},
+        "report": asdict(trajectory.report),
+        "manifest": trajectory.manifest,
+    }
+    with finished(target) as part, part.open("wb") as file:
+        np.savez_compressed(
+            file, allow_pickle=False, about=np.array(json.dumps(about)),
+            **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
+            **{one.attribute: _storable(getattr(trajectory, one.attribute)) for one in OUTPUTS})
+
+
+def read_npz(path: Path) -> dict[str, Any]:
+    """Return the fields of the ``Trajectory`` in a file; nothing in it is executed.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged, of another kind, or of a version with other outputs.
+    """
+    try:
+        # Opened here because np.load leaves a damaged file open.
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            about = json.loads(str(file["about"]))
+            writer, wanted = about["manifest"]["generator"], [one.attribute for one in OUTPUTS]
+            if about["format"] != _FORMAT:
+                raise InputError(
+                    f"{str(path)!r} was written by gyrospark {writer} in format "
+                    f"{about['format']}; this is gyrospark {__version__}, which reads format "
+                    f"{_FORMAT}.")
+            missing = [name for name in wanted if name not in file]
+            if missing and "t" in file:
+                raise InputError(
+                    f"{str(path)!r} has no {listed(missing)}: it was written by gyrospark "
+                    f"{writer}, which knew other outputs than this gyrospark {__version__}, or is "
+                    "damaged. Run it again, or read it with numpy.load.")
+            arrays = {name: file[name] for name in wanted}
+            labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
+        return _fields(about, arrays, labels)
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be read: {error.strerror or error}.") from error
+    except Exception as error:  # a damaged zip file raises of ten kinds, zlib.error among them
+        raise InputError(f"{str(path)!r} is not a trajectory file of gyrospark, or damaged."
+                         ) from error
+
+
+def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, ...]]
+            ) -> dict[str, Any]:
+    """Return the fields; raise whatever is found wrong with them."""
+    manifest, real = about["manifest"], about["manifest"]["real"]
+    if REALS[real].in_mpmath:
+        in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
+        arrays |= {one.attribute: _from_bytes(arrays[one.attribute]) for one in OUTPUTS
+                   if not one.whole and one.attribute not in in_double}
+    report = known_fields(Report, about["report"])
+    report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
+    found = {"dt": from_text(about["dt"], real), "every": about["every"],
+             "parameters": {k: from_text(x, real) for k, x in about["parameters"].items()},
+             "report": Report(**report), "manifest": manifest}
+    _refuse_unless_sound(arrays, found)
+    if any(_names(manifest, name) != kept for name, kept in labels.items()):
+        raise ValueError("a column has two names")
+    return arrays | found
+
+
+def _refuse_unless_sound(arrays: dict[str, Array], found: dict[str, Any]) -> None:
+    """Raise for arrays, numbers and a manifest that no integration returns together."""
+    manifest, report, rows = found["manifest"], asdict(found["report"]), len(arrays["t"])
+    sizes_of(manifest)
+    for one in OUTPUTS:
+        array, shape = arrays[one.attribute], _shape(one, manifest, rows)
+        if array.shape != shape:
+            raise ValueError(f"{one.attribute} has another shape than {shape}")
+        if array.dtype.kind not in ("iu" if one.whole else "fO"):
+            raise ValueError(f"{one.attribute} has entries of another type")
+    lists = [report.pop("q"), report.pop("p")]
+    numbers = [*report.values(), *lists[0], *lists[1]]
+    counts = [report["steps"], report["iterations"], found["every"]]
+    if (not all(type(x) in (int, float) for x in numbers)
+            or not all(type(x) is int for x in counts)
+            or not all(abs(x) < 2**63 for x in numbers if type(x) is int)
+            or found["parameters"].keys() != manifest["system"]["parameters"].keys()):
+        raise ValueError("a number is of another type")
+
+
+def _shape(one: Output, manifest: dict[str, Any], rows: int) -> tuple[int, ...]:
+    """Return the shape of an output's array in a trajectory of so many states."""
+    inner = one.inner(manifest)
+    if one.split:
+        return (rows, len(_names(manifest, one.labels)))
+    if inner is None:
+        return absent(one, rows, float).shape
+    return (rows - one.of_steps, *(length for _, length in inner))
+
+
+def _names(manifest: dict[str, Any], labels: str) -> tuple[str, ...]:
+    return tuple(manifest["system"].get(labels, ()))
+
+
+def _storable(array: Array) -> Array:
+    """Return an array as a file can hold it: mpmath numbers as their bytes in binary128."""
+    if array.dtype != object:
+        return without_padding(array)
+    from ..call.quad import to_bytes  # mpmath costs time, and only float128 needs it
+
+    return to_bytes(array)
+
+
+def _from_bytes(array: Array) -> Array:
+    """Return the mpmath numbers that were stored as bytes."""
+    from ..call.quad import from_bytes
+
+    return from_bytes(array)
