@@ -130,7 +130,8 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
 
 def main() -> None:
     folder, kills, seed, *command = sys.argv[1:]
-    import gyrospark.storage.record  # before the forks
+    import gyrospark.commands  # before the forks
+    import gyrospark.storage.record
     import gyrospark.sweeps.tiles
 
     gyrospark.storage.layout._MOST_ROWS = int(os.environ.get("KILLING_ROWS", 2**14))
