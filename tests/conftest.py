@@ -15,8 +15,7 @@ from calls import SCHEMES, identify, late_failures
 from gyrospark.commands import main, main_generate
 
 # Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
-# itself, and what runs longer asks for the fixture ``optimised``. Set another level to test its
-# code.
+# itself, and processes that run longer get a higher level. Set another one to test its code.
 os.environ.setdefault("GYROSPARK_OPTIMISE", "0")
 
 # They start hundreds of processes of Python: what the first compiles of a module the others read,
@@ -44,15 +43,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--update", action="store_true",
         help="rewrite generated/ from the generator instead of comparing with it",
     )
-
-
-@pytest.fixture(scope="module")
-def optimised():
-    """At least -O1, for a file whose steppers take many steps, and for gcc's look at their code."""
-    with pytest.MonkeyPatch.context() as patch:
-        if os.environ["GYROSPARK_OPTIMISE"] == "0":
-            patch.setenv("GYROSPARK_OPTIMISE", "1")
-        yield
 
 
 @pytest.fixture(params=SCHEMES, ids=identify)
