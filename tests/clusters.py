@@ -7,7 +7,7 @@ deadly    the tile (1, 0) kills every worker that computes it
 signal    no worker is there, and SIGINT comes
 gone      the workers have gone for good
 
-Prints what the sweep ends with.
+Prints what the sweep ends with. KILLING_WORK in the environment is the least work of a tile.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from distributed.deploy import SpecCluster
 
 import gyrospark as gs
 from gyrospark.sweeps import cluster as on_cluster
+from gyrospark.sweeps import tiles
 from gyrospark.sweeps.study_file import load_study
 from gyrospark.sweeps.sweep import run_study
 from gyrospark.sweeps.tiles import Tile
@@ -76,6 +77,8 @@ def end_early(client: Client) -> None:
 
 
 def main(fault: str) -> None:
+    if "KILLING_WORK" in os.environ:
+        tiles._LEAST_STORED = int(os.environ["KILLING_WORK"])
     if fault == "lose":
         with two_workers() as client:
             lose(client)

@@ -15,8 +15,8 @@ from calls import SCHEMES, identify, late_failures
 from gyrospark.commands import main, main_generate
 
 # Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
-# itself. Set another level to test its code.
-os.environ.setdefault("GYROSPARK_OPTIMISE", "1")
+# itself, and processes that run longer get a higher level. Set another one to test its code.
+os.environ.setdefault("GYROSPARK_OPTIMISE", "0")
 
 # They start hundreds of processes of Python: what the first compiles of a module the others read,
 # for without it each takes a second and more to import SymPy.

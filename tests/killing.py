@@ -8,7 +8,8 @@ Python's start. After each kill the store is opened as a user would; each time t
 its end, the store's bytes are compared with those of an uninterrupted run. Prints a JSON document.
 
 KILLING_SECONDS in the environment is the time between two commits, KILLING_ROWS the states of a
-block; KILLING_ALOUD lets the commands say on stderr what they have to say.
+block, KILLING_WORK the least work of a sweep's tile; KILLING_ALOUD lets the commands say on stderr
+what they have to say.
 """
 
 from __future__ import annotations
@@ -102,7 +103,8 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
     while killed < kills or store.exists() or not completed:
         number, code = start(lambda: run([*arguments(store), "--resume"])), None
         if killed < kills:
-            time.sleep(instants.uniform(0, seconds))
+            pause = instants.uniform(0, seconds)
+            time.sleep(pause)
             code = ended(number)
             if code is None:
                 os.kill(number, signal.SIGKILL)
@@ -112,6 +114,7 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
                     finish(lambda: look(store))
                     readable += 1
                 continue
+            seconds = min(seconds, pause)  # the first derived and compiled
         else:
             code = os.waitstatus_to_exitcode(os.waitpid(number, 0)[1])
         if code != 0:
@@ -127,11 +130,15 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
 
 def main() -> None:
     folder, kills, seed, *command = sys.argv[1:]
-    import gyrospark.storage.record  # before the forks
+    import gyrospark.commands  # before the forks
+    import gyrospark.storage.record
+    import gyrospark.sweeps.tiles
 
     gyrospark.storage.layout._MOST_ROWS = int(os.environ.get("KILLING_ROWS", 2**14))
     if "KILLING_SECONDS" in os.environ:
         gyrospark.storage.record.COMMIT_SECONDS = float(os.environ["KILLING_SECONDS"])
+    if "KILLING_WORK" in os.environ:
+        gyrospark.sweeps.tiles._LEAST_STORED = int(os.environ["KILLING_WORK"])
     with contextlib.suppress(ImportError):
         import xarray  # noqa: F401
     print(json.dumps(kill_at_random(Path(folder), int(kills), int(seed), command)))

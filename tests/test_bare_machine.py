@@ -144,7 +144,8 @@ class Machine:
     folder: Path
 
     def environment(self) -> dict[str, str]:
-        return environment(PATH=f"{self.bin}{os.pathsep}{os.environ['PATH']}", PYTHONPATH=None)
+        return environment(PATH=f"{self.bin}{os.pathsep}{os.environ['PATH']}", PYTHONPATH=None,
+                           GYROSPARK_OPTIMISE="0")
 
     def type(self, command: str) -> subprocess.CompletedProcess[str]:
         """Type a command into a shell."""

@@ -16,7 +16,9 @@ from compilers import COMPILERS_OF_CPLUSPLUS, MAIN, OTHER, compiler, zig
 from gyrospark.facade import files_of
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import PAPER_SPECS, Spec
+from mechanisms import slider_crank
 from processes import ROOT, call
+from test_forces import pendulum as forced_pendulum
 
 STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 SANITIZE = ["-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
@@ -60,9 +62,19 @@ def test_no_warning(name, spec, tmp_path):
     *(pytest.param(spec, marks=pytest.mark.slow)
       for spec in [*PAPER_SPECS, *OTHER_TYPES, Spec("G-L", 8)])], ids=name_of)
 def test_no_warning_from_the_optimiser(spec, tmp_path):
-    """What gcc sees of values that may not be set; all other tests compile with -O1, and warn."""
+    """What gcc sees of values that may not be set; most other tests compile with -O0."""
     write(files_of(spec), tmp_path)
     run([*compiler("gcc"), *STRICT, "-O2", "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
+
+
+@pytest.mark.parametrize(("make", "spec"), [
+    (forced_pendulum, Spec("EMS")), (slider_crank, Spec("G-L", 2)), (slider_crank, Spec("IMS"))],
+    ids=lambda x: getattr(x, "name", x.__name__ if callable(x) else x))
+def test_no_warning_from_the_optimiser_of_other_systems(make, spec, tmp_path):
+    """Nor with forces, and with several constraints."""
+    made = generate(spec, system=make()).source
+    write(made.files(), tmp_path)
+    run([*compiler("gcc"), *STRICT, "-O2", "-c", f"{made.name}.c", "-o", "kernel.o"], tmp_path)
 
 
 @pytest.mark.parametrize("spec", SOME, ids=name_of)

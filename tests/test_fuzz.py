@@ -21,7 +21,7 @@ from processes import ROOT, environment
 every_entrance = pytest.mark.parametrize("name", list(ENTRANCES))
 INPUTS = [(name, path) for name in ENTRANCES for path in corpus(name)]
 #: Of seeded inputs, for each entrance; the slow ones get fewer of them.
-SECONDS = 0.5
+SECONDS = 0.25
 DRIVER = ROOT / "tests" / "fuzz" / "run.py"
 
 
@@ -54,7 +54,7 @@ def test_seeded_inputs(name):
 
 
 @every_entrance
-@settings(max_examples=60, deadline=None, database=None,
+@settings(max_examples=30, deadline=None, database=None,
           suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(data=st.binary(max_size=120))
 def test_any_bytes(name, data):
@@ -101,10 +101,10 @@ def drive(*arguments: str, folder) -> subprocess.CompletedProcess[str]:
 
 
 def test_driver_counts_what_it_tries(tmp_path):
-    done = drive("--inputs", "300", "--seed", "2", "--entrance", "formula", folder=tmp_path)
+    done = drive("--inputs", "60", "--seed", "2", "--entrance", "formula", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "formula" in done.stdout
-    assert "300" in done.stdout
+    assert "60" in done.stdout
 
 
 @pytest.mark.slow

@@ -223,7 +223,9 @@ def test_public_names_resolve():
         _ = gyrospark.nonsense
 
 
-@pytest.mark.parametrize("package", ["zarr", "xarray", "filelock"])
+@pytest.mark.parametrize("package", [
+    pytest.param("zarr", marks=pytest.mark.slow), "xarray",
+    pytest.param("filelock", marks=pytest.mark.slow)])
 def test_names_of_an_extra_that_is_not_installed_say_so_when_they_are_called(package):
     """To look at them, and to import all, is no error; their command ends in the same sentence."""
     said = python(

@@ -21,12 +21,18 @@ def test_every_name_is_listed_with_a_sentence(gyrospark):
         assert f"  {name} " in said
 
 
+#: test_run_names.py runs these by their names, and compares the bits.
+RUN_ELSEWHERE = ("lagrange_top", "double_pendulum", "chain")
+
+
 def test_the_list_is_that_of_python():
     assert {name.replace("-", "_") for name in PROBLEMS} <= set(dir(gs.problems))
     assert set(MODELS) <= set(dir(gs.models))
 
 
-@pytest.mark.parametrize("name", [*PROBLEMS, *MODELS])
+@pytest.mark.parametrize("name", [*PROBLEMS, *(
+    pytest.param(name, marks=[pytest.mark.slow] if name in RUN_ELSEWHERE else [])
+    for name in MODELS)])
 def test_every_problem_and_model_is_run_by_its_name(name, gyrospark):
     answer = gyrospark("run", name, "--scheme", "IMS", "--dt", "1e-3", "--steps", "2", "--json")
     assert answer.code == 0, answer.stderr

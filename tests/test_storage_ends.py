@@ -32,10 +32,13 @@ from stores import START, assert_same_bytes
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
+#: For processes of many steps.
+FAST = {"GYROSPARK_OPTIMISE": "1"}
+
 TOP = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3"]
-#: Three seconds, a thousand pieces: there is time to end it in the middle.
-LONG = [*TOP, "--steps", "5000000", "--every", "50"]
-#: The first fifth of it, for what need not be ended.
+#: A second and more, hundreds of pieces: there is time to end it in the middle.
+LONG = [*TOP, "--steps", "2000000", "--every", "50"]
+#: The first half of it, for what need not be ended.
 BEGUN = [*TOP, "--steps", "1000000", "--every", "50"]
 #: Ten seconds, with a tenth of a second from one look at the signals to the next.
 SLOW = [*TOP, "--steps", "40960", "--every", "10", "--solver", "python"]
@@ -46,14 +49,14 @@ OUT = ["--out", "run.zarr", "--resume"]
 def whole(tmp_path_factory):
     """The store of LONG when nothing happens to it."""
     folder = tmp_path_factory.mktemp("whole")
-    assert cli(*LONG, *OUT, cwd=folder).returncode == 0
+    assert cli(*LONG, *OUT, cwd=folder, **FAST).returncode == 0
     return folder / "run.zarr"
 
 
 def begin(command, folder, ignored=()):
     """Start a command; return when it has its store and hears signals."""
     process = subprocess.Popen(
-        gyrospark_command(*command), cwd=folder, env=environment(), text=True,
+        gyrospark_command(*command), cwd=folder, env=environment(**FAST), text=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         preexec_fn=lambda: [signal.signal(number, signal.SIG_IGN) for number in ignored],
     )
@@ -85,15 +88,15 @@ def test_signal_ends_a_run_at_a_commit(number, code, onward, whole, tmp_path):
     assert found == code
     stored = gs.open_recording(tmp_path / "run.zarr")
     assert stored.status == "running"
-    assert stored.steps_done < 5_000_000
+    assert stored.steps_done < 2_000_000
     assert stored.states == stored.steps_done // 50 + 1
     assert stderr.count("\n") == 1
-    assert f"Stopped at step {stored.steps_done:,} of 5,000,000" in stderr
+    assert f"Stopped at step {stored.steps_done:,} of 2,000,000" in stderr
     assert "--resume goes on" in stderr
     assert f"{stored.steps_done:,} steps of 0.001 s" in stdout
     if not onward:
         return
-    again = cli(*LONG, *OUT, "--json", cwd=tmp_path)
+    again = cli(*LONG, *OUT, "--json", cwd=tmp_path, **FAST)
     assert again.returncode == 0
     assert json.loads(again.stdout)["resumed_at"] == stored.steps_done
     assert_same_bytes(whole, tmp_path / "run.zarr")
@@ -191,7 +194,7 @@ def test_run_that_was_done_before_says_so(tmp_path):
 
 def test_second_process_is_refused_and_a_dead_one_is_not_in_the_way(tmp_path):
     first = begin([*SLOW, *OUT], tmp_path)
-    second = cli(*SLOW, *OUT, cwd=tmp_path)
+    second = cli(*SLOW, *OUT, cwd=tmp_path, **FAST)
     assert first.poll() is None
     assert second.returncode == 2
     assert second.stdout == ""
@@ -237,7 +240,7 @@ def killed(command, seconds, kills, folder, seed):
     """Kill a command that often; each time it ends, it must end with the same bytes."""
     folder.mkdir()
     done = call([sys.executable, str(Path(__file__).with_name("killing.py")), str(folder),
-                 str(kills), str(seed), *command, "--out", "{store}"], KILLING_SECONDS=seconds)
+                 str(kills), str(seed), *command, "--out", "{store}"], KILLING_SECONDS=seconds, **FAST)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["kills"] == kills

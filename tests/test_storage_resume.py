@@ -59,7 +59,8 @@ def check(step, folder, calls, **arguments):
 # ---------------------------------------------------------------- ended anywhere
 
 
-@pytest.mark.parametrize(("solver", "pieces"), [("auto", 2), ("newton", 6), ("python", 6)])
+@pytest.mark.parametrize(("solver", "pieces"), [
+    ("auto", 2), pytest.param("newton", 6, marks=pytest.mark.slow), ("python", 6)])
 def test_each_scheme_ended_often(step, solver, pieces, tmp_path, monkeypatch):
     """A commit after every piece of 5 steps: 13 steps a row, four rows a block."""
     monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 5)
