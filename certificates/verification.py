@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..generator.pipeline import Generated, generate
-from ..generator.schemes.fast_path import FastTableau
+from ..generator.schemes.fast_tableau import FastTableau
 from ..generator.schemes.mean_conditions import check_mean_scheme
 from ..generator.spec import Spec
 from ..generator.tableaux.conditions import Condition, check_tableau

@@ -12,6 +12,9 @@ from rooms import DOOR, HALLS, ROOT_ROOM, imports, reachable, reduced, rooms
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
 #: The one arrow that goes up: a trajectory saves itself as .csv or .nc by what stores use for it.
 UPWARDS = {"runtime.output.trajectory -> storage.export"}
+#: The most lines of a module, and those that have more as yet.
+MOST_LINES = 400
+LONG_FILES: set[str] = set()
 #: Kept as they are: lists of what is printed, and what is computed for one table of the paper.
 MANY_FILES = {"studies", "benchmarks"}
 
@@ -40,6 +43,14 @@ def test_rooms_are_small_and_say_what_lives_there(room):
         text = (ROOT / room / "__init__.py").read_text(encoding="utf-8")
         missing = [path.stem for path in files if not re.search(rf"\b{path.stem}\b", text)]
         assert not missing, missing
+
+
+def test_files_are_short():
+    """Of a concept each: whoever opens one sees it whole."""
+    lengths = {path.relative_to(ROOT).as_posix(): len(path.read_text("utf-8").splitlines())
+               for files in rooms().values() for path in files}
+    long = {path for path, lines in lengths.items() if lines > MOST_LINES}
+    assert long == LONG_FILES, "divide them by concept, or take them off the list"
 
 
 @pytest.mark.parametrize("hall", HALLS)

@@ -20,7 +20,7 @@ import gyrospark as gs
 from compilers import MAIN, compiler
 from gyrospark.generator.emission.c_lines import WIDTH
 from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of
-from gyrospark.generator.schemes.fast_path import FastTableau
+from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.tableau import FIELDS
 from gyrospark.real import REALS
 from processes import ROOT, call

@@ -11,7 +11,8 @@ import sympy as sp
 import gyrospark as gs
 from calls import TOP
 from gyrospark.generator.bodies.rigid_body import free_body, heavy_top
-from gyrospark.generator.schemes.fast_path import FastSystem, FastTableau, Folds
+from gyrospark.generator.schemes.fast_path import FastSystem, Folds
+from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
 from gyrospark.real import REALS
 

@@ -16,12 +16,8 @@ from gyrospark.generator.bodies.rigid_body import kinetic_energy, left_matrix, r
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.schemes import hoisted
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.systems.structure import (
-    Structure,
-    connected,
-    eliminate,
-    reverse_cuthill_mckee,
-)
+from gyrospark.generator.systems.elimination import connected, eliminate, reverse_cuthill_mckee
+from gyrospark.generator.systems.structure import Structure
 from gyrospark.generator.systems.system import System
 from gyrospark.runtime.run.stepper import Stepper
 

@@ -15,13 +15,8 @@ from gyrospark.errors import InputError
 from gyrospark.generator.bodies.rigid_body import free_body, heavy_top
 from gyrospark.generator.kernels.kernel import Constants
 from gyrospark.generator.schemes.schemes import common_kernels, hoisted
-from gyrospark.generator.systems.system import (
-    System,
-    gradient,
-    jacobian,
-    shortest,
-    symmetric_jacobian,
-)
+from gyrospark.generator.systems.jacobians import gradient, jacobian, shortest, symmetric_jacobian
+from gyrospark.generator.systems.system import System
 
 q = sp.symbols("x y z", real=True)
 p = sp.symbols("px py pz", real=True)

@@ -11,7 +11,8 @@ import gyrospark as gs
 from gyrospark.errors import InputError
 from gyrospark.generator.model_files.model_expressions import parse_number
 from gyrospark.generator.model_files.model_file import parse_model
-from gyrospark.generator.text.grammar import ANGLES, RATES, UNITS, names_in
+from gyrospark.generator.text.grammar import ANGLES, RATES, UNITS
+from gyrospark.generator.text.tokens import names_in
 
 
 @pytest.mark.parametrize(("text", "value"), [

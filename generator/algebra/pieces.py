@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import sympy as sp
 
-from ..text.grammar import shorten
+from ..text.tokens import shorten
 from .identities import compare
 from .sharing import parts_of
 from .switches import Where, sides

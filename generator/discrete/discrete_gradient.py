@@ -69,7 +69,7 @@ from ...errors import InputError
 from ..algebra.pieces import ScatteredError, pieces_of, tells_sides
 from ..algebra.sharing import parts_of
 from ..algebra.switches import Max, Min, Where
-from ..text.grammar import shorten
+from ..text.tokens import shorten
 from .difference import Difference
 from .discrete_functions import FUNCTIONS, angle, exponential, logarithm, power
 from .discrete_switches import chosen, extreme, piecewise

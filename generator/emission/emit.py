@@ -17,7 +17,7 @@ from ..algebra.cardinal import c_names_with_needs
 from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
-from ..schemes.fast_path import FastTableau
+from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme, common_kernels
 from ..systems.smoothness import Switching
 from ..systems.structure import Structure

@@ -8,7 +8,8 @@ from typing import Any
 from ...real import Real
 from ..kernels.c_printer import ON_LANES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
-from ..schemes.fast_path import FastSystem, FastTableau
+from ..schemes.fast_path import FastSystem
+from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme
 from ..systems.structure import Structure
 

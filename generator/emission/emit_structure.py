@@ -23,8 +23,8 @@ from ..schemes.schemes import (
     time_input,
     vector,
 )
+from ..systems.jacobians import gradient, jacobian, symmetric_jacobian
 from ..systems.structure import Form, Part, Structure
-from ..systems.system import gradient, jacobian, symmetric_jacobian
 
 __all__ = ["operations_of", "structure_context"]
 

@@ -24,7 +24,8 @@ from ..algebra import switches
 from ..algebra.evaluation import as_rational
 from ..text import bounded_numbers as numbers
 from ..text.bounded_numbers import Value, rational
-from ..text.grammar import RefusedError, parse_quantity, shorten
+from ..text.grammar import parse_quantity
+from ..text.tokens import RefusedError, shorten
 
 __all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
 

@@ -11,7 +11,8 @@ import sympy as sp
 from ...errors import InputError
 from ...remarks import remark
 from ..algebra.switches import Where
-from ..text.grammar import UNITS, names_in, shorten
+from ..text.grammar import UNITS
+from ..text.tokens import names_in, shorten
 from .model_expressions import parse_formula
 from .model_table import Known, Table
 

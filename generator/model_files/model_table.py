@@ -14,7 +14,8 @@ from typing import Any, TypeAlias
 from ...errors import InputError
 from ...exact import Rounded, decimal, exact
 from ...naming import proposal, whole
-from ..text.grammar import UNITS, names_in, shorten
+from ..text.grammar import UNITS
+from ..text.tokens import names_in, shorten
 from .model_expressions import CONSTANTS, FUNCTIONS, parse_number
 
 __all__ = ["SYMBOL", "Known", "Table", "load_toml"]

@@ -1,4 +1,4 @@
-"""What the fast path may use of a system and a tableau, found by algebra (not declared).
+"""What the fast path may use of a system, found by algebra (not declared).
 
 The fast path solves T1 by fixed-point sweeps on scaled unknowns
 
@@ -22,25 +22,18 @@ Where an identity is not proved the general form is emitted: slower, never wrong
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
-import mpmath as mp
 import sympy as sp
 
-from ...real import Real, round_binary
 from ..algebra.bounded_algebra import expanded, is_small
 from ..algebra.switches import depends_by_steps, switches_of
 from ..kernels.statements import Kernel
-from ..systems.system import System, jacobian, shortest
-from ..tableaux.multipliers import multiplier_inverse
-from ..tableaux.tableau import Tableau
+from ..systems.jacobians import jacobian, shortest
+from ..systems.system import System
 from .schemes import MeanScheme, common_kernels, time_input, vector
 
-__all__ = ["FastSystem", "FastTableau"]
-
-Row = list[Fraction]
+__all__ = ["FastSystem"]
 
 #: A constant matrix W is inverted in symbols up to this size.
 _LARGEST_INVERSE = 3
@@ -284,164 +277,3 @@ def is_power_of_two(number: sp.Expr) -> bool:
     if not number.is_Rational:
         return False
     return all(n & (n - 1) == 0 for n in (int(number.p), int(number.q)))
-
-
-@dataclass(frozen=True)
-class FastTableau:
-    """The coefficients of the scaled unknowns, rounded so that the map stays symplectic.
-
-    Nodes are in lane order: constraint nodes 1, …, p − 1, and last node p where g is asked for,
-    node 0 where a multiplier acts; node 0 has Q̃_0 = q.
-    """
-
-    tableau: Tableau
-
-    @cached_property
-    def centres(self) -> dict[str, Any]:
-        """Every part as exact rationals within 2^−500 of the coefficients."""
-        return self.tableau.map_enclosures(lambda e: e.centre)
-
-    @cached_property
-    def refusal(self) -> str | None:
-        """Why this tableau has no fast path; None if it has one."""
-        part = self.centres
-        p = self.tableau.p
-        if 0 in [*part["b"], *part["b_hat"]]:
-            return "a weight b_i is zero, and the scaled stages divide by it"
-        if 0 in part["b_tilde"][:p]:
-            return "a weight b~_j is zero, and the scaled multipliers divide by it"
-        if any(part["A_bar"][0]):
-            return "the first constraint node is not the start of the step"
-        if p and self._inverse is None:
-            return "the matrix A- A~ of the multipliers is singular"
-        return None
-
-    @property
-    def _slack(self) -> Fraction:
-        """How far decimals may be from a pair x, 1 − x: as far as conditions on them allow."""
-        digits = self.tableau.digits_given
-        if digits is None:
-            return Fraction(0)
-        weights = [*self.centres["b"], *self.centres["b_tilde"]]
-        smallest: Fraction = min(abs(w) for w in weights if w)
-        return Fraction(1, 10 ** (digits - 1)) / smallest**2
-
-    @property
-    def _inverse(self) -> mp.matrix | None:
-        return multiplier_inverse(self.tableau)
-
-    @cached_property
-    def scaled(self) -> dict[str, list[Row]]:
-        """μ, μ̂, ν and ν̃ before rounding, all nodes 0..p in their own order."""
-        part, s, p = self.centres, self.tableau.s, self.tableau.p
-        b, b_hat, b_tilde = part["b"], part["b_hat"], part["b_tilde"]
-        return {
-            "mu": [[part["A"][i][j] / b[j] for j in range(s)] for i in range(s)],
-            "mu_hat": [[part["A_hat"][i][j] / b_hat[j] for j in range(s)] for i in range(s)],
-            "nu": [[part["A_bar"][row][j] / b[j] for j in range(s)] for row in range(p + 1)],
-            "nu_tilde": [[part["A_tilde"][i][j] / (b_tilde[j] or 1) for j in range(p + 1)]
-                         for i in range(s)],
-        }
-
-    @property
-    def _acting(self) -> list[int]:
-        """Nodes where multipliers act, in lane order."""
-        return [*range(1, self.tableau.p), 0]
-
-    @property
-    def _asked(self) -> list[int]:
-        """Nodes where g is asked for, in lane order."""
-        return [*range(1, self.tableau.p), self.tableau.p]
-
-    def _in_lanes(self, name: str, table: list[Row]) -> list[Row]:
-        """Return the rows or columns of a table that belong to nodes in lane order."""
-        if name == "nu":
-            return [table[row] for row in self._asked]
-        return [[row[j] for j in self._acting] for row in table] if name == "nu_tilde" else table
-
-    def tables(self, real: Real) -> dict[str, list[Row]]:
-        """Return μ, μ̂, ν, ν̃ and the scaled M⁻¹ as numbers of that type, row by row."""
-        part, exact, bits = self.centres, self.scaled, real.bits
-        slack = max(Fraction(1, 2**bits), self._slack)
-        mu, mu_hat = _paired(exact["mu"], exact["mu_hat"], bits, slack)
-        onward = _onward(part["c"], part["b"], list(range(self.tableau.s)), bits)
-        if not self.tableau.p:
-            return {"mu": mu, "mu_hat": mu_hat, "onward": onward}
-        nu, nu_tilde = _paired(exact["nu"], exact["nu_tilde"], bits, slack)
-        assert self._inverse is not None
-        return {
-            "mu": mu,
-            "mu_hat": mu_hat,
-            "nu": self._in_lanes("nu", nu),
-            "nu_tilde": self._in_lanes("nu_tilde", nu_tilde),
-            "inverse": [
-                [round_binary(_fraction(self._inverse[j, row - 1]) * part["b_tilde"][j], bits)
-                 for row in self._asked]
-                for j in self._acting
-            ],
-            "onward": onward,
-            "onward_nodes": _onward(part["c_tilde"], part["b_tilde"], self._acting, bits),
-        }
-
-    def rounding_errors(self, real: Real) -> list[Fraction]:
-        """Return how far the entries of μ, μ̂, ν and ν̃ are from the exact ones."""
-        rounded = self.tables(real)
-        return [x - y for name, table in self.scaled.items() if name in rounded
-                for given, row in zip(rounded[name], self._in_lanes(name, table), strict=True)
-                for x, y in zip(given, row, strict=True)]
-
-    def is_symplectic(self, real: Real) -> bool:
-        """Whether the rounded tables fulfil μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji exactly."""
-        tables = self.tables(real)
-        s, p = self.tableau.s, self.tableau.p
-        stages = all(tables["mu_hat"][i][j] + tables["mu"][j][i] == 1
-                     for i in range(s) for j in range(s))
-        nodes = all(tables["nu_tilde"][i][j] + tables["nu"][j][i] == 1
-                    for i in range(s) for j in range(p - 1))
-        return stages and nodes
-
-
-def _onward(nodes: Row, weights: Row, order: list[int], bits: int) -> list[Row]:
-    """Return w_i ℓ_j(1 + c_i)/w_j: values at the nodes, continued by their polynomial for a step.
-
-    Where two nodes coincide there is no such polynomial; the last values themselves stand in.
-    """
-    c, w = [nodes[i] for i in order], [weights[i] for i in order]
-    if len(set(c)) < len(c):
-        return [[Fraction(int(i == j)) for j in range(len(c))] for i in range(len(c))]
-    table = []
-    for i, at in enumerate(c):
-        row = []
-        for j, own in enumerate(c):
-            value = w[i] / w[j]
-            for other in c[:j] + c[j + 1 :]:
-                value *= (1 + at - other) / (own - other)
-            row.append(round_binary(value, bits))
-        table.append(row)
-    return table
-
-
-def _fraction(value: mp.mpf) -> Fraction:
-    sign, mantissa, exponent, _ = value._mpf_
-    size = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
-    return -size if sign else size
-
-
-def _paired(
-    x: list[Row], y: list[Row], bits: int, slack: Fraction
-) -> tuple[list[Row], list[Row]]:
-    """Round two tables so that y_ij = 1 − x_ji is exact wherever it holds to a slack.
-
-    Of such a pair the member of at least ½ is rounded; 1 minus it is a binary number again.
-    """
-    x_rounded = [[round_binary(e, bits) for e in row] for row in x]
-    y_rounded = [[round_binary(e, bits) for e in row] for row in y]
-    for i, row in enumerate(y):
-        for j, value in enumerate(row):
-            if abs(value + x[j][i] - 1) > slack:
-                continue  # not a symplectic pair: each stays as it is
-            if value >= x[j][i]:
-                x_rounded[j][i] = 1 - y_rounded[i][j]
-            else:
-                y_rounded[i][j] = 1 - x_rounded[j][i]
-    return x_rounded, y_rounded

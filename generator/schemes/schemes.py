@@ -27,7 +27,8 @@ from ..algebra.sharing import substitute
 from ..discrete.discrete_gradient import discrete_gradient
 from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
-from ..systems.system import System, jacobian
+from ..systems.jacobians import jacobian
+from ..systems.system import System
 from ..tableaux.tableau import Tableau
 
 __all__ = ["MeanScheme", "SparkScheme", "common_kernels"]

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from itertools import combinations
 
-from ..systems.structure import connected
+from ..systems.elimination import connected
 
 __all__ = ["Coupling"]
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 
 import sympy as sp
 
-from ..systems.structure import connected
+from ..systems.elimination import connected
 from .coupling import Coupling
 from .factors import square_root, without_common
 from .forms import Forms, costs_less

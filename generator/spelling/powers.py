@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import sympy as sp
 
-from ..systems.structure import connected
+from ..systems.elimination import connected
 from .terms import (
     ONE,
     Monomial,

@@ -3,6 +3,8 @@
     system          a constrained Hamiltonian system and its derivatives
     numeric_system  the same with numbers, in NumPy
     redundancy      constraints that others imply
+    jacobians       matrices of derivatives
     structure       the few forms that many terms have, and how they hang together
+    elimination     orders of rows that leave zeros what they are
     smoothness      where sides do not meet smoothly
 """

@@ -21,7 +21,7 @@ from ...errors import InputError
 from ..algebra.derivatives import derivative
 from ..algebra.evaluation import Evaluator, mp_context
 from ..algebra.switches import on_side, switches_of
-from ..text.grammar import shorten
+from ..text.tokens import shorten
 from .system import System
 
 __all__ = ["Meeting", "Switching", "meeting", "on_any_side", "refuse_kinks"]

@@ -24,11 +24,10 @@ from functools import cached_property
 import sympy as sp
 
 from ..algebra.switches import depends_by_steps
+from .elimination import Elimination, Node, connected, eliminate, reverse_cuthill_mckee
 from .system import System
 
-Node = tuple[str, int]
-
-__all__ = ["Elimination", "Form", "Instance", "Part", "Structure"]
+__all__ = ["Form", "Instance", "Part", "Structure"]
 
 
 @dataclass(frozen=True)
@@ -65,28 +64,6 @@ class Part(System):
 
     def __post_init__(self) -> None:
         """Take the parts as they are."""
-
-
-@dataclass(frozen=True)
-class Elimination:
-    """LDLᵀ of a symmetric matrix without its zeros: what to do for each pivot, in order.
-
-    Entry r of the storage is the diagonal of row r, further entries are below it. For pivot
-    ``order[k]`` the rows ``rows[k]`` have an entry in its column, at ``slots[k]``; the entry of
-    each pair i > j of them, row by row, is at ``targets[k]``.
-    """
-
-    order: tuple[int, ...]
-    rows: tuple[tuple[int, ...], ...]
-    slots: tuple[tuple[int, ...], ...]
-    targets: tuple[tuple[int, ...], ...]
-    entries: int
-    slot_of: dict[tuple[int, int], int]
-
-    @property
-    def products(self) -> int:
-        """How many multiply-adds factorising takes."""
-        return sum(len(t) + len(r) for t, r in zip(self.targets, self.rows, strict=True))
 
 
 class Structure:
@@ -319,93 +296,3 @@ class Structure:
 def local(letter: str, count: int) -> tuple[sp.Symbol, ...]:
     """Return symbols of a form; no symbol of a system begins with an underscore."""
     return tuple(sp.Symbol(f"_{letter}{i}", real=True) for i in range(count))
-
-
-def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
-    """Return the unions of sets that overlap, by their least element."""
-    parent: dict[int, int] = {}
-
-    def root(a: int) -> int:
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        return a
-
-    for members in sets:
-        first = None
-        for a in sorted(members):
-            parent.setdefault(a, a)
-            if first is None:
-                first = root(a)
-            else:
-                parent[root(a)] = first
-    unions: dict[int, set[int]] = defaultdict(set)
-    for a in sorted(parent):
-        unions[root(a)].add(a)
-    return [frozenset(u) for u in sorted(unions.values(), key=min)]
-
-
-def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
-    """Return the elimination without fill where there is one, as for chains and trees of bodies.
-
-    The next pivot is the first row whose neighbours all know each other, so that no entry is new;
-    where there is none, in a loop, the one with fewest neighbours.
-    """
-    left = {row: set(others) for row, others in neighbours.items()}
-    order, below = [], []
-    while left:
-        candidates = sorted(left, key=lambda row: (len(left[row]), row))
-        pivot = next((row for row in candidates if _is_clique(left, left[row])), candidates[0])
-        others = left.pop(pivot)
-        order.append(pivot)
-        below.append(others)
-        for row in others:
-            left[row] |= others
-            left[row] -= {row, pivot}
-    place = {row: k for k, row in enumerate(order)}
-    slot_of = {(row, row): row for row in order}
-    entries = len(order)
-    rows = [tuple(sorted(others, key=place.__getitem__)) for others in below]
-    for pivot, acted in zip(order, rows, strict=True):
-        for row in acted:
-            slot_of[row, pivot] = slot_of[pivot, row] = entries
-            entries += 1
-    slots = [tuple(slot_of[row, pivot] for row in acted)
-             for pivot, acted in zip(order, rows, strict=True)]
-    targets = [tuple(slot_of[i, j] for at, i in enumerate(acted) for j in acted[:at])
-               for acted in rows]
-    return Elimination(tuple(order), tuple(rows), tuple(slots), tuple(targets),
-                       entries, slot_of)
-
-
-def _is_clique(neighbours: dict[int, set[int]], rows: set[int]) -> bool:
-    return all(len(rows - neighbours[row]) == 1 for row in rows)
-
-
-def reverse_cuthill_mckee(neighbours: dict[Node, set[Node]]) -> list[Node]:
-    """Return the nodes in an order that keeps neighbours close: a narrow band.
-
-    Breadth first from an end of each component, neighbours of few neighbours first, reversed.
-    """
-    order: list[Node] = []
-    seen: set[Node] = set()
-    place = {node: i for i, node in enumerate(neighbours)}
-
-    def breadth_first(start: Node) -> list[Node]:
-        found, met = [start], {start}
-        for node in found:
-            fresh = neighbours[node] - met
-            found += sorted(fresh, key=lambda other: (len(neighbours[other]), place[other]))
-            met |= fresh
-        return found
-
-    for node in neighbours:
-        if node in seen:
-            continue
-        end = node
-        for _ in range(4):  # the last one found lies at an end, or nearly
-            end = breadth_first(end)[-1]
-        component = breadth_first(end)
-        order += component
-        seen |= set(component)
-    return order[::-1]

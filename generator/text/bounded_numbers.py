@@ -16,7 +16,7 @@ import sympy as sp
 from mpmath.ctx_iv import MPIntervalContext
 from mpmath.libmp import mpf_floor, to_int
 
-from .grammar import RefusedError, shorten
+from .tokens import RefusedError, shorten
 
 __all__ = ["FUNCTIONS", "ROOTS", "Value", "add", "multiply", "named", "order", "power", "rational",
            "reciprocal"]

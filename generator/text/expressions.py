@@ -13,7 +13,8 @@ import sympy as sp
 
 from . import bounded_numbers as numbers
 from .bounded_numbers import ROOTS, Value, rational
-from .grammar import RefusedError, decimal_parts, parse, refuse_at, tokens
+from .grammar import parse
+from .tokens import RefusedError, decimal_parts, refuse_at, tokens
 
 __all__ = ["decimal_digits", "parse_expression"]
 

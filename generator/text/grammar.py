@@ -23,21 +23,27 @@ named symbols in ``model_expressions``.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeVar, cast
 
 from ...errors import InputError
 from ...naming import proposal
+from .tokens import (
+    RefusedError,
+    Token,
+    decimal_parts,
+    error_at,
+    names_in,
+    refuse_at,
+    shorten,
+    tokens,
+)
 
-__all__ = ["ANGLES", "RATES", "UNITS", "Arithmetic", "Choosing", "RefusedError", "Token",
-           "decimal_parts", "names_in", "parse", "parse_quantity", "refuse_at", "shorten", "tokens"]
+__all__ = ["ANGLES", "RATES", "UNITS", "Arithmetic", "Choosing", "parse", "parse_quantity"]
 
 MAX_LENGTH = 4000
 MAX_DEPTH = 50
 MAX_DIGITS = 100
-MAX_DECIMAL_EXPONENT = 400
 
 #: Signs that compare, and the words between comparisons.
 COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
@@ -48,10 +54,6 @@ RATES = {"deg/s": "pi/180", "rad/s": "1", "rpm": "pi/30"}
 UNITS = ANGLES | RATES
 
 V = TypeVar("V")
-
-
-class RefusedError(Exception):
-    """An operation is not carried out: "reason; cure". The parser adds where in the text."""
 
 
 class Arithmetic(Protocol[V]):
@@ -103,78 +105,6 @@ class Choosing(Arithmetic[V], Protocol[V]):
         """Return ``yes`` where a condition holds, else ``no``."""
 
 
-# ---------------------------------------------------------------- tokens
-
-
-@dataclass(frozen=True)
-class Token:
-    """A piece of text: "number", "name", "sign" or "end", and where it begins, from 0."""
-
-    kind: str
-    text: str
-    position: int
-
-
-TOKEN = re.compile(
-    r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    r"|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
-    r"|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>])"
-    r"|(?P<space>[ \t\r\n]+)"
-)
-
-
-def tokens(text: str) -> Iterator[Token]:
-    """Split a text; the end of it is a token too."""
-    position = 0
-    while position < len(text):
-        match = TOKEN.match(text, position)
-        if match is None:
-            cure = {"^": "write ** for a power", "=": "write == for a comparison"}.get(
-                text[position], "use digits, names, + - * / ** ( and )")
-            raise _error(text, position, f"The character {text[position]!r} has no meaning", cure)
-        kind = str(match.lastgroup)
-        if kind != "space":
-            yield Token(kind, match.group(), position)
-        position = match.end()
-    yield Token("end", "", len(text))
-
-
-def _error(text: str, position: int, reason: str, cure: str = "") -> InputError:
-    """Return an error that names the position, counted from 1, and the text around it."""
-    around = text[max(0, position - 30) : position + 30]
-    message = f"{reason} (character {position + 1}, near {around!r})"
-    return InputError(f"{message}; {cure}." if cure else f"{message}.")
-
-
-def refuse_at(text: str, position: int, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function and say where in the text its refusal, if any, belongs."""
-    try:
-        return function(*arguments)
-    except RefusedError as refusal:
-        reason, _, cure = str(refusal).rpartition("; ")
-        raise _error(text, position, reason, cure) from None
-
-
-def decimal_parts(literal: str) -> tuple[str, str, int]:
-    """Return the digits before and after the point and the decimal exponent of a literal."""
-    mantissa, _, exponent = literal.lower().partition("e")
-    whole, _, fraction = mantissa.partition(".")
-    if len(exponent.lstrip("+-0")) > 3 or abs(int(exponent or 0)) > MAX_DECIMAL_EXPONENT:
-        raise RefusedError(
-            f"The decimal exponent {shorten(exponent, 20)} is not within "
-            f"±{MAX_DECIMAL_EXPONENT}; write the number with a smaller one"
-        )
-    return whole, fraction, int(exponent or 0)
-
-
-def shorten(text: str, length: int = 60) -> str:
-    """Return a text cut to a length that fits a message."""
-    return text if len(text) <= length else text[: length - 1] + "…"
-
-
-# ---------------------------------------------------------------- the parser
-
-
 def parse(text: str, arithmetic: Arithmetic[V], example: str) -> V:
     """Return what a text says in an arithmetic; ``example`` is proposed in place of no text.
 
@@ -206,11 +136,6 @@ def parse_quantity(
     value = parser.quantity(factors)
     parser.end()
     return value
-
-
-def names_in(text: str) -> set[str]:
-    """Return the names that a text mentions."""
-    return {token.text for token in tokens(text) if token.kind == "name"}
 
 
 def _words(units: Iterable[str]) -> set[str]:
@@ -262,8 +187,8 @@ class _Parser(Generic[V]):
             term = self.product()
             terms.append(self.negative(sign, term) if sign.text == "-" else term)
         if bare and len(bare) < len(terms):
-            raise _error(self.text, bare[0].position, "A term has no unit, and another has",
-                         "write one behind each, or brackets: (10 + 20) deg")
+            raise error_at(self.text, bare[0].position, "A term has no unit, and another has",
+                           "write one behind each, or brackets: (10 + 20) deg")
         return self.at(start, self.arithmetic.add, terms) if len(terms) > 1 else terms[0]
 
     def unit(self, units: Mapping[str, V]) -> V | None:
@@ -276,8 +201,9 @@ class _Parser(Generic[V]):
         if self.accept("/"):
             name, self.next = f"{name}/{self.token.text}", self.next + (self.token.kind != "end")
         if name not in units:
-            raise _error(self.text, token.position, f"The unit {shorten(name, 20)} has no place "
-                         "here", f"write {', '.join(units)}, or none" if units else "leave it out")
+            cure = f"write {', '.join(units)}, or none" if units else "leave it out"
+            raise error_at(self.text, token.position,
+                           f"The unit {shorten(name, 20)} has no place here", cure)
         return units[name]
 
     def product(self) -> V:
@@ -354,9 +280,9 @@ class _Parser(Generic[V]):
         return found
 
     def miscounted(self, name: Token, arguments: Sequence[Any], wanted: str) -> InputError:
-        return _error(self.text, name.position,
-                      f"The function {name.text} has {len(arguments)} arguments",
-                      f"give it {wanted}")
+        return error_at(self.text, name.position,
+                        f"The function {name.text} has {len(arguments)} arguments",
+                        f"give it {wanted}")
 
     # ------------------------------------------------------------ conditions
 
@@ -415,7 +341,7 @@ class _Parser(Generic[V]):
         """Read with one of the methods, one level deeper."""
         if self.depth == MAX_DEPTH:
             reason = f"This is nested deeper than {MAX_DEPTH} levels"
-            raise _error(self.text, token.position, reason, "simplify the expression")
+            raise error_at(self.text, token.position, reason, "simplify the expression")
         self.depth += 1
         value = method()
         self.depth -= 1
@@ -442,4 +368,4 @@ class _Parser(Generic[V]):
         return result
 
     def error(self, reason: str, cure: str) -> InputError:
-        return _error(self.text, self.token.position, reason, cure)
+        return error_at(self.text, self.token.position, reason, cure)

@@ -1,6 +1,7 @@
 """Running: a stepper, one trajectory or many, why they fail.
 
     stepper      a compiled stepper, the class of the contract
+    evaluation   what a stepper says of a state, and of what a step solves
     parameters   the parameters of a run, in their domains
     start        what a run needs to know of a model
     consistency  whether states are on the constraints

@@ -10,20 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import GyrosparkError, InputError
+from ...errors import InputError
 from ...exact import Number
 from ...naming import choose
-from ...projection import Projection, project, report
-from ...real import REALS, RealName
-from ..build.manifest import read_manifest, remarks_of
-from ..build.module import load_module, provenance
-from ..call.binding import REASONS, SOLVERS, Binding, SolverName
-from ..call.checks import as_callback, as_positive_count, as_real, as_step
-from ..call.compiled_constraints import CompiledConstraints
+from ..build.manifest import remarks_of
+from ..build.module import provenance
+from ..call.binding import SOLVERS, SolverName
+from ..call.checks import as_callback, as_positive_count, as_real
 from ..choice.gamma_choice import with_choice
 from ..output.trajectory import Trajectory
 from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
+from .evaluation import Evaluation
 from .failure import Diagnosis
 from .held import Held
 from .integration import Run, course, failure_of, integrate
@@ -35,7 +33,7 @@ __all__ = ["SOLVERS", "Stepper"]
 Array = NDArray[Any]
 
 
-class Stepper:
+class Stepper(Evaluation):
     """A stepper compiled from generated C.
 
     Make one with ``gyrospark.stepper(...)``. Instances may be used from many threads at once; all
@@ -60,16 +58,9 @@ class Stepper:
     """
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
-        self.name = name
-        self.files = dict(files)
-        self.manifest = read_manifest(name, files)
-        module = load_module(name, files)
-        self.binding = _binding_type(self.manifest["real"])(module, name, self.manifest)
-        self.n, self.m = self.binding.n, self.binding.m
-        self.unknowns = self.binding.unknowns
+        super().__init__(name, files)
         self.order = int(self.manifest["scheme"]["order"])
         self.remarks = [remark for _, remark in remarks_of(self.manifest)]
-        self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
         self._local = threading.local()
 
     def __repr__(self) -> str:
@@ -220,114 +211,6 @@ class Stepper:
             max_iterations=max_iterations,
         )
 
-    # ------------------------------------------------------------ what a step solves
-
-    def residual(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Number], t: Number = 0.0,
-    ) -> Array:
-        """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
-
-        ``t`` is the time at the start of the step.
-        """
-        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
-        return self.binding.residual(run, self._step(dt), *state, unknowns, self.binding.work())
-
-    def jacobian(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Number], t: Number = 0.0,
-    ) -> Array:
-        """Return ∂r/∂x, shape (unknowns, unknowns)."""
-        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
-        return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
-
-    def guess(
-        self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Number],
-        t: Number = 0.0,
-    ) -> Array:
-        """Return the x from which a step's iteration starts."""
-        state, run = self._state(q, p), self._parameters(parameters, t)
-        x = self.binding.guess(run, self._step(dt), *state, self.binding.work())
-        return x + self._origin(*state)
-
-    # ------------------------------------------------------------ about a state
-
-    def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]) -> Array:
-        """Return H(q, p) in the stepper's own representation; leading axes are kept."""
-        shape, q_rows, p_rows = self._state_rows(q, p)
-        H = self.binding.hamiltonian(self._parameters(parameters), q_rows, p_rows)
-        return H.reshape(shape)
-
-    def quantities(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
-        t: Number | ArrayLike = 0.0,
-    ) -> dict[str, Array]:
-        """Return each quantity of the system at states (q, p); leading axes are kept.
-
-        ``t`` is one time for all states, or one for each.
-        """
-        shape, q_rows, p_rows = self._state_rows(q, p)
-        times = self.binding.numbers("t", t)
-        if times.shape not in ((), shape):
-            raise InputError(f"t has shape {times.shape}; give one time, or shape {shape}.")
-        t_rows = self._cast(np.broadcast_to(times, shape)).reshape(-1)
-        values = self.binding.quantities(self._parameters(parameters), t_rows, q_rows, p_rows)
-        return {name: values[:, i].reshape(shape)
-                for i, name in enumerate(self.binding.quantity_names)}
-
-    def defects(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
-    ) -> tuple[Array, Array]:
-        """Return g(q) and the constraint on the momenta (qᵀp for a body), m entries each."""
-        q_one, p_one = self._state(q, p)
-        g, f = self.binding.defects(self._parameters(parameters), q_one[None], p_one[None])
-        return g[0], f[0]
-
-    def project(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
-    ) -> tuple[Array, Array]:
-        """Return the state moved onto the constraints: q/|q| and p without its part along q.
-
-        In general q moves along g_qᵀ onto g = 0, then p along g_qᵀ onto g_q H_p = 0.
-        """
-        state, run = self._state(q, p), self._parameters(parameters)
-        return self._projected(*state, run)
-
-    def consistent(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
-    ) -> Projection:
-        """Return what ``project`` does, with a report of what was moved.
-
-        The report's numbers are floats: |g| and the momentum constraint before and after by the
-        constraints' names, and the coordinate and the momentum that moved furthest. To print it
-        is to read it.
-
-        Raises
-        ------
-        InputError
-            Where it cannot be done, with the names of the constraints that are in the way.
-        """
-        old, run = self._state(q, p), self._parameters(parameters)
-        new = self._projected(*old, run)
-        numeric = CompiledConstraints(self.binding, self.manifest, run)
-        states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
-        g, f = self.binding.defects(run, *map(np.ascontiguousarray, states))
-        return report(numeric, old, new, (g[0], g[1]), (f[1], f[2]))
-
-    def _projected(self, q: Array, p: Array, parameters: Any) -> tuple[Array, Array]:
-        """Return the projected state: by compiled code, else by damped steps from Python."""
-        q_near, p_near = q.copy(), p.copy()
-        status = self.binding.project(parameters, q_near, p_near)
-        if not status:
-            return q_near, p_near
-        if self.binding.dtype is not np.float64:
-            raise GyrosparkError(
-                f"The state {q}, {p} cannot be projected: {REASONS[status]}; give a nearer one."
-            )
-        with np.errstate(all="ignore"):
-            made = project(CompiledConstraints(self.binding, self.manifest, parameters), q, p)
-        return made.q, made.p
-
     # ------------------------------------------------------------ for ensembles
 
     def batch_size(self, solver: str) -> int:
@@ -349,50 +232,6 @@ class Stepper:
         return members
 
     # ------------------------------------------------------------ inside
-
-    def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
-        as_array = self.binding.array
-        return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))
-
-    def _state_rows(
-        self, q: ArrayLike, p: ArrayLike
-    ) -> tuple[tuple[int, ...], Array, Array]:
-        """Return the leading axes of q and p, and both as rows of the stepper's own type."""
-        q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers("p", p)
-        shape = q_rows.shape
-        if shape[-1:] != (self.n,) or p_rows.shape != shape:
-            raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "
-                             f"give (..., {self.n}) for both.")
-        q_rows, p_rows = (self._cast(a).reshape(-1, self.n) for a in (q_rows, p_rows))
-        return shape[:-1], q_rows, p_rows
-
-    def _cast(self, numbers: Array) -> Array:
-        """Return a copy in the stepper's own type; what is beyond its range is infinite."""
-        return self.binding.converted(numbers)
-
-    def _step(self, dt: Number) -> Any:
-        return as_step(dt, self.binding.number)
-
-    def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
-        number = self.binding.number
-        return self.binding.parameters(as_parameters(given, self.parameter_domains, number),
-                                       as_real("t", t, number))
-
-    def _at(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: Number,
-        parameters: Mapping[str, Number], t: Number,
-    ) -> tuple[Array, tuple[Array, Array], Any]:
-        self._step(dt)
-        state = self._state(q, p)
-        unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
-        return unknowns, state, self._parameters(parameters, t)
-
-    def _origin(self, q: Array, p: Array) -> Array:
-        """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
-        origin = self.binding.new(self.unknowns)
-        if self.manifest["scheme"]["unknowns_are_state"]:
-            origin[: 2 * self.n] = np.concatenate([q, p])
-        return origin
 
     def checked_run(
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int, every: int,
@@ -455,12 +294,3 @@ class Stepper:
 def _stepper_of(name: str, files: tuple[tuple[str, str], ...]) -> Stepper:
     """Return the stepper of these sources: the same one to all that ask in a process."""
     return Stepper(name, dict(files))
-
-
-def _binding_type(real: RealName) -> type[Binding]:
-    """Return the class for a floating-point type; only float128 costs the import of mpmath."""
-    if not REALS[real].in_mpmath:
-        return Binding
-    from ..call.quad_binding import QuadBinding
-
-    return QuadBinding

@@ -1,0 +1,201 @@
+"""What a compiled stepper says of a state, and of what a step solves; no step is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import GyrosparkError, InputError
+from ...exact import Number
+from ...projection import Projection, project, report
+from ...real import REALS, RealName
+from ..build.manifest import read_manifest
+from ..build.module import load_module
+from ..call.binding import REASONS, Binding
+from ..call.checks import as_real, as_step
+from ..call.compiled_constraints import CompiledConstraints
+from .parameters import as_parameters
+
+__all__ = ["Evaluation"]
+
+Array = NDArray[Any]
+
+
+class Evaluation:
+    """Compiled functions on states: see ``Stepper``, which adds the steps."""
+
+    def __init__(self, name: str, files: dict[str, str]) -> None:
+        self.name = name
+        self.files = dict(files)
+        self.manifest = read_manifest(name, files)
+        module = load_module(name, files)
+        self.binding = _binding_type(self.manifest["real"])(module, name, self.manifest)
+        self.n, self.m = self.binding.n, self.binding.m
+        self.unknowns = self.binding.unknowns
+        self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
+
+    # ------------------------------------------------------------ what a step solves
+
+    def residual(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Number], t: Number = 0.0,
+    ) -> Array:
+        """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
+
+        ``t`` is the time at the start of the step.
+        """
+        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
+        return self.binding.residual(run, self._step(dt), *state, unknowns, self.binding.work())
+
+    def jacobian(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Number], t: Number = 0.0,
+    ) -> Array:
+        """Return ∂r/∂x, shape (unknowns, unknowns)."""
+        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
+        return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
+
+    def guess(
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Number],
+        t: Number = 0.0,
+    ) -> Array:
+        """Return the x from which a step's iteration starts."""
+        state, run = self._state(q, p), self._parameters(parameters, t)
+        x = self.binding.guess(run, self._step(dt), *state, self.binding.work())
+        return x + self._origin(*state)
+
+    # ------------------------------------------------------------ about a state
+
+    def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]) -> Array:
+        """Return H(q, p) in the stepper's own representation; leading axes are kept."""
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        H = self.binding.hamiltonian(self._parameters(parameters), q_rows, p_rows)
+        return H.reshape(shape)
+
+    def quantities(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
+    ) -> dict[str, Array]:
+        """Return each quantity of the system at states (q, p); leading axes are kept.
+
+        ``t`` is one time for all states, or one for each.
+        """
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        times = self.binding.numbers("t", t)
+        if times.shape not in ((), shape):
+            raise InputError(f"t has shape {times.shape}; give one time, or shape {shape}.")
+        t_rows = self._cast(np.broadcast_to(times, shape)).reshape(-1)
+        values = self.binding.quantities(self._parameters(parameters), t_rows, q_rows, p_rows)
+        return {name: values[:, i].reshape(shape)
+                for i, name in enumerate(self.binding.quantity_names)}
+
+    def defects(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
+    ) -> tuple[Array, Array]:
+        """Return g(q) and the constraint on the momenta (qᵀp for a body), m entries each."""
+        q_one, p_one = self._state(q, p)
+        g, f = self.binding.defects(self._parameters(parameters), q_one[None], p_one[None])
+        return g[0], f[0]
+
+    def project(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
+    ) -> tuple[Array, Array]:
+        """Return the state moved onto the constraints: q/|q| and p without its part along q.
+
+        In general q moves along g_qᵀ onto g = 0, then p along g_qᵀ onto g_q H_p = 0.
+        """
+        state, run = self._state(q, p), self._parameters(parameters)
+        return self._projected(*state, run)
+
+    def consistent(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
+    ) -> Projection:
+        """Return what ``project`` does, with a report of what was moved.
+
+        The report's numbers are floats: |g| and the momentum constraint before and after by the
+        constraints' names, and the coordinate and the momentum that moved furthest. To print it
+        is to read it.
+
+        Raises
+        ------
+        InputError
+            Where it cannot be done, with the names of the constraints that are in the way.
+        """
+        old, run = self._state(q, p), self._parameters(parameters)
+        new = self._projected(*old, run)
+        numeric = CompiledConstraints(self.binding, self.manifest, run)
+        states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
+        g, f = self.binding.defects(run, *map(np.ascontiguousarray, states))
+        return report(numeric, old, new, (g[0], g[1]), (f[1], f[2]))
+
+    def _projected(self, q: Array, p: Array, parameters: Any) -> tuple[Array, Array]:
+        """Return the projected state: by compiled code, else by damped steps from Python."""
+        q_near, p_near = q.copy(), p.copy()
+        status = self.binding.project(parameters, q_near, p_near)
+        if not status:
+            return q_near, p_near
+        if self.binding.dtype is not np.float64:
+            raise GyrosparkError(
+                f"The state {q}, {p} cannot be projected: {REASONS[status]}; give a nearer one."
+            )
+        with np.errstate(all="ignore"):
+            made = project(CompiledConstraints(self.binding, self.manifest, parameters), q, p)
+        return made.q, made.p
+
+    # ------------------------------------------------------------ inside
+
+    def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
+        as_array = self.binding.array
+        return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))
+
+    def _state_rows(
+        self, q: ArrayLike, p: ArrayLike
+    ) -> tuple[tuple[int, ...], Array, Array]:
+        """Return the leading axes of q and p, and both as rows of the stepper's own type."""
+        q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers("p", p)
+        shape = q_rows.shape
+        if shape[-1:] != (self.n,) or p_rows.shape != shape:
+            raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "
+                             f"give (..., {self.n}) for both.")
+        q_rows, p_rows = (self._cast(a).reshape(-1, self.n) for a in (q_rows, p_rows))
+        return shape[:-1], q_rows, p_rows
+
+    def _cast(self, numbers: Array) -> Array:
+        """Return a copy in the stepper's own type; what is beyond its range is infinite."""
+        return self.binding.converted(numbers)
+
+    def _step(self, dt: Number) -> Any:
+        return as_step(dt, self.binding.number)
+
+    def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
+        number = self.binding.number
+        return self.binding.parameters(as_parameters(given, self.parameter_domains, number),
+                                       as_real("t", t, number))
+
+    def _at(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: Number,
+        parameters: Mapping[str, Number], t: Number,
+    ) -> tuple[Array, tuple[Array, Array], Any]:
+        self._step(dt)
+        state = self._state(q, p)
+        unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
+        return unknowns, state, self._parameters(parameters, t)
+
+    def _origin(self, q: Array, p: Array) -> Array:
+        """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
+        origin = self.binding.new(self.unknowns)
+        if self.manifest["scheme"]["unknowns_are_state"]:
+            origin[: 2 * self.n] = np.concatenate([q, p])
+        return origin
+
+
+def _binding_type(real: RealName) -> type[Binding]:
+    """Return the class for a floating-point type; only float128 costs the import of mpmath."""
+    if not REALS[real].in_mpmath:
+        return Binding
+    from ..call.quad_binding import QuadBinding
+
+    return QuadBinding

@@ -1,0 +1,82 @@
+"""What forges and tools read of the project: hosted CI, pre-commit, citation."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import pytest
+
+import gyrospark as gs
+from processes import ROOT
+
+yaml = pytest.importorskip("yaml", reason="YAML is read by PyYAML, which the extra cluster brings")
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def read(name: str):
+    return yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
+
+
+def recipe(target: str) -> list[str]:
+    """Return what make runs for a target, as words, without the folder of programs."""
+    lines = re.search(rf"^{target}:.*\n((?:\t.*\n)+)", MAKEFILE, flags=re.MULTILINE)[1]
+    lines = re.sub(r"#.*", "", lines).replace("\\\n", " ").replace("$(BIN)/", "")
+    return [" ".join(line.split()) for line in lines.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def jobs():
+    return read(".github/workflows/ci.yml")["jobs"]
+
+
+def commands(job) -> list[str]:
+    """Return each line that a job runs."""
+    return [" ".join(line.replace(".venv/Scripts/", "").split())
+            for step in job["steps"] for line in step.get("run", "").splitlines()]
+
+
+def test_hosted_ci_calls_the_commands_of_the_readme(jobs):
+    run = commands(jobs["unix"])
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for command in ("make demo", "make test"):
+        assert command in run
+        assert re.search(rf"^{command} ", readme, flags=re.MULTILINE)
+
+
+def test_without_make_it_does_what_make_does(jobs):
+    run = commands(jobs["windows"])
+    assert recipe("demo")[0] in run
+    assert recipe("test")[0] in run
+    assert recipe("lint")[0] in run
+
+
+def test_hosted_ci_has_the_systems_pythons_and_compilers(jobs):
+    matrix = jobs["unix"]["strategy"]["matrix"]
+    assert {*matrix["os"], jobs["windows"]["runs-on"]} == {
+        "ubuntu-latest", "macos-latest", "windows-latest"}
+    assert matrix["python"] == ["3.11", "3.12", "3.13", "3.14"]
+    assert PROJECT["requires-python"] == f">={matrix['python'][0]}"
+    assert set(matrix["compiler"]) == {"gcc", "clang", "ziglang"}
+    assert any("ziglang" in package for package in PROJECT["optional-dependencies"]["compiler"])
+
+
+def test_pre_commit_calls_what_is_there():
+    for repository in read(".pre-commit-config.yaml")["repos"]:
+        assert repository["repo"] == "local"  # versions are those of .venv
+        for hook in repository["hooks"]:
+            program, *words = hook["entry"].split()
+            if program == "make":
+                assert re.search(rf"^{words[0]}:", MAKEFILE, flags=re.MULTILINE)
+            else:
+                assert (ROOT / words[-1]).is_file()
+
+
+def test_citation_is_of_this_version():
+    found = read("CITATION.cff")
+    assert str(found["version"]) == gs.__version__
+    assert found["license"] == PROJECT["license"]
+    assert found["title"] == PROJECT["name"]
+    assert {"cff-version", "message", "authors"} <= found.keys()
