@@ -19,7 +19,7 @@ from .newton import newton_step
 from .trajectory import Report, Trajectory
 
 __all__ = ["Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at", "failure_of",
-           "integrate", "next_chunk", "trajectory_of"]
+           "fill", "integrate", "next_chunk", "trajectory_of"]
 
 Array = NDArray[Any]
 
@@ -48,6 +48,10 @@ class Run:
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
         return -(-self.steps // self.every)
+
+    def stored(self, done: int) -> int:
+        """Return how many of them there are after so many steps."""
+        return self.rows if done == self.steps else done // self.every
 
 
 @dataclass(frozen=True)
@@ -151,6 +155,18 @@ def course(
     rows = Rows.room(binding, run.rows)
     rows.q[0], rows.p[0] = run.q, run.p
     q, p, report = run.q.copy(), run.p.copy(), binding.report()
+    status = fill(binding, run, rows, q, p, report, stop, progress)
+    return trajectory_of(binding, manifest, run, rows, report, q, p), status
+
+
+def fill(
+    binding: Binding, run: Run, rows: Rows, q: Array, p: Array, report: Any,
+    stop: Callable[[], bool], progress: Callable[[int], None] | None = None,
+) -> int:
+    """Fill the rows of a run, up to its end or as ``course`` does; (q, p) goes there.
+
+    Returns the status.
+    """
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
     pace = Pace()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
@@ -164,7 +180,7 @@ def course(
         pace.end(count)
         if progress is not None:
             progress(int(report.steps))
-    return trajectory_of(binding, manifest, run, rows, report, q, p, parameters), status
+    return status
 
 
 def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
@@ -254,11 +270,12 @@ def _observe(
 
 def trajectory_of(
     binding: Binding, manifest: dict[str, Any], run: Run, rows: Rows, report: Any,
-    q: Array, p: Array, parameters: Any,
+    q: Array, p: Array,
 ) -> Trajectory:
     """Return the rows that were filled."""
     done = int(report.steps)
-    stored = run.rows if done == run.steps else done // run.every
+    stored = run.stored(done)
+    parameters = binding.parameters(run.parameters, run.t0)
     q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
     multipliers = rows.multipliers[:stored]
     if binding.m > 1:
