@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -98,6 +100,91 @@ def test_unusable_member_is_named(gl3):
     q[1] *= 1.1
     with refused("Trajectory 1: The start is off"):
         gl3.integrate_ensemble(q, p, dt=1e-3, steps=3, parameters=PARAMETERS)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"gamma": "auto"}, "Trajectory 3: Parameter gamma = 'auto' is chosen by integrate alone"),
+    ({"gamma": "mean"}, "Trajectory 3: Parameter gamma = 'mean' is neither"),
+    ({"gamma": True}, "Trajectory 3: Parameter gamma = True is not a real number"),
+    ({"gamma": np.inf}, "Trajectory 3: Parameter gamma = inf is not finite"),
+    ({"gamma": 10**400}, "Trajectory 3: Parameter gamma = 1000.* is (too large|not finite)"),
+    ({"I2": -1.0}, "Trajectory 3: Parameter I2 = -1.0 is not positive"),
+    ({"delta": 1.0}, "Trajectory 3: Parameter 'delta' is unknown"),
+    ({"I3": None}, "Trajectory 3: Parameter I3 = None"),
+], ids=str)
+def test_unusable_parameters_are_those_of_a_trajectory(change, words, gl3):
+    q, p, dts, _ = members()
+    sets = [PARAMETERS] * 3 + [PARAMETERS | change] + [PARAMETERS] * 2
+    with refused(words):
+        gl3.integrate_ensemble(q, p, dt=dts, steps=3, parameters=sets)
+    sets[3] = {name: x for name, x in PARAMETERS.items() if name != "I1"}
+    with refused("Trajectory 3: Parameter 'I1' is not given"):
+        gl3.integrate_ensemble(q, p, dt=dts, steps=3, parameters=sets)
+
+
+def test_plain_numbers_are_checked_all_at_once(gl3, monkeypatch):
+    """One look at what all have in common, and not one at each."""
+    looks, check = [], type(gl3).checked_run
+    monkeypatch.setattr(type(gl3), "checked_run",
+                        lambda *given, **how: looks.append(0) or check(*given, **how))
+    q, p, dts, gammas = members(40)
+    columns, run = PARAMETERS | {"gamma": gammas}, {"dt": dts, "steps": 3}
+    many = gl3.integrate_ensemble(q, p, parameters=columns, **run)
+    assert len(looks) == 1
+    for sets in ([PARAMETERS | {"gamma": g} for g in gammas],
+                 [PARAMETERS | {"gamma": Fraction(g)} for g in gammas]):
+        listed = gl3.integrate_ensemble(q, p, parameters=sets, **run)
+        assert np.array_equal(listed.q, many.q)
+    assert len(looks) == 1 + 1 + 40
+    inertia = PARAMETERS | {"I2": PARAMETERS["I2"] * np.linspace(0.9, 1.1, 40), "gamma": "m"}
+    told = [gs.gamma_m([inertia["I1"], I2, inertia["I3"]]) for I2 in inertia["I2"]]
+    ruled = gl3.integrate_ensemble(q, p, parameters=inertia, **run)
+    other = gl3.integrate_ensemble(q, p, parameters=inertia | {"gamma": told}, **run)
+    assert np.array_equal(ruled.q, other.q)
+    assert len(looks) == 1 + 1 + 40 + 2
+
+
+def test_remarks_on_members_are_made(gl3):
+    q, p, dts, gammas = members()
+    gammas[4] *= -1
+    with pytest.warns(gs.InputWarning, match="gamma = -.* is below 0"):
+        gl3.integrate_ensemble(q, p, dt=dts, steps=1, parameters=PARAMETERS | {"gamma": gammas})
+
+
+def test_members_are_made_when_they_are_asked_for(gl3):
+    """Of what was stored, whatever becomes of the ensemble's own arrays; also from a pickle."""
+    q, p, dts, _ = members()
+    dts[2] = 5.0
+    run = {"dt": dts, "steps": 12, "parameters": PARAMETERS}
+    many, other = gl3.integrate_ensemble(q, p, **run), gl3.integrate_ensemble(q, p, **run)
+    assert "members" not in vars(many)
+    again = pickle.loads(pickle.dumps(many))
+    other.q[:] = 0
+    for i in range(6):
+        assert equal(many.members[i], again.members[i])
+        assert equal(many.members[i], other.members[i])
+        assert many.members[i].report == again.members[i].report
+        rows = len(many.members[i])
+        assert np.array_equal(many.q[i, :rows], many.members[i].q)
+    assert many.members is many.members
+    assert many.members[2] is many.failures[2].trajectory
+
+
+def test_defects_with_parameters_of_their_own_are_those_one_by_one(step):
+    q, p, _, _ = members()
+    binding = step.binding
+    names = binding.parameter_names
+    columns = {name: np.full(6, PARAMETERS.get(name, 1.0)) for name in names}
+    columns[names[0]] *= np.linspace(1, 2, 6)
+    sets = binding.parameter_sets(columns, np.zeros(6))
+    p = p * np.linspace(1, 2, 6)[:, None] + 0.25  # no longer on the constraints
+    for each in (1, 2):
+        found = binding.defects(sets, np.repeat(q, each, axis=0), np.repeat(p, each, axis=0))
+        for i in range(6):
+            own = binding.parameters({name: float(columns[name][i]) for name in names})
+            alone = binding.defects(own, q[i : i + 1], p[i : i + 1])
+            for together, one in zip(found, alone, strict=True):
+                assert np.array_equal(together[i * each : (i + 1) * each], [one[0]] * each)
 
 
 @pytest.mark.parametrize(("changes", "words"), [

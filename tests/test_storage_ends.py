@@ -240,7 +240,8 @@ def killed(command, seconds, kills, folder, seed):
     """Kill a command that often; each time it ends, it must end with the same bytes."""
     folder.mkdir()
     done = call([sys.executable, str(Path(__file__).with_name("killing.py")), str(folder),
-                 str(kills), str(seed), *command, "--out", "{store}"], KILLING_SECONDS=seconds, **FAST)
+                 str(kills), str(seed), *command, "--out", "{store}"],
+                KILLING_SECONDS=seconds, **FAST)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["kills"] == kills

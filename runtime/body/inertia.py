@@ -146,6 +146,13 @@ def has_inertia(name: str, parameters: Mapping[str, Any]) -> bool:
     return is_weight(name) and not parameters.keys().isdisjoint((f"{prefix}I1", f"{prefix}K11"))
 
 
+def inertia_names(name: str) -> tuple[list[str], list[str]]:
+    """Return what the moments beside an inertia parameter are called, and the entries of J⁻¹."""
+    prefix = name.removesuffix("gamma").removesuffix("alpha")
+    return ([f"{prefix}I{axis}" for axis in (1, 2, 3)],
+            [f"{prefix}K{pair}" for pair in ("11", "12", "13", "22", "23", "33")])
+
+
 def ruled(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
     """Return γ or α by one of the rules m, h, mt and ht, from the inertia beside it.
 
@@ -170,11 +177,9 @@ def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
     InputError
         If they are not all there.
     """
-    prefix = name.removesuffix("gamma").removesuffix("alpha")
-    inverse = [f"{prefix}K{pair}" for pair in ("11", "12", "13", "22", "23", "33")]
+    wanted, inverse = inertia_names(name)
     if {*inverse} <= parameters.keys():
         return moments_of(tensor_of_inverse([parameters[entry] for entry in inverse]))
-    wanted = [f"{prefix}I{axis}" for axis in (1, 2, 3)]
     missing = [moment for moment in wanted if moment not in parameters]
     if missing:
         raise InputError(

@@ -64,6 +64,11 @@ class Binding:
         """Distance from 1 to the next number of the stepper's type."""
         return float(np.finfo(self.dtype).eps)
 
+    @property
+    def number_type(self) -> Any:
+        """NumPy's type for columns of such numbers as ``number`` makes."""
+        return np.float64 if self.dtype is np.float32 else self.dtype
+
     def function(self, name: str) -> Any:
         """Return a function of the module by its short name."""
         function = getattr(self.lib, f"{self.name}_{name}")
@@ -205,10 +210,15 @@ class Binding:
         """Return empty running records."""
         return self.ffi.new(f"{self.name}_report[]", count)
 
-    def parameter_sets(self, values: list[dict[str, Any]], times: list[Any]) -> Any:
+    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
         """Return an array of parameter structs, for runs that start at those times."""
-        return self.ffi.new(f"{self.name}_parameters[]",
-                            [self._fields(one, t) for one, t in zip(values, times, strict=True)])
+        fields = [*(columns[name] for name in self.parameter_names),
+                  *([] if self.time is None else [times])]
+        rows = self.new(len(times), max(len(fields), 1))  # one that has none has a field too
+        with np.errstate(over="ignore"):
+            for place, column in enumerate(fields):
+                rows[:, place] = column
+        return self.ffi.from_buffer(f"{self.name}_parameters[]", rows)
 
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
@@ -368,12 +378,28 @@ class Binding:
         return H
 
     def defects(self, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
-        """Return g(q) and f(q, p) of each row of q and p, m entries a row."""
+        """Return g(q) and f(q, p) of each row of q and p, m entries a row.
+
+        Of ``parameter_sets`` each one is that of as many rows as the next.
+        """
         g, f = self.new(len(q), self.m), self.new(len(q), self.m)
-        if self.m:
-            self.function("defects")(parameters, len(q), self.pointer(q), self.pointer(p),
-                                     self.pointer(g), self.pointer(f))
+        if not self.m:
+            return g, f
+        function, sets = self.function("defects"), self.sets(parameters)
+        arrays, rows = [self.pointer(array) for array in (q, p, g, f)], len(q) // sets
+        widths = [rows * width for width in (self.n, self.n, self.m, self.m)]
+        if sets == 1:
+            function(parameters, rows, *arrays)
+            return g, f
+        for i in range(sets):
+            function(parameters + i, rows, *[array + i * width for array, width in
+                                             zip(arrays, widths, strict=True)])
         return g, f
+
+    def sets(self, parameters: Any) -> int:
+        """Return of how many runs these are the parameters."""
+        is_array = self.ffi.typeof(parameters).kind == "array"
+        return len(parameters) if is_array else 1
 
     def project(self, parameters: Any, q: Array, p: Array) -> int:
         """Move (q, p) onto the constraints in place; return the status."""

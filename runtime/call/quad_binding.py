@@ -70,8 +70,7 @@ class QuadBinding(Binding):
 
     def times(self, t0: Any, dt: Any, steps: Array) -> Array:
         """Return t0 + k dt for each k of ``steps``."""
-        made = quad.full(steps.shape)
-        made.flat[:] = [t0 + int(k) * dt for k in steps.flat]
+        made: Array = t0 + steps.astype(object) * dt
         return made
 
     def solve(self, A: Array, b: Array) -> Array:
@@ -82,17 +81,20 @@ class QuadBinding(Binding):
 
     def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
         """Return the parameter struct for a run, or a step, that starts at time t."""
-        return self.parameter_sets([values], [t])
+        columns = {name: np.array([value], dtype=object) for name, value in values.items()}
+        return self.parameter_sets(columns, np.array([t], dtype=object))
 
-    def parameter_sets(self, values: list[dict[str, Any]], times: list[Any]) -> Any:
+    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
         """Return an array of parameter structs, for runs that start at those times."""
-        block = _Block(self.ffi, f"{self.name}_parameters", len(values))
-        entries = []
-        for one, t in zip(values, times, strict=True):
-            entries += [one[name] for name in self.parameter_names]
-            entries += [] if self.time is None else [t]
-        block.write(0, quad.pack(entries))
+        block = _Block(self.ffi, f"{self.name}_parameters", len(times))
+        fields = [*(columns[name] for name in self.parameter_names),
+                  *([] if self.time is None else [times])]
+        block.write(0, quad.pack([number for row in zip(*fields, strict=True) for number in row]))
         return block
+
+    def sets(self, parameters: Any) -> int:
+        """Return 1: the parameters are those of one run."""
+        return 1
 
     def set_time(self, parameters: Any, t0: Any, steps: int, dt: Any) -> None:
         """Set the time in the parameter struct to t0 + steps dt."""

@@ -40,8 +40,9 @@ class Defects:
 def defects_of_starts(
     binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array
 ) -> Defects:
-    """Return the defects of rows of q and p that share their parameters; m must not be 0.
+    """Return the defects of rows of q and p; m must not be 0.
 
+    ``parameters`` are those of all rows, or ``Binding.parameter_sets`` with one set for each.
     ``keeps_f`` says whether the scheme keeps the momentum constraint; ``dt`` is used if not.
     """
     g, f = (size.astype(float) for size in defect_sizes(binding, parameters, q, p))
@@ -52,10 +53,11 @@ def defects_of_starts(
         binding, parameters, q, p, nudge * sizes[0], nudge * sizes[1]))
     for i in np.flatnonzero(f > f_bound) if not keeps_f else ():
         row = slice(i, i + 1)
-        x = binding.guess(parameters, dt[i], q[i].copy(), p[i].copy(), binding.work())
+        own = parameters + i if binding.sets(parameters) > 1 else parameters
+        x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
         n = binding.n
         euler = [np.array([float(np.abs(part).max())]) for part in (x[:n], x[n : 2 * n])]
-        f_bound[row] += _changes(binding, parameters, q[row], p[row], *euler)[1]
+        f_bound[row] += _changes(binding, own, q[row], p[row], *euler)[1]
     return Defects(g, f, g_bound, f_bound)
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,11 +20,13 @@ from ...naming import shown
 from ..call.checks import as_numbers, as_positive_count
 from ..interrupts import ctrl_c
 from ..output.trajectory import Trajectory
+from .failure import Diagnosis
+from .integration import failure_of, trajectory_of
+from .lanes import Course
 from .parameters import refuse_auto
+from .runs import Given, checked_runs
 
 if TYPE_CHECKING:
-    from .integration import Run
-    from .lanes import Member
     from .stepper import Stepper
 
 __all__ = ["Ensemble", "integrate_members"]
@@ -43,7 +47,7 @@ class Ensemble:
         Number of a failed trajectory → its ``StepFailed``.
     members : list of Trajectory
         Each trajectory by itself, up to its failed step if it has one; with it ``work`` and
-        ``quantity(name)``.
+        ``quantity(name)``. Made when first asked for.
     """
 
     t: Array
@@ -52,15 +56,25 @@ class Ensemble:
     multipliers: Array
     iterations: Array
     failures: dict[int, StepFailed]
-    members: list[Trajectory]
+    _name: str = field(repr=False)
+    _make: Callable[[int], Trajectory] = field(repr=False)
+
+    @cached_property
+    def members(self) -> list[Trajectory]:
+        """Each trajectory by itself."""
+        return [self.failures[i].trajectory if i in self.failures else self._make(i)
+                for i in range(len(self))]
 
     def __len__(self) -> int:
-        return len(self.members)
+        return len(self.t)
 
     def __repr__(self) -> str:
-        name, states = self.members[0].manifest["name"], self.t.shape[1]
-        return (f"<Ensemble of {name}: {len(self):,} trajectories of {states:,} states, "
-                f"{len(self.failures):,} failed>")
+        return (f"<Ensemble of {self._name}: {len(self):,} trajectories of {self.t.shape[1]:,} "
+                f"states, {len(self.failures):,} failed>")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the members; memory of compiled code stays where it is."""
+        return {**self.__dict__, "members": self.members, "_make": self.members.__getitem__}
 
 
 def integrate_members(
@@ -82,60 +96,63 @@ def integrate_members(
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
     size = len(starts)
-    steps = np.broadcast_to(_each("dt", dt, size), size)
-    times = np.broadcast_to(_each("t0", t0, size), size)
-    runs = _each_parameters(parameters, size)
-
-    broken = threading.Event()
-
-    def check(i: int) -> Run:
-        try:
-            return stepper.checked_run(starts[i], momenta[i], dt=steps[i], t0=times[i],
-                                       parameters=runs[i], **options)
-        except InputError as error:
-            raise InputError(f"Trajectory {i}: {error}") from error
-
-    batch = stepper.batch_size(options["solver"])
-    batches = [range(i, min(i + batch, size)) for i in range(0, size, batch)]
-    with ctrl_c() as interrupts, ThreadPoolExecutor(threads) as pool:
-
-        def stop() -> bool:
-            return broken.is_set() or interrupts.asked
-
-        def work(members: range) -> list[Member]:
-            return stepper.integrate_runs([check(i) for i in members], stop)
-
-        futures = [pool.submit(work, members) for members in batches]
-        try:
-            ended, _ = wait(futures, return_when=FIRST_EXCEPTION)
-            for future in filter(ended.__contains__, futures):
-                future.result()  # raises for the first member that was refused
-            results = [member for future in futures for member in future.result()]
-        finally:  # after a refusal the other members are not finished for nobody
-            broken.set()
-            pool.shutdown(cancel_futures=True)
-        found = _ensemble(stepper, results, -(-int(options["steps"]) // int(options["every"])) + 1)
+    given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
+                  np.broadcast_to(_each("t0", t0, size), size),
+                  _each_parameters(parameters, size))
+    course = Course.of(stepper.binding, checked_runs(stepper, given, options))
+    with ctrl_c() as interrupts:
+        _fill(course, threads, lambda: interrupts.asked)
+    found = _ensemble(stepper, course)
     if interrupts.asked:
-        done = sum(len(member) for member in found.members)
-        raise Stopped(f"Stopped with {done:,} of {found.t.size:,} states; they are in .ensemble.",
-                      interrupts.signal, ensemble=found)
+        raise Stopped(f"Stopped with {sum(course.stored):,} of {found.t.size:,} states; they are "
+                      "in .ensemble.", interrupts.signal, ensemble=found)
     return found
 
 
-def _ensemble(stepper: Stepper, results: list[Member], rows: int) -> Ensemble:
-    """Return trajectories of up to so many states as one, the failures beside them."""
-    members = [member for member, _ in results]
-    failures = {i: failure for i, (_, failure) in enumerate(results) if failure is not None}
-    no_number = stepper.binding.new(1)[0] + np.nan
-    return Ensemble(
-        _stack([m.t for m in members], rows, no_number if members[0].t.dtype == object else np.nan),
-        _stack([m.q for m in members], rows, no_number),
-        _stack([m.p for m in members], rows, no_number),
-        _stack([m.multipliers for m in members], rows - 1, no_number),
-        _stack([m.iterations for m in members], rows - 1, 0),
-        failures,
-        members,
-    )
+def _fill(course: Course, threads: int, stop: Callable[[], bool]) -> None:
+    """Integrate all batches: each thread takes the next one until there is none."""
+    batches, broken = SimpleQueue[int | None](), threading.Event()
+    workers = min(threads, len(course.reports))
+    for batch in (*range(len(course.reports)), *[None] * workers):
+        batches.put(batch)
+
+    def work() -> None:
+        memory = course.memory()
+        for batch in iter(batches.get, None):
+            course.fill(batch, memory, lambda: broken.is_set() or stop())
+
+    with ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(work) for _ in range(workers)]
+        try:
+            for future in wait(futures, return_when=FIRST_EXCEPTION).done:
+                future.result()
+        finally:  # where memory ran out, say, the others are not finished for nobody
+            broken.set()
+
+
+def _ensemble(stepper: Stepper, course: Course) -> Ensemble:
+    """Return what was stored as arrays, NaN where nothing was, the failures beside them."""
+    binding, runs, rows = stepper.binding, course.runs, course.rows
+    states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
+    at = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
+    t = binding.times(runs.t0[:, None], runs.dt[:, None], at)
+    q, p, multipliers = rows.q.copy(), rows.p.copy(), rows.multipliers[:, 1:].copy()
+    iterations = rows.iterations[:, 1:].copy()
+    for i, stored in enumerate(course.stored):
+        if stored < states:
+            t[i, stored:] = no_number if t.dtype == object else np.nan
+            q[i, stored:] = p[i, stored:] = multipliers[i, stored - 1 :] = no_number
+            iterations[i, stored - 1 :] = 0
+    if binding.m > 1:
+        multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
+
+    def member(i: int) -> Trajectory:
+        return trajectory_of(binding, stepper.manifest, runs[i], course.rows_of(i),
+                             course.report(i), course.q[i], course.p[i])
+
+    failures = {i: failure_of(runs[i], member(i), Diagnosis.bare(int(course.status[i])))
+                for i in np.flatnonzero(course.status).tolist()}
+    return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member)
 
 
 def _each(name: str, value: Any, size: int) -> Array:
@@ -152,26 +169,20 @@ def _rows(stepper: Stepper, name: str, value: Any) -> Array:
     return array
 
 
-def _each_parameters(parameters: Any, size: int) -> list[dict[str, Any]]:
+def _each_parameters(
+    parameters: Any, size: int
+) -> list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]:
     if isinstance(parameters, Mapping):
         for name, value in parameters.items():
             refuse_auto(name, value)
         rules = {name: value for name, value in parameters.items() if isinstance(value, str)}
-        columns = {name: np.broadcast_to(_each(f"Parameter {name}", value, size), size)
+        columns = {name: _each(f"Parameter {name}", value, size)
                    for name, value in parameters.items() if name not in rules}
-        return [rules | {name: column[i] for name, column in columns.items()}
-                for i in range(size)]
+        shared = {name: column[()] for name, column in columns.items() if not column.shape}
+        return rules | shared, {name: column for name, column in columns.items() if column.shape}
     if not isinstance(parameters, Sequence) or not all(isinstance(r, Mapping) for r in parameters):
         raise InputError(f"parameters = {shown(parameters)} is neither a dict nor a list of "
                          "dicts.")
     if len(parameters) != size:
         raise InputError(f"{len(parameters)} sets of parameters are given for {size} trajectories.")
     return [dict(run) for run in parameters]
-
-
-def _stack(parts: list[Array], rows: int, fill: Any) -> Array:
-    """Stack arrays of up to ``rows`` rows, the rest filled."""
-    stacked = np.full((len(parts), rows, *parts[0].shape[1:]), fill, dtype=parts[0].dtype)
-    for i, part in enumerate(parts):
-        stacked[i, : len(part)] = part
-    return stacked

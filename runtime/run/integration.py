@@ -20,8 +20,8 @@ from ..output.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
 from .newton import newton_step
 
-__all__ = ["Pace", "Rows", "Run", "advance", "course", "ended_at", "failure_of",
-           "integrate", "next_chunk", "trajectory_of"]
+__all__ = ["Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at", "failure_of",
+           "fill", "integrate", "next_chunk", "trajectory_of"]
 
 Array = NDArray[Any]
 
@@ -50,6 +50,10 @@ class Run:
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
         return -(-self.steps // self.every)
+
+    def stored(self, done: int) -> int:
+        """Return how many of them there are after so many steps."""
+        return self.rows if done == self.steps else done // self.every
 
 
 @dataclass(frozen=True)
@@ -153,6 +157,18 @@ def course(
     rows = Rows.room(binding, run.rows)
     rows.q[0], rows.p[0] = run.q, run.p
     q, p, report = run.q.copy(), run.p.copy(), binding.report()
+    status = fill(binding, run, rows, q, p, report, stop, progress)
+    return trajectory_of(binding, manifest, run, rows, report, q, p), status
+
+
+def fill(
+    binding: Binding, run: Run, rows: Rows, q: Array, p: Array, report: Any,
+    stop: Callable[[], bool], progress: Callable[[int], None] | None = None,
+) -> int:
+    """Fill the rows of a run, up to its end or as ``course`` does; (q, p) goes there.
+
+    Returns the status.
+    """
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
     pace = Pace()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
@@ -166,7 +182,7 @@ def course(
         pace.end(count)
         if progress is not None:
             progress(int(report.steps))
-    return trajectory_of(binding, manifest, run, rows, report, q, p, parameters), status
+    return status
 
 
 def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
@@ -256,11 +272,12 @@ def _observe(
 
 def trajectory_of(
     binding: Binding, manifest: dict[str, Any], run: Run, rows: Rows, report: Any,
-    q: Array, p: Array, parameters: Any,
+    q: Array, p: Array,
 ) -> Trajectory:
     """Return the rows that were filled."""
     done = int(report.steps)
-    stored = run.rows if done == run.steps else done // run.every
+    stored = run.stored(done)
+    parameters = binding.parameters(run.parameters, run.t0)
     q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
     t = binding.times(run.t0, run.dt, np.minimum(np.arange(stored + 1) * run.every, done))
     states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],

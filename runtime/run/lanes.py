@@ -1,99 +1,116 @@
-"""Trajectories side by side in the lanes of a vector register, by compiled code."""
+"""What an ensemble's trajectories are stored in, and the code that fills it, batch by batch.
+
+Where there is a fast path, the trajectories of a batch lie side by side in the lanes of vector
+registers; else each is integrated by itself.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import StepFailed
 from ..call.binding import Binding
-from ..output.trajectory import Trajectory
-from .failure import Diagnosis
-from .integration import Pace, Rows, Run, failure_of, next_chunk, trajectory_of
+from .integration import Pace, Rows, fill, next_chunk
+from .runs import Runs
 
-__all__ = ["Member", "integrate_lanes"]
+__all__ = ["Course"]
 
 Array = NDArray[Any]
-Member = tuple[Trajectory, StepFailed | None]
 
 
 @dataclass(frozen=True)
-class _Batch:
-    """What compiled code fills for the trajectories of one batch, which have equal steps."""
+class Course:
+    """The stored states of many runs, row 0 the start, their ends, records and statuses.
 
+    multipliers and iterations have a row 0 too, of no meaning: compiled code takes one distance
+    from a trajectory to the next.
+    """
+
+    binding: Binding
+    runs: Runs
+    #: Whether batches lie in lanes, and how many trajectories are a batch.
+    in_lanes: bool
+    batch: int
+    rows: Rows
     q: Array
     p: Array
-    multipliers: Array
-    iterations: Array
-    work: Array
+    status: Array
+    #: The running records of each batch.
+    reports: list[Any]
 
     @classmethod
-    def room(cls, binding: Binding, runs: list[Run]) -> _Batch:
-        count, rows = len(runs), runs[0].rows
-        return cls(
-            binding.new(count, rows, binding.n),
-            binding.new(count, rows, binding.n),
-            binding.new(count, rows, binding.multipliers),
-            np.zeros((count, rows), dtype=np.intc),
-            binding.new(count, rows),
-        )
+    def of(cls, binding: Binding, runs: Runs) -> Course:
+        """Return room for runs, at their start."""
+        count, rows = len(runs), runs.first.rows + 1
+        in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
+        batch = binding.lanes if in_lanes else 1
+        reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)
+                   ] if in_lanes else [binding.report() for _ in range(count)]
+        found = cls(
+            binding, runs, in_lanes, batch,
+            Rows(binding.new(count, rows, binding.n), binding.new(count, rows, binding.n),
+                 binding.new(count, rows, binding.multipliers),
+                 np.zeros((count, rows), dtype=np.intc), binding.new(count, rows)),
+            runs.q.copy(), runs.p.copy(), np.zeros(count, dtype=np.intc),
+            reports)
+        found.rows.q[:, 0], found.rows.p[:, 0] = runs.q, runs.p
+        return found
 
-    @property
-    def out(self) -> tuple[Array, ...]:
-        return self.q, self.p, self.multipliers, self.iterations, self.work
+    def report(self, i: int) -> Any:
+        """Return the running record of a trajectory."""
+        return self.reports[i // self.batch][i % self.batch] if self.in_lanes else self.reports[i]
 
-    def rows_of(self, member: int, run: Run) -> Rows:
-        """Return the stored states of one trajectory, its start in front."""
-        return Rows(
-            np.concatenate([run.q[None], self.q[member]]),
-            np.concatenate([run.p[None], self.p[member]]),
-            self.multipliers[member],
-            self.iterations[member],
-            np.concatenate([0 * run.q[:1], self.work[member]]),
-        )
+    @cached_property
+    def stored(self) -> list[int]:
+        """The stored states of each trajectory, its start among them; once all are done."""
+        return [self.runs.first.stored(int(self.report(i).steps)) + 1
+                for i in range(len(self.runs))]
 
+    def rows_of(self, i: int) -> Rows:
+        """Return the stored states of a trajectory."""
+        rows = self.rows
+        return Rows(rows.q[i], rows.p[i], rows.multipliers[i, 1:], rows.iterations[i, 1:],
+                    rows.work[i])
 
-def integrate_lanes(
-    binding: Binding, manifest: dict[str, Any], runs: list[Run], stop: Callable[[], bool]
-) -> list[Member]:
-    """Integrate at most ``binding.lanes`` runs, equal in steps, every, solver and tolerance.
+    def memory(self) -> Any:
+        """Return what one thread needs to fill batches."""
+        return self.binding.batch_memory() if self.in_lanes else None
 
-    A run that fails ends there with its ``StepFailed``; the others are not touched. All end early
-    when they shall ``stop``.
-    """
-    first = runs[0]
-    batch = _Batch.room(binding, runs)
-    q, p = (np.array([getattr(run, x) for run in runs]) for x in "qp")
-    dt = np.array([run.dt for run in runs], dtype=binding.dtype)
-    status, reports = np.zeros(len(runs), dtype=np.intc), binding.reports(len(runs))
-    parameters = binding.parameter_sets([run.parameters for run in runs],
-                                        [run.t0 for run in runs])
-    options = binding.options(first.tolerance, first.max_iterations, first.solver)
-    memory, done, pace = binding.batch_memory(), 0, Pace()
-    while done < first.steps and not status.all() and not stop():
-        row = done // first.every
-        count, every = next_chunk(first, done, pace.begin())
-        most = batch.iterations[:, row].copy()  # of the pieces before, where a row takes several
-        binding.integrate_lanes(parameters, options, dt, count, every, row, q, p, batch.out,
-                                reports, status, memory)
-        np.maximum(batch.iterations[:, row], most, out=batch.iterations[:, row])
-        done += count
-        pace.end(count)
-    return [
-        _member(binding, manifest, run, batch.rows_of(i, run), reports[i], q[i], p[i],
-                int(status[i]))
-        for i, run in enumerate(runs)
-    ]
+    def fill(self, batch: int, memory: Any, stop: Callable[[], bool]) -> None:
+        """Integrate the trajectories of a batch, until they shall stop.
 
+        One that fails ends there; the others are not touched.
+        """
+        if self.in_lanes:
+            self._fill_lanes(batch, memory, stop)
+        else:
+            self._fill_one(batch, stop)
 
-def _member(
-    binding: Binding, manifest: dict[str, Any], run: Run, rows: Rows, report: Any, q: Array,
-    p: Array, status: int,
-) -> Member:
-    trajectory = trajectory_of(binding, manifest, run, rows, report, q, p,
-                               binding.parameters(run.parameters, run.t0))
-    return trajectory, failure_of(run, trajectory, Diagnosis.bare(status)) if status else None
+    def _fill_one(self, i: int, stop: Callable[[], bool]) -> None:
+        self.status[i] = fill(self.binding, self.runs[i], self.rows_of(i), self.q[i], self.p[i],
+                              self.report(i), stop)
+
+    def _fill_lanes(self, batch: int, memory: Any, stop: Callable[[], bool]) -> None:
+        binding, first, reports = self.binding, self.runs.first, self.reports[batch]
+        part = slice(batch * self.batch, (batch + 1) * self.batch)
+        rows, status, q, p = self.rows, self.status[part], self.q[part], self.p[part]
+        out = (rows.q[part], rows.p[part], rows.multipliers[part], rows.iterations[part],
+               rows.work[part])
+        dt = self.runs.dt[part].astype(binding.dtype)
+        parameters = binding.parameter_sets(self.runs.columns(part), self.runs.t0[part])
+        options = binding.options(first.tolerance, first.max_iterations, first.solver)
+        iterations, done, pace = rows.iterations[part], 0, Pace()
+        while done < first.steps and not status.all() and not stop():
+            row = done // first.every + 1
+            count, every = next_chunk(first, done, pace.begin())
+            most = iterations[:, row].copy()  # of the pieces before, where a row takes several
+            binding.integrate_lanes(parameters, options, dt, count, every, row, q, p, out,
+                                    reports, status, memory)
+            np.maximum(iterations[:, row], most, out=iterations[:, row])
+            done += count
+            pace.end(count)

@@ -22,10 +22,8 @@ from ..output.trajectory import Trajectory
 from .consistency import defects_of_starts
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
-from .failure import Diagnosis
 from .held import Held
-from .integration import Run, course, failure_of, integrate
-from .lanes import Member, integrate_lanes
+from .integration import Run, integrate
 from .parameters import as_parameters
 
 __all__ = ["SOLVERS", "Stepper"]
@@ -211,25 +209,6 @@ class Stepper(Evaluation):
             max_iterations=max_iterations,
         )
 
-    # ------------------------------------------------------------ for ensembles
-
-    def batch_size(self, solver: str) -> int:
-        """Return how many trajectories compiled code takes at a time."""
-        return max(self.binding.lanes, 1) if solver in ("auto", "fixed-point") else 1
-
-    def integrate_runs(self, runs: list[Run], stop: Callable[[], bool]) -> list[Member]:
-        """Integrate up to ``batch_size`` checked runs, until they shall stop.
-
-        Failures are returned, not raised.
-        """
-        if self.binding.lanes and runs[0].solver in ("auto", "fixed-point"):
-            return integrate_lanes(self.binding, self.manifest, runs, stop)
-        members: list[Member] = []
-        for run in runs:
-            trajectory, status = course(self.binding, self.manifest, run, stop)
-            failure = failure_of(run, trajectory, Diagnosis.bare(status)) if status else None
-            members.append((trajectory, failure))
-        return members
 
     # ------------------------------------------------------------ inside
 
