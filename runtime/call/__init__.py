@@ -4,6 +4,7 @@
     reals                 numbers rounded once to the stepper's type
     memory                memory whose bytes mean the same wherever they lie
     quad                  IEEE binary128 as mpmath numbers and 16 bytes
+    compiled              a compiled module: pointers, structs, whole runs
     binding               the functions of a stepper on NumPy arrays
     quad_binding          the same of a float128 stepper
     compiled_constraints  g and g_q of a compiled stepper

@@ -9,6 +9,7 @@
     newton       T1 driven from Python, open to inspection
     held         the trajectory that ``Stepper.step`` goes on with
     failure      why a step failed, and what would do
+    runs         many runs, checked all at once
     lanes        trajectories side by side in a vector register
     ensemble     many trajectories on threads
 """
