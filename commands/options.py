@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from ..body_values import REPS
+from ..catalogue import MODELS, SYSTEMS
 from ..errors import InputError
 from ..exact import Rounded, decimal
 from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
@@ -42,8 +43,9 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--rep", metavar="NAME", shell_complete=completing(REPS),
                      help="Inertia: gamma (default) or alpha."),
         click.option("--system", metavar="NAME or FILE",
-                     help="heavy_top (default), free_body, one of gs.models, or a model file "
-                          "(TOML)."),
+                     shell_complete=completing([*SYSTEMS, *MODELS]),
+                     help=f"{', '.join(SYSTEMS)}, one of gs.models, or a model file (TOML); "
+                          f"default: {next(iter(SYSTEMS))}."),
         click.option("--tableau", metavar="FILE", type=click.Path(path_type=Path),
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
         click.option("--real", metavar="TYPE", shell_complete=completing(REALS),

@@ -19,6 +19,7 @@ from ..naming import listed, proposal
 from ..real import REALS
 from ..runtime.body.inertia import AIMS
 from ..runtime.build.manifest import remarks_of
+from ..runtime.call.binding import SOLVERS
 from ..runtime.interrupts import watched
 from ..runtime.run.start import Start
 from .options import (
@@ -62,7 +63,7 @@ _BAR_FROM = 20_000
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
-@click.option("--solver", default="auto", show_default=True,
+@click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
               help="auto (sweeps, Newton behind them), fixed-point (sweeps alone), newton, python.")
 @click.option("--tolerance", metavar="TOL", help="Of the Newton increment (default: round-off).")
 @click.option("--max-iterations", metavar="N", default="50", show_default=True,

@@ -162,10 +162,16 @@ def test_problem(tmp_path):
 
 
 def test_floating_point_type(tmp_path):
-    """_Float64 has the numbers of double."""
+    """_Float64 has the numbers of double, and so do its results."""
     found = json.loads(*followed("floating-point", tmp_path))
     assert found["stepper"] == "heavy_top_ims_gamma_float64"
-    assert found["constraint_max"] < 1e-15
+    body = gs.problems.free_body()
+    run = gs.stepper("IMS", rep="gamma").integrate(
+        body.q0, body.p0, dt=1e-3, steps=20,
+        parameters=body.parameters | {"gamma": gs.gamma_m(body.inertia)})
+    for name in ("energy_error_max", "constraint_max", "iterations_max"):
+        assert found[name] == getattr(run.report, name)
+    assert (found["q"], found["p"]) == (list(run.report.q), list(run.report.p))
 
 
 def test_output(tmp_path):

@@ -39,7 +39,7 @@ def fast_context(
         tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
     return {
         "fast": True,
-        "vectors": real.name in ("float", "double"),
+        "vectors": not real.wide,
         "lane_kernels": kernels,
         "folded": {symbol.name.lstrip("_"): values(e)
                    for e, symbol in system.folds.definitions.items()},
@@ -77,7 +77,7 @@ def structured_fast_context(
     held, factor = len(forms["used_constants"]), forms["elimination"]["entries"]
     return {
         "fast": True,
-        "vectors": real.name in ("float", "double"),
+        "vectors": not real.wide,
         "lane_kernels": [],
         "folded": {},
         **_lane_functions(kernels),
@@ -128,7 +128,7 @@ def _memory(
     """
     n, m = scheme.system.n, scheme.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
-    lanes = 64 // real.bytes if real.name in ("float", "double") else 1
+    lanes = 64 // real.bytes if not real.wide else 1
     blocks, nodes = (-(-s // lanes), -(-p // lanes)) if one else (s, p)
     x = 2 * blocks * n + nodes * m
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
