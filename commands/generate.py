@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
+from ..generator.emission.profiles import PROFILES
 from ..generator.spec import PAPER_SPECS, Spec
+from ..naming import listed
 from ..runtime.build.manifest import remarks_of
 from ..runtime.notices import doing
-from .options import check_no_file, spec_from, stepper_options, with_default_scheme
+from .options import check_no_file, completing, spec_from, stepper_options, with_default_scheme
 
 if TYPE_CHECKING:
     from ..generator.pipeline import Generated
@@ -26,6 +28,8 @@ __all__ = ["generate"]
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @stepper_options
+@click.option("--profile", metavar="NAME", shell_complete=completing(PROFILES),
+              help=f"How much is written: {listed(PROFILES)} (default: full, which Python needs).")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("generated"),
               show_default=True, metavar="DIR", help="Where the three files go.")
 @click.option("--check", is_flag=True,
@@ -35,8 +39,8 @@ __all__ = ["generate"]
 @click.option("--allow-invalid", is_flag=True,
               help="Generate from a tableau although it violates required conditions.")
 def generate(
-    out: Path, check: bool, everything: bool, no_compile: bool, allow_invalid: bool,
-    **choice: Any,
+    profile: str | None, out: Path, check: bool, everything: bool, no_compile: bool,
+    allow_invalid: bool, **choice: Any,
 ) -> int:
     """Write DIR/<name>.h, .c and .json for a stepper, and compile it.
 
@@ -45,26 +49,29 @@ def generate(
     generate --scheme EMS --rep alpha --no-compile --out exported
     generate --scheme G-L --stages 2 --system examples/pendulum.toml
     generate --tableau examples/tableaux/gauss_lobatto_2.json
+    generate --scheme G-L --stages 2 --real float --profile control
     generate --check --all
     """
-    if everything or (check and not any(choice.values())):
-        if any(choice.values()):
+    chosen = any([*choice.values(), profile])
+    if everything or (check and not chosen):
+        if chosen:
             raise InputError("--all takes every stepper of the paper; leave out the other choices.")
         specs = list(PAPER_SPECS)
     else:
         choice, note = with_default_scheme(choice)
         click.echo("".join(f"{said}\n" for said in note), nl=False)
-        specs = [spec_from(**choice)]
+        specs = [spec_from(**choice).with_profile(profile)]
     check_no_file("--out", out)
     if check:
         return max(check_files(spec, out, allow_invalid) for spec in specs)
     for spec in specs:
-        write_stepper(spec, out, compile_it=not no_compile, allow_invalid=allow_invalid)
+        write_stepper(spec, out, compile_it=not no_compile and spec.profile == "full",
+                      allow_invalid=allow_invalid)
     return 0
 
 
 def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool) -> None:
-    """Generate, write, compile and report one stepper."""
+    """Generate, write, compile (where that is for Python) and report one stepper."""
     start = time.perf_counter()
     with doing(f"making {spec.model or spec.name}"):  # the summary says how long it took
         made = _generate(spec, allow_invalid)

@@ -90,7 +90,8 @@ def generate(
         method = spec.title if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name
     name = join_name(system.name, method_name, rep, spec.real)
-    source = emit(name, method, scheme, system, constants, REALS[spec.real], structured)
+    source = emit(name, method, scheme, system, constants, REALS[spec.real], structured,
+                  spec.profile)
     return Generated(source, scheme, system, coefficients)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from ..catalogue import MODELS, SYSTEMS
 from ..errors import InputError
 from ..naming import choose, listed, shown, whole
 from ..real import REALS, RealName
+from .emission.profiles import PROFILES, ProfileName
 from .schemes.scheme import MAX_STAGES, SCHEMES, Scheme, scheme_named
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
@@ -36,6 +37,18 @@ class Spec:
     real: RealName = "double"
     tableau: Path | None = None
     model: Path | None = None
+    profile: ProfileName = "full"
+
+    def with_profile(self, profile: Any) -> Spec:
+        """Return the spec with a profile: how much of the stepper is written.
+
+        Raises
+        ------
+        InputError
+            Naming the value and the allowed ones.
+        """
+        chosen = "full" if profile is None else choose("profile", profile, PROFILES)
+        return replace(self, profile=chosen)
 
     @classmethod
     def checked(

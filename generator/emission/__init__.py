@@ -1,6 +1,9 @@
 """Emission: kernels, tableau and templates to the header, the source and the manifest.
 
     emit            the three files of a stepper
+    emit_manifest   what is promised, for those who call it
+    profiles        how much of a stepper is written: for Python, for a controller
+    emit_control    what the templates are told of profile control
     emit_fast       what the templates are told of the fast path
     emit_structure  what they are told of a structured system
     engine          which files of ``engine/`` a stepper has, and how they are put in

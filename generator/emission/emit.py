@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -17,23 +16,22 @@ from ..algebra.cardinal import c_names_with_needs
 from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
-from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme, common_kernels
-from ..systems.smoothness import Switching
 from ..systems.structure import Structure
 from ..systems.system import System
-from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from .c_lines import fitted
-from .emit_fast import fast_context, fast_manifest, structured_fast_context
-from .emit_structure import operations_of, structure_context
+from .emit_control import control_context
+from .emit_fast import fast_context, structured_fast_context
+from .emit_manifest import hidden_constraints, manifest_text
+from .emit_structure import structure_context
 from .engine import Proved, engine_of
+from .profiles import ProfileName
 from .solver_costs import solver_costs
 
-__all__ = ["SCHEMA", "Source", "emit"]
+__all__ = ["Source", "emit"]
 
 TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
-SCHEMA = 2  # of the manifest; part of the cache key
 
 
 @dataclass(frozen=True)
@@ -62,6 +60,7 @@ def emit(
     constants: Constants,
     real: Real,
     structured: bool | None = None,
+    profile: ProfileName = "full",
 ) -> Source:
     """Return the C and the manifest.
 
@@ -70,6 +69,8 @@ def emit(
     decides whether the C loops over the instances of the system's forms; by default where that
     saves work.
     """
+    if profile == "control":
+        return _emit_control(name, method, scheme, system, constants, real)
     structure = Structure(scheme.system)
     if structured is None:
         structured = structure.is_worthwhile
@@ -82,9 +83,9 @@ def emit(
         kernels = [emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
                                                              *scheme.kernels()]]
         fast = fast_context(scheme, constants, real)
-    context = _context(name, method, scheme, system, constants, real,
-                       [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())],
-                       forms) | fast | {"kernels": kernels}
+    known = [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())]
+    context = _context(name, method, scheme, system, constants, real, known, forms) | fast | {
+        "kernels": kernels, "costs": solver_costs(scheme, known, forms)}
     context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""))
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
                     bool(system.forces), *(bool(fast.get(name)) for name in (
@@ -100,7 +101,33 @@ def emit(
         name,
         fitted(environment.get_template("stepper.h.jinja").render(context)),
         fitted(environment.get_template("stepper.c.jinja").render(context)),
-        _manifest(name, method, scheme, system, constants, real, kernels, fast, forms),
+        manifest_text(name, method, scheme, system, constants, real, kernels, fast, forms, profile),
+    )
+
+
+def _emit_control(
+    name: str,
+    method: str,
+    scheme: SparkScheme | MeanScheme,
+    system: System,
+    constants: Constants,
+    real: Real,
+) -> Source:
+    """Return the C and the manifest of profile ``control``."""
+    own = control_context(scheme, constants, real)
+    forms: dict[str, Any] = {"structured": False}
+    context = _context(name, method, scheme, system, constants, real, own["known"], forms) | own
+    context["engine"] = engine_of(name, real)
+    quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
+    if quantities is not None:
+        context["own_switches"] |= quantities.functions & SWITCHES
+    environment = _environment()
+    return Source(
+        name,
+        fitted(environment.get_template("control.h.jinja").render(context)),
+        fitted(environment.get_template("control.c.jinja").render(context)),
+        manifest_text(name, method, scheme, system, constants, real, own["kernels"],
+                      own["proved"], forms, "control"),
     )
 
 
@@ -136,7 +163,7 @@ def _context(
     tableau = scheme.tableau
     parameter_names = {p: f"par->{p}" for p in constants.parameters}
     printer = CPrinter(real, parameter_names)
-    hidden = _hidden(scheme, constants, forms)
+    hidden = hidden_constraints(scheme, constants, forms)
     used = frozenset[str]().union(*(kernel.constants for kernel in kernels),
                                   forms.get("used_constants", ()))
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
@@ -167,7 +194,6 @@ def _context(
         "P": tableau.p if tableau else 0,
         "order": scheme.order,
         "multipliers": scheme.multipliers * system.m,
-        "costs": solver_costs(scheme, kernels, forms),
         "kernels": kernels,
         "compensated_plain": any(map(sums_products, kernels)),
         "cardinals": c_names_with_needs(frozenset().union(*(k.functions for k in kernels))),
@@ -190,15 +216,6 @@ def _quantity_kernel(system: System, real: Real) -> EmittedKernel | None:
                     {"out": list(system.quantities.values())})
     return emit_kernel(kernel, Constants(system.parameters), real,
                        Target(real.c_type, "parameters_t", ""))
-
-
-def _hidden(
-    scheme: SparkScheme | MeanScheme, constants: Constants, forms: dict[str, Any]
-) -> list[str]:
-    """Return the constraints on the momenta as text."""
-    if forms["structured"]:
-        return ["G H_p"] * scheme.system.m
-    return [str(constants.spelled_out(f)) for f in scheme.system.hidden]
 
 
 def comment(e: sp.Expr | str) -> str:
@@ -257,128 +274,3 @@ def _tableau_doc(tableau: Tableau) -> list[str]:
             if len(line) <= 140:
                 lines.append(line)
     return lines
-
-
-def _manifest(
-    name: str,
-    method: str,
-    scheme: SparkScheme | MeanScheme,
-    system: System,
-    constants: Constants,
-    real: Real,
-    kernels: list[EmittedKernel],
-    fast: dict[str, Any],
-    forms: dict[str, Any],
-) -> str:
-    tableau = scheme.tableau
-    content = {
-        "schema": SCHEMA,
-        "generator": __version__,
-        "name": name,
-        "system": {
-            "name": system.name,
-            "coordinates": [str(x) for x in system.q],
-            "momenta": [str(x) for x in system.p],
-            "parameters": {str(x): _domain(x) for x in system.parameters},
-            "hamiltonian": _hamiltonian(system, forms),
-            "constraints": [str(g) for g in system.constraints],
-            "hidden": _hidden(scheme, constants, forms),
-            "start_parameters": _start_parameters(system, forms),
-            **_given_names(system),
-            "rigid_body": system.rigid_body,
-            **_bodies(system),
-            **_forces_and_quantities(system),
-            **Switching(system).said(
-                scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
-        },
-        "scheme": {
-            "method": method,
-            "kind": "spark" if tableau else "mean",
-            "stages": tableau.s if tableau else None,
-            "constraint_nodes": tableau.p + 1 if tableau else None,
-            "order": scheme.order,
-            "unknowns": scheme.size,
-            "unknowns_are_state": scheme.unknowns_are_state,
-            "multipliers": scheme.multipliers,
-            "keeps_momentum_constraint": tableau is not None,
-        },
-        **_given_tableau(tableau),
-        "fast_path": fast_manifest(fast),
-        "real": real.name,
-        "operations": operations_of(forms) if forms["structured"]
-        else {k.name: k.operations for k in kernels},
-    }
-    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-
-
-def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
-    """Say what holds of a given tableau and what does not; the families hold by derivation."""
-    if tableau is None or not tableau.given:
-        return {}
-    refusal = FastTableau(tableau).refusal
-    return {"tableau": {
-        "name": tableau.name,
-        "remarks": [*remarks(tableau),
-                    *([] if refusal is None else [f"no sweeps, Newton at every step: {refusal}"])],
-        "conditions": {line.name: {"found": line.found, "residual": line.residual}
-                       for line in check_tableau(tableau)},
-    }}
-
-
-def _start_parameters(system: System, forms: dict[str, Any]) -> list[str]:
-    """Return the parameters that decide whether a state is on the constraints.
-
-    Of a structured system, whose g_q H_p is never written out, all that could.
-    """
-    if not system.constraints:
-        return []
-    deciding = (system.H, *system.constraints) if forms["structured"] else (
-        *system.constraints, *system.hidden)
-    found = {x for e in deciding for x in e.free_symbols}
-    return [str(x) for x in system.parameters if x in found]
-
-
-def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
-    """Return H as text: in full, or as so many terms of each form."""
-    if not forms["structured"]:
-        return str(system.H)
-    return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
-
-
-def _forces_and_quantities(system: System) -> dict[str, Any]:
-    """Return what is said of forces, time and quantities; nothing of what is not there."""
-    said: dict[str, Any] = {}
-    if system.forces:
-        said["forces"] = [str(f) for f in system.forces]
-    if system.is_driven:
-        said["time"] = str(system.time)
-    if system.quantities:
-        said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
-        said["quantities_take_time"] = system.time is not None
-    return said
-
-
-def _bodies(system: System) -> dict[str, Any]:
-    """Return where the bodies are; that of a ``rigid_body`` with I1, I2, I3 goes without saying."""
-    if (system.rigid_body and len(system.bodies[0].inertia) == 3) or not system.bodies:
-        return {}
-    return {"bodies": {
-        body.name: {"q": [str(x) for x in body.q],
-                    "inertia" if len(body.inertia) == 3 else "inverse_inertia":
-                        [str(x) for x in body.inertia]}
-        for body in system.bodies}}
-
-
-def _given_names(system: System) -> dict[str, list[str]]:
-    """Return the constraints' names where somebody gave them; g0, g1, … go without saying."""
-    names = list(system.constraint_names)
-    default = [f"g{i}" for i in range(system.m)]
-    return {} if names == default else {"constraint_names": names}
-
-
-def _domain(parameter: sp.Symbol) -> str:
-    """What a value must be, from the assumptions of the symbol."""
-    if parameter.is_positive:
-        return "positive"
-    return "nonzero" if parameter.is_nonzero else "real"
-

@@ -168,8 +168,11 @@ class FastSystem:
             factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in inside}
         return factors.pop() if len(factors) == 1 else sp.Integer(1)
 
-    def spark_kernels(self) -> list[Kernel]:
-        """Return the kernels of the sweeps of SPARK methods, to be emitted on lanes."""
+    def spark_kernels(self, *, apart: bool = False) -> list[Kernel]:
+        """Return the kernels of the sweeps of SPARK methods, to be emitted on lanes.
+
+        ``apart`` keeps H_p out of the kernel of H_q, where it is asked for again.
+        """
         system = self.system
         state = {"q": list(system.q), "p": list(system.p)}
         H_p, H_q, shared = self.gradients
@@ -178,7 +181,7 @@ class FastSystem:
         force: dict[str, list[sp.Expr]] = {"H_q": H_q}
         if w:
             velocity["w"] = shared
-        if system.m and self.correction is None:
+        if system.m and self.correction is None and not apart:
             force = {"H_p": H_p, "H_q": H_q}
         kernels = [
             *self._common(projected=True),

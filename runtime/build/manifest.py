@@ -66,12 +66,19 @@ def read_manifest(name: str, files: Mapping[str, str]) -> dict[str, Any]:
     InputError
         If it is no manifest, or says something else than the header does.
     """
+    damaged = InputError(f"The manifest {name}.json is damaged; generate the stepper again.")
     try:
         content = json.loads(files[f"{name}.json"])
+        profile = content.get("profile", "full")
+    except (KeyError, ValueError, AttributeError, RecursionError):
+        raise damaged from None
+    if profile != "full":
+        raise InputError(f"The files of {name} are of profile {profile!r:.40}, which has no runs "
+                         "and no ensembles for Python; generate them again with --profile full.")
+    try:
         said, declared = sizes_of(content), _declared(name, files[f"{name}.h"])
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError):
-        raise InputError(f"The manifest {name}.json is damaged; generate the stepper again."
-                         ) from None
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise damaged from None
     for what, value in declared.items():
         if said[what] != value:
             raise InputError(f"The manifest {name}.json does not belong to {name}.h: {what} "

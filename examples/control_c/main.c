@@ -1,0 +1,57 @@
+/*
+ * A control loop: wheels turn a satellite until its axes are those of space, at ten looks a second.
+ * No allocation, a known number of sweeps a step; as it is it runs on a microcontroller.
+ *
+ *   generate --system satellite.toml --scheme G-L --stages 2 --real float --profile control --out .
+ *   cc -std=c11 -O2 main.c wheeled_satellite_gl2_gamma_float.c -lm -o satellite && ./satellite
+ */
+#include <math.h>
+#include <stdio.h>
+
+#define WHEELED_SATELLITE_GL2_GAMMA_FLOAT_WORK /* the size of the memory is known here */
+#include "wheeled_satellite_gl2_gamma_float.h"
+
+#define SATELLITE(name) wheeled_satellite_gl2_gamma_float_##name
+
+/* Torque of a wheel, N m: proportional to the error, damped, and limited. */
+static float torque(float error, float rate)
+{
+    const float wanted = -0.5f*error - 4.0f*rate, most = 0.2f;
+    return fminf(fmaxf(wanted, -most), most);
+}
+
+int main(void)
+{
+    static SATELLITE(work) work;
+    SATELLITE(parameters) satellite = { .I1 = 12, .I2 = 10, .I3 = 3, .gamma = 25.0f/3 };
+    const SATELLITE(options) options = { .tolerance = 0, .max_sweeps = 12 };
+    float q[4] = { 0.5f, 0.5f, -0.5f, 0.5f }, p[4] = { 0.2f, 0.1f, 0.1f, -0.2f };
+    int most = 0, status = 0;
+
+    SATELLITE(begin)(&work, &satellite, &options, 0.1f, q, p);
+    for (int k = 0; k <= 1200; ++k) {
+        const float t = 0;
+        float omega[3]; /* what its gyros would say */
+        SATELLITE(quantities)(&satellite, &t, q, p, omega);
+        if (k % 200 == 0) {
+            const float angle = 2*acosf(fminf(fabsf(q[0]), 1))*180/3.14159265f;
+            printf("%4d s: %7.3f degrees off, |omega| = %.1e rad/s\n", k/10, (double)angle,
+                (double)sqrtf(omega[0]*omega[0] + omega[1]*omega[1] + omega[2]*omega[2]));
+        }
+        const float turn = q[0] < 0 ? -1 : 1; /* the shorter way */
+        satellite.u1 = torque(turn*q[1], omega[0]);
+        satellite.u2 = torque(turn*q[2], omega[1]);
+        satellite.u3 = torque(turn*q[3], omega[2]);
+        SATELLITE(set_parameters)(&work, &satellite);
+        status = SATELLITE(advance)(&work, q, p);
+        if (status != 0) {
+            printf("step %d: status %d, a sweep still changes %.1e\n", k, status,
+                (double)SATELLITE(change)(&work));
+            break;
+        }
+        most = SATELLITE(sweeps)(&work) > most ? SATELLITE(sweeps)(&work) : most;
+    }
+    printf("at most %d sweeps a step, %u bytes of memory\n", most,
+        (unsigned)SATELLITE(work_size)());
+    return status;
+}

@@ -1,0 +1,162 @@
+"""The manifest: what the C promises, for those who call it and for those who read it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import sympy as sp
+
+from ..._version import __version__
+from ...real import Real
+from ..kernels.kernel import Constants, EmittedKernel
+from ..schemes.fast_tableau import FastTableau
+from ..schemes.schemes import MeanScheme, SparkScheme
+from ..systems.smoothness import Switching
+from ..systems.system import System
+from ..tableaux.conditions import check_tableau, remarks
+from ..tableaux.tableau import Tableau
+from .emit_fast import fast_manifest
+from .emit_structure import operations_of
+from .profiles import ProfileName
+
+__all__ = ["SCHEMA", "hidden_constraints", "manifest_text"]
+
+SCHEMA = 2  # of the manifest; part of the cache key
+
+
+def hidden_constraints(
+    scheme: SparkScheme | MeanScheme, constants: Constants, forms: dict[str, Any]
+) -> list[str]:
+    """Return the constraints on the momenta as text."""
+    if forms["structured"]:
+        return ["G H_p"] * scheme.system.m
+    return [str(constants.spelled_out(f)) for f in scheme.system.hidden]
+
+
+def manifest_text(
+    name: str,
+    method: str,
+    scheme: SparkScheme | MeanScheme,
+    system: System,
+    constants: Constants,
+    real: Real,
+    kernels: list[EmittedKernel],
+    fast: dict[str, Any],
+    forms: dict[str, Any],
+    profile: ProfileName,
+) -> str:
+    """Return the manifest as JSON."""
+    tableau = scheme.tableau
+    content = {
+        "schema": SCHEMA,
+        "generator": __version__,
+        "name": name,
+        "profile": profile,
+        "system": {
+            "name": system.name,
+            "coordinates": [str(x) for x in system.q],
+            "momenta": [str(x) for x in system.p],
+            "parameters": {str(x): _domain(x) for x in system.parameters},
+            "hamiltonian": _hamiltonian(system, forms),
+            "constraints": [str(g) for g in system.constraints],
+            "hidden": hidden_constraints(scheme, constants, forms),
+            "start_parameters": _start_parameters(system, forms),
+            **_given_names(system),
+            "rigid_body": system.rigid_body,
+            **_bodies(system),
+            **_forces_and_quantities(system),
+            **Switching(system).said(
+                scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
+        },
+        "scheme": {
+            "method": method,
+            "kind": "spark" if tableau else "mean",
+            "stages": tableau.s if tableau else None,
+            "constraint_nodes": tableau.p + 1 if tableau else None,
+            "order": scheme.order,
+            "unknowns": scheme.size,
+            "unknowns_are_state": scheme.unknowns_are_state,
+            "multipliers": scheme.multipliers,
+            "keeps_momentum_constraint": tableau is not None,
+        },
+        **_given_tableau(tableau),
+        "fast_path": fast_manifest(fast),
+        "real": real.name,
+        "operations": operations_of(forms) if forms["structured"]
+        else {k.name: k.operations for k in kernels},
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
+    """Say what holds of a given tableau and what does not; the families hold by derivation."""
+    if tableau is None or not tableau.given:
+        return {}
+    refusal = FastTableau(tableau).refusal
+    return {"tableau": {
+        "name": tableau.name,
+        "remarks": [*remarks(tableau),
+                    *([] if refusal is None else [f"no sweeps, Newton at every step: {refusal}"])],
+        "conditions": {line.name: {"found": line.found, "residual": line.residual}
+                       for line in check_tableau(tableau)},
+    }}
+
+
+def _start_parameters(system: System, forms: dict[str, Any]) -> list[str]:
+    """Return the parameters that decide whether a state is on the constraints.
+
+    Of a structured system, whose g_q H_p is never written out, all that could.
+    """
+    if not system.constraints:
+        return []
+    deciding = (system.H, *system.constraints) if forms["structured"] else (
+        *system.constraints, *system.hidden)
+    found = {x for e in deciding for x in e.free_symbols}
+    return [str(x) for x in system.parameters if x in found]
+
+
+def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
+    """Return H as text: in full, or as so many terms of each form."""
+    if not forms["structured"]:
+        return str(system.H)
+    return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
+
+
+def _forces_and_quantities(system: System) -> dict[str, Any]:
+    """Return what is said of forces, time and quantities; nothing of what is not there."""
+    said: dict[str, Any] = {}
+    if system.forces:
+        said["forces"] = [str(f) for f in system.forces]
+    if system.is_driven:
+        said["time"] = str(system.time)
+    if system.quantities:
+        said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
+        said["quantities_take_time"] = system.time is not None
+    return said
+
+
+def _bodies(system: System) -> dict[str, Any]:
+    """Return where the bodies are; that of a ``rigid_body`` with I1, I2, I3 goes without saying."""
+    if (system.rigid_body and len(system.bodies[0].inertia) == 3) or not system.bodies:
+        return {}
+    return {"bodies": {
+        body.name: {"q": [str(x) for x in body.q],
+                    "inertia" if len(body.inertia) == 3 else "inverse_inertia":
+                        [str(x) for x in body.inertia]}
+        for body in system.bodies}}
+
+
+def _given_names(system: System) -> dict[str, list[str]]:
+    """Return the constraints' names where somebody gave them; g0, g1, … go without saying."""
+    names = list(system.constraint_names)
+    default = [f"g{i}" for i in range(system.m)]
+    return {} if names == default else {"constraint_names": names}
+
+
+def _domain(parameter: sp.Symbol) -> str:
+    """What a value must be, from the assumptions of the symbol."""
+    if parameter.is_positive:
+        return "positive"
+    return "nonzero" if parameter.is_nonzero else "real"
+

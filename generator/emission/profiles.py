@@ -1,0 +1,16 @@
+"""Profiles: how much of a stepper is written."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+__all__ = ["PROFILES", "ProfileName"]
+
+#: What ``profile`` may be; the keys of ``PROFILES``, for editors and type checkers.
+ProfileName = Literal["control", "full"]
+
+#: Each with the one it is for.
+PROFILES: dict[ProfileName, str] = {
+    "control": "one trajectory, a bounded number of sweeps a step: for a controller",
+    "full": "runs, batches, Newton, reports: for Python and for programs in C",
+}
