@@ -24,6 +24,7 @@ from ..systems.structure import Structure
 from ..systems.system import System
 from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
+from .bytecode import Bytecode
 from .c_lines import fitted
 from .emit_fast import fast_context, fast_manifest, structured_fast_context
 from .emit_structure import operations_of, structure_context
@@ -106,14 +107,15 @@ def emit(
 
 @cache
 def _environment() -> jinja2.Environment:
+    options: dict[str, Any] = {
+        "undefined": jinja2.StrictUndefined,
+        "trim_blocks": True,
+        "lstrip_blocks": True,
+        "keep_trailing_newline": True,
+        "autoescape": False,  # this is C, not HTML
+    }
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # this is C, not HTML
-    )
+        loader=jinja2.FileSystemLoader(TEMPLATES), bytecode_cache=Bytecode(str(options)), **options)
     environment.filters["operations"] = operations_text
     return environment
 
