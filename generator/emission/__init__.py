@@ -6,6 +6,7 @@
     emit_control    what the templates are told of profile control
     emit_fast       what the templates are told of the fast path
     emit_structure  what they are told of a structured system
+    bytecode        templates as Python's bytecode, kept beside them
     engine          which files of ``engine/`` a stepper has, and how they are put in
     c_lines         lines of C that fit on a screen
     solver_costs    what a sweep and a Newton iteration cost, counted

@@ -20,6 +20,7 @@ from ..schemes.schemes import MeanScheme, SparkScheme, common_kernels
 from ..systems.structure import Structure
 from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
+from .bytecode import Bytecode
 from .c_lines import fitted
 from .emit_control import control_context
 from .emit_fast import fast_context, structured_fast_context
@@ -133,14 +134,15 @@ def _emit_control(
 
 @cache
 def _environment() -> jinja2.Environment:
+    options: dict[str, Any] = {
+        "undefined": jinja2.StrictUndefined,
+        "trim_blocks": True,
+        "lstrip_blocks": True,
+        "keep_trailing_newline": True,
+        "autoescape": False,  # this is C, not HTML
+    }
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # this is C, not HTML
-    )
+        loader=jinja2.FileSystemLoader(TEMPLATES), bytecode_cache=Bytecode(str(options)), **options)
     environment.filters["operations"] = operations_text
     return environment
 
