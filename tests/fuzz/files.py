@@ -23,7 +23,7 @@ from gyrospark import facade
 from gyrospark.errors import GyrosparkError, InputError
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.build.cache import keep, kept
-from gyrospark.runtime.run import stepper as stepper_module
+from gyrospark.runtime.run import evaluation
 from gyrospark.runtime.run.stepper import Stepper
 
 from .choices import Choices
@@ -217,9 +217,9 @@ def check_manifest(data: bytes) -> str:
 def compiled() -> Iterator[None]:
     """Spare us compiling the same C for every manifest, whose text is part of the cache's key."""
     module = gs.stepper("EMS").binding
-    before = stepper_module.load_module
-    stepper_module.load_module = lambda name, files: module
+    before = evaluation.load_module
+    evaluation.load_module = lambda name, files: module
     try:
         yield
     finally:
-        stepper_module.load_module = before
+        evaluation.load_module = before
