@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,12 +52,12 @@ class States:
     iterations: Array
     work: Array
 
-    @cached_property
+    @property  # nothing cached: its lock would be held for ever in a forked child
     def energies(self) -> Array:
         """H of each state."""
         return self.binding.hamiltonian(self.parameters, self.q, self.p)
 
-    @cached_property
+    @property
     def defects(self) -> tuple[Array, Array]:
         """The largest |g| and the largest momentum-constraint error of each state."""
         return defect_sizes(self.binding, self.parameters, self.q, self.p)
