@@ -171,7 +171,7 @@ def _in_memory(
 
 def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
     """Return what a signal has ended with where its states are, for people."""
-    from ..runtime.run.integration import ended_at
+    from ..runtime.steps.integration import ended_at
 
     where = "--out would keep its states." if written is None else f"It is in {written!r}."
     if done < steps and written is not None:

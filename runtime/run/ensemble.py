@@ -20,10 +20,10 @@ from ...naming import shown
 from ..call.checks import as_numbers, as_positive_count
 from ..interrupts import ctrl_c
 from ..output.trajectory import Trajectory
-from .failure import Diagnosis
-from .integration import failure_of, trajectory_of
+from ..steps.failure import Diagnosis
+from ..steps.integration import failure_of, trajectory_of
+from ..steps.parameters import refuse_auto
 from .lanes import Course
-from .parameters import refuse_auto
 from .runs import Given, checked_runs
 
 if TYPE_CHECKING:

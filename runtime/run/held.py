@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..call.binding import Binding
-from .integration import Run
+from ..steps.integration import Run
 
 __all__ = ["Held"]
 

@@ -19,12 +19,12 @@ from ..call.binding import SOLVERS, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real
 from ..choice.gamma_choice import with_choice
 from ..output.trajectory import Trajectory
-from .consistency import defects_of_starts
+from ..steps.consistency import defects_of_starts
+from ..steps.integration import Run, integrate
+from ..steps.parameters import as_parameters
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
 from .held import Held
-from .integration import Run, integrate
-from .parameters import as_parameters
 
 __all__ = ["SOLVERS", "Stepper"]
 
