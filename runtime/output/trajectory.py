@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
@@ -23,6 +23,13 @@ from .trajectory_file import read_npz, write_npz
 __all__ = ["Trajectory"]
 
 Array = NDArray[Any]
+
+
+class Maker(Protocol):
+    """A stepper, as a trajectory sees it."""
+
+    def at(self, trajectory: Trajectory, times: ArrayLike) -> Trajectory:
+        """Return the states of a trajectory at times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +78,8 @@ class Trajectory:
     f_errors: Array
     work: Array
     quantity_values: Array
+    #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
+    _stepper: Any = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -87,8 +96,9 @@ class Trajectory:
         return self.energies
 
     def energy_error(self) -> Array:
-        """Return H_k − H_0 − W_k of each stored state, W the work of the forces, shape (N+1,)."""
-        error: Array = self.energies - self.energies[0] - self.work
+        """Return H_k − H_0 − W_k of each stored state, W the work of the forces since the first of
+        them, shape (N+1,)."""
+        error: Array = self.energies - self.energies[0] - (self.work - self.work[0])
         return error
 
     @property
@@ -180,6 +190,37 @@ class Trajectory:
         if name is None:
             return next(iter(bodies.values()))
         return bodies[choose(f"body of system {system!r}", name, bodies)]
+
+    def at(self, times: ArrayLike, *, stepper: Maker | None = None) -> Trajectory:
+        """Return the states at times between the steps, by short real steps; see ``Stepper.at``.
+
+        Parameters
+        ----------
+        times : array_like, shape (N,)
+            In seconds, within the run.
+        stepper : Stepper, optional
+            What made the trajectory; known of what ``integrate`` returned in this process.
+
+        Raises
+        ------
+        InputError
+            Where the stepper is not known, for times outside of the run.
+        """
+        maker: Maker | None = self._stepper if stepper is None else stepper
+        if maker is None:
+            raise InputError(
+                f"This trajectory of {self.manifest['name']} does not know the stepper that made "
+                "it, for it was read from a file or belongs to an ensemble; give "
+                "at(times, stepper=...).")
+        return maker.at(self, times)
+
+    def made_by(self, stepper: Maker) -> Trajectory:
+        """Return this trajectory, which then knows what made it."""
+        return replace(self, _stepper=stepper)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the states alone: the code that made them is not theirs."""
+        return {**self.__dict__, "_stepper": None}
 
     # ------------------------------------------------------------ file
 

@@ -7,4 +7,5 @@
     runs         many runs, checked all at once
     lanes        trajectories side by side in a vector register
     ensemble     many trajectories on threads
+    between      states of a run between its steps
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -22,6 +23,7 @@ from ..output.trajectory import Trajectory
 from ..steps.consistency import defects_of_starts
 from ..steps.integration import Run, integrate
 from ..steps.parameters import as_parameters
+from .between import between, marks_of
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
 from .held import Held
@@ -122,6 +124,7 @@ class Stepper(Evaluation):
         tolerance: Number | None = None,
         max_iterations: int = 50,
         progress: Callable[[int], None] | None = None,
+        t_eval: ArrayLike | None = None,
     ) -> Trajectory:
         """Integrate ``steps`` steps of ``dt`` seconds from (q, p).
 
@@ -158,6 +161,9 @@ class Stepper(Evaluation):
             Iterations (of each kind) before a step counts as failed.
         progress : callable, optional
             Called now and then with the number of steps done.
+        t_eval : array_like, shape (N,), optional
+            Return the states at these times instead, each by a real step of a part of Δt: see
+            ``at``. They lie between t0 and t0 + steps dt, in any order.
 
         Raises
         ------
@@ -172,7 +178,10 @@ class Stepper(Evaluation):
                                  t0=t0)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-        return integrate(self.binding, self.manifest, run, as_callback("progress", progress))
+        marked = run if t_eval is None else replace(run, marks=marks_of(self, run, t_eval))
+        found = integrate(self.binding, self.manifest, marked, as_callback("progress", progress)
+                          ).made_by(self)
+        return found if t_eval is None else self.at(found, t_eval)
 
     def integrate_ensemble(
         self,
@@ -209,6 +218,38 @@ class Stepper(Evaluation):
             max_iterations=max_iterations,
         )
 
+    def at(
+        self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None
+    ) -> Trajectory:
+        """Return the states of a run at times between its steps.
+
+        Each is a real step of a part of Δt from the state before (after whole steps, where the run
+        did not store each): on its constraints to round-off, and as near to the motion as the
+        states of the run. At a time of a stored state it is that state. The states do not go on
+        from each other, so that their order does not matter, and their number costs a step each.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            What this stepper integrated, or what was read of it: ``Trajectory.load``,
+            ``Recording.trajectory``.
+        times : array_like, shape (N,)
+            In seconds, in any order, from the first stored time to the last.
+        workers : int, optional
+            Threads; all cores by default.
+
+        Returns
+        -------
+        Trajectory
+            With a row for each time; multipliers and iterations are those of the steps that end
+            there, without the first row's. Its report is that of the run.
+
+        Raises
+        ------
+        InputError
+            For times outside of the run, and for a trajectory of another stepper.
+        """
+        return between(self, trajectory, times, workers)
 
     # ------------------------------------------------------------ inside
 

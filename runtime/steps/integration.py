@@ -45,15 +45,26 @@ class Run:
     tolerance: Any
     max_iterations: int
     t0: Any = 0.0
+    #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
+    marks: Array | None = None
 
     @property
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
-        return -(-self.steps // self.every)
+        return -(-self.steps // self.every) if self.marks is None else len(self.marks)
 
     def stored(self, done: int) -> int:
         """Return how many of them there are after so many steps."""
+        if self.marks is not None:
+            return int(np.searchsorted(self.marks, done, side="right"))
         return self.rows if done == self.steps else done // self.every
+
+    def steps_of_rows(self, done: int) -> Array:
+        """Return after how many steps the start and each stored state are, after so many done."""
+        stored = self.stored(done)
+        if self.marks is not None:
+            return np.concatenate([[0], self.marks[:stored]])
+        return np.minimum(np.arange(stored + 1) * self.every, done)
 
 
 @dataclass(frozen=True)
@@ -173,7 +184,7 @@ def fill(
     pace = Pace()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     while report.steps < run.steps and status == 0 and not stop():
-        row = int(report.steps) // run.every
+        row = run.stored(int(report.steps))
         count, every = next_chunk(run, int(report.steps), pace.begin())
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = advance(binding, run, parameters, count, every, q, p, rows.after(row), report,
@@ -212,6 +223,9 @@ def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple
     """
     left = run.steps - done
     to_row = min(run.every - done % run.every, left)
+    if run.marks is not None:
+        piece = min(int(run.marks[run.stored(done)]) - done, most)
+        return piece, piece
     if to_row < run.every or run.every > most:
         piece = min(to_row, most)
         return piece, piece
@@ -279,7 +293,7 @@ def trajectory_of(
     stored = run.stored(done)
     parameters = binding.parameters(run.parameters, run.t0)
     q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
-    t = binding.times(run.t0, run.dt, np.minimum(np.arange(stored + 1) * run.every, done))
+    t = binding.times(run.t0, run.dt, run.steps_of_rows(done))
     states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
                     rows.iterations[:stored], rows.work[: stored + 1])
     return Trajectory(
