@@ -7,7 +7,7 @@
     consistency  whether states are on the constraints
     integration  one integration, in chunks
     newton       T1 driven from Python, open to inspection
-    held         the trajectory that ``Stepper.step`` goes on with
+    simulation   a trajectory that is held between calls
     failure      why a step failed, and what would do
     runs         many runs, checked all at once
     lanes        trajectories side by side in a vector register
