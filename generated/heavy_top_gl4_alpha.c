@@ -33,11 +33,11 @@
  *   c, w         constants of a run; its memory
  *   LANES        reals in a vector register: stages, or trajectories, that move together
  */
+#define HEAVY_TOP_GL4_ALPHA_WORK
 #include "heavy_top_gl4_alpha.h"
 
 #include <float.h>
 #include <math.h>
-#include <stddef.h>
 
 typedef double real;
 typedef heavy_top_gl4_alpha_parameters parameters_t;
@@ -3181,21 +3181,26 @@ typedef struct {
     real *work;
 } rows_t;
 
-/* Steps from the state (q, p), which becomes the end; see the header. */
-static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
-    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+/* A run begins: its record, in which the start counts once, and what its steps keep. */
+static void begin(work_t *work, const options_t *options, real dt, const real q[N],
+    const real p[N], report_t *report)
 {
-    prepare(parameters, &work->constants);
-    if (report->steps == 0) {
-        report->energy_start = hamiltonian(&work->constants, q, p);
-        observe(&work->constants, q, p, report);
-        begin_run(work, options, dt, q, p);
-    }
+    const report_t nothing = { 0 };
+    *report = nothing;
+    report->energy_start = hamiltonian(&work->constants, q, p);
+    observe(&work->constants, q, p, report);
+    begin_run(work, options, dt, q, p);
+}
+
+/* Steps of a run that has begun at the time `start`. */
+static int run_on(const options_t *options, real start, real dt, long steps, long every,
+    real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        work->t = start_time(parameters) + (real)report->steps*dt;
+        work->t = start + (real)report->steps*dt;
         const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
@@ -3223,6 +3228,107 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
         most = 0;
     }
     return OK;
+}
+
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    if (report->steps == 0)
+        begin(work, options, dt, q, p, report);
+    return run_on(options, start_time(parameters), dt, steps, every, q, p, out, report, work);
+}
+
+/* The state of a run becomes (q, p); where that is new, nothing is left over of rounding. */
+static void take_over(work_t *w, const real q[N], const real p[N])
+{
+    stages_t *s = &fast_of(w)->run;
+    for (int a = 0; a < N; ++a) {
+        if (!(part(&s->q[a], 0) == q[a])) {
+            s->q[a] = splat(q[a]);
+            s->q_low[a] = splat(0);
+        }
+        if (!(part(&s->p[a], 0) == p[a])) {
+            s->p[a] = splat(p[a]);
+            s->p_low[a] = splat(0);
+        }
+    }
+    for (int i = 0; i < LANES; ++i)
+        stages_prepare(s, i, &w->constants, w->held.dt);
+    stages_set_schur(s);
+    stages_look(s);
+}
+
+/* After a step that failed: what it left behind is forgotten. */
+static void recover(work_t *w)
+{
+    stages_t *s = &fast_of(w)->run;
+    forget(&s->predictor);
+    s->work = splat(work_so_far(&w->held.report));
+    s->work_low = splat(0);
+}
+
+size_t heavy_top_gl4_alpha_work_size(void)
+{
+    return sizeof(work_t);
+}
+
+const report_t *heavy_top_gl4_alpha_report_of(const work_t *work)
+{
+    return &work->held.report;
+}
+
+void heavy_top_gl4_alpha_begin(work_t *w, const parameters_t *parameters, const options_t *options,
+    real dt,
+    const real q[N], const real p[N])
+{
+    w->held.options = *options;
+    w->held.dt = dt;
+    w->held.start = start_time(parameters);
+    w->held.is_new = 0;
+    prepare(parameters, &w->constants);
+    begin(w, options, dt, q, p, &w->held.report);
+    for (int a = 0; a < N; ++a) {
+        w->held.q[a] = q[a];
+        w->held.p[a] = p[a];
+    }
+}
+
+void heavy_top_gl4_alpha_set_parameters(work_t *w, const parameters_t *parameters)
+{
+    const real before = hamiltonian(&w->constants, w->held.q, w->held.p);
+    prepare(parameters, &w->constants);
+    w->held.report.energy_start += hamiltonian(&w->constants, w->held.q, w->held.p) - before;
+    w->held.is_new = 1;
+}
+
+int heavy_top_gl4_alpha_advance(work_t *w, long steps, real q[N], real p[N])
+{
+    const rows_t none = { 0 };
+    real *old_q = w->held.q, *old_p = w->held.p, jump = 0;
+    const int sweeps = w->held.options.solver != NEWTON;
+    int moved = 0;
+    for (int a = 0; a < N; ++a)
+        moved |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
+    if (moved) /* by the caller: that is no error */
+        jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
+    w->held.report.energy_start += jump;
+    if (sweeps && (moved || w->held.is_new))
+        take_over(w, q, p);
+    w->held.is_new = 0;
+    const int status = run_on(&w->held.options, w->held.start, w->held.dt, steps, 1, q, p, none,
+        &w->held.report, w);
+    for (int a = 0; a < N; ++a) {
+        old_q[a] = q[a];
+        old_p[a] = p[a];
+    }
+    if (status != OK) {
+        w->held.is_new = 1;
+        if (sweeps)
+            recover(w);
+    }
+    return status;
 }
 
 /* --------------------------------------------------------------- several trajectories at a time */

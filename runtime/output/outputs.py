@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import InputError
+from ...naming import proposal, shown
 from ..call.binding import Binding
 
 __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "absent", "defect_sizes", "parts", "pieces",
-           "together", "value_of"]
+           "place_of_quantity", "together", "value_of"]
 
 Array = NDArray[Any]
 Manifest = Mapping[str, Any]
@@ -211,3 +213,22 @@ def defect_sizes(binding: Binding, parameters: Any, q: Array, p: Array) -> tuple
     """Return the largest |g| and the largest momentum-constraint error of each row."""
     g, f = binding.defects(parameters, q, p)
     return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
+
+
+def place_of_quantity(manifest: Manifest, name: Any) -> int:
+    """Return the column of a quantity of the system.
+
+    Raises
+    ------
+    InputError
+        If the system has no quantity of that name.
+    """
+    system = manifest["system"]
+    names = tuple(system.get("quantities", ()))
+    if not isinstance(name, str) or name not in names:
+        raise InputError(
+            f"System {system['name']!r} has no quantity {shown(name)}; it has "
+            f"{', '.join(names) or 'none: give System(..., quantities={...})'}"
+            f"{proposal(name, names)}."
+        )
+    return names.index(name)

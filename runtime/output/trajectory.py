@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
-from ...naming import choose, proposal, shown
+from ...naming import choose
 from ..body import quaternion
 from ..build.manifest import BodyAt, bodies_of
 from ..show.endings import ENDINGS, ending_of
-from .outputs import OUTPUTS, parts
+from .outputs import OUTPUTS, parts, place_of_quantity
 from .report import Report
 from .states import save_csv
 from .trajectory_file import read_npz, write_npz
@@ -124,13 +124,7 @@ class Trajectory:
         InputError
             If the system has no quantity of that name.
         """
-        if not isinstance(name, str) or name not in self.quantities:
-            raise InputError(
-                f"System {self.manifest['system']['name']!r} has no quantity {shown(name)}; it has "
-                f"{', '.join(self.quantities) or 'none: give System(..., quantities={...})'}"
-                f"{proposal(name, self.quantities)}."
-            )
-        values: Array = self.quantity_values[:, self.quantities.index(name)]
+        values: Array = self.quantity_values[:, place_of_quantity(self.manifest, name)]
         return values
 
     def constraint_errors(self) -> tuple[Array, Array]:

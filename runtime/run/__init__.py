@@ -3,7 +3,7 @@
     stepper      a compiled stepper, the class of the contract
     evaluation   what a stepper says of a state, and of what a step solves
     start        what a run needs to know of a model
-    held         the trajectory that ``Stepper.step`` goes on with
+    simulation   a trajectory that is held between calls
     runs         many runs, checked all at once
     lanes        trajectories side by side in a vector register
     ensemble     many trajectories on threads

@@ -26,7 +26,7 @@ from ..steps.parameters import as_parameters
 from .between import between, marks_of
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
-from .held import Held
+from .simulation import LastStep, Simulation
 
 __all__ = ["SOLVERS", "Stepper"]
 
@@ -96,19 +96,49 @@ class Stepper(Evaluation):
         of calls gives the bits of ``integrate``, and costs as few sweeps.
         """
         given = (dt, solver, tolerance, max_iterations, parameters)
-        held: Held | None = getattr(self._local, "held", None)
+        held: LastStep | None = getattr(self._local, "held", None)
         self._local.held = None
         if held is None or not held.goes_on(q, p, t0, given):
             run = self.checked_run(q, p, dt=dt, steps=1, every=1, parameters=parameters, t0=t0,
                                    solver=solver, tolerance=tolerance,
                                    max_iterations=max_iterations)
-            held = Held(self.binding, run, given) if solver != "python" else None
-        if held is None or held.advance():
+            held = LastStep(self.binding, run, given) if solver != "python" else None
+        if held is None or held.advance(1):
             run = run if held is None else held.run_from(q, p, t0)
             end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
             return end.q[-1], end.p[-1]
         self._local.held = held
-        return held.state
+        return held.q.copy(), held.p.copy()
+
+    def start(
+        self,
+        q0: ArrayLike,
+        p0: ArrayLike,
+        *,
+        dt: Number,
+        parameters: Mapping[str, Any],
+        t0: Number = 0.0,
+        solver: SolverName = "auto",
+        tolerance: Number | None = None,
+        max_iterations: int = 50,
+    ) -> Simulation:
+        """Return a simulation that stands at (q0, p0) and is advanced by its caller.
+
+        The arguments are those of ``integrate``, but for ``solver="python"`` and parameters
+        ``"auto"``. ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
+        ``sim.report`` and ``sim.quantity(name)`` say where they led. What ``integrate`` gives for
+        as many steps it gives to the bit, in calls of however many.
+
+        Raises
+        ------
+        InputError
+            As ``integrate`` does.
+        """
+        held = [name for name in SOLVERS if name != "python"]
+        run = self.checked_run(q0, p0, dt=dt, steps=0, every=1, parameters=parameters, t0=t0,
+                               solver=choose("solver of a simulation", solver, held),
+                               tolerance=tolerance, max_iterations=max_iterations)
+        return Simulation(self, run)
 
     def integrate(
         self,
@@ -261,7 +291,7 @@ class Stepper(Evaluation):
         """Return the arguments of ``integrate`` as a run, or raise InputError."""
         run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
-            self._refuse_inconsistent(run)
+            self.refuse_inconsistent(run)
         return run
 
     def _run(
@@ -289,7 +319,7 @@ class Stepper(Evaluation):
             as_real("t0", t0, number),
         )
 
-    def _refuse_inconsistent(self, run: Run) -> None:
+    def refuse_inconsistent(self, run: Run) -> None:
         """Refuse a start that is off the constraints by more than round-off."""
         if not self.m:
             return

@@ -20,13 +20,13 @@ from ..output.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
 from .newton import newton_step
 
-__all__ = ["Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at", "failure_of",
-           "fill", "integrate", "next_chunk", "trajectory_of"]
+__all__ = ["FIRST_STEPS", "Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at",
+           "failure_of", "fill", "integrate", "next_chunk", "trajectory_of"]
 
 Array = NDArray[Any]
 
 #: Steps between two looks at the progress bar and at signals: at first, at most.
-_FIRST, _CHUNK = 16, 4096
+FIRST_STEPS, _CHUNK = 16, 4096
 #: Seconds between two looks, where a step does not take longer.
 _LOOK = 0.1
 
@@ -107,7 +107,7 @@ class Pace:
     """
 
     def __init__(self) -> None:
-        self.most = min(_FIRST, _CHUNK)
+        self.most = min(FIRST_STEPS, _CHUNK)
         self._began = time.thread_time()
 
     def begin(self) -> int:

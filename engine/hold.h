@@ -1,0 +1,60 @@
+size_t NAME(work_size)(void)
+{
+    return sizeof(work_t);
+}
+
+const report_t *NAME(report_of)(const work_t *work)
+{
+    return &work->held.report;
+}
+
+void NAME(begin)(work_t *w, const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N], const real p[N])
+{
+    w->held.options = *options;
+    w->held.dt = dt;
+    w->held.start = start_time(parameters);
+    w->held.is_new = 0;
+    prepare(parameters, &w->constants);
+    begin(w, options, dt, q, p, &w->held.report);
+    for (int a = 0; a < N; ++a) {
+        w->held.q[a] = q[a];
+        w->held.p[a] = p[a];
+    }
+}
+
+void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
+{
+    const real before = hamiltonian(&w->constants, w->held.q, w->held.p);
+    prepare(parameters, &w->constants);
+    w->held.report.energy_start += hamiltonian(&w->constants, w->held.q, w->held.p) - before;
+    w->held.is_new = 1;
+}
+
+int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
+{
+    const rows_t none = { 0 };
+    real *old_q = w->held.q, *old_p = w->held.p, jump = 0;
+    const int sweeps = w->held.options.solver != NEWTON;
+    int moved = 0;
+    for (int a = 0; a < N; ++a)
+        moved |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
+    if (moved) /* by the caller: that is no error */
+        jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
+    w->held.report.energy_start += jump;
+    if (sweeps && (moved || w->held.is_new))
+        take_over(w, q, p);
+    w->held.is_new = 0;
+    const int status = run_on(&w->held.options, w->held.start, w->held.dt, steps, 1, q, p, none,
+        &w->held.report, w);
+    for (int a = 0; a < N; ++a) {
+        old_q[a] = q[a];
+        old_p[a] = p[a];
+    }
+    if (status != OK) {
+        w->held.is_new = 1;
+        if (sweeps)
+            recover(w);
+    }
+    return status;
+}
