@@ -115,7 +115,7 @@ typedef struct {
     double Q_tilde[2][4];
     double G[2][1][4];
     double K[1][4][4];
-    unsigned char memory[78336]; /* of the fast path, kept from step to step */
+    unsigned char memory[93440]; /* of the fast path, kept from step to step */
 } heavy_top_gl1_alpha_work;
 
 /*
@@ -145,7 +145,7 @@ int heavy_top_gl1_alpha_integrate(const heavy_top_gl1_alpha_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[77824];
+    unsigned char memory[92928];
 } heavy_top_gl1_alpha_batch;
 
 /*

@@ -115,7 +115,7 @@ typedef struct {
     double Q_tilde[3][4];
     double G[3][1][4];
     double K[2][4][4];
-    unsigned char memory[78784]; /* of the fast path, kept from step to step */
+    unsigned char memory[94016]; /* of the fast path, kept from step to step */
 } heavy_top_gl2_gamma_work;
 
 /*
@@ -145,7 +145,7 @@ int heavy_top_gl2_gamma_integrate(const heavy_top_gl2_gamma_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[90880];
+    unsigned char memory[119808];
 } heavy_top_gl2_gamma_batch;
 
 /*

@@ -115,7 +115,7 @@ typedef struct {
     double Q_tilde[5][4];
     double G[5][1][4];
     double K[4][4][4];
-    unsigned char memory[79680]; /* of the fast path, kept from step to step */
+    unsigned char memory[95168]; /* of the fast path, kept from step to step */
 } heavy_top_gl4_gamma_work;
 
 /*
@@ -145,7 +145,7 @@ int heavy_top_gl4_gamma_integrate(const heavy_top_gl4_gamma_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[116992];
+    unsigned char memory[174336];
 } heavy_top_gl4_gamma_batch;
 
 /*

@@ -115,7 +115,7 @@ typedef struct {
     double Q_tilde[3][4];
     double G[3][1][4];
     double K[2][4][4];
-    unsigned char memory[79040]; /* of the fast path, kept from step to step */
+    unsigned char memory[94400]; /* of the fast path, kept from step to step */
 } heavy_top_liiiab3_gamma_work;
 
 /*
@@ -145,7 +145,7 @@ int heavy_top_liiiab3_gamma_integrate(const heavy_top_liiiab3_gamma_parameters *
  * preparation.
  */
 typedef struct {
-    unsigned char memory[101568];
+    unsigned char memory[143424];
 } heavy_top_liiiab3_gamma_batch;
 
 /*
