@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+from test_storage_resume import check
 
 TOP = gs.problems.fast_top()
 PARAMETERS = TOP.parameters | {"gamma": 1.6e-3}
@@ -32,9 +33,24 @@ def test_lanes_are_independent_whoever_learns(dt):
         assert ends(step, dt, tops[i:i + 1]) == eight[i:i + 1]
 
 
+def test_what_was_learnt_outlives_the_end_of_a_call(tmp_path, monkeypatch):
+    """Lessons come after 8, 24 and 768 steps; a trial may begin in one call and end in the next."""
+    step = gs.stepper("G-L", 3, "gamma")
+    run = {"q": TOP.q0, "p": TOP.p0, "dt": 0.01, "steps": 900, "every": 30,
+           "parameters": PARAMETERS}
+    whole = step.integrate(**run)
+    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 8)
+    in_chunks = step.integrate(**run)
+    assert in_chunks.q.tobytes() == whole.q.tobytes()
+    assert in_chunks.report == whole.report
+    monkeypatch.setattr("os.fsync", lambda handle: None)
+    assert check(step, tmp_path, [1, 2, 20, 40], **run) == 4
+
+
 def sweeps(step, dt, steps=1500):
     made = step.integrate(TOP.q0, TOP.p0, dt=dt, steps=steps, parameters=PARAMETERS)
     assert made.report.newton_steps == 0
+    assert made.report.constraint_max <= 4 * np.finfo(float).eps
     return made.iterations
 
 
