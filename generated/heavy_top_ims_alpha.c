@@ -1470,6 +1470,9 @@ static int why(const progress_t *s)
     return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
 }
 
+/* Steps that are remembered. */
+enum { HISTORY = 16 };
+
 /* ---------------------------------------------------------------- starting values from the past */
 
 /*
@@ -1481,7 +1484,7 @@ static int why(const progress_t *s)
  * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
  * small). They change the starting values only, never what the sweeps converge to.
  */
-enum { ORDER = 16, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
 /* Rates of q, of p, and multipliers have each their own recurrence. */
 enum { GROUPS = 3 };
 
@@ -1491,6 +1494,7 @@ typedef struct {
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
     real rate[LANES];  /* how fast sweeps converge, as last seen */
+    real first[LANES]; /* what the first sweep changed of the last prediction, squared */
     int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
@@ -1499,12 +1503,12 @@ typedef struct {
 static void forget(predictor_t *s)
 {
     s->count = 0;
-    s->training = HISTORY + 1;
+    s->training = ORDER + 1;
     s->order = s->fitted = 0;
     for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
     for (int i = 0; i < LANES; ++i)
-        s->rate[i] = 1;
+        s->rate[i] = s->first[i] = 1;
 }
 
 /* The values of m steps ago; m = 0 is the place of the newest. */
@@ -1997,6 +2001,12 @@ INLINE void mean_start(mean_t *w, int predicted)
     mean_begin(w);
 }
 
+/* Records the step just done. */
+INLINE void mean_remember(mean_t *w)
+{
+    record(&w->predictor, w->past, mean_X, mean_ends, mean_rows, w->through, w->now.x);
+}
+
 /* The unknowns from those of the sweeps, and those of a lane from them. */
 static void mean_unscale(const mean_t *w, real x[U])
 {
@@ -2081,6 +2091,8 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
             look(&progress, mean_of_lanes(&w->noise));
         }
         verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
+        if (predicted && progress.sweeps == 1)
+            w->predictor.first[0] = change;
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
         const int early = progress.sweeps == 1 || progress.sweeps == 3;
@@ -2183,7 +2195,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
         f->failures = 0;
     choose_way(f, sweeps*SWEEP_COST + w->effort);
     mean_t *s = &f->run;
-    record(&s->predictor, s->past, mean_X, mean_ends, mean_rows, s->through, s->now.x);
+    mean_remember(s);
     mean_finish(s);
     real size = 0;
     for (int a = 0; a < N; ++a)
@@ -2534,6 +2546,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
                 options->max_iterations);
             ++sweeps[i];
+            if (predicted && round == 1)
+                run->predictor.first[i] = change;
             if (predicted && round == 1 && !(change < far*far)) {
                 fresh[i] = again = 1; /* a far prediction may lead to another root */
                 progress[i] = start_of_sweeps(run->predictor.rate[i]);
@@ -2731,8 +2745,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             p_before[a] = run->p[a];
         }
         const lanes work_before = run->work;
-        record(&run->predictor, run->past, mean_X, mean_ends, mean_rows,
-            run->through, run->now.x);
+        mean_remember(run);
         mean_finish(run);
         for (int i = 0; i < count; ++i)
             if (alive[i] && !is_finite_lane(run, i)) {
