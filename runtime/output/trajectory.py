@@ -14,6 +14,8 @@ from ...errors import GyrosparkError, InputError
 from ...naming import choose, proposal, shown
 from ..build.places import bodies_of, joints_of
 from ..show.endings import ENDINGS, ending_of
+from ..show.scene import ShapeName
+from ..show.view import View, view
 from . import tables
 from .body_motion import BodyMotion, FrameName
 from .joint_motion import JointMotion
@@ -316,3 +318,16 @@ class Trajectory:
         from ..show.plots import draw  # matplotlib is optional
 
         return draw(self, path)
+
+    def view(self, path: str | os.PathLike[str] | None = None, *,
+             shape: ShapeName = "box") -> View:
+        """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
+
+        One HTML file without network: bodies as boxes, or ellipsoids, of their inertia, joints,
+        traces, a slider, and the energy error beside it; see ``runtime.show.view.view``.
+
+        Examples
+        --------
+        >>> run.view("top.html")                                  # doctest: +SKIP
+        """
+        return view(self, path, shape=shape)
