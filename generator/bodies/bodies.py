@@ -21,7 +21,7 @@ import sympy as sp
 from ...arguments import as_items
 from ...errors import InputError
 from ...naming import shown
-from ..systems.system import INVERSE, BodyAt, as_expression
+from ..systems.system import INVERSE, as_expression
 from .rigid_body import (
     Rep,
     angular_velocity,
@@ -128,11 +128,6 @@ class Body(Frame):
             inertia, sp.Symbol(f"{name}_{rep}", real=True, nonzero=True),
             inverse if tensor else (),
         )
-
-    @property
-    def at(self) -> BodyAt:
-        """Where it is in its system."""
-        return BodyAt(self.name, self.q, self.inverse or self.inertia)
 
     @property
     def coordinates(self) -> tuple[sp.Symbol, ...]:

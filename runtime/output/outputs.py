@@ -17,8 +17,8 @@ from ...errors import InputError
 from ...naming import proposal, shown
 from ..call.binding import Binding
 
-__all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "absent", "defect_sizes", "parts", "pieces",
-           "place_of_quantity", "together", "value_of"]
+__all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect_sizes",
+           "labels_of", "parts", "pieces", "place_of_quantity", "together", "value_of"]
 
 Array = NDArray[Any]
 Manifest = Mapping[str, Any]
@@ -207,6 +207,25 @@ def together(one: Output, arrays: Iterable[Array], rows: int, dtype: Any) -> Arr
 def absent(one: Output, rows: int, dtype: Any) -> Array:
     """Return what a trajectory has for an output that its system has not."""
     return np.zeros((rows - one.of_steps, *((0,) if one.split else one.absent)), dtype=dtype)
+
+
+def about(one: Output, manifest: Manifest, name: str) -> dict[str, str]:
+    """Return what readers are told of the array of this name: what it is, and its units."""
+    units = one.units or (one.body_units if manifest["system"]["rigid_body"] else "")
+    long_name = one.long_name.format(name.removeprefix(QUANTITY))
+    return {"long_name": long_name, **({"units": units} if units else {})}
+
+
+def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
+    """Return the names along each dimension that has some, and what they are.
+
+    A momentum stands where the coordinate does to which it belongs.
+    """
+    found = {"coordinate": (list(system["coordinates"]), "name of the coordinate")}
+    names = list(system.get("constraint_names", ()))
+    if len(names) > 1:
+        found["constraint"] = names, "name of the constraint"
+    return found
 
 
 def defect_sizes(binding: Binding, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
