@@ -13,6 +13,7 @@ from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
 from ...naming import choose
 from ..build.places import bodies_of, joints_of
+from ..events.event import Crossings
 from ..show.endings import ENDINGS, ending_of
 from ..show.scene import ShapeName
 from ..show.view import View, view
@@ -69,6 +70,8 @@ class Trajectory:
         with more digits.
     report : Report
         Diagnostics over every step.
+    events : dict of str to Crossings
+        Where the events that were asked for happened: ``events["height"].t``, ``.q``, ``.p``.
     """
 
     t: Array
@@ -86,6 +89,8 @@ class Trajectory:
     f_errors: Array
     work: Array
     quantity_values: Array
+    #: Where its events happened, by their names; see ``gyrospark.Event``.
+    events: dict[str, Crossings] = field(default_factory=dict, repr=False)
     #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
     _stepper: Any = field(default=None, repr=False)
 
