@@ -21,6 +21,7 @@ from ..facade import tableau as make_tableau
 from ..generator.algebra.evaluation import as_rational
 from ..generator.bodies.model import Model
 from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeName, scheme_named
+from ..markup import card, table
 from ..naming import shown
 from ..runtime.body.inertia import gamma_m
 from ..runtime.body.problems import Problem
@@ -56,6 +57,14 @@ class Certificate:
         return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
                 f"{self.dt:g} s: {sum(line.holds is True for line in judged)} of {len(judged)} "
                 "promises hold>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: a row for each promise, what was seen, and the verdict."""
+        rows = [(line.quantity, line.found, line.expected, line.verdict) for line in self.lines]
+        result = "every promise holds" if self.holds else "a promise is broken"
+        return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
+                    f"{self.dt:g} s: {result}",
+                    table(rows, ("kept", "found", "should be", "verdict")))
 
     @property
     def holds(self) -> bool:

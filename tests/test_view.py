@@ -138,6 +138,7 @@ def test_the_script_is_javascript_and_draws(tops, gl3, tmp_path):
         assert said["bad"] == 0
         assert 2 * bodies <= said["fills"] <= 3 * bodies + len(run.joints) + 1  # faces and dots
         assert len(set(said["speeds"])) == 10
+        assert said["glass"] == (bodies == 3)  # the rotor is inside its rings
     assert executed(tops.view().page, tmp_path, "#t=0.02")["clock"] == "0.0200 of 0.0400 s"
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
+from ...markup import card, curve, table
 from ...naming import choose
 from ..build.places import bodies_of, joints_of
 from ..show.endings import ENDINGS, ending_of
@@ -98,6 +99,21 @@ class Trajectory:
                 f"steps, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the report, and the energy error over time."""
+        report, t = self.report, self.t.astype(float)
+        less = " − W" if "forces" in self.manifest["system"] else ""
+        rows = [("states", f"{len(self):,} of {report.steps:,} steps of {float(self.dt):g} s"),
+                ("time", f"{t[0]:.6g} to {t[-1]:.6g} s"),
+                ("bodies", ", ".join(self.bodies) or "none"),
+                ("iterations", f"{report.iterations_mean:.1f} a step, {report.iterations_max} "
+                               "at most"),
+                (f"largest |H − H₀{less}|", f"{report.energy_error_max:.2e}"),
+                ("largest |g(q)|", f"{report.constraint_max:.2e}"),
+                ("largest |g_q H_p|", f"{report.momentum_constraint_max:.2e}")]
+        return card(f"Trajectory of {self.manifest['name']}", table(rows),
+                    curve(t, self.energy_error().astype(float), f"H − H₀{less}"))
 
     def energy(self) -> Array:
         """Return H of each stored state, shape (N+1,), in joules for SI input."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError, StepFailed, Stopped
 from ...exact import Number
+from ...markup import card, table
 from ...naming import shown
 from ..call.checks import as_numbers, as_positive_count
 from ..interrupts import ctrl_c
@@ -71,6 +73,14 @@ class Ensemble:
     def __repr__(self) -> str:
         return (f"<Ensemble of {self._name}: {len(self):,} trajectories of {self.t.shape[1]:,} "
                 f"states, {len(self.failures):,} failed>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: how many there are, and which failed, the first ones."""
+        rows: list[tuple[str, object]] = [
+                ("trajectories", f"{len(self):,} of {self.t.shape[1]:,} states"),
+                ("failed", f"{len(self.failures):,}")]
+        rows += [(f"trajectory {i}", failure) for i, failure in islice(self.failures.items(), 3)]
+        return card(f"Ensemble of {self._name}", table(rows))
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""
