@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -155,6 +156,20 @@ class JointMotion:
         on_b = numbers(pull.on_b, self._run.parameters)
         return np.cross(turned(q_a, on_a), turned(q_b, on_b))
 
+    @property
+    def has_axis(self) -> bool:
+        """Whether a and b keep an axis in common, and so have an angle."""
+        return bool(self._at.axis_b)
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw its angle, where it has one, and force and torque in it against time.
+
+        Returns a matplotlib figure, which Jupyter shows; .png, .svg or .pdf where a path is given.
+        """
+        from ..show.motion_plots import draw_joint  # matplotlib is optional
+
+        return draw_joint(self, self._run, path)
+
     # ------------------------------------------------------------ inside
 
     def _points(self) -> tuple[Array, Array]:
@@ -175,7 +190,7 @@ class JointMotion:
 
     def _axes(self) -> tuple[Array, Array, Array, Array]:
         """Return n₁, n₂ in a, the axis in space a row a state, and in b."""
-        if not self._at.axis_b:
+        if not self.has_axis:
             raise InputError(f"Joint {self.name!r} has no axis that its bodies keep in common, so "
                              "no angle; those of revolute and align have.")
         both = numbers(self._at.axis_a, self._run.parameters)

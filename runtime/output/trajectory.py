@@ -370,6 +370,20 @@ class Trajectory:
 
         return draw(self, path)
 
+    def plot_phase(self, *coordinates: str, path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw phase portraits: each of these coordinates, or the first six, against its momentum.
+
+        Returns a matplotlib figure, which Jupyter shows; .png, .svg or .pdf where a path is given.
+
+        Raises
+        ------
+        InputError
+            For a name that no coordinate has.
+        """
+        from ..show.motion_plots import draw_phase  # matplotlib is optional
+
+        return draw_phase(self, coordinates, path)
+
     def view(self, path: str | os.PathLike[str] | None = None, *,
              shape: ShapeName = "box") -> View:
         """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
@@ -382,3 +396,15 @@ class Trajectory:
         >>> run.view("top.html")                                  # doctest: +SKIP
         """
         return view(self, path, shape=shape)
+
+    def animate(self, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
+                shape: ShapeName = "box") -> Path:
+        """Write the run as a film, .gif or .mp4, and return its path; see ``show.animation``.
+
+        Examples
+        --------
+        >>> run.animate("flip.gif")                               # doctest: +SKIP
+        """
+        from ..show.animation import animate  # matplotlib is optional
+
+        return animate(self, path, seconds=seconds, fps=fps, shape=shape)
