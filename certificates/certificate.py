@@ -34,7 +34,7 @@ from .round_off import RoundOff
 if TYPE_CHECKING:
     from ..generator.tableaux.tableau import Tableau
 
-__all__ = ["Certificate", "Line", "certify"]
+__all__ = ["Certificate", "Line", "certify", "compiled"]
 
 #: Steps where the model names none; of a named problem also the step.
 STEPS, PROBLEM_DT = 1000, 1e-3
@@ -130,7 +130,7 @@ def certify(
     """
     if scheme is None and tableau is None:
         scheme, stages = DEFAULT_SCHEME, stages or DEFAULT_STAGES
-    known, step = _compiled(model, scheme, stages, rep, tableau, allow_invalid)
+    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid)
     if dt is None:
         dt = known.dt
     if dt is None:
@@ -146,7 +146,7 @@ def certify(
     return Certificate(model.name, step.name, step.order, run.dt, count, values, list(lines))
 
 
-def _compiled(
+def compiled(
     model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
     tableau: str | Path | Tableau | None, allow_invalid: bool,
 ) -> tuple[Model, Stepper]:

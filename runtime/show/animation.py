@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import as_path
+from ...body_values import real_array
 from ...errors import GyrosparkError, InputError, MissingDependencyError
 from ...naming import choose, shown
 from .endings import FILMS, ending_of
@@ -85,11 +86,10 @@ def animate(
 
 def _frames(seconds: Any, fps: Any) -> int:
     """Return how many pictures a film has."""
-    try:
-        count = float(seconds) * float(fps)
-    except (TypeError, ValueError):
-        count = np.nan
-    if not (2 <= count <= _MOST_FRAMES and float(fps) > 0):
+    given = [real_array(value) for value in (seconds, fps)]
+    known = [float(value) for value in given if value is not None and value.ndim == 0 < value]
+    count = known[0] * known[1] if len(known) == 2 else np.nan
+    if not 2 <= count <= _MOST_FRAMES:
         raise InputError(f"A film of seconds = {shown(seconds)} and fps = {shown(fps)} is none; "
                          f"give two numbers with a product from 2 to {_MOST_FRAMES}.")
     return round(count)
