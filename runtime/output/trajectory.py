@@ -5,29 +5,22 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
-from ...markup import card, curve, table
 from ...naming import choose
 from ..build.places import bodies_of, joints_of
 from ..show.endings import ENDINGS, ending_of
-from ..show.scene import ShapeName
-from ..show.view import View, view
-from . import tables
-from .body_motion import BodyMotion, FrameName
+from .body_motion import BodyMotion
 from .joint_motion import JointMotion
-from .outputs import OUTPUTS, parts, place_of_quantity
+from .outputs import place_of_quantity
 from .report import Report
+from .shown import Shown
 from .states import save_csv
 from .trajectory_file import read_npz, write_npz
-
-if TYPE_CHECKING:
-    import pandas
-    import xarray
 
 __all__ = ["Trajectory"]
 
@@ -42,7 +35,7 @@ class Maker(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Shown):
     """States of a run, stored every ``every`` steps.
 
     Attributes
@@ -99,21 +92,6 @@ class Trajectory:
                 f"steps, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
-
-    def _repr_html_(self) -> str:
-        """Return what notebooks show: the report, and the energy error over time."""
-        report, t = self.report, self.t.astype(float)
-        less = " − W" if "forces" in self.manifest["system"] else ""
-        rows = [("states", f"{len(self):,} of {report.steps:,} steps of {float(self.dt):g} s"),
-                ("time", f"{t[0]:.6g} to {t[-1]:.6g} s"),
-                ("bodies", ", ".join(self.bodies) or "none"),
-                ("iterations", f"{report.iterations_mean:.1f} a step, {report.iterations_max} "
-                               "at most"),
-                (f"largest |H − H₀{less}|", f"{report.energy_error_max:.2e}"),
-                ("largest |g(q)|", f"{report.constraint_max:.2e}"),
-                ("largest |g_q H_p|", f"{report.momentum_constraint_max:.2e}")]
-        return card(f"Trajectory of {self.manifest['name']}", table(rows),
-                    curve(t, self.energy_error().astype(float), f"H − H₀{less}"))
 
     def energy(self) -> Array:
         """Return H of each stored state, shape (N+1,), in joules for SI input."""
@@ -324,87 +302,3 @@ class Trajectory:
             If the file is missing, damaged or of another kind.
         """
         return cls(**read_npz(as_path("path", path, "run.npz")))
-
-    def to_csv(
-        self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None,
-    ) -> Path:
-        """Write the states as CSV, with Euler angles and such where asked for; return the path.
-
-        See ``to_dataframe`` for the columns.
-
-        Examples
-        --------
-        >>> run.to_csv("run.csv", euler="ZYX", degrees=True)      # doctest: +SKIP
-        """
-        return tables.to_csv(self, path, euler=euler, degrees=degrees,
-                             angular_velocity=angular_velocity)
-
-    def to_dataframe(
-        self, *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None,
-    ) -> pandas.DataFrame:
-        """Return the states as a pandas DataFrame; see ``runtime.output.tables.to_dataframe``."""
-        return tables.to_dataframe(self, euler=euler, degrees=degrees,
-                                   angular_velocity=angular_velocity)
-
-    def to_xarray(
-        self, *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None,
-    ) -> xarray.Dataset:
-        """Return the states as an xarray Dataset; see ``runtime.output.tables.to_xarray``."""
-        return tables.to_xarray(self, euler=euler, degrees=degrees,
-                                angular_velocity=angular_velocity)
-
-    def panels(self) -> dict[str, Array]:
-        """Return the outputs that pictures show in panels of their own, by title."""
-        return {one.panel: getattr(self, one.attribute) for one in OUTPUTS
-                if one.panel and parts(one, self.manifest)}
-
-    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw axis trace, energy error and constraint errors; write them where a path is given.
-
-        Returns a matplotlib figure, which Jupyter shows; see ``plots.draw``.
-        """
-        from ..show.plots import draw  # matplotlib is optional
-
-        return draw(self, path)
-
-    def plot_phase(self, *coordinates: str, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw phase portraits: each of these coordinates, or the first six, against its momentum.
-
-        Returns a matplotlib figure, which Jupyter shows; .png, .svg or .pdf where a path is given.
-
-        Raises
-        ------
-        InputError
-            For a name that no coordinate has.
-        """
-        from ..show.motion_plots import draw_phase  # matplotlib is optional
-
-        return draw_phase(self, coordinates, path)
-
-    def view(self, path: str | os.PathLike[str] | None = None, *,
-             shape: ShapeName = "box") -> View:
-        """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
-
-        One HTML file without network: bodies as boxes, or ellipsoids, of their inertia, joints,
-        traces, a slider, and the energy error beside it; see ``runtime.show.view.view``.
-
-        Examples
-        --------
-        >>> run.view("top.html")                                  # doctest: +SKIP
-        """
-        return view(self, path, shape=shape)
-
-    def animate(self, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
-                shape: ShapeName = "box") -> Path:
-        """Write the run as a film, .gif or .mp4, and return its path; see ``show.animation``.
-
-        Examples
-        --------
-        >>> run.animate("flip.gif")                               # doctest: +SKIP
-        """
-        from ..show.animation import animate  # matplotlib is optional
-
-        return animate(self, path, seconds=seconds, fps=fps, shape=shape)
