@@ -122,6 +122,15 @@ def test_long_runs_are_thinned_and_ten_bodies_stay_small(gl3):
     assert len(floats(scene_in(page)["t"])) > 3000
 
 
+def test_times_in_any_order_are_shown_in_theirs(gl3):
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=40, **RUN)
+    mixed = run.at([0.03, 0.0105, 0.02])
+    t = floats(scene_in(mixed.view().page)["t"])
+    assert np.abs(t - [0, 0.0095, 0.0195]).max() < 1e-8
+    scene = scene_of(mixed, 10)
+    assert np.array_equal(scene.parts[0].q, mixed.q[[1, 2, 0]])
+
+
 def test_a_spin_too_fast_to_be_followed_is_told(gl3):
     slow, fast = (gl3.integrate(TOP.q0, TOP.p0, steps=400, every=every, **RUN) for every in (1, 50))
     assert len(scene_of(slow, 4000).remarks) == 1  # the mass is not known
