@@ -21,6 +21,7 @@ from ..facade import tableau as make_tableau
 from ..generator.algebra.evaluation import as_rational
 from ..generator.bodies.model import Model
 from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeName, scheme_named
+from ..markup import card, table
 from ..naming import shown
 from ..runtime.body.inertia import gamma_m
 from ..runtime.body.problems import Problem
@@ -33,7 +34,7 @@ from .round_off import RoundOff
 if TYPE_CHECKING:
     from ..generator.tableaux.tableau import Tableau
 
-__all__ = ["Certificate", "Line", "certify"]
+__all__ = ["Certificate", "Line", "certify", "compiled"]
 
 #: Steps where the model names none; of a named problem also the step.
 STEPS, PROBLEM_DT = 1000, 1e-3
@@ -56,6 +57,14 @@ class Certificate:
         return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
                 f"{self.dt:g} s: {sum(line.holds is True for line in judged)} of {len(judged)} "
                 "promises hold>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: a row for each promise, what was seen, and the verdict."""
+        rows = [(line.quantity, line.found, line.expected, line.verdict) for line in self.lines]
+        result = "every promise holds" if self.holds else "a promise is broken"
+        return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
+                    f"{self.dt:g} s: {result}",
+                    table(rows, ("kept", "found", "should be", "verdict")))
 
     @property
     def holds(self) -> bool:
@@ -121,7 +130,7 @@ def certify(
     """
     if scheme is None and tableau is None:
         scheme, stages = DEFAULT_SCHEME, stages or DEFAULT_STAGES
-    known, step = _compiled(model, scheme, stages, rep, tableau, allow_invalid)
+    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid)
     if dt is None:
         dt = known.dt
     if dt is None:
@@ -137,7 +146,7 @@ def certify(
     return Certificate(model.name, step.name, step.order, run.dt, count, values, list(lines))
 
 
-def _compiled(
+def compiled(
     model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
     tableau: str | Path | Tableau | None, allow_invalid: bool,
 ) -> tuple[Model, Stepper]:

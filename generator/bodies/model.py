@@ -15,8 +15,9 @@ from ...arguments import as_mapping, as_text
 from ...body_values import Inertia, as_moments_or_tensor, real_array
 from ...errors import InputError
 from ...exact import exact
+from ...markup import card, table
 from ...naming import shown, whole
-from ..systems.system import System
+from ..systems.system import System, few
 
 __all__ = ["Model", "whole_array"]
 
@@ -89,6 +90,17 @@ class Model:
         run = "" if self.dt is None else f"; dt = {self.dt:g} s{steps}"
         return (f"<Model {self.name}: {n} coordinates, {m} constraints, {len(self.parameters)} "
                 f"parameters, {len(self.bodies)} bodies{run}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the numbers, and the system's formulas."""
+        rows = [("about", self.description or self.name),
+                ("step", "none named" if self.dt is None else f"{self.dt:g} s"),
+                ("steps", "none named" if self.steps is None else f"{self.steps:,}"),
+                ("parameters", few(f"{name} = {float(x):g}" for name, x in
+                                   self.parameters.items())),
+                ("q₀", few(f"{x:.6g}" for x in self.q0.astype(float))),
+                ("p₀", few(f"{x:.6g}" for x in self.p0.astype(float)))]
+        return card(f"Model {self.name}", table(rows), self.system._repr_html_())
 
     @property
     def name(self) -> str:

@@ -21,6 +21,7 @@ from sympy.logic.boolalg import Boolean
 
 from ...arguments import as_flag, as_items, as_mapping, as_text
 from ...errors import InputError
+from ...markup import card, formula, table
 from ...naming import shown
 from ..algebra.switches import as_switches
 from ..text.c_names import is_taken
@@ -33,14 +34,24 @@ __all__ = ["BodyAt", "System", "few"]
 MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
 #: Names that are shown of a list.
-_FEW = 6
+FEW = 6
+#: Parts of an expression that is shown as a formula.
+_LARGEST_FORMULA = 400
 
 
 def few(names: Iterable[object]) -> str:
     """Return the first of some names, and how many there are if that is not all."""
     found = [str(name) for name in names]
-    first = ", ".join(found[:_FEW]) or "none"
-    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
+    first = ", ".join(found[:FEW]) or "none"
+    return first if len(found) <= FEW else f"{first}, … ({len(found)})"
+
+
+def shown_formula(e: sp.Expr) -> str:
+    """Return an expression as a formula for notebooks, or how long it is."""
+    size = sum(1 for _ in sp.preorder_traversal(e))
+    if size > _LARGEST_FORMULA:
+        return f"{len(sp.Add.make_args(e))} terms with {size:,} parts"
+    return formula(sp.latex(e))
 
 
 @dataclass(frozen=True)
@@ -167,6 +178,17 @@ class System:
         parts += ["forces"] if self.forces else []
         parts += [f"quantities {few(self.quantities)}"] if self.quantities else []
         return f"<System {self.name}: {'; '.join(parts)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: H, g and forces as formulas, where they are short enough."""
+        rows = [("H", shown_formula(self.H)),
+                *((f"g: {name}", shown_formula(g)) for name, g in
+                  zip(self.constraint_names[:FEW], self.constraints, strict=False)),
+                *((f"F({p})", shown_formula(F)) for p, F in
+                  zip(self.p[:FEW], self.forces, strict=False))]
+        rows += [("coordinates", few(self.q)), ("momenta", few(self.p)),
+                 ("parameters", few(self.parameters)), ("constraints", str(self.m))]
+        return card(f"System {self.name}", table(rows))
 
     def _sequence(self, name: str) -> Sequence[object]:
         value = getattr(self, name)

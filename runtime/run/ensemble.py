@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError, StepFailed, Stopped
 from ...exact import Number
+from ...markup import card, table
 from ...naming import shown
 from ..call.checks import as_numbers
 from ..events.event import Crossings, CrossingsOfMany, as_events
@@ -74,6 +76,14 @@ class Ensemble:
     def __repr__(self) -> str:
         return (f"<Ensemble of {self._name}: {len(self):,} trajectories of {self.t.shape[1]:,} "
                 f"states, {len(self.failures):,} failed>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: how many there are, and which failed, the first ones."""
+        rows: list[tuple[str, object]] = [
+                ("trajectories", f"{len(self):,} of {self.t.shape[1]:,} states"),
+                ("failed", f"{len(self.failures):,}")]
+        rows += [(f"trajectory {i}", failure) for i, failure in islice(self.failures.items(), 3)]
+        return card(f"Ensemble of {self._name}", table(rows))
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""
