@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from functools import cached_property
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -58,12 +57,16 @@ class Ensemble:
     failures: dict[int, StepFailed]
     _name: str = field(repr=False)
     _make: Callable[[int], Trajectory] = field(repr=False)
+    _made: dict[str, list[Trajectory]] = field(default_factory=dict, init=False, repr=False)
 
-    @cached_property
+    @property
     def members(self) -> list[Trajectory]:
         """Each trajectory by itself."""
-        return [self.failures[i].trajectory if i in self.failures else self._make(i)
-                for i in range(len(self))]
+        if not self._made:  # two threads may both make them; the first one's stay
+            self._made.setdefault("members", [
+                self.failures[i].trajectory if i in self.failures else self._make(i)
+                for i in range(len(self))])
+        return self._made["members"]
 
     def __len__(self) -> int:
         return len(self.t)
@@ -74,7 +77,8 @@ class Ensemble:
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""
-        return {**self.__dict__, "members": self.members, "_make": self.members.__getitem__}
+        members = self.members
+        return {**self.__dict__, "_make": members.__getitem__}
 
 
 def integrate_members(

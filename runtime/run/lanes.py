@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,7 +64,7 @@ class Course:
         """Return the running record of a trajectory."""
         return self.reports[i // self.batch][i % self.batch] if self.in_lanes else self.reports[i]
 
-    @cached_property
+    @property
     def stored(self) -> list[int]:
         """The stored states of each trajectory, its start among them; once all are done."""
         return [self.runs.first.stored(int(self.report(i).steps)) + 1
