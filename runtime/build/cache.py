@@ -26,7 +26,7 @@ import platformdirs
 
 from ...errors import GyrosparkError
 from . import quad_wrapper
-from .compiler import SPEED_FLAGS, STRICT_FLAGS, Compiler, extension_suffix
+from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 
 __all__ = ["CacheError", "binary_key", "cache_folder", "keep", "kept", "publish", "workshop"]
 
@@ -61,7 +61,8 @@ def binary_key(files: dict[str, str], compiler: Compiler) -> str:
             "wrapper": Path(quad_wrapper.__file__).read_text(encoding="utf-8"),
             "command": compiler.command,
             "version": compiler.version,
-            "flags": [compiler.flags, compiler.link_flags, STRICT_FLAGS, SPEED_FLAGS],
+            "flags": [compiler.flags, compiler.link_flags, STRICT_FLAGS, SPEED_FLAGS,
+                      WRAPPER_FLAGS],
             "cpu": cpu_description(),
             "python": extension_suffix(),
             "cffi": cffi.__version__,

@@ -30,6 +30,8 @@ STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-
 EXTENDED_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
 SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
+#: For cffi's wrapper, which hands arguments on and computes nothing: what builds fastest.
+WRAPPER_FLAGS = ["-O0", "-w", "-fPIC"]
 
 #: NumPy's types → the standard ones of C with the same numbers.
 _STANDARD = {np.float32: "float", np.float64: "double", np.longdouble: "long double"}
@@ -156,12 +158,11 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
     wrapper = _write_wrapper(name, files[f"{name}.h"], folder)
     include = sysconfig.get_paths()["include"]
     compile_ = [*compiler.command, *compiler.flags]
-    wrapping = "-O1" if optimisation() in ("-O2", "-O3") else "-O0"  # the lower build faster
     commands = [
         [*compile_, *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS), "-c",
          f"{name}.c", "-o", "kernel.o"],
-        [*compiler.command, wrapping, "-fPIC", f"-I{include}", "-I.", "-w", "-c", wrapper.name,
-         "-o", "wrapper.o"],
+        [*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c", wrapper.name, "-o",
+         "wrapper.o"],
     ]
     _run_together(commands, folder)
     target = folder / (module_name(name) + extension_suffix())
