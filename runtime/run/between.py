@@ -115,13 +115,12 @@ def _go(
     part: Array, t0: Array, dt: Array, *, steps: Array, most: int,
 ) -> None:
     """Take some states on by so many steps of dt each."""
-    binding = stepper.binding
-    number = binding.number_type
+    number = stepper.binding.number_type
     first = Run(made.q[part[0]], made.p[part[0]], dt[0], most, 1, trajectory.parameters, "auto",
                 None, 50, t0[0])
     columns = {name: np.full(len(part), value, number)
                for name, value in trajectory.parameters.items()}
-    course = Course.of(binding, Runs(first, made.q[part], made.p[part], dt.astype(number),
+    course = Course.of(stepper, Runs(first, made.q[part], made.p[part], dt.astype(number),
                                      np.asarray(t0).astype(number), columns))
     fill(course)
     failed = np.flatnonzero(course.status)

@@ -100,7 +100,7 @@ def integrate_members(
     given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
                   _each_parameters(parameters, size))
-    course = Course.of(stepper.binding, checked_runs(stepper, given, options))
+    course = Course.of(stepper, checked_runs(stepper, given, options))
     with ctrl_c() as interrupts:
         fill_course(course, threads_of(workers), lambda: interrupts.asked)
     found = _ensemble(stepper, course)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..call.binding import Binding
 from ..steps.integration import Pace, Rows, fill, next_chunk
+from .evaluation import Evaluation
 from .runs import Runs
 
 __all__ = ["Course"]
@@ -43,10 +44,12 @@ class Course:
     reports: list[Any]
 
     @classmethod
-    def of(cls, binding: Binding, runs: Runs) -> Course:
+    def of(cls, stepper: Evaluation, runs: Runs) -> Course:
         """Return room for runs, at their start."""
-        count, rows = len(runs), runs.first.rows + 1
+        count, rows, binding = len(runs), runs.first.rows + 1, stepper.binding
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
+        if in_lanes:
+            binding = stepper.binding_of_many
         batch = binding.lanes if in_lanes else 1
         reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)
                    ] if in_lanes else [binding.report() for _ in range(count)]

@@ -239,6 +239,9 @@ class Stepper(Evaluation):
         trajectory gives does not depend on its neighbours; it may differ by round-off from
         ``integrate``, which puts the stages of one step into lanes.
 
+        The code of these lanes is compiled by the first call that needs it, and kept as the
+        stepper is; without a compiler that call raises ``CompilerError``.
+
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         choose("solver", solver, SOLVERS)
