@@ -181,9 +181,9 @@ def _promises(
 
 
 def _parameters(model: Model, changes: Mapping[str, float]) -> dict[str, float]:
-    """Return a value for every parameter, γ_m for inertia parameters that have none."""
+    """Return a value for every parameter, γ_m for inertia parameters without value and rule."""
     chosen = {name: gamma_m(inertia) for name, inertia in model.bodies.items()}
-    values: dict[str, Any] = chosen | dict(model.parameters) | dict(changes)
+    values: dict[str, Any] = chosen | dict(model.rules) | dict(model.parameters) | dict(changes)
     for name in changes:
         if name not in {str(s) for s in model.system.parameters}:
             raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "
