@@ -22,7 +22,8 @@ from ..generator.algebra.evaluation import as_rational
 from ..generator.bodies.model import Model
 from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeName, scheme_named
 from ..markup import card, table
-from ..naming import shown
+from ..naming import choose, shown
+from ..real import REALS, RealName
 from ..runtime.body.inertia import gamma_m
 from ..runtime.body.problems import Problem
 from ..runtime.call.checks import as_positive_count, as_step
@@ -96,6 +97,7 @@ def certify(
     rep: RepName | None = None,
     tableau: str | Path | Tableau | None = None,
     allow_invalid: bool = False,
+    real: RealName = "double",
     dt: float | None = None,
     steps: int | None = None,
     parameters: Mapping[str, float] | None = None,
@@ -108,6 +110,8 @@ def certify(
         A system with its numbers, or one of ``gyrospark.problems``.
     scheme, stages, tableau, allow_invalid
         As for ``gyrospark.stepper``; G-L with 3 stages if neither scheme nor tableau is given.
+    real : {"double", "float"}
+        Floating-point type of the stepper; what is measured of its states is in doubles.
     rep : {"gamma", "alpha"}
         Inertia representation of a named problem.
     dt, steps : float, int
@@ -130,7 +134,10 @@ def certify(
     """
     if scheme is None and tableau is None:
         scheme, stages = DEFAULT_SCHEME, stages or DEFAULT_STAGES
-    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid)
+    if choose("real", real, REALS) not in ("double", "float"):
+        raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
+                         "is measured; choose double or float.")
+    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, real)
     if dt is None:
         dt = known.dt
     if dt is None:
@@ -148,13 +155,13 @@ def certify(
 
 def compiled(
     model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
-    tableau: str | Path | Tableau | None, allow_invalid: bool,
+    tableau: str | Path | Tableau | None, allow_invalid: bool, real: RealName = "double",
 ) -> tuple[Model, Stepper]:
     """Return the model and its stepper; a named problem has its stepper checked in."""
     if isinstance(model, Problem):
         rep = "gamma" if rep is None else rep
         made = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
-                            allow_invalid=allow_invalid)
+                            real=real, allow_invalid=allow_invalid)
         system = SYSTEMS[model.system].make(rep)
         known = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
@@ -165,7 +172,7 @@ def compiled(
     if rep is not None:
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
     return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
-                               allow_invalid=allow_invalid)
+                               real=real, allow_invalid=allow_invalid)
 
 
 def _promises(
@@ -183,9 +190,9 @@ def _promises(
 
 
 def _parameters(model: Model, changes: Mapping[str, float]) -> dict[str, float]:
-    """Return a value for every parameter, γ_m for inertia parameters that have none."""
+    """Return a value for every parameter, γ_m for inertia parameters without value and rule."""
     chosen = {name: gamma_m(inertia) for name, inertia in model.bodies.items()}
-    values: dict[str, Any] = chosen | dict(model.parameters) | dict(changes)
+    values: dict[str, Any] = chosen | dict(model.rules) | dict(model.parameters) | dict(changes)
     for name in changes:
         if name not in {str(s) for s in model.system.parameters}:
             raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "

@@ -139,7 +139,7 @@ def run_together(
     number = stepper.binding.number_type
     first = Run(q[0], p[0], dt[0], steps, 1, {name: column[0] for name, column in
                                               parameters.items()}, "auto", None, 50, t0[0])
-    course = Course.of(stepper.binding, Runs(first, q, p, dt.astype(number), t0.astype(number),
+    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number),
                                              parameters))
     fill(course)
     failed = np.flatnonzero(course.status)

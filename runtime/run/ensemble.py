@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -63,12 +62,16 @@ class Ensemble:
     _name: str = field(repr=False)
     _make: Callable[[int], Trajectory] = field(repr=False)
     events: dict[str, CrossingsOfMany] = field(default_factory=dict, repr=False)
+    _made: dict[str, list[Trajectory]] = field(default_factory=dict, init=False, repr=False)
 
-    @cached_property
+    @property
     def members(self) -> list[Trajectory]:
         """Each trajectory by itself."""
-        return [self.failures[i].trajectory if i in self.failures else self._make(i)
-                for i in range(len(self))]
+        if not self._made:  # two threads may both make them; the first one's stay
+            self._made.setdefault("members", [
+                self.failures[i].trajectory if i in self.failures else self._make(i)
+                for i in range(len(self))])
+        return self._made["members"]
 
     def __len__(self) -> int:
         return len(self.t)
@@ -87,7 +90,8 @@ class Ensemble:
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""
-        return {**self.__dict__, "members": self.members, "_make": self.members.__getitem__}
+        members = self.members
+        return {**self.__dict__, "_make": members.__getitem__}
 
 
 def integrate_members(
@@ -112,7 +116,7 @@ def integrate_members(
                   _each_parameters(parameters, size))
     runs = checked_runs(stepper, given, options)
     levels = _levels(stepper, events)
-    course = Course.of(stepper.binding, runs, watches_of(stepper, levels, runs))
+    course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
     with ctrl_c() as interrupts:
         def fill(some: Course) -> None:
             fill_course(some, threads_of(workers), lambda: interrupts.asked)

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
@@ -22,6 +22,7 @@ from ..call.binding import Binding
 from ..call.checks import as_positive_count
 from ..events.watch import Watch
 from ..steps.integration import Pace, Rows, fill, next_chunk, thin
+from .evaluation import Evaluation
 from .runs import Runs
 
 __all__ = ["Course", "fill_course", "threads_of"]
@@ -52,10 +53,12 @@ class Course:
     watches: tuple[Watch, ...] = ()
 
     @classmethod
-    def of(cls, binding: Binding, runs: Runs, watches: Sequence[Watch] = ()) -> Course:
+    def of(cls, stepper: Evaluation, runs: Runs, watches: Sequence[Watch] = ()) -> Course:
         """Return room for runs, at their start."""
-        count, rows = len(runs), runs.first.rows + 1
+        count, rows, binding = len(runs), runs.first.rows + 1, stepper.binding
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
+        if in_lanes:
+            binding = stepper.binding_of_many
         batch = binding.lanes if in_lanes else 1
         reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)
                    ] if in_lanes else [binding.report() for _ in range(count)]
@@ -73,7 +76,7 @@ class Course:
         """Return the running record of a trajectory."""
         return self.reports[i // self.batch][i % self.batch] if self.in_lanes else self.reports[i]
 
-    @cached_property
+    @property
     def stored(self) -> list[int]:
         """The stored states of each trajectory, its start among them; once all are done."""
         return [self.runs.first.stored(int(self.report(i).steps)) + 1

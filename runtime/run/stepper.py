@@ -251,6 +251,9 @@ class Stepper(Evaluation):
 
         ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused.
 
+        The code of these lanes is compiled by the first call that needs it, and kept as the
+        stepper is; without a compiler that call raises ``CompilerError``.
+
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         choose("solver", solver, SOLVERS)
