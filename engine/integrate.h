@@ -6,6 +6,7 @@ int NAME(step)(const parameters_t *parameters, const options_t *options, real dt
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 
@@ -22,7 +23,8 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
 {
     prepare(parameters, &work->constants);
     if (report->steps == 0) {
-        report->energy_start = hamiltonian(&work->constants, q, p);
+        TIMED(work->t = start_time(parameters);)
+        report->energy_start = hamiltonian(AT(&work->constants, work->t), q, p);
         observe(&work->constants, q, p, report);
         begin_run(work, options, dt, q, p);
     }
@@ -31,6 +33,7 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
         real forces[ROOM];
         int taken;
         work->t = start_time(parameters) + (real)report->steps*dt;
+        TIMED(work->span = start_time(parameters) + (real)(report->steps + 1)*dt - work->t;)
         const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;

@@ -134,6 +134,7 @@ def _memory(
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
     forced = n if one else s * n
+    constants += 3 + 2 * nodes if scheme.system.is_timed else 0
     vectors = (forced + blocks + constants + 41
                + 5 * n + 2 * blocks + tables + 2 * iterate + 17 * x + 4 * m + m * m
                + 3 * (16 + 17 * 17))

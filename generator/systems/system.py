@@ -2,7 +2,8 @@
 
     q̇ = H_p(q, p),   ṗ = −H_q(q, p) − g_q(q)ᵀ λ,   0 = g(q)          (paper, eq. 12)
 
-Generalised forces F(q, p, t) that no potential has are added to ṗ.
+Generalised forces F(q, p, t) that no potential has are added to ṗ. H and g may depend on t too:
+then g_q H_p + g_t = 0, and energy changes by the work of forces and drives, Ḣ = F·q̇ + H_t + λᵀg_t.
 
 Nothing here knows of quaternions: a system is its symbols, its H and its g.
 """
@@ -84,7 +85,7 @@ class System:
     forces : sequence of Expr
         Generalised forces F(q, p, t; parameters), n of them or none: ṗ = −H_q + F − g_qᵀλ.
     time : Symbol, optional
-        The symbol of t in the forces and quantities.
+        The symbol of t in H, constraints, forces and quantities.
     quantities : mapping of str to Expr
         Quantities of q, p, t and parameters that trajectories offer by name.
     rigid_body : bool
@@ -214,22 +215,21 @@ class System:
             raise InputError(
                 f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
             )
-        allowed = {*self.q, *self.p, *self.parameters}
+        allowed = {*self.q, *self.p, *self.parameters, *time}
         unknown = self.H.free_symbols - allowed
         if unknown:
             raise InputError(
                 f"H of system {self.name!r} contains the unknown symbol "
-                f"{min(map(str, unknown))!r}; declare it in q, p or parameters."
+                f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
             )
         for index, g in enumerate(self.constraints):
             unknown = g.free_symbols - (allowed - set(self.p))
             if unknown:
                 raise InputError(
                     f"Constraint {index} of system {self.name!r} contains "
-                    f"{min(map(str, unknown))!r}; a holonomic constraint depends on q and "
-                    "parameters only."
+                    f"{min(map(str, unknown))!r}; a holonomic constraint depends on q, "
+                    "parameters and what is declared as time."
                 )
-        allowed |= set(time)
         for what, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
                         *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):
             unknown = e.free_symbols - allowed
@@ -304,8 +304,31 @@ class System:
 
     @property
     def is_driven(self) -> bool:
-        """Whether a force depends on time."""
-        return any(self.time in f.free_symbols for f in self.forces)
+        """Whether anything that moves it depends on time."""
+        return self.is_timed or any(self.time in f.free_symbols for f in self.forces)
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether H or a constraint depends on time: then kernels find t among the constants."""
+        return self.clock is not None
+
+    @cached_property
+    def clock(self) -> sp.Symbol | None:
+        """The time where H or a constraint depends on it."""
+        timed = any(self.time in e.free_symbols for e in (self.H, *self.constraints))
+        return self.time if timed else None
+
+    @cached_property
+    def H_t(self) -> sp.Expr:
+        """∂H/∂t, the power of what drives H."""
+        return sp.Integer(0) if self.clock is None else gradient(self.H, [self.clock])[0]
+
+    @cached_property
+    def g_t(self) -> list[sp.Expr]:
+        """∂g/∂t, m entries: how fast the constraints move."""
+        if self.clock is None:
+            return [sp.Integer(0)] * self.m
+        return [row[0] for row in jacobian(self.constraints, [self.clock])]
 
     @cached_property
     def G(self) -> list[list[sp.Expr]]:
@@ -320,14 +343,15 @@ class System:
 
     @cached_property
     def hidden(self) -> list[sp.Expr]:
-        """The constraint on the momenta, m entries: g_q H_p = 0 (12) in its shortest form.
+        """The constraint on the momenta, m entries: g_q H_p + g_t = 0 (12) in its shortest form.
 
         Expanded, identically vanishing terms such as L(q)q cancel, and with them their
         round-off; factors that cannot vanish on g = 0 are dropped. For the quaternion both
         representations come out as qᵀp (17).
         """
         products = [sum(a * b for a, b in zip(row, self.H_p, strict=True)) for row in self.G]
-        return [self._without_units(shortest(e)) for e in products]
+        return [self._without_units(shortest(e + rate))
+                for e, rate in zip(products, self.g_t, strict=True)]
 
     def _without_units(self, e: sp.Expr) -> sp.Expr:
         """Drop factors free of p that are a non-zero constant wherever g = 0."""

@@ -45,8 +45,10 @@ class Compiled:
         self.n = len(system["coordinates"])
         self.m = len(system["constraints"])
         self.has_forces = "forces" in system
-        #: The field of the parameters with the time at the start; None where no force has t.
+        #: The field of the parameters with the time at the start; None where nothing has t.
         self.time: str | None = system.get("time")
+        #: Whether H or g has t, so that what is asked of a state is asked at a time.
+        self.is_timed = bool(system.get("time_in_H_or_g"))
         self.quantity_names = list(system.get("quantities", ()))
         self._quantities_take_time = bool(system.get("quantities_take_time"))
         self.unknowns = int(manifest["scheme"]["unknowns"])
@@ -92,7 +94,7 @@ class Compiled:
         return self.ffi.new(f"{self.name}_parameters *", self._fields(values, t))
 
     def _fields(self, values: dict[str, Any], t: Any) -> dict[str, Any]:
-        """Return the parameters by name, with the time where forces have it."""
+        """Return the parameters by name, with the time where something has it."""
         time = {} if self.time is None else {self.time: t}
         return {name: self._passed(value) for name, value in (values | time).items()}
 
@@ -254,7 +256,7 @@ class Compiled:
         """Advance the rows of q and p in place by whole runs; return records and statuses.
 
         ``parameters`` has a row for each trajectory, in the order of ``parameter_names`` and with
-        the time at the start where forces have it.
+        the time at the start where something has it.
         """
         count = len(dt)
         reports = np.zeros(count, dtype=self.report_type)

@@ -242,6 +242,7 @@ def _python_chunk(
         )
         if status:
             return status
+        binding.set_time(parameters, run.t0, int(report.steps) + 1, run.dt)
         most = max(most, taken)
         if binding.has_forces:
             binding.add_work(report, done)
