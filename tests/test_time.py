@@ -11,6 +11,7 @@ way, and W = −(p_τ − p_τ(0)).
 
 from __future__ import annotations
 
+from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 
@@ -348,3 +349,57 @@ def test_control_says_that_it_takes_time_in_forces_only():
     spec = Spec.checked("G-L", 2).with_profile("control")
     with pytest.raises(InputError, match="profile full"):
         generate(spec, system=wire())
+
+
+# ---------------------------------------------------------------- who else asks
+
+WIRE_FILE = """
+name = "wire"
+[system]
+coordinates = ["x", "y"]
+momenta = ["px", "py"]
+time = "s"
+hamiltonian = "(px**2 + py**2)/2"
+constraints = ["y*cos(w*s) - x*sin(w*s)"]
+[parameters]
+w = 2.5
+[start]
+q = [0.4, 0]
+p = [0, 1]
+[run]
+dt = 0.01
+steps = 40
+"""
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
+def test_certificate_of_a_driven_model(scheme, stages):
+    _, numbers, q, p, dt = STARTS["wire"]
+    found = gs.certify(gs.Model(wire(), {"w": numbers["w"], "a": 1.0}, q, p, dt=dt, steps=100),
+                       scheme, stages)
+    assert found.holds, found
+    assert found.line("energy").holds is (True if scheme == "EMS" else None)
+    assert "less work" in found.line("energy").quantity
+    assert found.line("reversal").holds
+
+
+def test_a_run_from_the_command_line_may_start_later(gyrospark, tmp_path):
+    path = tmp_path / "wire.toml"
+    path.write_text(WIRE_FILE, encoding="utf-8")
+    end = gyrospark("run", path, "--scheme", "G-L", "--stages", "2", "--t0", "0.2",
+                    "--json").document
+    assert end["constraint_max"] <= 4 * EPS
+    x, y = map(float, end["q"])
+    assert abs(np.arctan2(y, x) - 2.5 * 0.6) <= 8 * EPS
+
+
+def test_wide_numbers_have_time_too():
+    step = gs.stepper("G-L", 2, system=wire(), real="float128")
+    numbers = {"w": Fraction(5, 2), "a": Fraction(3, 10)}
+    q, p = step.project([0.4, 0], [0, 1], parameters=numbers)
+    run = step.integrate(q, p, dt=Fraction(1, 100), steps=20, parameters=numbers)
+    assert run.report.constraint_max <= 4 * 2.0**-112
+    double = stepper("wire", "G-L", 2).integrate([0.4, 0], [0, 1.0], dt=0.01, steps=20,
+                                                 parameters=NUMBERS)
+    assert np.abs(run.q.astype(float) - double.q).max() <= 16 * EPS
+    assert np.abs(run.work.astype(float) - double.work).max() <= 16 * EPS

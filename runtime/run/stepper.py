@@ -265,7 +265,8 @@ class Stepper(Evaluation):
             raise InputError(
                 f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
                 f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
-                "`q, p = stepper.project(q, p, parameters=...)` moves it onto them."
+                f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * self.binding.is_timed})` "
+                "moves it onto them."
             )
 
 
