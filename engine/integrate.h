@@ -18,7 +18,8 @@ typedef struct {
 } rows_t;
 
 /* Steps from the state (q, p), which becomes the end; see the header. */
-static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+static int integrate(const parameters_t *parameters, const options_t *options, INPUT(
+    inputs_t inputs,) real dt, long steps,
     long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
 {
     prepare(parameters, &work->constants);
@@ -33,6 +34,7 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
         real forces[ROOM];
         int taken;
         work->t = start_time(parameters) + (real)report->steps*dt;
+        INPUT(take_inputs(&work->constants, &inputs, 0, report->steps);)
         TIMED(work->span = start_time(parameters) + (real)(report->steps + 1)*dt - work->t;)
         const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)

@@ -70,6 +70,7 @@ int NAME(lanes)(void)
 }
 
 static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    INPUT(inputs_t inputs,)
     const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
@@ -91,6 +92,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
         int lost[LANES], taken[LANES] = { 0 };
+        INPUT(take_lane_inputs(b, &inputs, count);)
         run->t = b->start + (real)b->done++*run->h;
         TIMED(run->span = b->start + (real)b->done*run->h - run->t;)
         sweep_lanes(b, options, alive, lost, taken);

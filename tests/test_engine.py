@@ -69,10 +69,11 @@ def test_files_are_plain_c(path):
 def test_every_file_is_put_in_somewhere():
     named = set()
     for m in (0, 1, 2):
-        for bits in range(128):
-            stages, structured, forced, constant, scalar, separable, timed = (
-                bool(bits >> i & 1) for i in range(7))
-            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable, timed)
+        for bits in range(256):
+            stages, structured, forced, constant, scalar, separable, timed, fed = (
+                bool(bits >> i & 1) for i in range(8))
+            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable, timed,
+                            fed)
             for found in (proved.solver_files(fast=True), proved.scheme_files(),
                           proved.sweep_files(*("stages", "trajectories") if stages
                                              else ("mean", "mean"))):
@@ -90,14 +91,15 @@ def test_every_file_is_put_in_somewhere():
 
 def test_what_is_spelled_is_written_out():
     put = engine_of("top", REALS["float"], "stages", "trajectories")
-    timed = engine_of("top", REALS["float"], "stages", "trajectories", timed=True)
+    timed = engine_of("top", REALS["float"], "stages", "trajectories", timed=True, fed=True)
     for path in FILES:
         for run in ("stages", "trajectories"):
             for text in (put(path.stem, run=run), timed(path.stem, run=run)):
                 assert not re.search(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE|(LANES_)?AT"
-                                     r"|(LANES_)?BETWEEN|TIMED)\(|\bNUMBER\b", text)
-            if not path.stem.endswith(("drive", "drive_free")):
-                assert not re.search("at_time|between\\(|span|_drive", put(path.stem, run=run))
+                                     r"|(LANES_)?BETWEEN|TIMED|INPUT)\(|\bNUMBER\b", text)
+            if not path.stem.endswith(("drive", "drive_free", "inputs", "inputs_lanes")):
+                assert not re.search("at_time|between\\(|span|_drive|inputs",
+                                     put(path.stem, run=run))
     assert "fabsf(" in put("measure")
     assert "int top_step(" in put("integrate")
     assert with_times("f(AT(&c,\n  u(t, 1)), q);\n", timed=False) == "f(&c, q);\n"

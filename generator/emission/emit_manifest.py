@@ -130,6 +130,8 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
         said["forces"] = [str(f) for f in system.forces]
     if system.is_driven:
         said["time"] = str(system.time)
+    if system.inputs:
+        said["inputs"] = [str(u) for u in system.inputs]
     if system.is_timed:
         said["time_in_H_or_g"] = True
     if system.quantities:

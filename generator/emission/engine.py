@@ -20,6 +20,7 @@ Where t stands in H or g, kernels find it among the constants, and whoever calls
     BETWEEN(c, t, late)    from t to t + late      between(c, t, late); elsewhere c alone
     LANES_AT(c, t), ...    the same on lanes       lanes_at_time(c, t), ...
     TIMED(statement)       for such systems only   statement; elsewhere nothing, and no line
+    INPUT(statement)       for systems with inputs, the same
 """
 
 from __future__ import annotations
@@ -43,11 +44,12 @@ _MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\bNUMBE
 #: A macro with expressions in it → what takes its place where t stands in H or g.
 _TIMES = {"AT": "at_time", "BETWEEN": "between", "LANES_AT": "lanes_at_time",
           "LANES_BETWEEN": "lanes_between"}
-_TIMED = re.compile(r"\b((?:LANES_)?(?:AT|BETWEEN)|TIMED)\(")
+_TIMED = re.compile(r"\b((?:LANES_)?(?:AT|BETWEEN)|TIMED|INPUT)\(")
 
 
 def engine_of(
-    name: str, real: Real, one: str = "", many: str = "", *, timed: bool = False
+    name: str, real: Real, one: str = "", many: str = "", *, timed: bool = False,
+    fed: bool = False,
 ) -> Callable[..., str]:
     """Return the function by which a template puts in a file of the engine.
 
@@ -72,7 +74,7 @@ def engine_of(
                 return "lanes" if on else "real"
             return spelled[found[1]](found[2])
 
-        text = _text(file, timed)
+        text = _text(file, timed, fed)
         if run == many != one:  # the same again, told once
             text = _COMMENT.sub("", text)
         return _MACRO.sub(spell, text).rstrip("\n")
@@ -81,12 +83,13 @@ def engine_of(
 
 
 @cache
-def _text(file: str, timed: bool) -> str:
-    return with_times((ENGINE / f"{file}.h").read_text(encoding="utf-8"), timed=timed)
+def _text(file: str, timed: bool, fed: bool) -> str:
+    text = (ENGINE / f"{file}.h").read_text(encoding="utf-8")
+    return with_times(text, timed=timed, fed=fed)
 
 
-def with_times(text: str, *, timed: bool) -> str:
-    """Return C of the engine with its times spelled out, or without any."""
+def with_times(text: str, *, timed: bool, fed: bool = False) -> str:
+    """Return C of the engine with times and inputs spelled out, or without any."""
     while found := _TIMED.search(text):
         end, depth = found.end(), 1
         while depth:
@@ -97,7 +100,7 @@ def with_times(text: str, *, timed: bool) -> str:
             inside = " ".join(inside.split())
             spelled = f"{_TIMES[found[1]]}({inside})" if timed else inside.split(",")[0]
             text = before + spelled + after
-        elif timed:
+        elif timed if found[1] == "TIMED" else fed:
             text = before + inside.strip() + after
         elif after.startswith("\n"):  # it is all that stands in its line
             text = before.rstrip(" ") + after[1:]
@@ -119,6 +122,7 @@ class Proved:
     correction: bool = False
     separable: bool = False
     timed: bool = False
+    fed: bool = False
 
     @property
     def _suits(self) -> str:
@@ -172,7 +176,8 @@ class Proved:
                             for run in (one, many)},
             "one_files": [*(["unscale"] if self.stages else []), parts,
                           f"lanes_observe_{self._suits}"],
-            "batch_files": ["batch", f"batch_observe_{self._suits}", "integrate_lanes"],
+            "batch_files": ["batch", f"batch_observe_{self._suits}",
+                            *(["inputs_lanes"] if self.fed else []), "integrate_lanes"],
         }
 
     def _lane_files(self) -> list[str]:

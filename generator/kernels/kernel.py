@@ -41,14 +41,15 @@ class Constants:
 
     def __init__(
         self, parameters: Sequence[sp.Symbol], others: Sequence[sp.Symbol] = (),
-        clock: Mapping[sp.Symbol, str] | None = None,
+        clock: Mapping[sp.Symbol, str] | None = None, inputs: Sequence[sp.Symbol] = (),
     ) -> None:
-        #: Symbols that change within a run, and their fields among the constants.
+        #: Symbols that change within a step, and their fields among the constants.
         self.clock = dict(clock or {})
         self.taken = {str(s) for s in (*parameters, *others)}
         self.parameters = tuple(parameters)
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
-        self._known = frozenset(parameters)  # made once: H of 100 bodies asks it for every term
+        # Made once: H of 100 bodies asks it for every term.
+        self._known = frozenset(parameters) - {*inputs}
 
     def hoist(self, e: sp.Expr) -> sp.Expr:
         """Return e with every largest parameter-only subexpression replaced by a symbol."""

@@ -144,7 +144,7 @@ class FastSystem:
     @cached_property
     def folds(self) -> Folds:
         """Numbers times constants, as constants of their own: 2 mgl is not computed in a loop."""
-        return Folds(set(self.system.parameters))
+        return Folds({*self.system.parameters} - {*self.system.inputs})
 
     @cached_property
     def gradients(self) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr]]:

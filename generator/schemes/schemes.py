@@ -332,7 +332,7 @@ def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
     time = () if system.time is None else (system.time,)
     clock = {system.time: "_t", LATE: "_late"} if system.is_timed else {}
-    constants = Constants(system.parameters, (*system.q, *system.p, *time), clock)
+    constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
     H = constants.hoist(system.H)
     g = tuple(constants.hoist(e) for e in system.constraints)
     forces = tuple(constants.hoist(e) for e in system.forces)

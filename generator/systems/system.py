@@ -17,30 +17,19 @@ from functools import cached_property
 from types import MappingProxyType
 
 import sympy as sp
-from sympy.core.sympify import _sympify
-from sympy.logic.boolalg import Boolean
 
 from ...arguments import as_flag, as_items, as_mapping, as_text
 from ...errors import InputError
 from ...naming import shown
-from ..algebra.switches import as_switches
 from ..text.c_names import is_taken
+from .given import as_expression, few
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
 
-__all__ = ["BodyAt", "System", "few"]
+__all__ = ["BodyAt", "System"]
 
 #: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
 MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
-#: Names that are shown of a list.
-_FEW = 6
-
-
-def few(names: Iterable[object]) -> str:
-    """Return the first of some names, and how many there are if that is not all."""
-    found = [str(name) for name in names]
-    first = ", ".join(found[:_FEW]) or "none"
-    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
 
 
 @dataclass(frozen=True)
@@ -86,6 +75,9 @@ class System:
         Generalised forces F(q, p, t; parameters), n of them or none: ṗ = −H_q + F − g_qᵀλ.
     time : Symbol, optional
         The symbol of t in H, constraints, forces and quantities.
+    inputs : sequence of Symbol
+        Parameters that may change from step to step, such as what a controller says; they stand
+        in forces only.
     quantities : mapping of str to Expr
         Quantities of q, p, t and parameters that trajectories offer by name.
     rigid_body : bool
@@ -112,14 +104,17 @@ class System:
     constraint_names: tuple[str, ...] = field(default=(), kw_only=True)
     forces: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
     time: sp.Symbol | None = field(default=None, kw_only=True)
+    inputs: tuple[sp.Symbol, ...] = field(default=(), kw_only=True)
     quantities: Mapping[str, sp.Expr] = field(default_factory=dict, kw_only=True, hash=False)
     rigid_body: bool = field(default=False, kw_only=True)
     bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("q", "p", "parameters", "constraints", "forces"):
+        for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
             values = self._sequence(name)
             object.__setattr__(self, name, tuple(map(as_expression, values)))
+        new = tuple(u for u in self.inputs if u not in self.parameters)
+        object.__setattr__(self, "parameters", self.parameters + new)
         as_text("name of the system", self.name)
         as_flag("rigid_body", self.rigid_body)
         object.__setattr__(self, "H", as_expression(self.H))
@@ -130,7 +125,7 @@ class System:
         names = tuple(as_text("a constraint's name", name) for name in given)
         object.__setattr__(self, "constraint_names",
                            names or tuple(f"g{i}" for i in range(self.m)))
-        for what in ("q", "p", "parameters"):
+        for what in ("q", "p", "inputs", "parameters"):
             self._refuse_unless_symbols(what, getattr(self, what))
         if self.time is not None:
             self._refuse_unless_symbols("time", (self.time,))
@@ -159,6 +154,7 @@ class System:
                 "one for each coordinate (0 where none acts), or none at all."
             )
         self._refuse_unknown_symbols()
+        self._refuse_inputs_elsewhere()
         bodies = as_items("bodies", self.bodies, "gyrospark.generator.systems.system.BodyAt")
         if not all(isinstance(body, BodyAt) for body in bodies):
             raise InputError(f"bodies = {shown(bodies)} are none; Multibody makes them.")
@@ -244,6 +240,17 @@ class System:
                     f"System {self.name!r} has a quantity named {name!r}; names are letters, "
                     "digits and '_' and begin with a letter."
                 )
+
+    def _refuse_inputs_elsewhere(self) -> None:
+        """An input jumps between steps: no scheme counts what H gains there, and g would break."""
+        places = {"H": [self.H], "a constraint": self.constraints,
+                  "a quantity": self.quantities.values()}
+        for what, expressions in places.items():
+            found = {s for e in expressions for s in e.free_symbols}.intersection(self.inputs)
+            if found:
+                raise InputError(
+                    f"System {self.name!r} has the input {min(map(str, found))!r} in {what}; an "
+                    "input jumps from step to step: write what it does as forces.")
 
     def _is_guard(self, name: str) -> bool:
         """Whether the header of a stepper of this system may have this include guard."""
@@ -374,23 +381,3 @@ class System:
             [shortest(sum(a * b for a, b in zip(row, other, strict=True))) for other in self.G]
             for row in rows
         ]
-
-
-def as_expression(value: object) -> sp.Expr:
-    """Return a SymPy expression or a plain number as an expression; text is refused.
-
-    Its Piecewise, Max, Min, Heaviside, Mod and the like become functions of ``switches``.
-    """
-    try:
-        made = _sympify(value)  # strict: never parses text
-    except (sp.SympifyError, TypeError, ValueError, AttributeError):
-        made = None
-    if isinstance(made, Boolean) and not isinstance(made, sp.Expr):
-        raise InputError(f"{shown(value)} is a condition, no expression; write 1 where it holds "
-                         f"and 0 elsewhere as Piecewise((1, {shown(value)}), (0, True)).")
-    if not isinstance(made, sp.Expr) or made.is_Matrix or isinstance(value, bool):
-        cure = "call it with symbols" if callable(value) else "build it from symbols and numbers"
-        raise InputError(f"{shown(value)} is no SymPy expression; {cure}.")
-    if made.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
-        raise InputError(f"The expression {shown(made)} is not real and finite; write another.")
-    return as_switches(made)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ...real import REALS
 from .checks import as_array, as_numbers, converted_to
+from .inputs import Inputs
 from .memory import aligned
 from .reals import rounding
 
@@ -42,6 +43,8 @@ class Compiled:
         self.number = rounding(manifest["real"])
         system = manifest["system"]
         self.parameter_names = list(system["parameters"])
+        #: Those of them that may change from step to step.
+        self.input_names = list(system.get("inputs", ()))
         self.n = len(system["coordinates"])
         self.m = len(system["constraints"])
         self.has_forces = "forces" in system
@@ -189,6 +192,7 @@ class Compiled:
     def integrate(
         self, parameters: Any, options: Any, dt: float, steps: int, every: int,
         q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
+        inputs: Inputs | None = None,
     ) -> int:
         """Advance (q, p) in place by up to ``steps`` steps; return the status."""
         q_out, p_out, multipliers, iterations, work_out = out
@@ -196,10 +200,24 @@ class Compiled:
         counts = (self.ffi.NULL if iterations.size == 0
                   else self.ffi.from_buffer("int[]", iterations, require_writable=True))
         return int(self.function("integrate")(
-            parameters, options, dt, steps, every, self.pointer(q), self.pointer(p),
-            self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers), counts, *done,
-            report, work,
+            parameters, options, *self._fed(inputs)[:2], dt, steps, every, self.pointer(q),
+            self.pointer(p), self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers),
+            counts, *done, report, work,
         ))
+
+    def _fed(self, inputs: Inputs | None) -> list[Any]:
+        """Return the arguments with inputs, how long they are held, and rows between runs."""
+        if not self.input_names:
+            return []
+        if inputs is None:
+            return [self.ffi.NULL, 0, 0]
+        return [self.pointer(inputs.values), inputs.hold, inputs.stride]
+
+    def feed(self, parameters: Any, row: Array) -> None:
+        """Put the inputs of a step into the parameter struct."""
+        fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
+        for name, value in zip(self.input_names, row, strict=True):
+            fields[self.parameter_names.index(name)] = value
 
     def batch_memory(self) -> tuple[Any, Any]:
         """Return the memory of ``integrate_lanes`` for one thread."""
@@ -222,7 +240,7 @@ class Compiled:
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
         q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
-        memory: tuple[Any, Any],
+        memory: tuple[Any, Any], inputs: Inputs | None = None,
     ) -> None:
         """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
         rows = out[0].shape[1]
@@ -232,8 +250,8 @@ class Compiled:
         starts = [self.pointer(part, row * width)
                   for part, width in zip(out[:3], widths, strict=True)]
         self.function("integrate_lanes")(
-            len(dt), parameters, options, self.pointer(dt), steps, every, rows, self.pointer(q),
-            self.pointer(p), *starts, counts + row, *done, reports,
+            len(dt), parameters, options, *self._fed(inputs), self.pointer(dt), steps, every, rows,
+            self.pointer(q), self.pointer(p), *starts, counts + row, *done, reports,
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory,
         )
 
@@ -264,8 +282,8 @@ class Compiled:
         structs = self.ffi.from_buffer(f"{self.name}_parameters[]", parameters)
         q_out, p_out = (self.ffi.NULL, self.ffi.NULL) if out is None else map(self.pointer, out)
         self.function("integrate_many")(
-            count, structs, options, self.pointer(dt), steps, every, self.pointer(q),
-            self.pointer(p), q_out, p_out,
+            count, structs, options, *self._fed(None), self.pointer(dt), steps, every,
+            self.pointer(q), self.pointer(p), q_out, p_out,
             self.ffi.from_buffer(f"{self.name}_report[]", reports, require_writable=True),
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory)
         return reports, status

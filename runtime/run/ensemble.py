@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from ...errors import InputError, StepFailed, Stopped
 from ...exact import Number
 from ...naming import shown
 from ..call.checks import as_numbers, as_positive_count
+from ..call.inputs import as_inputs
 from ..interrupts import ctrl_c
 from ..output.trajectory import Trajectory
 from .failure import Diagnosis
@@ -85,6 +86,8 @@ def integrate_members(
     t0: Number | ArrayLike,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
     workers: int | None,
+    inputs: Any = None,
+    hold: int = 1,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
@@ -98,8 +101,10 @@ def integrate_members(
     size = len(starts)
     given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
-                  _each_parameters(parameters, size))
-    course = Course.of(stepper.binding, checked_runs(stepper, given, options))
+                  _each_parameters(stepper.fed(parameters, inputs), size))
+    runs = checked_runs(stepper, given, options)
+    fed = as_inputs(inputs, stepper.binding, runs.first.steps, hold, size)
+    course = Course.of(stepper.binding, replace(runs, inputs=fed))
     with ctrl_c() as interrupts:
         _fill(course, threads, lambda: interrupts.asked)
     found = _ensemble(stepper, course)

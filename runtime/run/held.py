@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..call.binding import Binding
+from ..call.inputs import Inputs
 from .integration import Run
 
 __all__ = ["Held"]
@@ -54,12 +55,12 @@ class Held:
         return replace(self.run, q=np.array(q, self._q.dtype), p=np.array(p, self._p.dtype),
                        t0=t0)
 
-    def advance(self) -> int:
-        """Take a step; return the status."""
+    def advance(self, inputs: Inputs | None = None) -> int:
+        """Take a step, with its own inputs; return the status."""
         (q_out, p_out, work_out), counts = self._nothing
         status = self._binding.integrate(
             self._parameters, self._options, self.run.dt, 1, 1, self._q, self._p,
-            (q_out, p_out, work_out, counts, work_out), self._report, self._work)
+            (q_out, p_out, work_out, counts, work_out), self._report, self._work, inputs)
         self.steps += not status
         return status
 

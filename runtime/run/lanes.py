@@ -103,6 +103,7 @@ class Course:
                rows.work[part])
         dt = self.runs.dt[part].astype(binding.dtype)
         parameters = binding.parameter_sets(self.runs.columns(part), self.runs.t0[part])
+        inputs = None if self.runs.inputs is None else self.runs.inputs.between(part)
         options = binding.options(first.tolerance, first.max_iterations, first.solver)
         iterations, done, pace = rows.iterations[part], 0, Pace()
         while done < first.steps and not status.all() and not stop():
@@ -110,7 +111,7 @@ class Course:
             count, every = next_chunk(first, done, pace.begin())
             most = iterations[:, row].copy()  # of the pieces before, where a row takes several
             binding.integrate_lanes(parameters, options, dt, count, every, row, q, p, out,
-                                    reports, status, memory)
+                                    reports, status, memory, inputs)
             np.maximum(iterations[:, row], most, out=iterations[:, row])
             done += count
             pace.end(count)
