@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
     from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
+    from .runtime.run.simulation import Simulation
     from .runtime.run.stepper import Stepper
     from .storage.record import record
     from .storage.recording import Recording, open_recording
@@ -82,6 +83,7 @@ _HOMES = {
     "gamma_m_tilde": "runtime.body.inertia",
     "momentum": "runtime.body.quaternion",
     "state_from_rotation": "runtime.body.quaternion",
+    "Simulation": "runtime.run.simulation",
     "Stepper": "runtime.run.stepper",
     "Trajectory": "runtime.output.trajectory",
     "Recording": "storage.recording",
@@ -110,6 +112,7 @@ __all__ = [
     "Multibody",
     "Projection",
     "Recording",
+    "Simulation",
     "StepFailed",
     "Stepper",
     "Stopped",

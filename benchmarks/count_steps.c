@@ -29,8 +29,8 @@ int main(int count, char **arguments)
     /* cos and sin of 15 degrees: tilted by 30 about x, p = 2 L(q)^T J Omega */
     double q[4] = { 0.9659258262890683, 0.25881904510252074, 0, 0 };
     double p[4] = { 0, 0, -2*q[1]*I3*spin, 2*q[0]*I3*spin };
-    static NAME(work) work;
+    NAME(work) *work = malloc(NAME(work_size)());
     NAME(report) report = { 0 };
     return NAME(integrate)(&top, &options, 1e-3, steps, steps, q, p, NULL, NULL, NULL, NULL,
-                           &report, &work);
+                           &report, work);
 }

@@ -22,6 +22,7 @@ from ..runtime.build.manifest import remarks_of
 from ..runtime.call.binding import SOLVERS
 from ..runtime.interrupts import watched
 from ..runtime.run.start import Start
+from ..runtime.show.scene import check_bodies
 from .options import (
     DEFAULT,
     completing,
@@ -82,18 +83,20 @@ _BAR_FROM = 20_000
               help="Kept with a stored run: of the random numbers that made its start.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
+@click.option("--view", "page", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write a page that moves, of bodies, joints and energy (.html).")
 @json_option
 def run(
     problem: str, gamma: str | None, alpha: str | None, dt: str | None, t0: str,
     steps: str | None, every: str, solver: str, tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], reference: bool, out: Path | None, resume: bool, seed: str | None,
-    plot: Path | None, as_json: bool, **choice: Any,
+    plot: Path | None, page: Path | None, as_json: bool, **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); or a model
     file (TOML). Without --scheme by (DEFAULT).
 
     \b
-    gyrospark run double_pendulum
+    gyrospark run double_pendulum --view pendulum.html
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
     gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --steps 10000
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
@@ -109,12 +112,14 @@ def run(
     entry = None if is_model_file(problem) else entry_named(problem)
     options = {} if entry is None else _options(entry, settings)
     chosen = entry.make(**options) if entry is not None and entry.kind == "problem" else None
-    check_targets(out, plot, resume=resume)
+    check_targets(out, plot, page, resume=resume)
     choice, note = with_default_scheme(choice)
     if chosen is not None:
         step, start = _stepper(chosen, choice), Start.of_problem(chosen)
     else:
         step, start = _model(problem, entry, options, settings, reference, choice)
+    if page is not None:
+        check_bodies(step.manifest)
     if not as_json:  # before a step is taken
         for said in (*note, *(f"{part}: {said}" for part, said in remarks_of(step.manifest))):
             click.echo(said)
@@ -151,10 +156,12 @@ def run(
             if chosen is not None and (reference or chosen.exact is not None):
                 with suppress(Stopped):  # a reference is a run as well
                     result |= axis_errors(chosen, step, done.trajectory)
-            if plot is not None:
+            for key, target in (("plot", plot), ("view", page)):
+                if target is None:
+                    continue
                 try:
-                    done.trajectory.plot(plot)
-                    result["plot"] = str(plot)
+                    getattr(done.trajectory, key)(target)
+                    result[key] = str(target)
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error
             click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
-from ..runtime.show.endings import ENDINGS, ending_of
+from ..runtime.show.endings import ENDINGS, PAGES, ending_of
 from .options import check_ending, check_picture, check_writable
 
 if TYPE_CHECKING:
@@ -51,13 +51,16 @@ class Done:
     trouble: GyrosparkError | Stopped | None
 
 
-def check_targets(out: Path | None, plot: Path | None, *, resume: bool) -> None:
+def check_targets(out: Path | None, plot: Path | None, page: Path | None, *, resume: bool) -> None:
     """Refuse what cannot be written before a long run, not after it."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
         check_ending("--out", out, ("", *ENDINGS, ".zarr"))
     if plot is not None:
         check_picture(plot)
+    if page is not None:
+        check_writable("--view", page)
+        check_ending("--view", page, PAGES)
     if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
         raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
                          "the file that it shall become, NAME.csv or NAME.nc.")
@@ -171,7 +174,7 @@ def _in_memory(
 
 def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
     """Return what a signal has ended with where its states are, for people."""
-    from ..runtime.run.integration import ended_at
+    from ..runtime.steps.integration import ended_at
 
     where = "--out would keep its states." if written is None else f"It is in {written!r}."
     if done < steps and written is not None:

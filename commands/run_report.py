@@ -164,7 +164,7 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
         failed = result["failed"]
         lines.append(f"  stopped: step {failed['step']} at t = {failed['t']:g} s "
                      f"{failed['reason']}")
-    lines += [f"  wrote {result[key]}" for key in ("out", "plot") if key in result]
+    lines += [f"  wrote {result[key]}" for key in ("out", "plot", "view") if key in result]
     return "\n".join(lines)
 
 

@@ -83,6 +83,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
                 options->max_iterations);
             ++sweeps[i];
+            if (predicted && round == 1)
+                run->predictor.first[i] = change;
             if (predicted && round == 1 && !(change < far*far)) {
                 fresh[i] = again = 1; /* a far prediction may lead to another root */
                 progress[i] = start_of_sweeps(run->predictor.rate[i]);

@@ -116,8 +116,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             p_before[a] = run->p[a];
         }
         const lanes work_before = run->work;
-        record(&run->predictor, run->past, MANY(X), MANY(ends), MANY(rows),
-            run->through, run->now.x);
+        MANY(remember)(run);
         MANY(finish)(run);
         for (int i = 0; i < count; ++i)
             if (alive[i] && !is_finite_lane(run, i)) {

@@ -126,6 +126,12 @@ INLINE void RUN(start)(RUN(t) *w, int predicted)
     RUN(begin)(w);
 }
 
+/* Records the step just done. */
+INLINE void RUN(remember)(RUN(t) *w)
+{
+    record(&w->predictor, w->past, RUN(X), RUN(ends), RUN(rows), w->through, w->now.x);
+}
+
 /* The unknowns from those of the sweeps, and those of a lane from them. */
 static void RUN(unscale)(const RUN(t) *w, real x[U])
 {

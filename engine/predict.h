@@ -9,7 +9,7 @@
  * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
  * small). They change the starting values only, never what the sweeps converge to.
  */
-enum { ORDER = 16, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
 /* Rates of q, of p, and multipliers have each their own recurrence. */
 enum { GROUPS = 3 };
 
@@ -19,6 +19,7 @@ typedef struct {
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
     real rate[LANES];  /* how fast sweeps converge, as last seen */
+    real first[LANES]; /* what the first sweep changed of the last prediction, squared */
     int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
@@ -27,12 +28,12 @@ typedef struct {
 static void forget(predictor_t *s)
 {
     s->count = 0;
-    s->training = HISTORY + 1;
+    s->training = ORDER + 1;
     s->order = s->fitted = 0;
     for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
     for (int i = 0; i < LANES; ++i)
-        s->rate[i] = 1;
+        s->rate[i] = s->first[i] = 1;
 }
 
 /* The values of m steps ago; m = 0 is the place of the newest. */

@@ -17,6 +17,7 @@ typedef struct {
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
     RUN(iterate) now;
     RUN(bound) bound;
+    RUN(lessons) lessons;
     predictor_t predictor;
     lanes through[RUN(X)]; /* the polynomial through the last stages, one step on */
     lanes past[HISTORY*RUN(X)];

@@ -112,6 +112,7 @@ static void RUN(set_up)(RUN(t) *w)
     RUN(set_nodes)(w);
     RUN(set_schur)(w);
     forget(&w->predictor);
+    RUN(forget_lessons)(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -136,15 +137,9 @@ INLINE void RUN(sizes)(RUN(t) *w)
 /* Starting values of the next step. */
 INLINE void RUN(start)(RUN(t) *w, int predicted)
 {
-    if (predicted) {
-        if (!w->predictor.fitted) {
-            const lanes *x = past_values(&w->predictor, w->past, RUN(X), 0);
-            RUN(stages_of_stages)(w->zero, 0, TABLE(onward), x, w->through);
-            RUN(stages_of_stages)(w->zero, 0, TABLE(onward), x + RUN(HAT), w->through + RUN(HAT));
-            RUN(continue_nodes)(w, x + RUN(IMPULSE), w->through + RUN(IMPULSE));
-        }
-        predict(&w->predictor, w->past, RUN(X), RUN(ends), w->through, w->now.x);
-    } else
+    if (predicted)
+        RUN(foresee)(w);
+    else
         RUN(guess)(w);
     RUN(sizes)(w);
     RUN(begin)(w);

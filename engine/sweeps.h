@@ -37,6 +37,8 @@ static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps
             look(&progress, ONE(of_lanes)(&w->noise));
         }
         verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
+        if (predicted && progress.sweeps == 1)
+            w->predictor.first[0] = change;
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
         const int early = progress.sweeps == 1 || progress.sweeps == 3;
@@ -142,7 +144,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
         f->failures = 0;
     choose_way(f, sweeps*SWEEP_COST + w->effort);
     ONE(t) *s = &f->run;
-    record(&s->predictor, s->past, ONE(X), ONE(ends), ONE(rows), s->through, s->now.x);
+    ONE(remember)(s);
     ONE(finish)(s);
     real size = 0;
     for (int a = 0; a < N; ++a)

@@ -29,11 +29,11 @@
  *   c, w         constants of a run; its memory
  *   LANES        reals in a vector register: stages, or trajectories, that move together
  */
+#define HEAVY_TOP_EMS_GAMMA_WORK
 #include "heavy_top_ems_gamma.h"
 
 #include <float.h>
 #include <math.h>
-#include <stddef.h>
 
 typedef double real;
 typedef heavy_top_ems_gamma_parameters parameters_t;
@@ -1499,6 +1499,9 @@ static int why(const progress_t *s)
     return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
 }
 
+/* Steps that are remembered. */
+enum { HISTORY = 16 };
+
 /* ---------------------------------------------------------------- starting values from the past */
 
 /*
@@ -1510,7 +1513,7 @@ static int why(const progress_t *s)
  * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
  * small). They change the starting values only, never what the sweeps converge to.
  */
-enum { ORDER = 16, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
 /* Rates of q, of p, and multipliers have each their own recurrence. */
 enum { GROUPS = 3 };
 
@@ -1520,6 +1523,7 @@ typedef struct {
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
     real rate[LANES];  /* how fast sweeps converge, as last seen */
+    real first[LANES]; /* what the first sweep changed of the last prediction, squared */
     int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
@@ -1528,12 +1532,12 @@ typedef struct {
 static void forget(predictor_t *s)
 {
     s->count = 0;
-    s->training = HISTORY + 1;
+    s->training = ORDER + 1;
     s->order = s->fitted = 0;
     for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
     for (int i = 0; i < LANES; ++i)
-        s->rate[i] = 1;
+        s->rate[i] = s->first[i] = 1;
 }
 
 /* The values of m steps ago; m = 0 is the place of the newest. */
@@ -2026,6 +2030,12 @@ INLINE void mean_start(mean_t *w, int predicted)
     mean_begin(w);
 }
 
+/* Records the step just done. */
+INLINE void mean_remember(mean_t *w)
+{
+    record(&w->predictor, w->past, mean_X, mean_ends, mean_rows, w->through, w->now.x);
+}
+
 /* The unknowns from those of the sweeps, and those of a lane from them. */
 static void mean_unscale(const mean_t *w, real x[U])
 {
@@ -2110,6 +2120,8 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
             look(&progress, mean_of_lanes(&w->noise));
         }
         verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
+        if (predicted && progress.sweeps == 1)
+            w->predictor.first[0] = change;
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
         const int early = progress.sweeps == 1 || progress.sweeps == 3;
@@ -2212,7 +2224,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
         f->failures = 0;
     choose_way(f, sweeps*SWEEP_COST + w->effort);
     mean_t *s = &f->run;
-    record(&s->predictor, s->past, mean_X, mean_ends, mean_rows, s->through, s->now.x);
+    mean_remember(s);
     mean_finish(s);
     real size = 0;
     for (int a = 0; a < N; ++a)
@@ -2328,21 +2340,26 @@ typedef struct {
     real *work;
 } rows_t;
 
-/* Steps from the state (q, p), which becomes the end; see the header. */
-static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
-    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+/* A run begins: its record, in which the start counts once, and what its steps keep. */
+static void begin(work_t *work, const options_t *options, real dt, const real q[N],
+    const real p[N], report_t *report)
 {
-    prepare(parameters, &work->constants);
-    if (report->steps == 0) {
-        report->energy_start = hamiltonian(&work->constants, q, p);
-        observe(&work->constants, q, p, report);
-        begin_run(work, options, dt, q, p);
-    }
+    const report_t nothing = { 0 };
+    *report = nothing;
+    report->energy_start = hamiltonian(&work->constants, q, p);
+    observe(&work->constants, q, p, report);
+    begin_run(work, options, dt, q, p);
+}
+
+/* Steps of a run that has begun at the time `start`. */
+static int run_on(const options_t *options, real start, real dt, long steps, long every,
+    real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        work->t = start_time(parameters) + (real)report->steps*dt;
+        work->t = start + (real)report->steps*dt;
         const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
@@ -2370,6 +2387,107 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
         most = 0;
     }
     return OK;
+}
+
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    if (report->steps == 0)
+        begin(work, options, dt, q, p, report);
+    return run_on(options, start_time(parameters), dt, steps, every, q, p, out, report, work);
+}
+
+/* The state of a run becomes (q, p); where that is new, nothing is left over of rounding. */
+static void take_over(work_t *w, const real q[N], const real p[N])
+{
+    mean_t *s = &fast_of(w)->run;
+    for (int a = 0; a < N; ++a) {
+        if (!(part(&s->q[a], 0) == q[a])) {
+            s->q[a] = splat(q[a]);
+            s->q_low[a] = splat(0);
+        }
+        if (!(part(&s->p[a], 0) == p[a])) {
+            s->p[a] = splat(p[a]);
+            s->p_low[a] = splat(0);
+        }
+    }
+    for (int i = 0; i < LANES; ++i)
+        mean_prepare(s, i, &w->constants, w->held.dt);
+    mean_set_schur(s);
+    mean_look(s);
+}
+
+/* After a step that failed: what it left behind is forgotten. */
+static void recover(work_t *w)
+{
+    mean_t *s = &fast_of(w)->run;
+    forget(&s->predictor);
+    s->work = splat(work_so_far(&w->held.report));
+    s->work_low = splat(0);
+}
+
+size_t heavy_top_ems_gamma_work_size(void)
+{
+    return sizeof(work_t);
+}
+
+const report_t *heavy_top_ems_gamma_report_of(const work_t *work)
+{
+    return &work->held.report;
+}
+
+void heavy_top_ems_gamma_begin(work_t *w, const parameters_t *parameters, const options_t *options,
+    real dt,
+    const real q[N], const real p[N])
+{
+    w->held.options = *options;
+    w->held.dt = dt;
+    w->held.start = start_time(parameters);
+    w->held.is_new = 0;
+    prepare(parameters, &w->constants);
+    begin(w, options, dt, q, p, &w->held.report);
+    for (int a = 0; a < N; ++a) {
+        w->held.q[a] = q[a];
+        w->held.p[a] = p[a];
+    }
+}
+
+void heavy_top_ems_gamma_set_parameters(work_t *w, const parameters_t *parameters)
+{
+    const real before = hamiltonian(&w->constants, w->held.q, w->held.p);
+    prepare(parameters, &w->constants);
+    w->held.report.energy_start += hamiltonian(&w->constants, w->held.q, w->held.p) - before;
+    w->held.is_new = 1;
+}
+
+int heavy_top_ems_gamma_advance(work_t *w, long steps, real q[N], real p[N])
+{
+    const rows_t none = { 0 };
+    real *old_q = w->held.q, *old_p = w->held.p, jump = 0;
+    const int sweeps = w->held.options.solver != NEWTON;
+    int moved = 0;
+    for (int a = 0; a < N; ++a)
+        moved |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
+    if (moved) /* by the caller: that is no error */
+        jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
+    w->held.report.energy_start += jump;
+    if (sweeps && (moved || w->held.is_new))
+        take_over(w, q, p);
+    w->held.is_new = 0;
+    const int status = run_on(&w->held.options, w->held.start, w->held.dt, steps, 1, q, p, none,
+        &w->held.report, w);
+    for (int a = 0; a < N; ++a) {
+        old_q[a] = q[a];
+        old_p[a] = p[a];
+    }
+    if (status != OK) {
+        w->held.is_new = 1;
+        if (sweeps)
+            recover(w);
+    }
+    return status;
 }
 
 /* --------------------------------------------------------------- several trajectories at a time */
@@ -2457,6 +2575,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
                 options->max_iterations);
             ++sweeps[i];
+            if (predicted && round == 1)
+                run->predictor.first[i] = change;
             if (predicted && round == 1 && !(change < far*far)) {
                 fresh[i] = again = 1; /* a far prediction may lead to another root */
                 progress[i] = start_of_sweeps(run->predictor.rate[i]);
@@ -2654,8 +2774,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             p_before[a] = run->p[a];
         }
         const lanes work_before = run->work;
-        record(&run->predictor, run->past, mean_X, mean_ends, mean_rows,
-            run->through, run->now.x);
+        mean_remember(run);
         mean_finish(run);
         for (int i = 0; i < count; ++i)
             if (alive[i] && !is_finite_lane(run, i)) {

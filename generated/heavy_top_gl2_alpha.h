@@ -18,6 +18,8 @@
 #ifndef HEAVY_TOP_GL2_ALPHA_H
 #define HEAVY_TOP_GL2_ALPHA_H
 
+#include <stddef.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -95,28 +97,41 @@ typedef struct {
     double k3; /* 1/I3 */
 } heavy_top_gl2_alpha_constants;
 
-/* Scratch memory of one caller; 18 unknowns. Contents need no preparation. */
-typedef struct {
-    heavy_top_gl2_alpha_constants constants;
-    double x[18];
-    double r[18];
-    double x_near[18], r_near[18]; /* moved by rounding, to see what it is worth */
-    double increment; /* the last one of Newton, relative to the state */
-    long products; /* of the last factorisation of J */
-    long effort;   /* of Newton, in additions: counted up */
-    double J[324];
-    int exponents[18]; /* scales of the rows of J, and the order of its pivots */
-    int pivots[18];
-    double t; /* at the start of the step */
-    double stage_q[2][4]; /* Q_i */
-    double stage_p[2][4]; /* P_i */
-    double D[3][4]; /* Q~_l - q */
-    double force[2][4]; /* G_l^T Lambda_l */
-    double Q_tilde[3][4];
-    double G[3][1][4];
-    double K[2][4][4];
-    unsigned char memory[78784]; /* of the fast path, kept from step to step */
-} heavy_top_gl2_alpha_work;
+/*
+ * The memory of one caller, as many bytes as the function says; contents need no preparation. For
+ * memory that is not allocated
+ *     #define HEAVY_TOP_GL2_ALPHA_WORK
+ * before this header is included: the struct is then known, but it belongs to the functions below.
+ */
+typedef struct heavy_top_gl2_alpha_work heavy_top_gl2_alpha_work;
+size_t heavy_top_gl2_alpha_work_size(void);
+
+/*
+ * One trajectory, held in that memory from call to call: it begins at (q, p) with a time step dt,
+ * which may be negative. No other function but these four is to be given the memory meanwhile.
+ */
+void heavy_top_gl2_alpha_begin(heavy_top_gl2_alpha_work *work,
+    const heavy_top_gl2_alpha_parameters *parameters,
+    const heavy_top_gl2_alpha_options *options, double dt, const double q[4], const double p[4]);
+
+/*
+ * Up to `steps` steps; (q, p) becomes their end. It is the end of the steps before, or what the
+ * caller made of that: an impulse, say, is added to p. However the steps are shared out among
+ * calls, their bits are those of one call of heavy_top_gl2_alpha_integrate. A failed step ends the call with
+ * its status and leaves the state before it.
+ */
+int heavy_top_gl2_alpha_advance(heavy_top_gl2_alpha_work *work, long steps, double q[4],
+    double p[4]);
+
+/* Other values of the parameters from the next step on, from an actuator say; time runs on. */
+void heavy_top_gl2_alpha_set_parameters(heavy_top_gl2_alpha_work *work,
+    const heavy_top_gl2_alpha_parameters *parameters);
+
+/*
+ * The record of the steps so far. What a caller does to the state or the parameters changes H, and
+ * is no error: energy_start changes with it.
+ */
+const heavy_top_gl2_alpha_report *heavy_top_gl2_alpha_report_of(const heavy_top_gl2_alpha_work *work);
 
 /*
  * One step from (q, p) to (q1, p1); the arrays may be the same. multipliers (3
@@ -145,7 +160,7 @@ int heavy_top_gl2_alpha_integrate(const heavy_top_gl2_alpha_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[90880];
+    unsigned char memory[119808];
 } heavy_top_gl2_alpha_batch;
 
 /*
@@ -230,6 +245,37 @@ int heavy_top_gl2_alpha_project(const heavy_top_gl2_alpha_parameters *parameters
 const heavy_top_gl2_alpha_tableau *heavy_top_gl2_alpha_coefficients(void);
 
 /* [end declarations] */
+
+#ifdef HEAVY_TOP_GL2_ALPHA_WORK
+struct heavy_top_gl2_alpha_work {
+    heavy_top_gl2_alpha_constants constants;
+    double x[18];
+    double r[18];
+    double x_near[18], r_near[18]; /* moved by rounding, to see what it is worth */
+    double increment; /* the last one of Newton, relative to the state */
+    long products; /* of the last factorisation of J */
+    long effort;   /* of Newton, in additions: counted up */
+    double J[324];
+    int exponents[18]; /* scales of the rows of J, and the order of its pivots */
+    int pivots[18];
+    double t; /* at the start of the step */
+    double stage_q[2][4]; /* Q_i */
+    double stage_p[2][4]; /* P_i */
+    double D[3][4]; /* Q~_l - q */
+    double force[2][4]; /* G_l^T Lambda_l */
+    double Q_tilde[3][4];
+    double G[3][1][4];
+    double K[2][4][4];
+    unsigned char memory[94016]; /* of the fast path, kept from step to step */
+    struct { /* the trajectory that heavy_top_gl2_alpha_begin has begun */
+        heavy_top_gl2_alpha_options options;
+        heavy_top_gl2_alpha_report report;
+        double dt, start; /* the time step, and the time at the start */
+        double q[4], p[4];
+        int is_new; /* whether what sweeps keep is another state, or of other parameters */
+    } held;
+};
+#endif
 
 #ifdef __cplusplus
 }

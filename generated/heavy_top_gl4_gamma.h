@@ -18,6 +18,8 @@
 #ifndef HEAVY_TOP_GL4_GAMMA_H
 #define HEAVY_TOP_GL4_GAMMA_H
 
+#include <stddef.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -95,28 +97,41 @@ typedef struct {
     double k3; /* -1/gamma + 1/I2 */
 } heavy_top_gl4_gamma_constants;
 
-/* Scratch memory of one caller; 36 unknowns. Contents need no preparation. */
-typedef struct {
-    heavy_top_gl4_gamma_constants constants;
-    double x[36];
-    double r[36];
-    double x_near[36], r_near[36]; /* moved by rounding, to see what it is worth */
-    double increment; /* the last one of Newton, relative to the state */
-    long products; /* of the last factorisation of J */
-    long effort;   /* of Newton, in additions: counted up */
-    double J[1296];
-    int exponents[36]; /* scales of the rows of J, and the order of its pivots */
-    int pivots[36];
-    double t; /* at the start of the step */
-    double stage_q[4][4]; /* Q_i */
-    double stage_p[4][4]; /* P_i */
-    double D[5][4]; /* Q~_l - q */
-    double force[4][4]; /* G_l^T Lambda_l */
-    double Q_tilde[5][4];
-    double G[5][1][4];
-    double K[4][4][4];
-    unsigned char memory[79680]; /* of the fast path, kept from step to step */
-} heavy_top_gl4_gamma_work;
+/*
+ * The memory of one caller, as many bytes as the function says; contents need no preparation. For
+ * memory that is not allocated
+ *     #define HEAVY_TOP_GL4_GAMMA_WORK
+ * before this header is included: the struct is then known, but it belongs to the functions below.
+ */
+typedef struct heavy_top_gl4_gamma_work heavy_top_gl4_gamma_work;
+size_t heavy_top_gl4_gamma_work_size(void);
+
+/*
+ * One trajectory, held in that memory from call to call: it begins at (q, p) with a time step dt,
+ * which may be negative. No other function but these four is to be given the memory meanwhile.
+ */
+void heavy_top_gl4_gamma_begin(heavy_top_gl4_gamma_work *work,
+    const heavy_top_gl4_gamma_parameters *parameters,
+    const heavy_top_gl4_gamma_options *options, double dt, const double q[4], const double p[4]);
+
+/*
+ * Up to `steps` steps; (q, p) becomes their end. It is the end of the steps before, or what the
+ * caller made of that: an impulse, say, is added to p. However the steps are shared out among
+ * calls, their bits are those of one call of heavy_top_gl4_gamma_integrate. A failed step ends the call with
+ * its status and leaves the state before it.
+ */
+int heavy_top_gl4_gamma_advance(heavy_top_gl4_gamma_work *work, long steps, double q[4],
+    double p[4]);
+
+/* Other values of the parameters from the next step on, from an actuator say; time runs on. */
+void heavy_top_gl4_gamma_set_parameters(heavy_top_gl4_gamma_work *work,
+    const heavy_top_gl4_gamma_parameters *parameters);
+
+/*
+ * The record of the steps so far. What a caller does to the state or the parameters changes H, and
+ * is no error: energy_start changes with it.
+ */
+const heavy_top_gl4_gamma_report *heavy_top_gl4_gamma_report_of(const heavy_top_gl4_gamma_work *work);
 
 /*
  * One step from (q, p) to (q1, p1); the arrays may be the same. multipliers (5
@@ -145,7 +160,7 @@ int heavy_top_gl4_gamma_integrate(const heavy_top_gl4_gamma_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[116992];
+    unsigned char memory[174336];
 } heavy_top_gl4_gamma_batch;
 
 /*
@@ -230,6 +245,37 @@ int heavy_top_gl4_gamma_project(const heavy_top_gl4_gamma_parameters *parameters
 const heavy_top_gl4_gamma_tableau *heavy_top_gl4_gamma_coefficients(void);
 
 /* [end declarations] */
+
+#ifdef HEAVY_TOP_GL4_GAMMA_WORK
+struct heavy_top_gl4_gamma_work {
+    heavy_top_gl4_gamma_constants constants;
+    double x[36];
+    double r[36];
+    double x_near[36], r_near[36]; /* moved by rounding, to see what it is worth */
+    double increment; /* the last one of Newton, relative to the state */
+    long products; /* of the last factorisation of J */
+    long effort;   /* of Newton, in additions: counted up */
+    double J[1296];
+    int exponents[36]; /* scales of the rows of J, and the order of its pivots */
+    int pivots[36];
+    double t; /* at the start of the step */
+    double stage_q[4][4]; /* Q_i */
+    double stage_p[4][4]; /* P_i */
+    double D[5][4]; /* Q~_l - q */
+    double force[4][4]; /* G_l^T Lambda_l */
+    double Q_tilde[5][4];
+    double G[5][1][4];
+    double K[4][4][4];
+    unsigned char memory[95168]; /* of the fast path, kept from step to step */
+    struct { /* the trajectory that heavy_top_gl4_gamma_begin has begun */
+        heavy_top_gl4_gamma_options options;
+        heavy_top_gl4_gamma_report report;
+        double dt, start; /* the time step, and the time at the start */
+        double q[4], p[4];
+        int is_new; /* whether what sweeps keep is another state, or of other parameters */
+    } held;
+};
+#endif
 
 #ifdef __cplusplus
 }

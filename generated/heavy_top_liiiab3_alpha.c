@@ -33,11 +33,11 @@
  *   c, w         constants of a run; its memory
  *   LANES        reals in a vector register: stages, or trajectories, that move together
  */
+#define HEAVY_TOP_LIIIAB3_ALPHA_WORK
 #include "heavy_top_liiiab3_alpha.h"
 
 #include <float.h>
 #include <math.h>
-#include <stddef.h>
 
 typedef double real;
 typedef heavy_top_liiiab3_alpha_parameters parameters_t;
@@ -1572,6 +1572,9 @@ static int why(const progress_t *s)
     return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
 }
 
+/* Steps that are remembered. */
+enum { HISTORY = 32 };
+
 /* ---------------------------------------------------------------- starting values from the past */
 
 /*
@@ -1583,7 +1586,7 @@ static int why(const progress_t *s)
  * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
  * small). They change the starting values only, never what the sweeps converge to.
  */
-enum { ORDER = 16, HISTORY = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
 /* Rates of q, of p, and multipliers have each their own recurrence. */
 enum { GROUPS = 3 };
 
@@ -1593,6 +1596,7 @@ typedef struct {
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
     real rate[LANES];  /* how fast sweeps converge, as last seen */
+    real first[LANES]; /* what the first sweep changed of the last prediction, squared */
     int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
@@ -1601,12 +1605,12 @@ typedef struct {
 static void forget(predictor_t *s)
 {
     s->count = 0;
-    s->training = HISTORY + 1;
+    s->training = ORDER + 1;
     s->order = s->fitted = 0;
     for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
     for (int i = 0; i < LANES; ++i)
-        s->rate[i] = 1;
+        s->rate[i] = s->first[i] = 1;
 }
 
 /* The values of m steps ago; m = 0 is the place of the newest. */
@@ -1830,6 +1834,115 @@ static const real fast_onward_nodes[2][2] = {
 #define LOAD_AGAIN(pointer) (void)(pointer)
 #endif
 
+/* -------------------------------------------------------- what the past of a motion says of it */
+
+/*
+ * The stages of a step are values of one motion at different times. Those of the next step are a
+ * linear function of all stages of the last one and of a few of each step before it, the same
+ * function for all coordinates. It is fitted to the steps in memory by least squares; the ridge is
+ * their round-off, which keeps the coefficients small. One lesson serves one trajectory.
+ */
+enum { PICKS = S > 1 ? 2 : 1, LAGS = 12, KNOWN = S + PICKS*LAGS };
+enum { WIDEST = S + 2*LAGS, LESSON_ROWS = 16 }; /* no less than ORDER */
+
+typedef struct {
+    int known, rights; /* unknown coefficients; right sides */
+    int count;         /* equations that wait in A */
+    real R[WIDEST][WIDEST + S]; /* triangular, right sides last */
+    real A[LESSON_ROWS][WIDEST + S];
+} lesson_t;
+
+/* Regressor k is a stage of some steps ago. */
+INLINE int known_lag(int k)
+{
+    return k < S ? 1 : 2 + (k - S)/PICKS;
+}
+
+INLINE int known_stage(int k)
+{
+    return k < S ? k : (k - S) % PICKS*(S/2);
+}
+
+/* How many steps before the last there are equations for, after `steps` steps; -1: for none. */
+static int lags_after(long steps)
+{
+    int lags = LAGS;
+    while (lags >= 0 && (steps - 1 - lags)*N < S + PICKS*lags)
+        --lags;
+    return lags;
+}
+
+/* Of `available` equations, how many places from one that is taken to the next. */
+static int stride_of(int available, int known)
+{
+    return available > 3*known ? (available - 1)/(3*known) + 1 : 1;
+}
+
+static void begin_lesson(lesson_t *l, int known, int rights, real ridge)
+{
+    l->known = known;
+    l->rights = rights;
+    l->count = 0;
+    for (int k = 0; k < known; ++k) {
+        for (int j = 0; j < known + rights; ++j)
+            l->R[k][j] = 0;
+        l->R[k][k] = ridge;
+    }
+}
+
+/* Reflections put the equations in A into R, column by column. */
+static void take_in(lesson_t *l)
+{
+    const int width = l->known + l->rights;
+    for (int k = 0; k < l->known; ++k) {
+        const real diagonal = l->R[k][k];
+        real square = diagonal*diagonal, share[WIDEST + S];
+        for (int i = 0; i < l->count; ++i)
+            square += l->A[i][k]*l->A[i][k];
+        const real length = sqrt(square);
+        const real first = diagonal < 0 ? diagonal - length : diagonal + length;
+        const real factor = 1/(length*(first < 0 ? -first : first)); /* 2/|v|^2 */
+        for (int j = k; j < width; ++j)
+            share[j] = first*l->R[k][j];
+        for (int i = 0; i < l->count; ++i) {
+            const real value = l->A[i][k];
+            for (int j = k; j < width; ++j)
+                share[j] += value*l->A[i][j];
+        }
+        for (int j = k; j < width; ++j) {
+            share[j] *= factor;
+            l->R[k][j] -= first*share[j];
+        }
+        for (int i = 0; i < l->count; ++i) {
+            const real value = l->A[i][k];
+            for (int j = k; j < width; ++j)
+                l->A[i][j] -= value*share[j];
+        }
+    }
+    l->count = 0;
+}
+
+/* The next equation, to be filled in. */
+static real *next_row(lesson_t *l)
+{
+    if (l->count == LESSON_ROWS)
+        take_in(l);
+    return l->A[l->count++];
+}
+
+/* Coefficients in place of the right sides. */
+static void end_lesson(lesson_t *l)
+{
+    take_in(l);
+    for (int k = l->known - 1; k >= 0; --k)
+        for (int i = l->known; i < l->known + l->rights; ++i) {
+            real sum = l->R[k][i];
+            for (int j = k + 1; j < l->known; ++j)
+                sum -= l->R[k][j]*l->R[j][i];
+            l->R[k][i] = sum/l->R[k][k];
+        }
+}
+
 /* W = G H_pp G^T or what takes its place: one number, and its inverse in place of it. */
 typedef lanes schur_t[M][M];
 
@@ -1891,6 +2004,21 @@ typedef struct {
     lanes correction;      /* c, with H_pp G^T = c G^T */
 } stages_bound;
 
+/* What was learnt of each trajectory in lanes. */
+enum { stages_TRACKS = LANES/stages_PER };
+
+typedef struct {
+    lanes next[2][KNOWN*stages_S]; /* the function for L, for L^: a column for each regressor */
+    lanes wave[ORDER];           /* the recurrence of all multipliers */
+    lanes learnt[stages_X];        /* two predictions, on trial */
+    lanes other[stages_IMPULSE];
+    real error[stages_TRACKS];  /* of the function, squared, when it was on trial */
+    int lags, order;          /* the most in use */
+    int taken[stages_TRACKS];   /* whether a trajectory goes by its function */
+    int trial[stages_TRACKS];   /* whether the next step shows which prediction is better */
+    long latest[stages_TRACKS]; /* when the function was fitted */
+} stages_lessons;
+
 typedef struct {
     lane_constants constants;
     lanes h, h_inverse;
@@ -1908,6 +2036,7 @@ typedef struct {
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
     stages_iterate now;
     stages_bound bound;
+    stages_lessons lessons;
     predictor_t predictor;
     lanes through[stages_X]; /* the polynomial through the last stages, one step on */
     lanes past[HISTORY*stages_X];
@@ -2236,6 +2365,297 @@ INLINE void stages_add_work(stages_t *w)
     (void)w;
 }
 
+/* How many trajectories differ. */
+INLINE int stages_tracks(const stages_t *w)
+{
+    return stages_PER == 1 ? w->constants._used : 1;
+}
+
+INLINE int stages_steps_recalled(const stages_t *w)
+{
+    return w->predictor.count < HISTORY ? (int)w->predictor.count : HISTORY;
+}
+
+/* The values of m steps ago, m = 0 for the next. */
+INLINE const lanes *stages_recalled(const stages_t *w, int m)
+{
+    return w->past + ((w->predictor.count + 1 - m) & (HISTORY - 1))*stages_X;
+}
+
+/* Number a of stage j of a trajectory; of a node where `width` is M. */
+INLINE real stages_number(const lanes *x, int track, int j, int width, int a)
+{
+    return part(&x[j/stages_PER*width + a], track + j % stages_PER);
+}
+
+/* The same number in all lanes of a trajectory. */
+INLINE void stages_set_track(lanes *x, int track, real value)
+{
+    for (int i = 0; i < stages_PER; ++i)
+        set_part(x, track + i, value);
+}
+
+INLINE real stages_of_track(const lanes *x, int track)
+{
+    real sum = part(x, track);
+    for (int i = 1; i < stages_PER; ++i)
+        sum += part(x, track + i);
+    return sum;
+}
+
+/* The ridge: round-off of the `count` items at x, of one trajectory. */
+static real stages_ridge(const lanes *x, int count, int track)
+{
+    lanes square = splat(0);
+    for (int e = 0; e < count; ++e)
+        square += x[e]*x[e];
+    return 4*epsilon*sqrt(stages_of_track(&square, track)) + sqrt(DBL_MIN)*1024;
+}
+
+/* The order of a recurrence of all multipliers that there are equations for. */
+static int stages_order_after(long steps)
+{
+    int order = ORDER;
+    while (order > 1 && (steps - order)*P*M < 2*order)
+        --order;
+    return order;
+}
+
+/* The recurrence of the multipliers of one trajectory, from equations of all nodes. */
+static void stages_learn_nodes(stages_t *w, lesson_t *l, int track)
+{
+    const int steps = stages_steps_recalled(w), order = stages_order_after(steps);
+    const int available = (steps - order)*P*M, stride = stride_of(available, order);
+    begin_lesson(l, order, 1,
+        stages_ridge(stages_recalled(w, 1) + stages_IMPULSE, stages_X - stages_IMPULSE, track));
+    for (int e = 0; e < available; e += stride) {
+        const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
+        real *row = next_row(l);
+        for (int k = 0; k < order; ++k)
+            row[k] = stages_number(stages_recalled(w, ago + 1 + k) + stages_IMPULSE, track, j, M,
+                mu);
+        row[order] = stages_number(stages_recalled(w, ago) + stages_IMPULSE, track, j, M, mu);
+    }
+    end_lesson(l);
+    for (int k = 0; k < ORDER; ++k)
+        stages_set_track(&w->lessons.wave[k], track, k < order ? l->R[k][order] : 0);
+    w->lessons.order = order;
+}
+
+/* The multipliers of the next step by it. */
+INLINE void stages_nodes_ahead(const stages_t *w, lanes *x)
+{
+    const stages_lessons *s = &w->lessons;
+    const lanes *before[ORDER];
+    for (int m = 0; m < s->order; ++m)
+        before[m] = stages_recalled(w, 1 + m) + stages_IMPULSE;
+    for (int e = 0; e < stages_X - stages_IMPULSE; ++e) {
+        lanes even = splat(0), odd = splat(0);
+        for (int m = 0; m + 1 < s->order; m += 2) {
+            even += s->wave[m]*before[m][e];
+            odd += s->wave[m + 1]*before[m + 1][e];
+        }
+        if (s->order % 2 == 1)
+            even += s->wave[s->order - 1]*before[s->order - 1][e];
+        x[e] = even + odd;
+    }
+}
+
+/* Numbers start..start + count - 1 of the stages of the next step, `count` of each. */
+INLINE void stages_four_ahead(const lanes *next, const lanes *const *before, int lags, int start,
+    int count, lanes *y)
+{
+    lanes sum[2][4][stages_S]; /* even and odd regressors */
+    for (int a = 0; a < count; ++a)
+        for (int i = 0; i < stages_S; ++i)
+            sum[0][a][i] = sum[1][a][i] = splat(0);
+    for (int j = 0; j < S; ++j, next += stages_S)
+        for (int a = 0; a < count; ++a) {
+            const lanes value = splat(part(&before[0][j/LANES*N + start + a], j % LANES));
+            for (int i = 0; i < stages_S; ++i)
+                sum[j % 2][a][i] += next[i]*value;
+        }
+    for (int m = 1; m <= lags; ++m)
+        for (int pick = 0; pick < PICKS; ++pick, next += stages_S)
+            for (int a = 0; a < count; ++a) {
+                const int j = pick*(S/2);
+                const lanes value = splat(part(&before[m][j/LANES*N + start + a], j % LANES));
+                for (int i = 0; i < stages_S; ++i)
+                    sum[pick % 2][a][i] += next[i]*value;
+            }
+    for (int a = 0; a < count; ++a)
+        for (int i = 0; i < stages_S; ++i)
+            y[i*N + start + a] = sum[0][a][i] + sum[1][a][i];
+}
+
+INLINE void stages_stages_ahead(const lanes *next, const lanes *const *before, int lags, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        stages_four_ahead(next, before, lags, start, 4, y);
+    if (N % 4 > 0)
+        stages_four_ahead(next, before, lags, start, N % 4, y);
+}
+
+/* The function for L (group 0) or L^ (1) of one trajectory, from equations of all coordinates. */
+static void stages_learn_stages(stages_t *w, lesson_t *l, int group, int track, int lags)
+{
+    stages_lessons *s = &w->lessons;
+    const int steps = stages_steps_recalled(w);
+    const int at = group*stages_HAT, known = S + PICKS*lags;
+    const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
+    begin_lesson(l, known, S, stages_ridge(stages_recalled(w, 1) + at, stages_HAT, track));
+    for (int e = 0; e < available; e += stride) {
+        const int ago = 1 + e/N, a = e % N;
+        real *row = next_row(l);
+        for (int k = 0; k < known; ++k)
+            row[k] = stages_number(stages_recalled(w, ago + known_lag(k)) + at, track,
+                known_stage(k),
+                N, a);
+        for (int j = 0; j < S; ++j)
+            row[known + j] = stages_number(stages_recalled(w, ago) + at, track, j, N, a);
+    }
+    end_lesson(l);
+    for (int k = 0; k < KNOWN; ++k)
+        for (int j = 0; j < S; ++j)
+            set_part(&s->next[group][k*stages_S + j/stages_PER], track + j % stages_PER,
+                k < known ? l->R[k][known + j] : 0);
+}
+
+/* A lesson of one trajectory, and from then on a trial. */
+NOINLINE void stages_learn(stages_t *w, int track)
+{
+    stages_lessons *s = &w->lessons;
+    const int lags = lags_after(stages_steps_recalled(w));
+    lesson_t lesson;
+    if (lags < 0)
+        return;
+    for (int group = 0; group < 2; ++group)
+        stages_learn_stages(w, &lesson, group, track, lags);
+    stages_learn_nodes(w, &lesson, track);
+    s->lags = lags;
+    s->latest[track] = w->predictor.count;
+    s->trial[track] = 1;
+}
+
+/* What was learnt, one step on. */
+NOINLINE void stages_ahead(const stages_t *w, lanes *x)
+{
+    const stages_lessons *s = &w->lessons;
+    const lanes *before[LAGS + 1];
+    for (int group = 0; group < 2; ++group) {
+        for (int m = 0; m <= s->lags; ++m)
+            before[m] = stages_recalled(w, 1 + m) + group*stages_HAT;
+        stages_stages_ahead(s->next[group], before, s->lags, x + group*stages_HAT);
+    }
+    stages_nodes_ahead(w, x + stages_IMPULSE);
+}
+
+/* Starting values by polynomials or a recurrence. */
+INLINE void stages_extrapolate(stages_t *w)
+{
+    if (!w->predictor.fitted) {
+        const lanes *x = stages_recalled(w, 1);
+        stages_stages_of_stages(w->zero, 0, w->onward, x, w->through);
+        stages_stages_of_stages(w->zero, 0, w->onward, x + stages_HAT, w->through + stages_HAT);
+        stages_continue_nodes(w, x + stages_IMPULSE, w->through + stages_IMPULSE);
+    }
+    predict(&w->predictor, w->past, stages_X, stages_ends, w->through, w->now.x);
+}
+
+/* Starting values from the past, of each trajectory by what is better for it. */
+INLINE void stages_foresee(stages_t *w)
+{
+    stages_lessons *s = &w->lessons;
+    const int tracks = stages_tracks(w);
+    int taken = 0, trials = 0;
+    for (int i = 0; i < tracks; ++i) {
+        taken += s->taken[i];
+        trials += s->trial[i];
+    }
+    if (trials == 0 && taken == tracks && w->predictor.fitted) {
+        stages_ahead(w, w->now.x);
+        return;
+    }
+    stages_extrapolate(w);
+    if (trials == 0 && taken == 0)
+        return;
+    stages_ahead(w, s->learnt);
+    for (int e = 0; e < stages_IMPULSE; ++e)
+        s->other[e] = w->now.x[e];
+    for (int i = 0; i < tracks; ++i)
+        for (int e = 0; e < stages_X && s->taken[i]; ++e)
+            for (int j = i; j < i + stages_PER; ++j)
+                set_part(&w->now.x[e], j, part(&s->learnt[e], j));
+}
+
+/* The trials that the step just done decides: what was learnt must be clearly better. */
+static void stages_decide(stages_t *w)
+{
+    stages_lessons *s = &w->lessons;
+    const real rough = 64*epsilon;
+    lanes learnt = splat(0), other = splat(0);
+    for (int e = 0; e < stages_IMPULSE; ++e) {
+        const lanes size = e < stages_HAT ? w->q_size : w->p_size;
+        const lanes by_learnt = s->learnt[e] - w->now.x[e], by_other = s->other[e] - w->now.x[e];
+        learnt += size*by_learnt*by_learnt;
+        other += size*by_other*by_other;
+    }
+    for (int i = 0; i < stages_tracks(w); ++i) {
+        if (!s->trial[i])
+            continue;
+        const real error = stages_of_track(&other, i);
+        s->error[i] = stages_of_track(&learnt, i);
+        s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        s->trial[i] = 0;
+    }
+}
+
+/*
+ * Records the step just done. Lessons are few: a motion that stays what it was needs no other, and
+ * none is given early where predictions are close without.
+ * Where predictions have become much worse than they were there is one more.
+ */
+NOINLINE void stages_remember(stages_t *w)
+{
+    const real low = 64*epsilon, far = 16777216*epsilon;
+    stages_lessons *s = &w->lessons;
+    predictor_t *predictor = &w->predictor;
+    const int fitted = predictor->fitted, tracks = stages_tracks(w);
+    int trials = 0;
+    for (int i = 0; i < tracks; ++i)
+        trials += s->trial[i];
+    if (trials > 0)
+        stages_decide(w);
+    record(predictor, w->past, stages_X, stages_ends, stages_rows, w->through, w->now.x);
+    const long count = predictor->count;
+    const int early = count == HISTORY/4 || count == 3*HISTORY/4;
+    for (int i = 0; i < tracks; ++i) {
+        const int worse = s->taken[i] && count >= s->latest[i] + HISTORY
+            && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
+        const int rough = s->latest[i] > 0 || !(predictor->first[i] < far*far);
+        if ((early && rough) || count == 24*HISTORY || worse)
+            stages_learn(w, i);
+        else if (s->latest[i] > 0 && fitted != predictor->fitted)
+            s->trial[i] = 1;
+    }
+}
+
+static void stages_forget_lessons(stages_t *w)
+{
+    stages_lessons *s = &w->lessons;
+    s->lags = s->order = 0;
+    for (int i = 0; i < stages_TRACKS; ++i) {
+        s->taken[i] = s->trial[i] = 0;
+        s->latest[i] = 0;
+        s->error[i] = 0;
+    }
+    for (int k = 0; k < KNOWN*stages_S; ++k)
+        s->next[0][k] = s->next[1][k] = splat(0);
+    for (int k = 0; k < ORDER; ++k)
+        s->wave[k] = splat(0);
+}
+
 /* Starting values without a past: the rates at the start of the step, no impulse. */
 INLINE void stages_guess(stages_t *w)
 {
@@ -2347,6 +2767,7 @@ static void stages_set_up(stages_t *w)
     stages_set_nodes(w);
     stages_set_schur(w);
     forget(&w->predictor);
+    stages_forget_lessons(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -2370,15 +2791,9 @@ INLINE void stages_sizes(stages_t *w)
 /* Starting values of the next step. */
 INLINE void stages_start(stages_t *w, int predicted)
 {
-    if (predicted) {
-        if (!w->predictor.fitted) {
-            const lanes *x = past_values(&w->predictor, w->past, stages_X, 0);
-            stages_stages_of_stages(w->zero, 0, w->onward, x, w->through);
-            stages_stages_of_stages(w->zero, 0, w->onward, x + stages_HAT, w->through + stages_HAT);
-            stages_continue_nodes(w, x + stages_IMPULSE, w->through + stages_IMPULSE);
-        }
-        predict(&w->predictor, w->past, stages_X, stages_ends, w->through, w->now.x);
-    } else
+    if (predicted)
+        stages_foresee(w);
+    else
         stages_guess(w);
     stages_sizes(w);
     stages_begin(w);
@@ -2425,6 +2840,21 @@ typedef struct {
     lanes correction;      /* c, with H_pp G^T = c G^T */
 } trajectories_bound;
 
+enum { trajectories_TRACKS = LANES/trajectories_PER };
+
+typedef struct {
+    lanes next[2][KNOWN*trajectories_S]; /* the function for L,
+        for L^: a column for each regressor */
+    lanes wave[ORDER];           /* the recurrence of all multipliers */
+    lanes learnt[trajectories_X];        /* two predictions, on trial */
+    lanes other[trajectories_IMPULSE];
+    real error[trajectories_TRACKS];  /* of the function, squared, when it was on trial */
+    int lags, order;          /* the most in use */
+    int taken[trajectories_TRACKS];   /* whether a trajectory goes by its function */
+    int trial[trajectories_TRACKS];   /* whether the next step shows which prediction is better */
+    long latest[trajectories_TRACKS]; /* when the function was fitted */
+} trajectories_lessons;
+
 typedef struct {
     lane_constants constants;
     lanes h, h_inverse;
@@ -2439,6 +2869,7 @@ typedef struct {
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
     trajectories_iterate now;
     trajectories_bound bound;
+    trajectories_lessons lessons;
     predictor_t predictor;
     lanes through[trajectories_X]; /* the polynomial through the last stages, one step on */
     lanes past[HISTORY*trajectories_X];
@@ -2723,6 +3154,295 @@ INLINE void trajectories_add_work(trajectories_t *w)
     (void)w;
 }
 
+INLINE int trajectories_tracks(const trajectories_t *w)
+{
+    return trajectories_PER == 1 ? w->constants._used : 1;
+}
+
+INLINE int trajectories_steps_recalled(const trajectories_t *w)
+{
+    return w->predictor.count < HISTORY ? (int)w->predictor.count : HISTORY;
+}
+
+INLINE const lanes *trajectories_recalled(const trajectories_t *w, int m)
+{
+    return w->past + ((w->predictor.count + 1 - m) & (HISTORY - 1))*trajectories_X;
+}
+
+INLINE real trajectories_number(const lanes *x, int track, int j, int width, int a)
+{
+    return part(&x[j/trajectories_PER*width + a], track + j % trajectories_PER);
+}
+
+INLINE void trajectories_set_track(lanes *x, int track, real value)
+{
+    for (int i = 0; i < trajectories_PER; ++i)
+        set_part(x, track + i, value);
+}
+
+INLINE real trajectories_of_track(const lanes *x, int track)
+{
+    real sum = part(x, track);
+    for (int i = 1; i < trajectories_PER; ++i)
+        sum += part(x, track + i);
+    return sum;
+}
+
+static real trajectories_ridge(const lanes *x, int count, int track)
+{
+    lanes square = splat(0);
+    for (int e = 0; e < count; ++e)
+        square += x[e]*x[e];
+    return 4*epsilon*sqrt(trajectories_of_track(&square, track)) + sqrt(DBL_MIN)*1024;
+}
+
+static int trajectories_order_after(long steps)
+{
+    int order = ORDER;
+    while (order > 1 && (steps - order)*P*M < 2*order)
+        --order;
+    return order;
+}
+
+static void trajectories_learn_nodes(trajectories_t *w, lesson_t *l, int track)
+{
+    const int steps = trajectories_steps_recalled(w), order = trajectories_order_after(steps);
+    const int available = (steps - order)*P*M, stride = stride_of(available, order);
+    begin_lesson(l, order, 1,
+        trajectories_ridge(trajectories_recalled(w, 1) + trajectories_IMPULSE,
+            trajectories_X - trajectories_IMPULSE, track));
+    for (int e = 0; e < available; e += stride) {
+        const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
+        real *row = next_row(l);
+        for (int k = 0; k < order; ++k)
+            row[k] = trajectories_number(trajectories_recalled(w,
+                ago + 1 + k) + trajectories_IMPULSE, track, j, M, mu);
+        row[order] = trajectories_number(trajectories_recalled(w, ago) + trajectories_IMPULSE,
+            track, j, M, mu);
+    }
+    end_lesson(l);
+    for (int k = 0; k < ORDER; ++k)
+        trajectories_set_track(&w->lessons.wave[k], track, k < order ? l->R[k][order] : 0);
+    w->lessons.order = order;
+}
+
+INLINE void trajectories_nodes_ahead(const trajectories_t *w, lanes *x)
+{
+    const trajectories_lessons *s = &w->lessons;
+    const lanes *before[ORDER];
+    for (int m = 0; m < s->order; ++m)
+        before[m] = trajectories_recalled(w, 1 + m) + trajectories_IMPULSE;
+    for (int e = 0; e < trajectories_X - trajectories_IMPULSE; ++e) {
+        lanes even = splat(0), odd = splat(0);
+        for (int m = 0; m + 1 < s->order; m += 2) {
+            even += s->wave[m]*before[m][e];
+            odd += s->wave[m + 1]*before[m + 1][e];
+        }
+        if (s->order % 2 == 1)
+            even += s->wave[s->order - 1]*before[s->order - 1][e];
+        x[e] = even + odd;
+    }
+}
+
+INLINE void trajectories_block_ahead(const lanes *next, const lanes *const *before, int lags,
+    int row,
+    int rows, int start, int count, lanes *y)
+{
+    lanes sum[4][4];
+    LOAD_AGAIN(next);
+    for (int i = 0; i < rows; ++i)
+        for (int a = 0; a < count; ++a)
+            sum[i][a] = splat(0);
+    next += row;
+    for (int j = 0; j < S; ++j, next += S)
+        for (int i = 0; i < rows; ++i)
+            for (int a = 0; a < count; ++a)
+                sum[i][a] += next[i]*before[0][j*N + start + a];
+    for (int m = 1; m <= lags; ++m)
+        for (int pick = 0; pick < PICKS; ++pick, next += S)
+            for (int i = 0; i < rows; ++i)
+                for (int a = 0; a < count; ++a)
+                    sum[i][a] += next[i]*before[m][pick*(S/2)*N + start + a];
+    for (int i = 0; i < rows; ++i)
+        for (int a = 0; a < count; ++a)
+            y[(row + i)*N + start + a] = sum[i][a];
+}
+
+INLINE void trajectories_rows_ahead(const lanes *next, const lanes *const *before, int lags,
+    int row,
+    int rows, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        trajectories_block_ahead(next, before, lags, row, rows, start, 4, y);
+    if (N % 4 > 0)
+        trajectories_block_ahead(next, before, lags, row, rows, start, N % 4, y);
+}
+
+INLINE void trajectories_stages_ahead(const lanes *next, const lanes *const *before, int lags,
+    lanes *y)
+{
+    int row = 0;
+    for (; row + 4 <= S; row += 4)
+        trajectories_rows_ahead(next, before, lags, row, 4, y);
+    if (S % 4 > 0)
+        trajectories_rows_ahead(next, before, lags, row, S % 4, y);
+}
+
+static void trajectories_learn_stages(trajectories_t *w, lesson_t *l, int group, int track,
+    int lags)
+{
+    trajectories_lessons *s = &w->lessons;
+    const int steps = trajectories_steps_recalled(w);
+    const int at = group*trajectories_HAT, known = S + PICKS*lags;
+    const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
+    begin_lesson(l, known, S, trajectories_ridge(trajectories_recalled(w, 1) + at,
+        trajectories_HAT, track));
+    for (int e = 0; e < available; e += stride) {
+        const int ago = 1 + e/N, a = e % N;
+        real *row = next_row(l);
+        for (int k = 0; k < known; ++k)
+            row[k] = trajectories_number(trajectories_recalled(w, ago + known_lag(k)) + at, track,
+                known_stage(k),
+                N, a);
+        for (int j = 0; j < S; ++j)
+            row[known + j] = trajectories_number(trajectories_recalled(w, ago) + at, track, j, N,
+                a);
+    }
+    end_lesson(l);
+    for (int k = 0; k < KNOWN; ++k)
+        for (int j = 0; j < S; ++j)
+            set_part(&s->next[group][k*trajectories_S + j/trajectories_PER],
+                track + j % trajectories_PER,
+                k < known ? l->R[k][known + j] : 0);
+}
+
+NOINLINE void trajectories_learn(trajectories_t *w, int track)
+{
+    trajectories_lessons *s = &w->lessons;
+    const int lags = lags_after(trajectories_steps_recalled(w));
+    lesson_t lesson;
+    if (lags < 0)
+        return;
+    for (int group = 0; group < 2; ++group)
+        trajectories_learn_stages(w, &lesson, group, track, lags);
+    trajectories_learn_nodes(w, &lesson, track);
+    s->lags = lags;
+    s->latest[track] = w->predictor.count;
+    s->trial[track] = 1;
+}
+
+NOINLINE void trajectories_ahead(const trajectories_t *w, lanes *x)
+{
+    const trajectories_lessons *s = &w->lessons;
+    const lanes *before[LAGS + 1];
+    for (int group = 0; group < 2; ++group) {
+        for (int m = 0; m <= s->lags; ++m)
+            before[m] = trajectories_recalled(w, 1 + m) + group*trajectories_HAT;
+        trajectories_stages_ahead(s->next[group], before, s->lags, x + group*trajectories_HAT);
+    }
+    trajectories_nodes_ahead(w, x + trajectories_IMPULSE);
+}
+
+INLINE void trajectories_extrapolate(trajectories_t *w)
+{
+    if (!w->predictor.fitted) {
+        const lanes *x = trajectories_recalled(w, 1);
+        trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x, w->through);
+        trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x + trajectories_HAT,
+            w->through + trajectories_HAT);
+        trajectories_continue_nodes(w, x + trajectories_IMPULSE, w->through + trajectories_IMPULSE);
+    }
+    predict(&w->predictor, w->past, trajectories_X, trajectories_ends, w->through, w->now.x);
+}
+
+INLINE void trajectories_foresee(trajectories_t *w)
+{
+    trajectories_lessons *s = &w->lessons;
+    const int tracks = trajectories_tracks(w);
+    int taken = 0, trials = 0;
+    for (int i = 0; i < tracks; ++i) {
+        taken += s->taken[i];
+        trials += s->trial[i];
+    }
+    if (trials == 0 && taken == tracks && w->predictor.fitted) {
+        trajectories_ahead(w, w->now.x);
+        return;
+    }
+    trajectories_extrapolate(w);
+    if (trials == 0 && taken == 0)
+        return;
+    trajectories_ahead(w, s->learnt);
+    for (int e = 0; e < trajectories_IMPULSE; ++e)
+        s->other[e] = w->now.x[e];
+    for (int i = 0; i < tracks; ++i)
+        for (int e = 0; e < trajectories_X && s->taken[i]; ++e)
+            for (int j = i; j < i + trajectories_PER; ++j)
+                set_part(&w->now.x[e], j, part(&s->learnt[e], j));
+}
+
+static void trajectories_decide(trajectories_t *w)
+{
+    trajectories_lessons *s = &w->lessons;
+    const real rough = 64*epsilon;
+    lanes learnt = splat(0), other = splat(0);
+    for (int e = 0; e < trajectories_IMPULSE; ++e) {
+        const lanes size = e < trajectories_HAT ? w->q_size : w->p_size;
+        const lanes by_learnt = s->learnt[e] - w->now.x[e], by_other = s->other[e] - w->now.x[e];
+        learnt += size*by_learnt*by_learnt;
+        other += size*by_other*by_other;
+    }
+    for (int i = 0; i < trajectories_tracks(w); ++i) {
+        if (!s->trial[i])
+            continue;
+        const real error = trajectories_of_track(&other, i);
+        s->error[i] = trajectories_of_track(&learnt, i);
+        s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        s->trial[i] = 0;
+    }
+}
+
+NOINLINE void trajectories_remember(trajectories_t *w)
+{
+    const real low = 64*epsilon, far = 16777216*epsilon;
+    trajectories_lessons *s = &w->lessons;
+    predictor_t *predictor = &w->predictor;
+    const int fitted = predictor->fitted, tracks = trajectories_tracks(w);
+    int trials = 0;
+    for (int i = 0; i < tracks; ++i)
+        trials += s->trial[i];
+    if (trials > 0)
+        trajectories_decide(w);
+    record(predictor, w->past, trajectories_X, trajectories_ends, trajectories_rows, w->through,
+        w->now.x);
+    const long count = predictor->count;
+    const int early = count == HISTORY/4 || count == 3*HISTORY/4;
+    for (int i = 0; i < tracks; ++i) {
+        const int worse = s->taken[i] && count >= s->latest[i] + HISTORY
+            && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
+        const int rough = s->latest[i] > 0 || !(predictor->first[i] < far*far);
+        if ((early && rough) || count == 24*HISTORY || worse)
+            trajectories_learn(w, i);
+        else if (s->latest[i] > 0 && fitted != predictor->fitted)
+            s->trial[i] = 1;
+    }
+}
+
+static void trajectories_forget_lessons(trajectories_t *w)
+{
+    trajectories_lessons *s = &w->lessons;
+    s->lags = s->order = 0;
+    for (int i = 0; i < trajectories_TRACKS; ++i) {
+        s->taken[i] = s->trial[i] = 0;
+        s->latest[i] = 0;
+        s->error[i] = 0;
+    }
+    for (int k = 0; k < KNOWN*trajectories_S; ++k)
+        s->next[0][k] = s->next[1][k] = splat(0);
+    for (int k = 0; k < ORDER; ++k)
+        s->wave[k] = splat(0);
+}
+
 INLINE void trajectories_guess(trajectories_t *w)
 {
     lanes H_q[N], H_p[N], shared[SHARED];
@@ -2823,6 +3543,7 @@ static void trajectories_set_up(trajectories_t *w)
     trajectories_set_nodes(w);
     trajectories_set_schur(w);
     forget(&w->predictor);
+    trajectories_forget_lessons(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -2844,17 +3565,9 @@ INLINE void trajectories_sizes(trajectories_t *w)
 
 INLINE void trajectories_start(trajectories_t *w, int predicted)
 {
-    if (predicted) {
-        if (!w->predictor.fitted) {
-            const lanes *x = past_values(&w->predictor, w->past, trajectories_X, 0);
-            trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x, w->through);
-            trajectories_stages_of_stages(w->zero, 0, &fast_onward[0][0], x + trajectories_HAT,
-                w->through + trajectories_HAT);
-            trajectories_continue_nodes(w, x + trajectories_IMPULSE,
-                w->through + trajectories_IMPULSE);
-        }
-        predict(&w->predictor, w->past, trajectories_X, trajectories_ends, w->through, w->now.x);
-    } else
+    if (predicted)
+        trajectories_foresee(w);
+    else
         trajectories_guess(w);
     trajectories_sizes(w);
     trajectories_begin(w);
@@ -2964,6 +3677,8 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
             look(&progress, stages_of_lanes(&w->noise));
         }
         verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
+        if (predicted && progress.sweeps == 1)
+            w->predictor.first[0] = change;
         if (predicted && progress.sweeps == 1 && change > far*far)
             verdict = GIVE_UP; /* a far prediction may lead to another root */
         const int early = progress.sweeps == 1 || progress.sweeps == 3;
@@ -3066,7 +3781,7 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
         f->failures = 0;
     choose_way(f, sweeps*SWEEP_COST + w->effort);
     stages_t *s = &f->run;
-    record(&s->predictor, s->past, stages_X, stages_ends, stages_rows, s->through, s->now.x);
+    stages_remember(s);
     stages_finish(s);
     real size = 0;
     for (int a = 0; a < N; ++a)
@@ -3182,21 +3897,26 @@ typedef struct {
     real *work;
 } rows_t;
 
-/* Steps from the state (q, p), which becomes the end; see the header. */
-static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
-    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+/* A run begins: its record, in which the start counts once, and what its steps keep. */
+static void begin(work_t *work, const options_t *options, real dt, const real q[N],
+    const real p[N], report_t *report)
 {
-    prepare(parameters, &work->constants);
-    if (report->steps == 0) {
-        report->energy_start = hamiltonian(&work->constants, q, p);
-        observe(&work->constants, q, p, report);
-        begin_run(work, options, dt, q, p);
-    }
+    const report_t nothing = { 0 };
+    *report = nothing;
+    report->energy_start = hamiltonian(&work->constants, q, p);
+    observe(&work->constants, q, p, report);
+    begin_run(work, options, dt, q, p);
+}
+
+/* Steps of a run that has begun at the time `start`. */
+static int run_on(const options_t *options, real start, real dt, long steps, long every,
+    real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
     int most = 0;
     for (long k = 1; k <= steps; ++k) {
         real forces[ROOM];
         int taken;
-        work->t = start_time(parameters) + (real)report->steps*dt;
+        work->t = start + (real)report->steps*dt;
         const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
@@ -3224,6 +3944,107 @@ static int integrate(const parameters_t *parameters, const options_t *options, r
         most = 0;
     }
     return OK;
+}
+
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    if (report->steps == 0)
+        begin(work, options, dt, q, p, report);
+    return run_on(options, start_time(parameters), dt, steps, every, q, p, out, report, work);
+}
+
+/* The state of a run becomes (q, p); where that is new, nothing is left over of rounding. */
+static void take_over(work_t *w, const real q[N], const real p[N])
+{
+    stages_t *s = &fast_of(w)->run;
+    for (int a = 0; a < N; ++a) {
+        if (!(part(&s->q[a], 0) == q[a])) {
+            s->q[a] = splat(q[a]);
+            s->q_low[a] = splat(0);
+        }
+        if (!(part(&s->p[a], 0) == p[a])) {
+            s->p[a] = splat(p[a]);
+            s->p_low[a] = splat(0);
+        }
+    }
+    for (int i = 0; i < LANES; ++i)
+        stages_prepare(s, i, &w->constants, w->held.dt);
+    stages_set_schur(s);
+    stages_look(s);
+}
+
+/* After a step that failed: what it left behind is forgotten. */
+static void recover(work_t *w)
+{
+    stages_t *s = &fast_of(w)->run;
+    forget(&s->predictor);
+    s->work = splat(work_so_far(&w->held.report));
+    s->work_low = splat(0);
+}
+
+size_t heavy_top_liiiab3_alpha_work_size(void)
+{
+    return sizeof(work_t);
+}
+
+const report_t *heavy_top_liiiab3_alpha_report_of(const work_t *work)
+{
+    return &work->held.report;
+}
+
+void heavy_top_liiiab3_alpha_begin(work_t *w, const parameters_t *parameters,
+    const options_t *options, real dt,
+    const real q[N], const real p[N])
+{
+    w->held.options = *options;
+    w->held.dt = dt;
+    w->held.start = start_time(parameters);
+    w->held.is_new = 0;
+    prepare(parameters, &w->constants);
+    begin(w, options, dt, q, p, &w->held.report);
+    for (int a = 0; a < N; ++a) {
+        w->held.q[a] = q[a];
+        w->held.p[a] = p[a];
+    }
+}
+
+void heavy_top_liiiab3_alpha_set_parameters(work_t *w, const parameters_t *parameters)
+{
+    const real before = hamiltonian(&w->constants, w->held.q, w->held.p);
+    prepare(parameters, &w->constants);
+    w->held.report.energy_start += hamiltonian(&w->constants, w->held.q, w->held.p) - before;
+    w->held.is_new = 1;
+}
+
+int heavy_top_liiiab3_alpha_advance(work_t *w, long steps, real q[N], real p[N])
+{
+    const rows_t none = { 0 };
+    real *old_q = w->held.q, *old_p = w->held.p, jump = 0;
+    const int sweeps = w->held.options.solver != NEWTON;
+    int moved = 0;
+    for (int a = 0; a < N; ++a)
+        moved |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
+    if (moved) /* by the caller: that is no error */
+        jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
+    w->held.report.energy_start += jump;
+    if (sweeps && (moved || w->held.is_new))
+        take_over(w, q, p);
+    w->held.is_new = 0;
+    const int status = run_on(&w->held.options, w->held.start, w->held.dt, steps, 1, q, p, none,
+        &w->held.report, w);
+    for (int a = 0; a < N; ++a) {
+        old_q[a] = q[a];
+        old_p[a] = p[a];
+    }
+    if (status != OK) {
+        w->held.is_new = 1;
+        if (sweeps)
+            recover(w);
+    }
+    return status;
 }
 
 /* --------------------------------------------------------------- several trajectories at a time */
@@ -3312,6 +4133,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
                 options->max_iterations);
             ++sweeps[i];
+            if (predicted && round == 1)
+                run->predictor.first[i] = change;
             if (predicted && round == 1 && !(change < far*far)) {
                 fresh[i] = again = 1; /* a far prediction may lead to another root */
                 progress[i] = start_of_sweeps(run->predictor.rate[i]);
@@ -3509,8 +4332,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             p_before[a] = run->p[a];
         }
         const lanes work_before = run->work;
-        record(&run->predictor, run->past, trajectories_X, trajectories_ends, trajectories_rows,
-            run->through, run->now.x);
+        trajectories_remember(run);
         trajectories_finish(run);
         for (int i = 0; i < count; ++i)
             if (alive[i] && !is_finite_lane(run, i)) {

@@ -6,6 +6,7 @@
     choice/  γ chosen by measurement
     show/    pictures, endings of files
     output/  what a run returns, and its file
+    steps/   one integration, step by step
     run/     steppers, single runs, ensembles
 
 At the door: ``interrupts``, Ctrl-C and the end a cluster asks for, and ``notices``, what takes

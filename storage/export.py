@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, MissingDependencyError, StorageError
+from ..runtime.output.outputs import labels_of
 from ..runtime.output.states import headings, write_csv
 from ..runtime.show.endings import ENDINGS, ending_of
 from .durable import finished
-from .layout import labels_of
 from .table import Column, Table, stored_table, table_of
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from ..errors import InputError
 from ..exact import digits_of
 
 if TYPE_CHECKING:
-    from ..runtime.run.integration import Run
     from ..runtime.run.stepper import Stepper
+    from ..runtime.steps.integration import Run
 
 __all__ = ["identity_of", "refuse_if_different", "versions", "written_by"]
 

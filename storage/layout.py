@@ -22,14 +22,14 @@ import numpy as np
 import zarr
 
 from ..real import REALS
-from ..runtime.output.outputs import OUTPUTS, QUANTITY, parts
+from ..runtime.output.outputs import OUTPUTS, QUANTITY, about, parts
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
 from .wide import WIDE_BYTES
 
 __all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
            "block_rows", "consolidate", "create", "create_array", "extend", "fields_of",
-           "labels_of", "open_group", "wide_name"]
+           "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
@@ -97,26 +97,12 @@ def fields_of(manifest: dict[str, Any]) -> list[Field]:
     system, real = manifest["system"], REALS[manifest["real"]]
     found = []
     for one in OUTPUTS:
-        units = one.units or (one.body_units if system["rigid_body"] else "")
-        said: dict[str, Any] = {"units": units} if units else {}
+        said: dict[str, Any] = {}
         if one.labels and not one.split:
             said["components"] = list(system[one.labels])
-        found += [Field(name, one.inner(manifest) or (),
-                        {"long_name": one.long_name.format(name.removeprefix(QUANTITY))} | said,
+        found += [Field(name, one.inner(manifest) or (), about(one, manifest, name) | said,
                         one.dtype or real.stored, real.wide and not one.whole)
                   for name in parts(one, manifest)]
-    return found
-
-
-def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
-    """Return the names along each dimension that has some, and what they are.
-
-    A momentum stands where the coordinate does to which it belongs.
-    """
-    found = {"coordinate": (list(system["coordinates"]), "name of the coordinate")}
-    names = list(system.get("constraint_names", ()))
-    if len(names) > 1:
-        found["constraint"] = names, "name of the constraint"
     return found
 
 

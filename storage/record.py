@@ -27,8 +27,8 @@ from ..runtime.call.checks import as_callback
 from ..runtime.choice.gamma_choice import with_choice
 from ..runtime.interrupts import Interrupts, watched
 from ..runtime.output.report import Report
-from ..runtime.run.integration import Pace, Rows, Run, advance, ended_at, next_chunk
 from ..runtime.run.stepper import Stepper
+from ..runtime.steps.integration import Pace, Rows, Run, advance, ended_at, next_chunk
 from .checkpoint import State, pack, room, unpack
 from .durable import new_store_path, remove_parts, storage_errors
 from .fresh import appearing, is_new

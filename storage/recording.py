@@ -16,12 +16,12 @@ from ..naming import listed
 from ..real import REALS
 from ..runtime.call.checks import as_positive_count
 from ..runtime.call.reals import from_text
-from ..runtime.output.outputs import OUTPUTS, parts, together
+from ..runtime.output.outputs import OUTPUTS, labels_of, parts, together
 from ..runtime.output.report import Report, known_fields
 from ..runtime.output.trajectory import Trajectory
 from .durable import one_line, store_path
 from .identity import written_by
-from .layout import array_of, labels_of, open_group, wide_name
+from .layout import array_of, open_group, wide_name
 from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, rows_of, sound_attributes
 from .wide import from_bytes
 

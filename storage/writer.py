@@ -14,7 +14,7 @@ import zarr
 from numpy.typing import NDArray
 
 from ..runtime.output.outputs import OUTPUTS, States, parts, pieces, value_of
-from ..runtime.run.integration import Rows, Run
+from ..runtime.steps.integration import Rows, Run
 from .chunks import Chunk, write_chunks
 from .durable import storage_errors
 from .layout import CHECKPOINT, Field, array_of, attributes_of, wide_name

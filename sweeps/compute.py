@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.run.consistency import defects_of_starts
 from ..runtime.run.stepper import Stepper
+from ..runtime.steps.consistency import defects_of_starts
 from ..storage.layout import QUANTITY, Field
 from .results import BAD_START, STATUS
 from .study import Study

@@ -21,6 +21,7 @@ from ..arguments import as_items, as_path
 from ..errors import InputError
 from ..naming import proposal, shown
 from ..runtime.call.binding import REASONS
+from ..runtime.output.outputs import labels_of
 from ..storage.chunks import Chunk, write_chunks
 from ..storage.durable import DurableStore, storage_errors
 from ..storage.identity import written_by
@@ -31,7 +32,6 @@ from ..storage.layout import (
     attributes_of,
     consolidate,
     create_array,
-    labels_of,
     open_group,
 )
 from .axes import SCHEME

@@ -14,7 +14,7 @@ from ..naming import choose, listed, proposal
 from ..real import REALS
 from ..runtime.call.binding import SOLVERS, SolverName
 from ..runtime.call.checks import as_positive_count, as_real, as_step
-from ..runtime.run.parameters import as_parameters
+from ..runtime.steps.parameters import as_parameters
 from .axes import SCHEME, START, Axis
 
 if TYPE_CHECKING:

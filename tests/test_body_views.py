@@ -12,7 +12,8 @@ import gyrospark as gs
 from calls import TOP
 from gyrospark.generator.model_files.model_file import parse_model
 from gyrospark.runtime.body.quaternion import rotation_matrix
-from gyrospark.runtime.build.manifest import bodies_of, sizes_of
+from gyrospark.runtime.build.manifest import sizes_of
+from gyrospark.runtime.build.places import bodies_of, joints_of
 
 VIEWS = ("rotation", "axis", "angular_velocity")
 EPS = float(np.finfo(float).eps)
@@ -118,7 +119,7 @@ def test_several_bodies_are_asked_for_by_name(two_tops):
     assert made.bodies == ("a", "b")
     for view in VIEWS:
         with pytest.raises(gs.InputError, match=r"'double_top' is not one rigid body but 2, a, b; "
-                                                r"say which, as in rotation\(body='a'\)"):
+                                                r"say which, as in body\('a'\)"):
             getattr(made, view)()
         with pytest.raises(gs.InputError, match=r"Unknown body .*'c'; choose a or b"):
             getattr(made, view)("c")
@@ -147,11 +148,29 @@ def test_views_go_with_a_trajectory_into_its_file(two_tops, tmp_path):
     lambda body: body.update(inertia=["a_I1", "a_I2", "none"]),
     lambda body: body.update(inertia=[["a_I1"], "a_I2", "a_I3"]),
     lambda body: body.pop("inertia"), lambda body: body.update(q=3),
-], ids=range(7))
+    lambda body: body.update(x=["b_x", "b_y"]), lambda body: body.update(mass="none"),
+    lambda body: body.update(mass=True), lambda body: body.update(centre=[0.0, 1.0]),
+    lambda body: body.update(centre="a_m"), lambda body: body.update(origin=[0.0, 0.0, np.inf]),
+], ids=range(13))
 def test_a_manifest_with_another_body_is_damaged(spoil, two_tops):
     manifest = json.loads(json.dumps(two_tops.manifest))
     assert list(bodies_of(manifest)) == ["a", "b"]
     spoil(manifest["system"]["bodies"]["a"])
+    with pytest.raises((ValueError, TypeError, KeyError, AttributeError)):
+        sizes_of(manifest)
+
+
+@pytest.mark.parametrize("spoil", [
+    lambda joint: joint.update(bodies=["a", "c"]), lambda joint: joint.update(bodies=["a"]),
+    lambda joint: joint.update(on_a=[0.0]), lambda joint: joint.update(axis_b=["none", 0.0, 0.0]),
+    lambda joint: joint.pop("constraints"), lambda joint: joint["constraints"].update(other=None),
+    lambda joint: joint["constraints"]["joint: x"].update(kind="magic"),
+    lambda joint: joint["constraints"]["joint: x"].update(on_a=[]),
+], ids=range(8))
+def test_a_manifest_with_another_joint_is_damaged(spoil, two_tops):
+    manifest = json.loads(json.dumps(two_tops.manifest))
+    assert list(joints_of(manifest)) == ["joint"]
+    spoil(manifest["system"]["joints"]["joint"])
     with pytest.raises((ValueError, TypeError, KeyError, AttributeError)):
         sizes_of(manifest)
 

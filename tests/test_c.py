@@ -121,7 +121,8 @@ def test_symbols_are_the_documented_functions(name, spec, tmp_path):
     assert {words[-2] for words in lines} <= set("TtrUu"), lines
     functions = {"step", "integrate", "T1", "T2", "guess", "residual", "jacobian",
                  "increment_size", "last_increment", "lands", "hamiltonian", "defects",
-                 "project", "lanes", "integrate_lanes", "integrate_many"}
+                 "project", "lanes", "integrate_lanes", "integrate_many", "work_size",
+                     "begin", "advance", "set_parameters", "report_of"}
     if spec.stages:
         functions |= {"coefficients"}
     assert exported == {f"{spec.name}_{function}" for function in functions}
@@ -228,8 +229,8 @@ static real *reals(int count)
 
 static NAME_work *work_of(int fill)
 {
-    NAME_work *work = malloc(sizeof *work);
-    memset(work, fill, sizeof *work);
+    NAME_work *work = malloc(NAME_work_size());
+    memset(work, fill, NAME_work_size());
     return work;
 }
 
@@ -281,6 +282,18 @@ static void everything(const char *label, const NAME_parameters *par, const real
     status = NAME_integrate(par, &options, dt, STEPS, 1, q, p, q_out, p_out, l_out, counts, &report,
         work);
     show("integrate", status, (int)report.steps*N, q_out);
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_start[a];
+        p1[a] = p_start[a];
+    }
+    NAME_begin(work, par, &options, dt, q1, p1); /* held, in pieces: the same bits */
+    for (int k = 1; k < STEPS && NAME_advance(work, k, q1, p1) == 0; k *= 2)
+        ;
+    if (NAME_report_of(work)->steps != report.steps || memcmp(q, q1, N*sizeof *q) != 0
+        || memcmp(p, p1, N*sizeof *p) != 0)
+        abort();
+    NAME_set_parameters(work, par);
+    show("held", NAME_advance(work, 1, q1, p1), N, q1);
     status = NAME_integrate(par, &options, -dt, STEPS, 3, q, p, q_out, NULL, l_out, NULL, &report,
         work);
     show("every 3", status, 0, q_out);
@@ -427,7 +440,7 @@ def test_sanitizers_find_nothing(name, case, tmp_path):
     assert texts[0] == texts[1]
     results = outcome(texts[0])
     assert len(results) == 13
-    for what in ("step", "T1", "T2", "in place", "integrate", "every 3", "no step"):
+    for what in ("step", "T1", "T2", "in place", "integrate", "held", "every 3", "no step"):
         assert results["fine"][what] == 0
     assert results["fine"].get("project", 0) == 0
     for label in ("no iteration", "NaN dt", "NaN state"):
@@ -444,7 +457,7 @@ def outcome(text):
     found, label = {}, ""
     for line in text.splitlines():
         match = re.match(r"(step|T1|T2|in place|integrate|every 3|no step|project|H|g|residual|"
-                         r"jacobian|increment) (-?\d+)", line)
+                         r"jacobian|increment|held) (-?\d+)", line)
         if match is None:
             label = line
             found[label] = {}
@@ -457,6 +470,7 @@ def outcome(text):
 
 WIDTHS = """\
 #include <stdio.h>
+#include <stdlib.h>
 #include "NAME.h"
 
 enum { TOPS = 5, STEPS = 120 };
@@ -465,7 +479,7 @@ int main(void)
 {
     const double I1 = 0.002, I3 = 0.0008, spin = 125.66370614359172;
     const NAME_options options = { .tolerance = 0, .max_iterations = 50 };
-    static NAME_work work;
+    NAME_work *work = malloc(NAME_work_size());
     static NAME_batch batch;
     printf("%d\\n", NAME_lanes());
     for (int from = 0; from < TOPS; from += NAME_lanes()) {
@@ -486,11 +500,12 @@ int main(void)
             dt[i] = 2e-3;
         }
         NAME_integrate_lanes(count, tops, &options, dt, STEPS, STEPS, 0, q, p, NULL, NULL, NULL,
-                             NULL, reports, status, &batch, &work);
+                             NULL, reports, status, &batch, work);
         for (int i = 0; i < count; ++i)
             printf("%d %.17g %.17g %.17g %.17g\\n", status[i], q[4*i], q[4*i + 1], q[4*i + 2],
                    q[4*i + 3]);
     }
+    free(work);
     return 0;
 }
 """

@@ -136,7 +136,7 @@ static void steps_of_one(void)
 {
     NAME_parameters *par = parameters(1);
     NAME_options how = options();
-    NAME_work *work = room(sizeof *work);
+    NAME_work *work = room(NAME_work_size());
     NAME_report report;
     static const long storing[] = { 1, 1, 2, 3, 1000000, 9223372036854775807 };
     const long every = storing[below(6)];
@@ -178,7 +178,7 @@ static void steps_of_many(void)
     const int count = 1 + below(NAME_lanes());
     NAME_parameters *par = parameters(count);
     NAME_options how = options();
-    NAME_work *work = room(sizeof *work);
+    NAME_work *work = room(NAME_work_size());
     NAME_batch *batch = room(sizeof *batch);
     NAME_report *reports = calloc((size_t)count + 1, sizeof *reports);
     int *status = calloc((size_t)count + 1, sizeof *status);
@@ -214,7 +214,7 @@ static void halves_of_a_step(void)
 {
     NAME_parameters *par = parameters(1);
     NAME_options how = options();
-    NAME_work *work = room(sizeof *work);
+    NAME_work *work = room(NAME_work_size());
     double *q = numbers(start_q, N, 1), *p = numbers(start_p, N, 1), *x = numbers(NULL, U, 1),
            *r = reals(U), *J = reals(U*U), *l = reals(L > 0 ? L : 1), *q1 = reals(N),
            *p1 = reals(N);

@@ -250,7 +250,7 @@ class Toy:
 
     def text(self):
         sizes = {"N": self.n, "M": self.m, "S": max(self.stages, 1), "P": max(self.stages, 1),
-                 "STAGES": int(bool(self.stages))}
+                 "STAGES": int(bool(self.stages)), "HISTORY": 32 if self.stages else 16}
         lines = ['#pragma GCC diagnostic ignored "-Wunused-const-variable"',
                  "enum { " + ", ".join(f"{k} = {v}" for k, v in sizes.items()) + " };",
                  f"static const double squares[N] = {{ {', '.join(map(str, self.squares))} }};"]

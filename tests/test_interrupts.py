@@ -16,7 +16,7 @@ import pytest
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP
 from gyrospark.runtime.interrupts import ctrl_c, watched
-from gyrospark.runtime.run import integration
+from gyrospark.runtime.steps import integration
 from gyrospark.sweeps.results import NOT_COMPUTED
 from processes import PATIENCE, catches, environment, gyrospark_command, wait_for
 from stores import START, assert_same, assert_same_states

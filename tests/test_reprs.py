@@ -42,8 +42,9 @@ def shown(gl3, tmp_path_factory):
     many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
-        gl3, TOP, Start.of_problem(TOP), run, run.report, many, tableau, tableau.stages,
-        tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages, choice, *choice.pilots,
+        gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, Start.of_problem(TOP), run, run.report, many,
+        tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
+        choice, *choice.pilots,
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
         chain.system, small_system(), *built(),
         gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),

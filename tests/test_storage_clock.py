@@ -45,7 +45,7 @@ def test_clock_that_jumps(gl3, tmp_path, monkeypatch):
 def test_number_of_commits_does_not_matter(clock, gl3, tmp_path, monkeypatch):
     """However the time since the last commit comes out: never, always, now and then."""
     small_blocks(monkeypatch, 64, seconds=5.0)
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 50)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 50)
     recorded(gl3, tmp_path / "whole.zarr", **START, steps=3000, every=3)
     times = itertools.accumulate(itertools.cycle(clock))
     monkeypatch.setattr(record, "time", SimpleNamespace(monotonic=lambda: next(times)))

@@ -169,7 +169,7 @@ def test_netcdf_is_the_dataset(stored, tmp_path):
 def test_unfinished_run(end, gl3, tmp_path, monkeypatch):
     """What was stored of it, and no more."""
     small_blocks(monkeypatch, 4)
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
     with pytest.raises(Interrupted):
         gs.record(gl3, **START, steps=200, out=tmp_path / "run.zarr", progress=ends_after(12))
     found = gs.open_recording(tmp_path / "run.zarr")

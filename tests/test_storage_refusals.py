@@ -27,7 +27,7 @@ def begun(tmp_path_factory, gl3):
     out = tmp_path_factory.mktemp("begun") / "run.zarr"
     with pytest.MonkeyPatch.context() as patch:
         small_blocks(patch, 16)
-        patch.setattr("gyrospark.runtime.run.integration._CHUNK", 10)
+        patch.setattr("gyrospark.runtime.steps.integration._CHUNK", 10)
         patch.setattr(record.Writer, "busy", False)  # a commit after each piece
 
         def progress(done):

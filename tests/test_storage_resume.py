@@ -63,7 +63,7 @@ def check(step, folder, calls, **arguments):
     ("auto", 2), pytest.param("newton", 6, marks=pytest.mark.slow), ("python", 6)])
 def test_each_scheme_ended_often(step, solver, pieces, tmp_path, monkeypatch):
     """A commit after every piece of 5 steps: 13 steps a row, four rows a block."""
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 5)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 5)
     small_blocks(monkeypatch, 4)
     ends = check(step, tmp_path, [pieces] * 30, **START, steps=130, every=13, solver=solver)
     assert ends > 20 / pieces
@@ -73,7 +73,7 @@ def test_each_scheme_ended_often(step, solver, pieces, tmp_path, monkeypatch):
 @pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
 def test_each_real_ended_often(scheme, stages, real, tmp_path, monkeypatch):
     """The padding of a long double is whatever was there: it must not get into the store."""
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
     small_blocks(monkeypatch, 4)
     step = gs.stepper(scheme, stages, real=real)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
@@ -82,7 +82,7 @@ def test_each_real_ended_often(scheme, stages, real, tmp_path, monkeypatch):
 
 
 def test_forces_ended_often(tmp_path, monkeypatch):
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
     small_blocks(monkeypatch, 4)
     for scheme in (("EMS", None), ("G-L", 2)):
         step = gs.stepper(*scheme, system=pendulum())
@@ -94,7 +94,7 @@ def test_forces_ended_often(tmp_path, monkeypatch):
 
 def test_steps_that_newton_took(tmp_path, monkeypatch):
     """Sweeps that do not converge leave a mark in the work memory, which the run goes on with."""
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 3)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 3)
     small_blocks(monkeypatch, 4)
     for dt in (0.024, 0.03):
         step = gs.stepper("G-L", 2)
@@ -108,7 +108,7 @@ def test_steps_that_newton_took(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_runs_that_fail(failures, every, tmp_path, monkeypatch):
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 3)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 3)
     small_blocks(monkeypatch, 4)
     for step, options, _ in failures:
         check(step, tmp_path, [1] * 60, q=TOP.q0, p=TOP.p0, steps=200, every=every, **options)
@@ -124,7 +124,7 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, schem
     step = gs.stepper(scheme, 3 if scheme == "G-L" else None)
     arguments = START | {"steps": steps, "every": every}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gyrospark.runtime.run.integration._CHUNK", chunk)
+        patch.setattr("gyrospark.runtime.steps.integration._CHUNK", chunk)
         small_blocks(patch, rows, seconds)
         check(step, tmp_path, calls, **arguments)
         found = gs.open_recording(tmp_path / "pieces.zarr").trajectory()
@@ -137,7 +137,7 @@ def test_pieces_of_other_sizes(pieces, gl3, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 16)
     arguments = START | {"steps": 400, "every": 3}
     recorded(gl3, tmp_path / "whole.zarr", **arguments)
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 17)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 17)
     in_pieces(gl3, tmp_path / "pieces.zarr", pieces, **arguments)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "pieces.zarr")
 
@@ -152,7 +152,7 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
     out = tmp_path / "run.zarr"
     shutil.rmtree(out, ignore_errors=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gyrospark.runtime.run.integration._CHUNK", 9)
+        patch.setattr("gyrospark.runtime.steps.integration._CHUNK", 9)
         small_blocks(patch, 4)
         for count in calls:
             with contextlib.suppress(Interrupted):
@@ -176,7 +176,7 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
     ("G-L", "double"), pytest.param("EMS", "long-double", marks=pytest.mark.slow)])
 def test_store_after_each_file_that_is_written(scheme, real, tmp_path, monkeypatch):
     """A process may end between any two of them: what the store says of itself fits its arrays."""
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 9)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 9)
     small_blocks(monkeypatch, 4)
     step = gs.stepper(scheme, 3 if scheme == "G-L" else None, real=real)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
@@ -247,7 +247,7 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
     arguments = START | {"steps": 100}
     small_blocks(monkeypatch, 8)
     recorded(gl3, tmp_path / "whole.zarr", **arguments)
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 10)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 10)
     with pytest.raises(Interrupted):
         gs.record(gl3, **arguments, out=tmp_path / "run.zarr", progress=ends_after(4))
     monkeypatch.setattr(layout, "_MOST_ROWS", 64)
@@ -276,7 +276,7 @@ def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path,
 
 def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 4)
-    monkeypatch.setattr("gyrospark.runtime.run.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
     out, arguments = tmp_path / "run.zarr", START | {"every": 3}
     for steps, count in ((100, 0), (120, 5), (200, 4)):
         with pytest.raises(Interrupted):

@@ -241,6 +241,7 @@ def test_lanes_take_their_own_sides():
 
 MAIN = r"""
 #include <stdio.h>
+#include <stdlib.h>
 #include "NAME.h"
 
 enum { COUNT = 5 };
@@ -248,7 +249,7 @@ enum { COUNT = 5 };
 int main(void)
 {
     const NAME_options options = { .tolerance = 0, .max_iterations = 50 };
-    static NAME_work work;
+    NAME_work *work = malloc(NAME_work_size());
     static NAME_batch batch;
     for (int from = 0; from < COUNT; from += NAME_lanes()) {
         const int rest = COUNT - from, count = rest < NAME_lanes() ? rest : NAME_lanes();
@@ -265,7 +266,7 @@ int main(void)
             dt[i] = 0.01;
         }
         NAME_integrate_lanes(count, par, &options, dt, 120, 120, 0, q, p, NULL, NULL, NULL, NULL,
-                             NULL, reports, status, &batch, &work);
+                             NULL, reports, status, &batch, work);
         for (int i = 0; i < count; ++i)
             printf("%d %a %a %a %a\n", status[i], q[2*i], q[2*i + 1], p[2*i], p[2*i + 1]);
     }

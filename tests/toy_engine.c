@@ -44,9 +44,9 @@ typedef struct {
     real t;
     real stage_q[S][N], stage_p[S][N], D[P + 1][N], Q_tilde[P + 1][N], force[P][N];
     real G[P + 1][MS][N], K[P][N][N], q_mean[N], p_mean[N];
-    unsigned char memory[1 << 17];
+    unsigned char memory[1 << 18];
 } work_t;
-typedef struct { unsigned char memory[1 << 17]; } batch_memory;
+typedef struct { unsigned char memory[1 << 18]; } batch_memory;
 enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
 enum { NEWTON = 1, FIXED_POINT };
 enum { RESIDUAL_COST = U*U, JACOBIAN_COST = U*U*U };

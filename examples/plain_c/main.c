@@ -7,6 +7,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#define HEAVY_TOP_GL3_GAMMA_WORK /* the size of the memory is known here */
 #include "heavy_top_gl3_gamma.h"
 
 int main(void)

@@ -8,6 +8,7 @@
     poses           where bodies are at the start
     linkage         a method for each kind of joint
     loads           potentials, forces, torques and quantities
+    records         where they are in their system
     multibody       bodies, joints and forces, put into a model
     model           a system with the numbers to run it with
     example_models  models to start from, as ``gyrospark.models``

@@ -22,7 +22,7 @@ from ...arguments import as_items
 from ...errors import InputError
 from ...naming import shown
 from ..systems.given import as_expression
-from ..systems.system import INVERSE, BodyAt
+from ..systems.system import INVERSE
 from .rigid_body import (
     Rep,
     angular_velocity,
@@ -129,11 +129,6 @@ class Body(Frame):
             inertia, sp.Symbol(f"{name}_{rep}", real=True, nonzero=True),
             inverse if tensor else (),
         )
-
-    @property
-    def at(self) -> BodyAt:
-        """Where it is in its system."""
-        return BodyAt(self.name, self.q, self.inverse or self.inertia)
 
     @property
     def coordinates(self) -> tuple[sp.Symbol, ...]:

@@ -19,6 +19,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from ..systems.places import Pull
 from .bodies import Body, Frame, Vector, dot
 from .poses import Pose
 
@@ -37,10 +38,11 @@ _ROUNDING = 2.0**-49
 
 @dataclass(frozen=True)
 class Equation:
-    """One constraint with its name."""
+    """One constraint with its name, and how its multiplier acts where that is known."""
 
     name: str
     expression: sp.Expr
+    pull: Pull | None = None
 
 
 def named_vector(
@@ -99,6 +101,14 @@ class Connection:
         """Return V, 0; values of its parameters go into ``store``."""
         return sp.Integer(0)
 
+    def places(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
+        """Return its point in the axes of a and in those of b; nothing where it has none."""
+        return (), ()
+
+    def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
+        """Return n₁ and n₂ in a's axes and n₁ × n₂ in b's, where such an axis is in common."""
+        return (), ()
+
 
 @dataclass(eq=False, repr=False)
 class Link(Connection):
@@ -110,14 +120,19 @@ class Link(Connection):
     on_a: Array | None = None
     on_b: Array | None = None
 
-    def points(self, store: Store) -> tuple[Vector, Vector]:
-        """Return both points in space as expressions; their components become parameters."""
+    def places(self, store: Store) -> tuple[Vector, Vector]:
+        """Return both points in the axes of their frames; their components become parameters."""
         where = []
         for frame, r in ((self.a, self.on_a), (self.b, self.on_b)):
             assert r is not None
             prefix = f"{self.name}_{frame.name}" if isinstance(frame, Body) else self.name
-            where.append(frame.point(named_vector(prefix, r.tolist(), store)))
+            where.append(named_vector(prefix, r.tolist(), store))
         return where[0], where[1]
+
+    def points(self, store: Store) -> tuple[Vector, Vector]:
+        """Return both points in space as expressions."""
+        on_a, on_b = self.places(store)
+        return self.a.point(on_a), self.b.point(on_b)
 
     def square(self, store: Store) -> sp.Expr:
         """Return the squared distance of the points."""
@@ -170,8 +185,8 @@ class Joint(Link):
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
-        for axis, x, y in zip("xyz", *self.points(store), strict=True):
-            yield Equation(f"{self.name}: {axis}", x - y)
+        for k, (x, y) in enumerate(zip(*self.points(store), strict=True)):
+            yield Equation(f"{self.name}: {'xyz'[k]}", x - y, Pull("force", unit_entries(k)))
 
 
 @dataclass(eq=False, repr=False)
@@ -190,11 +205,17 @@ class Align(Connection):
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
+        both, axis = self.axes(poses, store)
+        for k, n in enumerate((both[:3], both[3:]), start=1):
+            yield perpendicular(f"{self.name}: axis {k}", self.a, n, self.b, axis)
+
+    def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
+        """Return n₁ and n₂ in a's axes and n₁ × n₂, the axis, in b's."""
         in_a, in_b = (direction(poses[frame].R.T @ self.axis) for frame in (self.a, self.b))
-        axis = carried(self.b, f"{self.name}_axis", in_b, store)
-        for k, normal in enumerate(normals(in_a), start=1):
-            n = carried(self.a, f"{self.name}_normal{k}", normal, store)
-            yield Equation(f"{self.name}: axis {k}", dot(n, axis))
+        axis = unit_vector(f"{self.name}_axis", in_b, store)
+        n1, n2 = (unit_vector(f"{self.name}_normal{k}", normal, store)
+                  for k, normal in enumerate(normals(in_a), start=1))
+        return (*n1, *n2), axis
 
 
 @dataclass(eq=False, repr=False)
@@ -212,6 +233,10 @@ class Revolute(Joint):
         yield from super().equations(poses, store)
         yield from self.hinge.equations(poses, store)
 
+    def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
+        """Return those of the hinge."""
+        return self.hinge.axes(poses, store)
+
 
 @dataclass(eq=False, repr=False)
 class Rod(Link):
@@ -223,7 +248,7 @@ class Rod(Link):
         """Yield the constraint; values of its parameters go into ``store``."""
         length = sp.Symbol(f"{self.name}_length", positive=True)
         store[str(length)] = self.distance(poses) if self.length is None else self.length
-        yield Equation(f"{self.name}: length", self.square(store) - length**2)
+        yield Equation(f"{self.name}: length", self.square(store) - length**2, Pull("distance"))
 
 
 @dataclass(eq=False, repr=False)
@@ -244,9 +269,21 @@ class Spring(Link):
         return k * (sp.sqrt(self.square(store)) - length) ** 2 / 2
 
 
-def carried(frame: Frame, name: str, unit: Array, store: Store) -> Vector:
-    """Return the components in space of a unit vector that a frame carries; see named_vector."""
-    return frame.direction(named_vector(name, unit.tolist(), store, (0.0, 1.0, -1.0)))
+def unit_vector(name: str, unit: Array, store: Store) -> Vector:
+    """Return symbols for a unit vector, in which 0, 1 and −1 stay numbers; see named_vector."""
+    return named_vector(name, unit.tolist(), store, (0.0, 1.0, -1.0))
+
+
+def unit_entries(k: int) -> tuple[float, ...]:
+    """Return the k-th coordinate axis."""
+    return tuple(map(float, np.eye(3)[k]))
+
+
+def perpendicular(
+    name: str, a: Frame, n: Sequence[sp.Expr], b: Frame, e: Sequence[sp.Expr]
+) -> Equation:
+    """Return the constraint that a direction of a stays perpendicular to one of b."""
+    return Equation(name, dot(a.direction(n), b.direction(e)), Pull("torque", tuple(n), tuple(e)))
 
 
 def normals(axis: Array) -> tuple[Array, Array]:

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_items, as_text
 from ...body_values import (
-    REPS,
     Inertia,
     RepName,
     as_inertia,
@@ -28,7 +27,6 @@ from ...body_values import (
     moments_of,
 )
 from ...errors import InputError
-from ...naming import shown, unknown, whole
 from ...projection import Projection, project
 from ..systems.given import few
 from ..systems.numeric_system import NumericConstraints, NumericSystem
@@ -42,13 +40,17 @@ from .poses import (
     Pose,
     Start,
     attitude,
+    check_rep,
+    count,
     finite,
     in_range,
+    nonzero,
     positive,
     settle,
     three,
     three_or_none,
 )
+from .records import body_at, joint_at
 
 __all__ = ["Multibody"]
 
@@ -91,7 +93,7 @@ class Multibody(Loads):
         self._gravity = named_vector("gravity", three("gravity", gravity).tolist(), self._values)
         self._about: dict[str, Any] = {
             "dt": None if dt is None else float(finite("time step", dt, ())),
-            "steps": None if steps is None else _count(steps),
+            "steps": None if steps is None else count(steps),
             "description": as_text("description", description),
         }
         self._inertia: dict[Body, Inertia] = {}
@@ -143,7 +145,7 @@ class Multibody(Loads):
             For names used twice and for numbers that no body can have.
         """
         self._claim(name)
-        _check_rep(name, rep)
+        check_rep(name, rep)
         given = as_inertia(inertia, f"inertia of {name!r}")
         start = self._start(name, quaternion, rotation, position, velocity, angular_velocity)
         body = Body.free(name, rep, tensor=is_tensor(given))
@@ -161,7 +163,7 @@ class Multibody(Loads):
         centre of mass from it in body axes, ``at`` where in space it is. All else as for ``body``.
         """
         self._claim(name)
-        _check_rep(name, rep)
+        check_rep(name, rep)
         given = as_inertia(inertia, f"inertia of {name!r}")
         origin = three(f"fixed point of {name!r}", at)
         middle = three(f"centre of {name!r}", centre)
@@ -204,7 +206,7 @@ class Multibody(Loads):
         coordinates = [x for body in self._bodies for x in body.coordinates]
         refuse_redundant(self.name, NumericConstraints(
             coordinates, [e.expression for e in equations], [e.name for e in equations], store), q0)
-        system = self._system(self._hamiltonian(links, store), equations, store)
+        system = self._system(self._hamiltonian(links, store), equations, store, links, poses)
         self.start = project(NumericSystem(system, store), q0, p0)
         bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
@@ -251,7 +253,8 @@ class Multibody(Loads):
         return sp.Add(*terms, *self._potential)
 
     def _system(
-        self, H: sp.Expr, equations: Sequence[Equation], store: dict[str, float]
+        self, H: sp.Expr, equations: Sequence[Equation], store: dict[str, float],
+        links: Sequence[Connection], poses: Mapping[Frame, Pose],
     ) -> System:
         """Return the system; parameters that nothing uses are dropped from it and the store."""
         q = tuple(x for body in self._bodies for x in body.coordinates)
@@ -265,13 +268,16 @@ class Multibody(Loads):
         if unknown:
             raise InputError(f"{str(unknown[0])!r} in Multibody {self.name!r} has no value; make "
                              "it with parameter(name, value).")
+        kept, values = set(parameters), dict(store)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]
         return System(
             q, p, parameters, H, constraints, name=self.name, forces=forces,
             constraint_names=tuple(equation.name for equation in equations),
             time=self.time if self.time in used else None, quantities=self._quantities,
-            bodies=tuple(body.at for body in self._bodies),
+            bodies=tuple(body_at(body, kept, values) for body in self._bodies),
+            joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values)
+                         for link in links),
         )
 
     def _state(self, poses: Mapping[Frame, Pose]) -> tuple[Array, Array]:
@@ -304,7 +310,7 @@ class Multibody(Loads):
     ) -> Body:
         self._values[str(body.mass)] = positive(f"mass of {body.name!r}", mass)
         mean = float(np.mean(moments_of(inertia)))
-        self._values[str(body.weight)] = mean if weight is None else _weight(
+        self._values[str(body.weight)] = mean if weight is None else nonzero(
             f"{body.rep} of {body.name!r}", weight)
         self._inertia[body] = inertia
         self._bodies[body] = start
@@ -324,23 +330,3 @@ class Multibody(Loads):
 def _by_first_use(store: Mapping[str, float]) -> Any:
     order = {name: index for index, name in enumerate(store)}
     return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
-
-
-def _check_rep(name: str, rep: Any) -> None:
-    if not isinstance(rep, str) or rep not in REPS:
-        raise unknown(f"representation of body {name!r}:", rep, REPS)
-
-
-def _count(value: Any) -> int:
-    count = whole(value)
-    if count is None or count < 0:
-        raise InputError(f"steps = {shown(value)} is no whole number from 0 on.")
-    return count
-
-
-def _weight(what: str, value: Any) -> float:
-    number = float(finite(what, value, ()))
-    if number == 0:
-        raise InputError(f"The {what} is 0, and the kinetic energy divides by it; give another "
-                         "number.")
-    return number

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...body_values import (
+    REPS,
     Inertia,
     inertia_matrix,
     quaternion_of_matrix,
@@ -19,11 +20,11 @@ from ...body_values import (
     unit_quaternions,
 )
 from ...errors import InputError
-from ...naming import shown
+from ...naming import shown, unknown, whole
 from .rigid_body import left_matrix, rotation_matrix
 
-__all__ = ["Attitude", "Pose", "Start", "attitude", "finite", "in_range", "positive", "rotation",
-           "settle", "three", "three_or_none", "unit"]
+__all__ = ["Attitude", "Pose", "Start", "attitude", "check_rep", "count", "finite", "in_range",
+           "nonzero", "positive", "rotation", "settle", "three", "three_or_none", "unit"]
 
 Array = NDArray[Any]
 
@@ -195,3 +196,26 @@ def settle(
         if unknown is None:
             return
         setattr(unknown, attribute, np.zeros(3))
+
+
+def check_rep(name: str, rep: Any) -> None:
+    """Refuse what is no representation of the inertia."""
+    if not isinstance(rep, str) or rep not in REPS:
+        raise unknown(f"representation of body {name!r}:", rep, REPS)
+
+
+def count(value: Any) -> int:
+    """Return a number of steps."""
+    found = whole(value)
+    if found is None or found < 0:
+        raise InputError(f"steps = {shown(value)} is no whole number from 0 on.")
+    return found
+
+
+def nonzero(what: str, value: Any) -> float:
+    """Return γ or α."""
+    number = float(finite(what, value, ()))
+    if number == 0:
+        raise InputError(f"The {what} is 0, and the kinetic energy divides by it; give another "
+                         "number.")
+    return number

@@ -55,6 +55,7 @@ def fast_context(
         "shared": len(system.shared),
         "separable": system.is_separable,
         "affine": system.is_affine,
+        "history": _history(scheme),
         "memory": _memory(scheme, real, held, m * m, one=True),
         "batch_memory": _memory(scheme, real, held, m * m, one=False),
     }
@@ -92,6 +93,7 @@ def structured_fast_context(
         "shared": 0,
         "separable": structure.is_separable,
         "affine": structure.is_quadratic,
+        "history": _history(scheme),
         "memory": _memory(scheme, real, held, factor, one=True),
         "batch_memory": _memory(scheme, real, held, factor, one=False),
     }
@@ -117,6 +119,11 @@ def fast_manifest(fast: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def _history(scheme: SparkScheme | MeanScheme) -> int:
+    """Return how many steps are remembered: 16 for a recurrence, lessons take more."""
+    return 32 if scheme.tableau else 16
+
+
 def _memory(
     scheme: SparkScheme | MeanScheme, real: Real, constants: int, factor: int, *, one: bool
 ) -> int:
@@ -135,7 +142,9 @@ def _memory(
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
     forced = n if one else s * n
     constants += 3 + 2 * nodes if scheme.system.is_timed else 0
+    ring = (_history(scheme) + 1) * x
+    lessons = 2 * (s + 24) * blocks + 2 * x + 24 if scheme.tableau else 0
     vectors = (forced + blocks + constants + 41
-               + 5 * n + 2 * blocks + tables + 2 * iterate + 17 * x + 4 * m + m * m
+               + 5 * n + 2 * blocks + tables + 2 * iterate + ring + lessons + 4 * m + m * m
                + 3 * (16 + 17 * 17))
     return vectors * lanes * real.bytes + 512

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from typing import Any
 
 import sympy as sp
@@ -12,6 +13,7 @@ from ...real import Real
 from ..kernels.kernel import Constants, EmittedKernel
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme
+from ..systems.places import BodyAt, Entry, JointAt, Pull
 from ..systems.smoothness import Switching
 from ..systems.system import System
 from ..tableaux.conditions import check_tableau, remarks
@@ -141,14 +143,41 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
 
 
 def _bodies(system: System) -> dict[str, Any]:
-    """Return where the bodies are; that of a ``rigid_body`` with I1, I2, I3 goes without saying."""
+    """Return where bodies and joints are.
+
+    That of a ``rigid_body`` with I1, I2, I3 goes without saying.
+    """
     if (system.rigid_body and len(system.bodies[0].inertia) == 3) or not system.bodies:
         return {}
-    return {"bodies": {
-        body.name: {"q": [str(x) for x in body.q],
-                    "inertia" if len(body.inertia) == 3 else "inverse_inertia":
-                        [str(x) for x in body.inertia]}
-        for body in system.bodies}}
+    joints = {"joints": {joint.name: _joint(joint) for joint in system.joints}}
+    return {"bodies": {body.name: _body(body) for body in system.bodies},
+            **(joints if system.joints else {})}
+
+
+def _body(body: BodyAt) -> dict[str, Any]:
+    inertia = "inertia" if len(body.inertia) == 3 else "inverse_inertia"
+    place = {"x": [str(x) for x in body.x]} if body.x else {"origin": _entries(body.origin)}
+    centre = {"centre": _entries(body.centre)} if body.centre else {}
+    mass: dict[str, Any] = {} if body.mass is None else {"mass": _entries([body.mass])[0]}
+    return {"q": [str(x) for x in body.q], inertia: [str(x) for x in body.inertia], **place,
+            **centre, **mass}
+
+
+def _joint(joint: JointAt) -> dict[str, Any]:
+    pulls = {name: None if pull is None else {"kind": pull.kind, **_vectors(pull, "on_a", "on_b")}
+             for name, pull in joint.pulls}
+    return {"bodies": [joint.a, joint.b], **_vectors(joint, "on_a", "on_b", "axis_a", "axis_b"),
+            "constraints": pulls}
+
+
+def _vectors(one: JointAt | Pull, *names: str) -> dict[str, list[str | float]]:
+    """Return those of its vectors that it has."""
+    return {name: _entries(getattr(one, name)) for name in names if getattr(one, name)}
+
+
+def _entries(entries: Iterable[Entry]) -> list[str | float]:
+    """Return names of parameters and numbers."""
+    return [e if isinstance(e, float) else str(e) for e in entries]
 
 
 def _given_names(system: System) -> dict[str, list[str]]:

@@ -181,7 +181,7 @@ class Proved:
         }
 
     def _lane_files(self) -> list[str]:
-        again = ["load_again"] if self.stages else []
+        again = ["load_again", "learn"] if self.stages else []
         if not self.m or (self.constant_schur and not self.stages):
             return again  # nothing is factorised
         if self.structured:
@@ -200,7 +200,7 @@ class Proved:
     def _spark(self, run: str) -> list[str]:
         layout, seidel = self._layout(), "_seidel" if self.separable else ""
         work = "sweep_work" if self.forced else "sweep_no_work"
-        head = [f"{run}_items", f"layout_{layout}", run]
+        head = [f"{run}_items", f"layout_{layout}", "lessons", run]
         if not self.m:
             own = ["sweep_free", "take", f"follow_free{seidel}"]
         else:
@@ -208,7 +208,9 @@ class Proved:
             own = [f"{run}_nodes", "impulses", f"look_{self._kind}", f"schur_{layout}",
                    *self._schur_set(), "sweep_constrained", "take",
                    f"follow_{answer}{seidel}", f"land_{self._kind}"]
-        return [*head, *own, *self._drive("sweep_drive"), work, "sweep", "load"]
+        return [*head, *own, *self._drive("sweep_drive"), work, "recall",
+                "learn_nodes" if self.m else "learn_nodes_free", f"{run}_ahead", "foresee",
+                "sweep", "load"]
 
     def _mean(self) -> list[str]:
         layout = self._layout()

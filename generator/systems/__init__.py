@@ -2,6 +2,7 @@
 
     system          a constrained Hamiltonian system and its derivatives
     given           what a caller gives of one, checked
+    places          where bodies and joints are in it
     numeric_system  the same with numbers, in NumPy
     redundancy      constraints that others imply
     jacobians       matrices of derivatives

@@ -24,32 +24,13 @@ from ...naming import shown
 from ..text.c_names import is_taken
 from .given import as_expression, few
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
+from .places import BodyAt, JointAt
 
 __all__ = ["BodyAt", "System"]
 
 #: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
 MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
-
-
-@dataclass(frozen=True)
-class BodyAt:
-    """Where a rigid body is in a system.
-
-    Attributes
-    ----------
-    name : str
-        The body's.
-    q : tuple of 4 symbols
-        Its unit quaternion among the system's coordinates, scalar first; its momenta stand in the
-        same places.
-    inertia : tuple of symbols
-        Parameters: I1, I2, I3, its principal moments, or K11, K12, K13, K22, K23, K33 of J⁻¹.
-    """
-
-    name: str
-    q: tuple[sp.Symbol, ...]
-    inertia: tuple[sp.Symbol, ...]
 
 
 @dataclass(frozen=True)
@@ -86,6 +67,8 @@ class System:
         and rotation.
     bodies : sequence of BodyAt
         The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
+    joints : sequence of JointAt
+        What joins them.
 
     Notes
     -----
@@ -108,6 +91,7 @@ class System:
     quantities: Mapping[str, sp.Expr] = field(default_factory=dict, kw_only=True, hash=False)
     rigid_body: bool = field(default=False, kw_only=True)
     bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
+    joints: tuple[JointAt, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
@@ -155,10 +139,11 @@ class System:
             )
         self._refuse_unknown_symbols()
         self._refuse_inputs_elsewhere()
-        bodies = as_items("bodies", self.bodies, "gyrospark.generator.systems.system.BodyAt")
-        if not all(isinstance(body, BodyAt) for body in bodies):
-            raise InputError(f"bodies = {shown(bodies)} are none; Multibody makes them.")
-        object.__setattr__(self, "bodies", tuple(bodies))
+        for what, kind in (("bodies", BodyAt), ("joints", JointAt)):
+            given = as_items(what, getattr(self, what), f"what Multibody makes, {kind.__name__}")
+            if not all(isinstance(one, kind) for one in given):
+                raise InputError(f"{what} = {shown(given)} are none; Multibody makes them.")
+            object.__setattr__(self, what, tuple(given))
         if self.rigid_body and not self.bodies:
             object.__setattr__(self, "bodies", (self._whole_body(),))
 

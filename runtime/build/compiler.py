@@ -184,9 +184,10 @@ def _write_wrapper(name: str, header: str, folder: Path) -> Path:
         declarations = f"typedef {standard} {real.c_type};\n{declarations}"
         renamed = f"#define {real.c_type} {standard}\n"
     ffi = cffi.FFI()
-    ffi.cdef(declarations)
-    ffi.set_source(module_name(name), f'{renamed}#include "{name}.h"\n{functions}',
-                   compiler_verbose=0)
+    # Work memory is opaque to callers; how large it is, the C compiler tells cffi.
+    ffi.cdef(f"{declarations}\nstruct {name}_work {{ ...; }};")
+    ffi.set_source(module_name(name), f'{renamed}#define {name.upper()}_WORK\n'
+                   f'#include "{name}.h"\n{functions}', compiler_verbose=0)
     wrapper = folder / f"{module_name(name)}.c"
     ffi.emit_c_code(str(wrapper))
     return wrapper

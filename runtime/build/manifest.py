@@ -9,53 +9,15 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
-from ...body_values import Inertia, as_moments, tensor_of_inverse
 from ...errors import InputError
 from ...real import REALS
+from .places import bodies_of, joints_of
 
-__all__ = ["BodyAt", "bodies_of", "read_manifest", "remarks_of", "sizes_of"]
+__all__ = ["read_manifest", "remarks_of", "sizes_of"]
 
 _DOMAINS = ("positive", "nonzero", "real")
-
-
-@dataclass(frozen=True)
-class BodyAt:
-    """Where a body is in the arrays of a run.
-
-    Attributes
-    ----------
-    q : list of int
-        The columns of its unit quaternion; its momenta have the same.
-    inertia : list of str
-        The parameters I1, I2, I3, or K11, K12, K13, K22, K23, K33 of J⁻¹.
-    """
-
-    q: list[int]
-    inertia: list[str]
-
-    def inertia_of(self, parameters: Mapping[str, float]) -> Inertia:
-        """Return the body's inertia from the values of a run's parameters."""
-        values = [parameters[name] for name in self.inertia]
-        return as_moments(values) if len(values) == 3 else tensor_of_inverse(values)
-
-
-def bodies_of(manifest: Mapping[str, Any]) -> dict[str, BodyAt]:
-    """Return the rigid bodies of a stepper by name; raises as ``sizes_of`` does."""
-    system = manifest["system"]
-    found = {}
-    for name, body in system.get("bodies", {}).items():
-        columns = [system["coordinates"].index(x) for x in body["q"]]
-        inertia = list(body["inertia"] if "inertia" in body else body["inverse_inertia"])
-        if len(columns) != 4 or not {*inertia} <= {*system["parameters"]} or len(inertia) != (
-                3 if "inertia" in body else 6):
-            raise ValueError("the manifest holds another body")
-        found[str(name)] = BodyAt(columns, inertia)
-    if system["rigid_body"] and not found:
-        found["body"] = BodyAt([0, 1, 2, 3], ["I1", "I2", "I3"])
-    return found
 
 
 def read_manifest(name: str, files: Mapping[str, str]) -> dict[str, Any]:
@@ -114,6 +76,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
              system.get("quantities_take_time", False))
     counts = (scheme["unknowns"], scheme["multipliers"], scheme["order"], scheme["stages"] or 0)
     m = len(system["constraints"])
+    bodies_of(content), joints_of(content)  # which raise for what are none
     sound = (
         all(isinstance(x, str) for x in texts) and all(isinstance(x, list) for x in lists)
         and all(isinstance(x, bool) for x in flags) and all(type(x) is int for x in counts)
@@ -123,7 +86,6 @@ def sizes_of(content: Any) -> dict[str, Any]:
         and len(system["coordinates"]) == len(system["momenta"])
         and (fast["available"] or "reason" in fast)
         and (not system["rigid_body"] or len(system["coordinates"]) == 4)
-        and all({*body.inertia} <= {*system["parameters"]} for body in bodies_of(content).values())
     )
     if not sound:
         raise ValueError("the manifest holds something of another type")

@@ -18,6 +18,7 @@ PREFIX = "quad_"
 
 _OPAQUE = "quad"
 _STRUCT = re.compile(r"typedef struct \{(.*?)\} (\w+);", re.DOTALL)
+_KNOWN_LATER = re.compile(r"typedef struct (\w+) \1;")
 _ENUM = re.compile(r"enum \w+ \{.*?\};", re.DOTALL)
 _FUNCTION = re.compile(r"(.*?)(\w+)\((.*)\)", re.DOTALL)
 
@@ -31,9 +32,10 @@ def wrap_declarations(declarations: str) -> tuple[str, str]:
     """Return the declarations for cffi, and the C of the functions they declare."""
     text = re.sub(r"/\*.*?\*/", "", declarations, flags=re.DOTALL)
     structs = [_struct(body, name) for body, name in _STRUCT.findall(text)]
-    functions = [_function(" ".join(part.split()))
-                 for part in _ENUM.sub("", _STRUCT.sub("", text)).split(";") if part.strip()]
+    rest = _KNOWN_LATER.sub("", _ENUM.sub("", _STRUCT.sub("", text)))
+    functions = [_function(" ".join(part.split())) for part in rest.split(";") if part.strip()]
     declared = [f"typedef ... {_OPAQUE};", *_ENUM.findall(text), *structs,
+                *(found[0] for found in _KNOWN_LATER.finditer(text)),
                 *(f"{head};" for head, _ in functions)]
     defined = [f"typedef {TYPE} {_OPAQUE};",
                *(f"static {head}\n{{\n    {body}\n}}" for head, body in functions)]
@@ -44,7 +46,7 @@ def _struct(body: str, name: str) -> str:
     """Return a struct without its fields of the type; "...;" lets the C compiler tell the rest."""
     fields = [field.strip() for field in body.split(";") if field.strip()]
     kept = [f"{field};" for field in fields if TYPE not in field]
-    more = ["...;"] if len(kept) < len(fields) or name.endswith("_work") else []
+    more = ["...;"] if len(kept) < len(fields) else []
     return f"typedef struct {{ {' '.join([*kept, *more])} }} {name};"
 
 

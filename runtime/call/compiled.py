@@ -122,6 +122,10 @@ class Compiled:
         """Return an empty running record."""
         return self.ffi.new(f"{self.name}_report *")
 
+    def record_of(self, work: Any) -> Any:
+        """Return the running record of the trajectory that work memory holds: a copy."""
+        return self.ffi.new(f"{self.name}_report *", self.function("report_of")(work)[0])
+
     def image(self, struct: Any) -> NDArray[np.uint8]:
         """Return the bytes of a running record or of work memory, to read and to write."""
         return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)

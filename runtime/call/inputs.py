@@ -47,6 +47,18 @@ class Inputs:
         """Rows from one run to the next; 0 where all have the same."""
         return self.values.shape[1] if len(self.values) > 1 else 0
 
+    @property
+    def throughout(self) -> dict[str, Any]:
+        """The inputs of the first run by name; those that change are nan, for no number they are.
+
+        So whoever asks the run's parameters for a step that nobody stored is not told a wrong one.
+        """
+        rows = self.values[0]
+        first = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)
+        none = 0 * (first[0] if len(rows) else 1.0) + np.nan
+        return {name: x if (rows[:, i] == first[i]).all() else none
+                for i, (name, x) in enumerate(zip(self.names, first.tolist(), strict=True))}
+
     def of(self, i: int) -> Inputs:
         """Return those of one run."""
         return replace(self, values=self.values[i : i + 1]) if len(self.values) > 1 else self

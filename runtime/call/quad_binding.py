@@ -134,6 +134,13 @@ class QuadBinding(Binding):
         block = _Block(self.ffi, f"{self.name}_report", count)
         return _Records([_Record(block, i) for i in range(count)])
 
+    def record_of(self, work: Any) -> Any:
+        """Return the running record of the trajectory that work memory holds: a copy."""
+        block = _Block(self.ffi, f"{self.name}_report")
+        held = self.ffi.cast("char *", self.function("report_of")(work))
+        block.write(0, bytes(self.ffi.buffer(held, block.size)))
+        return _Record(block, 0)
+
     def image(self, struct: Any) -> NDArray[np.uint8]:
         """Return the bytes of a running record or of work memory, to read and to write."""
         block = struct.block if isinstance(struct, _Record) else struct

@@ -4,5 +4,8 @@
     outputs          the list of a run's arrays, for all that holds, writes, reads or draws them
     trajectory       what an integration returns
     trajectory_file  its .npz
+    body_motion      one body of it: attitude, angles, velocities, momenta
+    joint_motion     one joint of it: angle, force, torque
+    tables           CSV, pandas, xarray
     states           the states as columns, under their names
 """

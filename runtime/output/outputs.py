@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import InputError
+from ...naming import proposal, shown
 from ..call.binding import Binding
 
-__all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "absent", "defect_sizes", "parts", "pieces",
-           "together", "value_of"]
+__all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect_sizes",
+           "labels_of", "parts", "pieces", "place_of_quantity", "together", "value_of"]
 
 Array = NDArray[Any]
 Manifest = Mapping[str, Any]
@@ -210,9 +212,47 @@ def absent(one: Output, rows: int, dtype: Any) -> Array:
     return np.zeros((rows - one.of_steps, *((0,) if one.split else one.absent)), dtype=dtype)
 
 
+def about(one: Output, manifest: Manifest, name: str) -> dict[str, str]:
+    """Return what readers are told of the array of this name: what it is, and its units."""
+    units = one.units or (one.body_units if manifest["system"]["rigid_body"] else "")
+    long_name = one.long_name.format(name.removeprefix(QUANTITY))
+    return {"long_name": long_name, **({"units": units} if units else {})}
+
+
+def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
+    """Return the names along each dimension that has some, and what they are.
+
+    A momentum stands where the coordinate does to which it belongs.
+    """
+    found = {"coordinate": (list(system["coordinates"]), "name of the coordinate")}
+    names = list(system.get("constraint_names", ()))
+    if len(names) > 1:
+        found["constraint"] = names, "name of the constraint"
+    return found
+
+
 def defect_sizes(
     binding: Binding, parameters: Any, q: Array, p: Array, t: Array | None = None
 ) -> tuple[Array, Array]:
     """Return the largest |g| and the largest momentum-constraint error of each row."""
     g, f = binding.defects(parameters, q, p, t)
     return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
+
+
+def place_of_quantity(manifest: Manifest, name: Any) -> int:
+    """Return the column of a quantity of the system.
+
+    Raises
+    ------
+    InputError
+        If the system has no quantity of that name.
+    """
+    system = manifest["system"]
+    names = tuple(system.get("quantities", ()))
+    if not isinstance(name, str) or name not in names:
+        raise InputError(
+            f"System {system['name']!r} has no quantity {shown(name)}; it has "
+            f"{', '.join(names) or 'none: give System(..., quantities={...})'}"
+            f"{proposal(name, names)}."
+        )
+    return names.index(name)

@@ -3,26 +3,41 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
-from ...naming import choose, proposal, shown
-from ..body import quaternion
-from ..build.manifest import BodyAt, bodies_of
+from ...naming import choose
+from ..build.places import bodies_of, joints_of
 from ..show.endings import ENDINGS, ending_of
-from .outputs import OUTPUTS, parts
+from ..show.scene import ShapeName
+from ..show.view import View, view
+from . import tables
+from .body_motion import BodyMotion, FrameName
+from .joint_motion import JointMotion
+from .outputs import OUTPUTS, parts, place_of_quantity
 from .report import Report
 from .states import save_csv
 from .trajectory_file import read_npz, write_npz
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
 __all__ = ["Trajectory"]
 
 Array = NDArray[Any]
+
+
+class Maker(Protocol):
+    """A stepper, as a trajectory sees it."""
+
+    def at(self, trajectory: Trajectory, times: ArrayLike) -> Trajectory:
+        """Return the states of a trajectory at times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +86,8 @@ class Trajectory:
     f_errors: Array
     work: Array
     quantity_values: Array
+    #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
+    _stepper: Any = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -87,8 +104,9 @@ class Trajectory:
         return self.energies
 
     def energy_error(self) -> Array:
-        """Return H_k − H_0 − W_k of each stored state, W the work of the forces, shape (N+1,)."""
-        error: Array = self.energies - self.energies[0] - self.work
+        """Return H_k − H_0 − W_k of each stored state, W the work of the forces since the first of
+        them, shape (N+1,)."""
+        error: Array = self.energies - self.energies[0] - (self.work - self.work[0])
         return error
 
     @property
@@ -114,72 +132,133 @@ class Trajectory:
         InputError
             If the system has no quantity of that name.
         """
-        if not isinstance(name, str) or name not in self.quantities:
-            raise InputError(
-                f"System {self.manifest['system']['name']!r} has no quantity {shown(name)}; it has "
-                f"{', '.join(self.quantities) or 'none: give System(..., quantities={...})'}"
-                f"{proposal(name, self.quantities)}."
-            )
-        values: Array = self.quantity_values[:, self.quantities.index(name)]
+        values: Array = self.quantity_values[:, place_of_quantity(self.manifest, name)]
         return values
 
     def constraint_errors(self) -> tuple[Array, Array]:
         """Return |g(q)| and |qᵀp| (or the system's own momentum constraint) of each state."""
         return self.g_errors, self.f_errors
 
+    # ------------------------------------------------------------ bodies and joints
+
     @property
     def bodies(self) -> tuple[str, ...]:
-        """The names of the rigid bodies, which ``rotation`` and its like take."""
+        """The names of the rigid bodies, which ``body`` takes."""
         return tuple(bodies_of(self.manifest))
 
-    def angular_velocity(self, body: str | None = None) -> Array:
-        """Return Ω = J⁻¹ ½ L(q) p in body axes (19), shape (N+1, 3), in rad/s.
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of the joints, which ``joint`` takes."""
+        return tuple(name for name, at in joints_of(self.manifest).items() if at.constraints)
 
-        In a model whose space axes turn (``gs.models.satellite``) it is the angular velocity
-        against axes that do not.
+    def body(self, name: str | None = None) -> BodyMotion:
+        """Return the motion of one rigid body: attitude, angles, velocities, momenta.
 
         Parameters
         ----------
-        body : str, optional
+        name : str, optional
             Which of several bodies.
 
         Raises
         ------
         InputError
             Where there is no body, or several and none is named.
+
+        Examples
+        --------
+        >>> run.body("bus").euler("ZYX", degrees=True)            # doctest: +SKIP
+        >>> run.body("bus").angular_velocity(frame="space")       # doctest: +SKIP
         """
-        at = self._body(body)
-        return quaternion.angular_velocity(self.q[:, at.q], self.p[:, at.q],
-                                           at.inertia_of(self.parameters))
-
-    def axis(self, body: str | None = None) -> Array:
-        """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3).
-
-        ``body`` and what is raised are those of ``angular_velocity``.
-        """
-        return quaternion.axis(self.q[:, self._body(body).q])
-
-    def rotation(self, body: str | None = None) -> Any:
-        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space.
-
-        ``body`` and what is raised are those of ``angular_velocity``.
-        """
-        return quaternion.to_rotation(self.q[:, self._body(body).q])
-
-    def _body(self, name: str | None) -> BodyAt:
-        """Return where a body is in q and p."""
         bodies, system = bodies_of(self.manifest), self.manifest["system"]["name"]
         if not bodies:
             raise InputError(
                 f"System {system!r} is not one rigid body; t, q, p, multipliers and energy() are "
                 "defined for it. (That a gyrospark.System is one, rigid_body=True says.)")
         if name is None and len(bodies) > 1:
-            one = next(iter(bodies))
             raise InputError(f"System {system!r} is not one rigid body but {len(bodies)}, "
-                             f"{', '.join(bodies)}; say which, as in rotation(body={one!r}).")
+                             f"{', '.join(bodies)}; say which, as in "
+                             f"body({next(iter(bodies))!r}).")
         if name is None:
-            return next(iter(bodies.values()))
-        return bodies[choose(f"body of system {system!r}", name, bodies)]
+            name = next(iter(bodies))
+        at = choose(f"body of system {system!r}", name, bodies)
+        return BodyMotion(self, at, bodies[at])
+
+    def joint(self, name: str | None = None) -> JointMotion:
+        """Return one joint: its point, its angle, the force and the torque in it.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which of several joints.
+
+        Raises
+        ------
+        InputError
+            Where there is no joint, or several and none is named.
+
+        Examples
+        --------
+        >>> run.joint("hinge").angle(degrees=True)                # doctest: +SKIP
+        >>> run.joint("hinge").force()                            # doctest: +SKIP
+        """
+        system = self.manifest["system"]["name"]
+        joints = {key: at for key, at in joints_of(self.manifest).items() if at.constraints}
+        if not joints:
+            raise InputError(f"System {system!r} has no joints; those of gyrospark.Multibody and "
+                             "of [[joints]] in model files are asked for here.")
+        if name is None and len(joints) > 1:
+            raise InputError(f"System {system!r} has {len(joints)} joints, {', '.join(joints)}; "
+                             f"say which, as in joint({next(iter(joints))!r}).")
+        if name is None:
+            name = next(iter(joints))
+        at = choose(f"joint of system {system!r}", name, joints)
+        return JointMotion(self, at, joints[at])
+
+    def angular_velocity(self, body: str | None = None) -> Array:
+        """Return Ω in body axes, shape (N+1, 3), in rad/s; see ``BodyMotion.angular_velocity``.
+
+        ``body`` and what is raised are those of ``body``.
+        """
+        return self.body(body).angular_velocity()
+
+    def axis(self, body: str | None = None) -> Array:
+        """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3)."""
+        return self.body(body).axis()
+
+    def rotation(self, body: str | None = None) -> Any:
+        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space."""
+        return self.body(body).rotation()
+
+    def at(self, times: ArrayLike, *, stepper: Maker | None = None) -> Trajectory:
+        """Return the states at times between the steps, by short real steps; see ``Stepper.at``.
+
+        Parameters
+        ----------
+        times : array_like, shape (N,)
+            In seconds, within the run.
+        stepper : Stepper, optional
+            What made the trajectory; known of what ``integrate`` returned in this process.
+
+        Raises
+        ------
+        InputError
+            Where the stepper is not known, for times outside of the run.
+        """
+        maker: Maker | None = self._stepper if stepper is None else stepper
+        if maker is None:
+            raise InputError(
+                f"This trajectory of {self.manifest['name']} does not know the stepper that made "
+                "it, for it was read from a file or belongs to an ensemble; give "
+                "at(times, stepper=...).")
+        return maker.at(self, times)
+
+    def made_by(self, stepper: Maker) -> Trajectory:
+        """Return this trajectory, which then knows what made it."""
+        return replace(self, _stepper=stepper)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the states alone: the code that made them is not theirs."""
+        return {**self.__dict__, "_stepper": None}
 
     # ------------------------------------------------------------ file
 
@@ -230,6 +309,37 @@ class Trajectory:
         """
         return cls(**read_npz(as_path("path", path, "run.npz")))
 
+    def to_csv(
+        self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False,
+        angular_velocity: FrameName | None = None,
+    ) -> Path:
+        """Write the states as CSV, with Euler angles and such where asked for; return the path.
+
+        See ``to_dataframe`` for the columns.
+
+        Examples
+        --------
+        >>> run.to_csv("run.csv", euler="ZYX", degrees=True)      # doctest: +SKIP
+        """
+        return tables.to_csv(self, path, euler=euler, degrees=degrees,
+                             angular_velocity=angular_velocity)
+
+    def to_dataframe(
+        self, *, euler: str | None = None, degrees: bool = False,
+        angular_velocity: FrameName | None = None,
+    ) -> pandas.DataFrame:
+        """Return the states as a pandas DataFrame; see ``runtime.output.tables.to_dataframe``."""
+        return tables.to_dataframe(self, euler=euler, degrees=degrees,
+                                   angular_velocity=angular_velocity)
+
+    def to_xarray(
+        self, *, euler: str | None = None, degrees: bool = False,
+        angular_velocity: FrameName | None = None,
+    ) -> xarray.Dataset:
+        """Return the states as an xarray Dataset; see ``runtime.output.tables.to_xarray``."""
+        return tables.to_xarray(self, euler=euler, degrees=degrees,
+                                angular_velocity=angular_velocity)
+
     def panels(self) -> dict[str, Array]:
         """Return the outputs that pictures show in panels of their own, by title."""
         return {one.panel: getattr(self, one.attribute) for one in OUTPUTS
@@ -243,3 +353,16 @@ class Trajectory:
         from ..show.plots import draw  # matplotlib is optional
 
         return draw(self, path)
+
+    def view(self, path: str | os.PathLike[str] | None = None, *,
+             shape: ShapeName = "box") -> View:
+        """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
+
+        One HTML file without network: bodies as boxes, or ellipsoids, of their inertia, joints,
+        traces, a slider, and the energy error beside it; see ``runtime.show.view.view``.
+
+        Examples
+        --------
+        >>> run.view("top.html")                                  # doctest: +SKIP
+        """
+        return view(self, path, shape=shape)

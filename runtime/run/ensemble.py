@@ -21,16 +21,16 @@ from ..call.checks import as_numbers, as_positive_count
 from ..call.inputs import as_inputs
 from ..interrupts import ctrl_c
 from ..output.trajectory import Trajectory
-from .failure import Diagnosis
-from .integration import failure_of, trajectory_of
+from ..steps.failure import Diagnosis
+from ..steps.integration import failure_of, trajectory_of
+from ..steps.parameters import refuse_auto
 from .lanes import Course
-from .parameters import refuse_auto
 from .runs import Given, checked_runs
 
 if TYPE_CHECKING:
     from .stepper import Stepper
 
-__all__ = ["Ensemble", "integrate_members"]
+__all__ = ["Ensemble", "fill_course", "integrate_members", "threads_of"]
 
 Array = NDArray[Any]
 
@@ -92,9 +92,6 @@ def integrate_members(
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
     starts, momenta = _rows(stepper, "q", q), _rows(stepper, "p", p)
-    threads = os.cpu_count() or 1
-    if workers is not None:
-        threads = as_positive_count("workers", workers, least=1)
     if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
@@ -106,7 +103,7 @@ def integrate_members(
     fed = as_inputs(inputs, stepper.binding, runs.first.steps, hold, size)
     course = Course.of(stepper.binding, replace(runs, inputs=fed))
     with ctrl_c() as interrupts:
-        _fill(course, threads, lambda: interrupts.asked)
+        fill_course(course, threads_of(workers), lambda: interrupts.asked)
     found = _ensemble(stepper, course)
     if interrupts.asked:
         raise Stopped(f"Stopped with {sum(course.stored):,} of {found.t.size:,} states; they are "
@@ -114,7 +111,13 @@ def integrate_members(
     return found
 
 
-def _fill(course: Course, threads: int, stop: Callable[[], bool]) -> None:
+def threads_of(workers: int | None) -> int:
+    """Return on how many threads to run: all cores, where a caller does not say."""
+    return os.cpu_count() or 1 if workers is None else as_positive_count("workers", workers,
+                                                                         least=1)
+
+
+def fill_course(course: Course, threads: int, stop: Callable[[], bool]) -> None:
     """Integrate all batches: each thread takes the next one until there is none."""
     batches, broken = SimpleQueue[int | None](), threading.Event()
     workers = min(threads, len(course.reports))

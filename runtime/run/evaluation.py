@@ -17,7 +17,7 @@ from ..build.module import load_module
 from ..call.binding import REASONS, Binding
 from ..call.checks import as_real, as_step
 from ..call.compiled_constraints import CompiledConstraints
-from .parameters import as_parameters
+from ..steps.parameters import as_parameters
 
 __all__ = ["Evaluation"]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..call.binding import Binding
-from .integration import Pace, Rows, fill, next_chunk
+from ..steps.integration import Pace, Rows, fill, next_chunk
 from .runs import Runs
 
 __all__ = ["Course"]

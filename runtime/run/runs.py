@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..body.inertia import AIMS, has_inertia, inertia_names, ruled
 from ..call.inputs import Inputs
-from .consistency import defects_of_starts
-from .integration import Run
+from ..steps.consistency import defects_of_starts
+from ..steps.integration import Run
 
 if TYPE_CHECKING:
     from .stepper import Stepper

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -21,12 +22,13 @@ from ..call.checks import as_callback, as_positive_count, as_real
 from ..call.inputs import as_inputs
 from ..choice.gamma_choice import with_choice
 from ..output.trajectory import Trajectory
-from .consistency import defects_of_starts
+from ..steps.consistency import defects_of_starts
+from ..steps.integration import Run, integrate
+from ..steps.parameters import as_parameters
+from .between import between, marks_of
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
-from .held import Held
-from .integration import Run, integrate
-from .parameters import as_parameters
+from .simulation import LastStep, Simulation
 
 __all__ = ["SOLVERS", "Stepper"]
 
@@ -104,19 +106,51 @@ class Stepper(Evaluation):
                 "parameters", parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names}
         given = (dt, solver, tolerance, max_iterations, parameters)
-        held: Held | None = getattr(self._local, "held", None)
+        held: LastStep | None = getattr(self._local, "held", None)
         self._local.held = None
         if held is None or not held.goes_on(q, p, t0, given):
             run = self.checked_run(q, p, dt=dt, steps=1, every=1, t0=t0,
                                    parameters=self.fed(parameters, inputs), solver=solver,
                                    tolerance=tolerance, max_iterations=max_iterations)
-            held = Held(self.binding, run, given) if solver != "python" else None
-        if held is None or held.advance(fed):
+            held = LastStep(self.binding, run, given) if solver != "python" else None
+        if held is not None and fed is not None:
+            held.feed(fed.at(0))
+        if held is None or held.advance(1):
             run = run.fed(fed) if held is None else held.run_from(q, p, t0).fed(fed)
             end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
             return end.q[-1], end.p[-1]
         self._local.held = held
-        return held.state
+        return held.q.copy(), held.p.copy()
+
+    def start(
+        self,
+        q0: ArrayLike,
+        p0: ArrayLike,
+        *,
+        dt: Number,
+        parameters: Mapping[str, Any],
+        t0: Number = 0.0,
+        solver: SolverName = "auto",
+        tolerance: Number | None = None,
+        max_iterations: int = 50,
+    ) -> Simulation:
+        """Return a simulation that stands at (q0, p0) and is advanced by its caller.
+
+        The arguments are those of ``integrate``, but for ``solver="python"`` and parameters
+        ``"auto"``. ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
+        ``sim.report`` and ``sim.quantity(name)`` say where they led. What ``integrate`` gives for
+        as many steps it gives to the bit, in calls of however many.
+
+        Raises
+        ------
+        InputError
+            As ``integrate`` does.
+        """
+        held = [name for name in SOLVERS if name != "python"]
+        run = self.checked_run(q0, p0, dt=dt, steps=0, every=1, parameters=parameters, t0=t0,
+                               solver=choose("solver of a simulation", solver, held),
+                               tolerance=tolerance, max_iterations=max_iterations)
+        return Simulation(self, run)
 
     def integrate(
         self,
@@ -134,6 +168,7 @@ class Stepper(Evaluation):
         tolerance: Number | None = None,
         max_iterations: int = 50,
         progress: Callable[[int], None] | None = None,
+        t_eval: ArrayLike | None = None,
     ) -> Trajectory:
         """Integrate ``steps`` steps of ``dt`` seconds from (q, p).
 
@@ -176,6 +211,9 @@ class Stepper(Evaluation):
             Iterations (of each kind) before a step counts as failed.
         progress : callable, optional
             Called now and then with the number of steps done.
+        t_eval : array_like, shape (N,), optional
+            Return the states at these times instead, each by a real step of a part of Δt: see
+            ``at``. They lie between t0 and t0 + steps dt, in any order.
 
         Raises
         ------
@@ -190,9 +228,11 @@ class Stepper(Evaluation):
                                  parameters=self.fed(parameters, inputs), t0=t0)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-        fed = as_inputs(inputs, self.binding, run.steps, hold)
-        run = run.fed(fed)
-        return integrate(self.binding, self.manifest, run, as_callback("progress", progress))
+        run = run.fed(as_inputs(inputs, self.binding, run.steps, hold))
+        marked = run if t_eval is None else replace(run, marks=marks_of(self, run, t_eval))
+        found = integrate(self.binding, self.manifest, marked, as_callback("progress", progress)
+                          ).made_by(self)
+        return found if t_eval is None else self.at(found, t_eval)
 
     def integrate_ensemble(
         self,
@@ -234,6 +274,38 @@ class Stepper(Evaluation):
             max_iterations=max_iterations,
         )
 
+    def at(
+        self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None
+    ) -> Trajectory:
+        """Return the states of a run at times between its steps.
+
+        Each is a real step of a part of Δt from the state before (after whole steps, where the run
+        did not store each): on its constraints to round-off, and as near to the motion as the
+        states of the run. At a time of a stored state it is that state. The states do not go on
+        from each other, so that their order does not matter, and their number costs a step each.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            What this stepper integrated, or what was read of it: ``Trajectory.load``,
+            ``Recording.trajectory``.
+        times : array_like, shape (N,)
+            In seconds, in any order, from the first stored time to the last.
+        workers : int, optional
+            Threads; all cores by default.
+
+        Returns
+        -------
+        Trajectory
+            With a row for each time; multipliers and iterations are those of the steps that end
+            there, without the first row's. Its report is that of the run.
+
+        Raises
+        ------
+        InputError
+            For times outside of the run, and for a trajectory of another stepper.
+        """
+        return between(self, trajectory, times, workers)
 
     # ------------------------------------------------------------ inside
 
@@ -254,7 +326,7 @@ class Stepper(Evaluation):
         """Return the arguments of ``integrate`` as a run, or raise InputError."""
         run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
-            self._refuse_inconsistent(run)
+            self.refuse_inconsistent(run)
         return run
 
     def _run(
@@ -282,7 +354,7 @@ class Stepper(Evaluation):
             as_real("t0", t0, number),
         )
 
-    def _refuse_inconsistent(self, run: Run) -> None:
+    def refuse_inconsistent(self, run: Run) -> None:
         """Refuse a start that is off the constraints by more than round-off."""
         if not self.m:
             return

@@ -3,4 +3,6 @@
     endings  .npz, .csv, .nc, .zarr, .png, ...
     picture  a figure that Jupyter shows
     plots    pictures of a trajectory
+    scene    its bodies and joints in space
+    view     a page that moves, of view.html and view.js
 """

@@ -21,13 +21,13 @@ from ..output.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
 from .newton import newton_step
 
-__all__ = ["Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at", "failure_of",
-           "fill", "integrate", "next_chunk", "trajectory_of"]
+__all__ = ["FIRST_STEPS", "Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at",
+           "failure_of", "fill", "integrate", "next_chunk", "trajectory_of"]
 
 Array = NDArray[Any]
 
 #: Steps between two looks at the progress bar and at signals: at first, at most.
-_FIRST, _CHUNK = 16, 4096
+FIRST_STEPS, _CHUNK = 16, 4096
 #: Seconds between two looks, where a step does not take longer.
 _LOOK = 0.1
 
@@ -47,15 +47,19 @@ class Run:
     max_iterations: int
     t0: Any = 0.0
     inputs: Inputs | None = None
+    #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
+    marks: Array | None = None
 
     @property
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
-        return -(-self.steps // self.every)
+        return -(-self.steps // self.every) if self.marks is None else len(self.marks)
 
     def fed(self, inputs: Inputs | None) -> Run:
-        """Return the run with inputs; its parameters have those of the first step."""
-        return self if inputs is None else replace(self, inputs=inputs).at_step(0)
+        """Return the run with inputs; its parameters have those that stay, and nan for others."""
+        if inputs is None:
+            return self
+        return replace(self, inputs=inputs, parameters=self.parameters | inputs.throughout)
 
     def at_step(self, step: int) -> Run:
         """Return the run whose parameters have the inputs of a step."""
@@ -66,7 +70,16 @@ class Run:
 
     def stored(self, done: int) -> int:
         """Return how many of them there are after so many steps."""
+        if self.marks is not None:
+            return int(np.searchsorted(self.marks, done, side="right"))
         return self.rows if done == self.steps else done // self.every
+
+    def steps_of_rows(self, done: int) -> Array:
+        """Return after how many steps the start and each stored state are, after so many done."""
+        stored = self.stored(done)
+        if self.marks is not None:
+            return np.concatenate([[0], self.marks[:stored]])
+        return np.minimum(np.arange(stored + 1) * self.every, done)
 
 
 @dataclass(frozen=True)
@@ -109,7 +122,7 @@ class Pace:
     """
 
     def __init__(self) -> None:
-        self.most = min(_FIRST, _CHUNK)
+        self.most = min(FIRST_STEPS, _CHUNK)
         self._began = time.thread_time()
 
     def begin(self) -> int:
@@ -187,7 +200,7 @@ def fill(
     pace = Pace()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     while report.steps < run.steps and status == 0 and not stop():
-        row = int(report.steps) // run.every
+        row = run.stored(int(report.steps))
         count, every = next_chunk(run, int(report.steps), pace.begin())
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = advance(binding, run, parameters, count, every, q, p, rows.after(row), report,
@@ -226,6 +239,9 @@ def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple
     """
     left = run.steps - done
     to_row = min(run.every - done % run.every, left)
+    if run.marks is not None:
+        piece = min(int(run.marks[run.stored(done)]) - done, most)
+        return piece, piece
     if to_row < run.every or run.every > most:
         piece = min(to_row, most)
         return piece, piece
@@ -297,7 +313,7 @@ def trajectory_of(
     stored = run.stored(done)
     parameters = binding.parameters(run.parameters, run.t0)
     q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
-    t = binding.times(run.t0, run.dt, np.minimum(np.arange(stored + 1) * run.every, done))
+    t = binding.times(run.t0, run.dt, run.steps_of_rows(done))
     states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
                     rows.iterations[:stored], rows.work[: stored + 1])
     return Trajectory(

@@ -1,0 +1,97 @@
+"""Where rigid bodies and joints are in a system: what a trajectory's views of them are made from.
+
+An entry of a vector is a parameter of the system, or a number where it is no parameter of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import sympy as sp
+
+__all__ = ["BodyAt", "Entries", "Entry", "JointAt", "Pull"]
+
+#: A symbol, or a float.
+Entry: TypeAlias = Any
+Entries: TypeAlias = tuple[Entry, ...]
+
+
+@dataclass(frozen=True)
+class BodyAt:
+    """Where a rigid body is in a system.
+
+    Attributes
+    ----------
+    name : str
+        The body's.
+    q : tuple of 4 symbols
+        Its unit quaternion among the system's coordinates, scalar first; its momenta stand in the
+        same places.
+    inertia : tuple of symbols
+        Parameters: I1, I2, I3, its moments, or K11, K12, K13, K22, K23, K33 of J⁻¹.
+    x : tuple of 3 symbols, or ()
+        Position of its origin, the centre of mass, among the coordinates; () where it is held.
+    origin : three entries
+        Where the origin is held in space, if it is.
+    centre : three entries, or ()
+        The centre of mass in body axes from the origin; () where nobody says.
+    mass : entry or None
+        m; None where nobody says.
+    """
+
+    name: str
+    q: tuple[sp.Symbol, ...]
+    inertia: tuple[sp.Symbol, ...]
+    x: tuple[sp.Symbol, ...] = ()
+    origin: Entries = (0.0, 0.0, 0.0)
+    centre: Entries = ()
+    mass: Entry | None = None
+
+
+@dataclass(frozen=True)
+class Pull:
+    """How the multiplier λ of one constraint of a joint acts, by its equation.
+
+        g = e·(P_a − P_b)       force λ e on b at P_b, −λ e on a
+        g = (R_a n)·(R_b e)     torque λ (R_a n) × (R_b e) on b, its opposite on a
+        g = |P_a − P_b|² − l²   force 2λ (P_a − P_b) on b at P_b, its opposite on a at P_a
+
+    Attributes
+    ----------
+    kind : {"force", "torque", "distance"}
+    on_a, on_b : three entries, or ()
+        Of a force ``on_a`` is e, in space; of a torque n in a's axes and e in b's.
+    """
+
+    kind: str
+    on_a: Entries = ()
+    on_b: Entries = ()
+
+
+@dataclass(frozen=True)
+class JointAt:
+    """What joins two bodies.
+
+    Attributes
+    ----------
+    name : str
+    a, b : str
+        The bodies' names; "" is the ground.
+    on_a, on_b : three entries, or ()
+        Its point in body axes from the origins; () where it has none.
+    axis_a, axis_b : three entries, or ()
+        The axis that both keep in common, in the axes of each; of a as n₁ and n₂, six entries,
+        n₁ × n₂ being the axis. () where there is none.
+    pulls : tuple of (str, Pull or None)
+        Name of each of its constraints and how it acts, None where nobody says; none of a spring.
+    """
+
+    name: str
+    a: str
+    b: str
+    on_a: Entries = ()
+    on_b: Entries = ()
+    axis_a: Entries = ()
+    axis_b: Entries = ()
+    pulls: tuple[tuple[str, Pull | None], ...] = ()

@@ -1,0 +1,219 @@
+"""States of a run between its steps: a real step of a part of Δt from the state before.
+
+Where the run stored t_k, the state at t_k + jΔt + θΔt, 0 < θ < 1, is that of j whole steps and one
+step of length θΔt. It is on its constraints to round-off, and as near to the motion as the states
+of the run are: a short step adds an error of its own order, (θΔt)^(r+1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import InputError, Stopped
+from ..call.checks import as_numbers, as_real
+from ..interrupts import ctrl_c
+from ..output.outputs import OUTPUTS, States, value_of
+from ..output.trajectory import Trajectory
+from ..steps.integration import Run
+from .ensemble import fill_course, threads_of
+from .lanes import Course
+from .runs import Runs
+
+if TYPE_CHECKING:
+    from .stepper import Stepper
+
+__all__ = ["between", "marks_of"]
+
+Array = NDArray[Any]
+
+#: Numbers of states that whole steps may fill at a time, between two stored ones.
+_AT_ONCE = 2**22
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where times are: after which stored row, how many whole steps on, and the rest of a step."""
+
+    rows: Array
+    steps: Array
+    rest: Array
+
+
+def between(
+    stepper: Stepper, trajectory: Trajectory, times: ArrayLike, workers: int | None
+) -> Trajectory:
+    """Return the states of a trajectory at times; see ``Stepper.at``."""
+    threads = threads_of(workers)
+    with ctrl_c() as interrupts:
+        found = _states_at(stepper, trajectory, times,
+                           lambda course: fill_course(course, threads, lambda: interrupts.asked))
+    if interrupts.asked:
+        raise Stopped("Stopped between the steps of a run that is complete; it is in .trajectory.",
+                      interrupts.signal, trajectory=trajectory)
+    return found
+
+
+def _states_at(
+    stepper: Stepper, trajectory: Trajectory, times: ArrayLike, fill: Callable[[Course], None]
+) -> Trajectory:
+    _refuse_of_another(stepper, trajectory)
+    _refuse_changing(stepper, trajectory.parameters)
+    t = _times(stepper, times)
+    at = _places(stepper, trajectory.t, trajectory.dt, t)
+    q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
+    work = trajectory.work[at.rows].copy()
+    multipliers = np.zeros((len(t), *trajectory.multipliers.shape[1:]), trajectory.q.dtype)
+    iterations = np.zeros(len(t), dtype=np.intc)
+    ended = at.rows > 0  # on a state that a step of the run ends at: what that step found
+    multipliers[ended] = trajectory.multipliers[at.rows[ended] - 1]
+    iterations[ended] = trajectory.iterations[at.rows[ended] - 1]
+    made = _Made(q, p, work, multipliers, iterations)
+    for steps, part in _parts(trajectory, at):
+        _go(stepper, trajectory, fill, made, part, trajectory.t[at.rows[part]],
+            np.full(len(part), trajectory.dt), steps=at.steps[part], most=steps)
+    rest = np.flatnonzero(at.rest != 0)
+    begun = stepper.binding.times(trajectory.t[at.rows], trajectory.dt, at.steps)
+    if len(rest):
+        _go(stepper, trajectory, fill, made, rest, begun[rest], at.rest[rest],
+            steps=np.ones(len(rest), dtype=int), most=1)
+    return _trajectory(stepper, trajectory, t, made)
+
+
+def marks_of(stepper: Stepper, run: Run, times: ArrayLike) -> Array:
+    """Return the steps of a run after which times are, with its last one.
+
+    Raises
+    ------
+    InputError
+        For times outside of the run; where it shall store each so many steps as well.
+    """
+    if run.every != 1:
+        raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
+    ends = stepper.binding.times(run.t0, run.dt, np.array([0, run.steps]))
+    at = _places(stepper, ends, run.dt, _times(stepper, times))
+    marks = np.unique(np.append(at.steps[at.rows == 0], run.steps))
+    return marks[marks > 0]
+
+
+@dataclass(frozen=True)
+class _Made:
+    """States on their way to the times that are asked for."""
+
+    q: Array
+    p: Array
+    work: Array
+    multipliers: Array
+    iterations: Array
+
+
+def _go(
+    stepper: Stepper, trajectory: Trajectory, fill: Callable[[Course], None], made: _Made,
+    part: Array, t0: Array, dt: Array, *, steps: Array, most: int,
+) -> None:
+    """Take some states on by so many steps of dt each."""
+    binding = stepper.binding
+    number = binding.number_type
+    first = Run(made.q[part[0]], made.p[part[0]], dt[0], most, 1, trajectory.parameters, "auto",
+                None, 50, t0[0])
+    columns = {name: np.full(len(part), value, number)
+               for name, value in trajectory.parameters.items()}
+    course = Course.of(binding, Runs(first, made.q[part], made.p[part], dt.astype(number),
+                                     np.asarray(t0).astype(number), columns))
+    fill(course)
+    failed = np.flatnonzero(course.status)
+    if len(failed):
+        raise InputError(
+            f"From t = {float(t0[failed[0]]):.6g} s no step of {float(dt[failed[0]]):.3g} s is "
+            "found, though the run has found its own; ask for other times.")
+    row = np.arange(len(part))
+    rows = course.rows
+    made.q[part], made.p[part] = rows.q[row, steps], rows.p[row, steps]
+    made.work[part] += rows.work[row, steps]
+    made.multipliers[part] = rows.multipliers[row, steps].reshape(made.multipliers[part].shape)
+    made.iterations[part] = rows.iterations[row, steps]
+
+
+def _parts(trajectory: Trajectory, at: Places) -> list[tuple[int, Array]]:
+    """Return groups of times with whole steps to do: the most of them in a group, and which."""
+    order = np.argsort(at.steps, kind="stable")
+    order = order[at.steps[order] > 0]
+    found, width = [], trajectory.q.shape[1]
+    while len(order):
+        most = int(at.steps[order[-1]])
+        count = max(1, _AT_ONCE // ((most + 1) * width))
+        found.append((most, order[-count:]))
+        order = order[:-count]
+    return found
+
+
+def _places(stepper: Stepper, stored: Array, dt: Any, t: Array) -> Places:
+    """Return where the times are, or refuse those outside of the run."""
+    ahead = 1 if dt > 0 else -1
+    outside = (ahead * (t - stored[0]) < 0) | (ahead * (t - stored[-1]) > 0)
+    if outside.any():
+        raise InputError(
+            f"The time {float(t[outside][0])} is outside of the run, which goes from "
+            f"{float(stored[0])} to {float(stored[-1])} s; ask for times in between.")
+    times = stepper.binding.times
+    # what rounding cannot tell from the end of a step is the end of it
+    reach = ahead * t + 2 * _epsilon(stepper) * max(abs(stored[0]), abs(stored[-1]))
+    rows = np.searchsorted(ahead * stored, reach, side="right") - 1
+    steps = np.array([int(x) for x in (t - stored[rows]) / dt], dtype=int)
+    steps += ahead * times(stored[rows], dt, steps + 1) <= reach  # a quotient rounds either way
+    rest = t - times(stored[rows], dt, steps)
+    return Places(rows, steps, np.where(ahead * t + abs(rest) <= reach, 0 * rest, rest))
+
+
+def _epsilon(stepper: Stepper) -> float:
+    """Return the precision of times, which for ``real="float"`` are doubles."""
+    number = stepper.binding.number_type
+    return stepper.binding.epsilon if number is object else float(np.finfo(number).eps)
+
+
+def _times(stepper: Stepper, times: ArrayLike) -> Array:
+    """Return the times as a row of the stepper's own numbers."""
+    given = np.atleast_1d(as_numbers("times", times))
+    if given.ndim != 1:
+        raise InputError(f"times has shape {given.shape}; give one row of times.")
+    number = stepper.binding.number
+    found = [as_real("A time", x, number) for x in given.tolist()]
+    return np.array(found, dtype=stepper.binding.number_type)
+
+
+def _refuse_changing(stepper: Stepper, parameters: Mapping[str, Any]) -> None:
+    """Refuse a run whose inputs change: it does not keep what they were in each step."""
+    changing = [name for name in stepper.binding.input_names
+                if parameters[name] != parameters[name]]
+    if changing:
+        raise InputError(f"Input {changing[0]!r} changes in this run, which does not keep what it "
+                         "was in each step: ask for the states at its steps, or take shorter ones.")
+
+
+def _refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
+    """Refuse a trajectory that another stepper made, or another version of this one."""
+    here, there = stepper.manifest, trajectory.manifest
+    named = ("name", "real", "system", "scheme")
+    other = [name for name in named if here.get(name) != there.get(name)]
+    if other:
+        raise InputError(
+            f"The trajectory is of {there['name']} in {there['real']}, not of this stepper, "
+            f"{here['name']} in {here['real']}: they differ in {other[0]}. Give the stepper that "
+            "made it.")
+
+
+def _trajectory(
+    stepper: Stepper, trajectory: Trajectory, t: Array, made: _Made
+) -> Trajectory:
+    """Return the states as a trajectory: rows at the times, the report of the whole run."""
+    binding = stepper.binding
+    parameters = binding.parameters(trajectory.parameters, trajectory.t[0])
+    after_first = made.multipliers[1:].reshape(len(made.multipliers[1:]), binding.multipliers)
+    states = States(binding, stepper.manifest, parameters, t, made.q, made.p, after_first,
+                    made.iterations[1:], made.work)
+    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
+    return replace(trajectory, **outputs)

@@ -1,0 +1,343 @@
+"""One trajectory held in compiled memory between calls: its predictor, its rounding errors.
+
+``Held`` is what both users of it share: ``Simulation``, which its caller advances by any number of
+steps, and a loop of ``Stepper.step``, which gives each call the end of the one before. As long as
+it does, with the same time step, parameters and solver, compiled code goes on in the memory of that
+call: a call then takes the sweeps, and gives the bits, of a step inside ``integrate``. Any other
+call starts anew, as ``integrate`` does.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError, StepFailed, Stopped
+from ...exact import Number
+from ...naming import proposal
+from ..call.binding import Binding
+from ..call.checks import as_positive_count, as_real
+from ..interrupts import ctrl_c
+from ..output.outputs import place_of_quantity
+from ..output.report import Report
+from ..output.trajectory import Trajectory
+from ..steps.failure import diagnose
+from ..steps.integration import FIRST_STEPS, Pace, Rows, Run, ended_at, trajectory_of
+from ..steps.parameters import as_parameters
+
+if TYPE_CHECKING:
+    from .stepper import Stepper
+
+__all__ = ["Held", "Simulation"]
+
+Array = NDArray[Any]
+
+
+class Held:
+    """A run in its own memory: ``steps``, ``q`` and ``p`` are what compiled code makes of them."""
+
+    def __init__(self, binding: Binding, run: Run) -> None:
+        self.run, self.binding = run, binding
+        self.q, self.p = run.q.copy(), run.p.copy()
+        self.work = binding.work()
+        self._advance = binding.function("advance")
+        self._state = binding.pointer(self.q), binding.pointer(self.p)
+        options = binding.options(run.tolerance, run.max_iterations, run.solver)
+        binding.function("begin")(self.work, binding.parameters(run.parameters, run.t0), options,
+                                  run.dt, *self._state)
+
+    @property
+    def steps(self) -> int:
+        """How many are done."""
+        return int(self.record.steps)
+
+    @property
+    def record(self) -> Any:
+        """The running record."""
+        return self.binding.record_of(self.work)
+
+    def advance(self, steps: int) -> int:
+        """Take up to that many steps; return the status."""
+        return int(self._advance(self.work, steps, *self._state))
+
+    def feed(self, row: Array) -> None:
+        """Go on with other inputs."""
+        self.binding.function("set_inputs")(self.work, self.binding.pointer(row))
+
+    def set_inputs(self, parameters: dict[str, Any]) -> None:
+        """Go on with parameters of which inputs alone differ."""
+        self.run = replace(self.run, parameters=parameters)
+        row = self.binding.new(len(self.binding.input_names))
+        row[:] = [parameters[name] for name in self.binding.input_names]
+        self.feed(row)
+
+    def set_parameters(self, parameters: dict[str, Any]) -> None:
+        """Go on with other values of the parameters."""
+        self.run = replace(self.run, parameters=parameters)
+        self.binding.function("set_parameters")(
+            self.work, self.binding.parameters(parameters, self.run.t0))
+
+    @property
+    def image(self) -> tuple[Array, Array, bytes]:
+        """All that differs from a run that has just begun."""
+        return self.q.copy(), self.p.copy(), self.binding.image(self.work).tobytes()
+
+    @image.setter
+    def image(self, image: tuple[Array, Array, bytes]) -> None:
+        self.q[:], self.p[:] = image[:2]
+        memory = self.binding.image(self.work)
+        memory[:] = np.frombuffer(image[2], dtype=np.uint8)
+
+
+class LastStep(Held):
+    """A trajectory that is taken one step at a time by a caller who gives all anew each time."""
+
+    def __init__(self, binding: Binding, run: Run, given: tuple[Any, ...]) -> None:
+        super().__init__(binding, run)
+        #: What the caller gave beside the state, as given: a call that gives the same goes on.
+        *self._given, self._given_parameters = *given[:-1], dict(given[-1])
+
+    def goes_on(self, q: Any, p: Any, t0: Any, given: tuple[Any, ...]) -> bool:
+        """Whether these are the end of the step before, and all else is as it was."""
+        run = self.run
+        return (
+            type(q) is np.ndarray and type(p) is np.ndarray
+            and q.dtype == self.q.dtype and p.dtype == self.p.dtype
+            and np.array_equal(q, self.q) and np.array_equal(p, self.p)
+            and (self.binding.time is None or t0 == run.t0 + self.steps * run.dt)
+            and all(map(_same, given[:-1], self._given))
+            and _same_numbers(given[-1], self._given_parameters)
+        )
+
+    def run_from(self, q: Any, p: Any, t0: Any) -> Run:
+        """Return a run of one step from these, which the caller gave and were checked."""
+        return replace(self.run, q=np.array(q, self.q.dtype), p=np.array(p, self.p.dtype), t0=t0)
+
+
+class Simulation:
+    """A trajectory to hold in the hand: ``Stepper.start`` makes it, ``advance`` takes it on.
+
+    However the steps are shared out among calls, their bits are those of one ``integrate``. One
+    thread at a time may use it; ``copy`` gives another its own.
+
+    Attributes
+    ----------
+    dt : number
+        The time step, in the stepper's own type.
+    """
+
+    def __init__(self, stepper: Stepper, run: Run) -> None:
+        self._stepper, self._held = stepper, Held(stepper.binding, run)
+        self._in_use = threading.Lock()
+        self.dt = run.dt
+
+    def __repr__(self) -> str:
+        return (f"<Simulation by {self._stepper.name}: {self.steps:,} steps of {float(self.dt):.6g}"
+                f" s, t = {float(self.t):.6g} s>")
+
+    # ------------------------------------------------------------ stepping
+
+    def advance(self, steps: int = 1, **inputs: Number) -> None:
+        """Take ``steps`` steps.
+
+        Inputs of the system, by name, hold from these steps on: ``sim.advance(10, u=0.3)``.
+
+        Raises
+        ------
+        InputError
+            If ``steps`` is no whole number of at least 0, for an unknown input or one that is no
+            number, or if another thread is at it.
+        StepFailed
+            When a step finds no solution. The simulation stays at the last step that did: with
+            other parameters it may go on, or a new one may start there with another ``dt``.
+        Stopped
+            After Ctrl-C in a call of many steps, as a ``KeyboardInterrupt``; the simulation is at
+            the last step done.
+        """
+        if type(steps) is not int or not 0 <= steps <= FIRST_STEPS:
+            steps = as_positive_count("steps", steps)
+        given = self._inputs(inputs) if inputs else None
+        self._take()
+        try:
+            if given is not None:
+                self._held.set_inputs(given)
+            status = self._held.advance(steps) if steps <= FIRST_STEPS else self._long(steps)
+        finally:
+            self._in_use.release()
+        if status:
+            raise self._failure(status)
+
+    def _inputs(self, inputs: Mapping[str, Number]) -> dict[str, Any]:
+        """Return all parameters, with other values of some inputs."""
+        binding = self._held.binding
+        for name in inputs:
+            if name not in binding.input_names:
+                raise InputError(f"{name!r} is no input of this system, which has "
+                                 f"{', '.join(binding.input_names) or 'none'}"
+                                 f"{proposal(name, binding.input_names)}.")
+        return self._held.run.parameters | {
+            name: as_real(f"Input {name}", x, binding.number) for name, x in inputs.items()}
+
+    def _long(self, steps: int) -> int:
+        """Take many steps, with a look at Ctrl-C now and then."""
+        pace, status, done = Pace(), 0, 0
+        with ctrl_c() as interrupts:
+            while done < steps and not status and not interrupts.asked:
+                count = min(pace.begin(), steps - done)
+                status = self._held.advance(count)
+                pace.end(count)
+                done += count
+        if interrupts.asked and not status:
+            raise Stopped(f"{ended_at(done, steps)} The simulation is there.", interrupts.signal)
+        return status
+
+    def _take(self) -> None:
+        if not self._in_use.acquire(blocking=False):
+            raise InputError("This simulation is in use by another thread; give each thread its "
+                             "own, by copy().")
+
+    # ------------------------------------------------------------ what there is
+
+    @property
+    def steps(self) -> int:
+        """Steps done since the start."""
+        return self._held.steps
+
+    @property
+    def t(self) -> Any:
+        """Time t0 + k dt after k steps, in seconds: counted, not summed up."""
+        return self._held.run.t0 + self.steps * self.dt
+
+    @property
+    def q(self) -> Array:
+        """Coordinates, shape (n,): a copy."""
+        return self._held.q.copy()
+
+    @property
+    def p(self) -> Array:
+        """Momenta, shape (n,): a copy."""
+        return self._held.p.copy()
+
+    @property
+    def report(self) -> Report:
+        """Diagnostics over every step so far.
+
+        Energy errors leave out what a change of parameters does to H: ``energy_start`` changes
+        with it.
+        """
+        held = self._held
+        return Report.read(held.record, held.q, held.p, forced=held.binding.has_forces)
+
+    def quantity(self, name: str) -> Any:
+        """Return a quantity of the system, at the state and the time reached.
+
+        Raises
+        ------
+        InputError
+            If the system has no quantity of that name.
+        """
+        place = place_of_quantity(self._stepper.manifest, name)
+        held, t = self._held, self.t
+        time = held.binding.new(1)
+        time[0] = t
+        return held.binding.quantities(held.binding.parameters(held.run.parameters, t), time,
+                                       held.q[None], held.p[None])[0, place]
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """The parameters, as numbers; to change some, set them all.
+
+        ``sim.parameters = sim.parameters | {"torque": 0.3}`` holds from the next step on.
+
+        Raises
+        ------
+        InputError
+            As ``integrate`` does; also where the state is off the constraints with the new ones.
+            The simulation then keeps the old ones.
+        """
+        return MappingProxyType(self._held.run.parameters)
+
+    @parameters.setter
+    def parameters(self, parameters: Mapping[str, Number]) -> None:
+        held, stepper = self._held, self._stepper
+        made = as_parameters(parameters, stepper.parameter_domains, held.binding.number)
+        deciding = stepper.manifest["system"]["start_parameters"]
+        if any(made[name] != held.run.parameters[name] for name in deciding):
+            stepper.refuse_inconsistent(replace(held.run, q=held.q, p=held.p, parameters=made))
+        self._take()
+        try:
+            held.set_parameters(made)
+        finally:
+            self._in_use.release()
+
+    # ------------------------------------------------------------ copies
+
+    def copy(self) -> Simulation:
+        """Return another simulation at the same state, with the same past: it takes the same steps.
+        """
+        return _simulation(self._stepper, self._held.run, self._image())
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Simulation:
+        return self.copy()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the stepper's sources and the bytes of the memory."""
+        return _unpickled, (self._stepper, self._stepper.provenance, self._held.run, self._image())
+
+    def _image(self) -> tuple[Array, Array, bytes]:
+        self._take()
+        try:
+            return self._held.image
+        finally:
+            self._in_use.release()
+
+    # ------------------------------------------------------------ inside
+
+    def _failure(self, status: int) -> StepFailed:
+        """Return the error of a step from here; its trajectory is the state reached."""
+        held, manifest, t, done = self._held, self._stepper.manifest, self.t, self.steps
+        run = replace(held.run, q=self.q, p=self.p, t0=t, steps=done + 1, every=done + 2)
+        rows = Rows.room(held.binding, 0)
+        rows.q[0], rows.p[0] = run.q, run.p
+        state: Trajectory = replace(trajectory_of(held.binding, manifest, run, rows, held.record,
+                                                  run.q, run.p), every=1)
+        found = diagnose(held.binding, manifest, run, status, run.q, run.p, t)
+        return StepFailed(step=done + 1, t=float(t), trajectory=state, **asdict(found))
+
+
+def _simulation(stepper: Stepper, run: Run, image: tuple[Array, Array, bytes]) -> Simulation:
+    """Return a simulation that goes on from an image of another one."""
+    made = Simulation(stepper, run)
+    made._held.image = image
+    return made
+
+
+def _unpickled(
+    stepper: Stepper, provenance: dict[str, str], run: Run, image: tuple[Array, Array, bytes]
+) -> Simulation:
+    """Return a simulation in another process; the memory means the same to the same code alone."""
+    own = stepper.provenance
+    differs = [name for name in own if own[name] != provenance.get(name)]
+    if differs:
+        raise InputError(
+            f"The simulation was pickled with another {' and another '.join(differs)}: what its "
+            "memory holds means something else here. Pickle sim.t, sim.q and sim.p instead, and "
+            "start from these.")
+    return _simulation(stepper, run, image)
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two arguments are equal and of one type."""
+    return type(a) is type(b) and not isinstance(a, np.ndarray) and bool(a == b)
+
+
+def _same_numbers(a: Any, b: Mapping[str, Any]) -> bool:
+    return isinstance(a, dict) and a.keys() == b.keys() and all(_same(a[k], b[k]) for k in b)

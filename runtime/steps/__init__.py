@@ -1,0 +1,8 @@
+"""One integration: its checked arguments, its steps in chunks, why a step fails.
+
+    parameters   the parameters of a run, in their domains
+    consistency  whether states are on the constraints
+    integration  one integration, in chunks
+    newton       T1 driven from Python, open to inspection
+    failure      why a step failed, and what would do
+"""

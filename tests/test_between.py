@@ -1,0 +1,156 @@
+"""States between steps: real steps of a part of Δt, on the constraints and of the run's order."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+
+EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
+TIMES = np.random.default_rng(7).uniform(0.0, 1.03, 40)
+
+
+def fast_top(real: str = "double", scheme: str = "G-L", stages: int | None = 3):
+    top = gs.problems.fast_top()
+    step = gs.stepper(scheme, stages, rep="gamma", real=real)
+    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    return step, *step.project(top.q0, top.p0, parameters=parameters), parameters
+
+
+def model(name: str, scheme: str, stages: int | None):
+    found = getattr(gs.models, name)()
+    values = dict(found.parameters) | {body: "m" for body in found.bodies
+                                       if body not in found.parameters}
+    return gs.stepper(scheme, stages, system=found), found.q0, found.p0, values
+
+
+def driven():
+    """An oscillator with a force that depends on the time, and damping."""
+    x, p, k, t = sp.symbols("x p k t")
+    system = gs.System((x,), (p,), (k,), p**2 / 2 + k * x**2 / 2, name="driven_oscillator",
+                       forces=(-p / 5 + sp.cos(2 * t),), time=t)
+    return gs.stepper("G-L", 2, system=system), [1.0], [0.0], {"k": 2.0}
+
+
+SYSTEMS = {
+    "fast top": fast_top,
+    "fast top, EMS": lambda: fast_top(scheme="EMS", stages=None),
+    "double top": lambda: model("double_top", "G-L", 2),
+    "pendulum": lambda: model("double_pendulum", "LIIIA-B", 2),
+    "driven": driven,
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_between_steps_it_is_as_near_to_the_motion_as_at_steps(name: str) -> None:
+    """Beside the same run with a 32nd of Δt; a state costs at most three steps' sweeps."""
+    step, q0, p0, parameters = SYSTEMS[name]()
+    dt = 1e-2
+    run = step.integrate(q0, p0, dt=dt, steps=100, every=7, parameters=parameters)
+    fine = step.integrate(q0, p0, dt=dt / 32, steps=3200, parameters=parameters)
+    found = run.at(fine.t)
+    errors = np.abs(found.q - fine.q).max(axis=1)
+    assert errors.max() <= 2 * errors[::32].max() + 1e-14
+    if step.m:
+        assert found.g_errors.max() <= 4 * EPS["double"] * max(1.0, np.abs(run.q).max() ** 2)
+    assert np.abs(found.energy_error()).max() <= (
+        1.5 * np.abs(step.integrate(q0, p0, dt=dt, steps=100, parameters=parameters)
+                     .energy_error()).max() + 1e-13 * np.abs(run.energies).max())
+    assert found.iterations.mean() <= 3 * max(run.report.iterations_mean, 4.0)
+
+
+@pytest.mark.parametrize("real", ["double", "float", "float128"])
+def test_at_the_steps_it_is_the_run(real: str) -> None:
+    """Stored states are returned as they are, those that were not stored are made again."""
+    step, q0, p0, parameters = fast_top(real, stages=2)
+    run = step.integrate(q0, p0, dt=1e-2, steps=33, every=10, parameters=parameters)
+    whole = step.integrate(q0, p0, dt=1e-2, steps=33, parameters=parameters)
+    again = run.at(run.t)
+    for name in ("q", "p", "multipliers", "iterations", "energies"):
+        assert np.array_equal(getattr(again, name), getattr(run, name)), name
+    assert np.abs(run.at(whole.t).q - whole.q).max() <= 64 * EPS[real]
+    assert np.abs(run.at(whole.t).multipliers / whole.multipliers - 1).max() < 1e4 * EPS[real]
+
+
+def test_order_and_direction_of_times_do_not_matter() -> None:
+    step, q0, p0, parameters = fast_top()
+    run = step.integrate(q0, p0, dt=1e-2, steps=103, every=25, parameters=parameters)
+    found, order = run.at(TIMES), np.argsort(TIMES)
+    sorted_ = run.at(TIMES[order])
+    assert np.abs(found.q[order] - sorted_.q).max() < 16 * EPS["double"]
+    assert np.array_equal(found.t, TIMES)
+    back = step.integrate(run.q[-1], run.p[-1], dt=-1e-2, steps=103, every=4, t0=run.t[-1],
+                          parameters=parameters)
+    # each is as near to the motion as the scheme is: O(Δt^6) there and back
+    assert np.abs(back.at(TIMES).q - found.q).max() < 1e-5
+    alone = run.at(float(TIMES[3]))
+    assert np.abs(alone.q[0] - found.q[3]).max() < 16 * EPS["double"]
+
+
+def test_work_is_that_since_the_start() -> None:
+    step, q0, p0, parameters = driven()
+    run = step.integrate(q0, p0, dt=1e-2, steps=100, every=7, parameters=parameters)
+    fine = step.integrate(q0, p0, dt=1e-3, steps=1000, parameters=parameters)
+    assert np.abs(run.at(fine.t).work - fine.work).max() < 1e-9
+    late = run.at([0.5, 0.7])
+    assert abs(late.energy_error()[1]) < 1e-9  # since the first of them, not since the start
+
+
+def test_what_was_read_needs_its_stepper(tmp_path) -> None:
+    step, q0, p0, parameters = fast_top()
+    run = step.integrate(q0, p0, dt=1e-2, steps=20, parameters=parameters)
+    read = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    with pytest.raises(gs.InputError, match=r"does not know the stepper .* give at\(times, step"):
+        read.at(0.111)
+    with pytest.raises(gs.InputError, match="does not know the stepper"):
+        pickle.loads(pickle.dumps(run)).at(0.111)
+    assert np.array_equal(read.at(0.111, stepper=step).q, run.at(0.111).q)
+    other = fast_top(stages=2)[0]
+    with pytest.raises(gs.InputError, match=r"not of this stepper, .* they differ in name"):
+        read.at(0.111, stepper=other)
+
+
+@pytest.mark.parametrize(("times", "text"), [
+    ([0.1, 0.3], r"The time 0\.3 is outside of the run, which goes from 0\.0 to 0\.2 s"),
+    ([-1e-9], r"outside of the run"),
+    ([float("nan")], "not finite"),
+    ([["0.1"]], "real numbers"),
+    ([[0.1]], r"times has shape \(1, 1\)"),
+])
+def test_wrong_times_end_in_a_sentence(times, text: str) -> None:
+    step, q0, p0, parameters = fast_top()
+    run = step.integrate(q0, p0, dt=1e-2, steps=20, parameters=parameters)
+    with pytest.raises(gs.InputError, match=text):
+        run.at(times)
+
+
+@pytest.mark.parametrize("dt", [1e-2, -1e-2])
+def test_a_run_for_times_stores_no_more_than_it_needs(dt: float) -> None:
+    """``t_eval`` gives what ``at`` gives of a run that stored each step; the report is the same."""
+    step, q0, p0, parameters = fast_top()
+    times = np.copysign(1.0, dt) * np.append(TIMES, [0.0, 0.5, 1.03])
+    whole = step.integrate(q0, p0, dt=dt, steps=103, parameters=parameters)
+    found = step.integrate(q0, p0, dt=dt, steps=103, parameters=parameters, t_eval=times)
+    for name in ("t", "q", "p", "energies"):
+        assert np.array_equal(getattr(found, name), getattr(whole.at(times), name)), name
+    assert found.report == whole.report
+    assert np.array_equal(found.q[-3], whole.q[0])
+    assert np.array_equal(found.q[-1], whole.q[-1])
+
+
+def test_a_run_for_times_that_fails_keeps_what_it_has() -> None:
+    step, q0, p0, parameters = fast_top()
+    run = {"dt": 1e-2, "steps": 50, "parameters": parameters}
+    with pytest.raises(gs.StepFailed) as failed:
+        step.integrate(q0, p0, **run, t_eval=[0.105, 0.35], max_iterations=1, solver="newton")
+    assert len(failed.value.trajectory) >= 1
+    with pytest.raises(gs.InputError, match="every = 3 and t_eval both say what is stored"):
+        step.integrate(q0, p0, **run, every=3, t_eval=[0.1])
+    with pytest.raises(gs.InputError, match=r"The time 0\.6 is outside of the run"):
+        step.integrate(q0, p0, **run, t_eval=[0.6])
+    assert len(step.integrate(q0, p0, **run, t_eval=[])) == 0
+    assert len(step.integrate(q0, p0, dt=1e-2, steps=0, parameters=parameters, t_eval=[0.0])) == 1

@@ -1,0 +1,113 @@
+"""Trajectories as tables: CSV, pandas and xarray agree with each other and with the arrays."""
+
+from __future__ import annotations
+
+import csv
+import sys
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import RUN, TOP
+
+
+@pytest.fixture(scope="module")
+def tops():
+    model = gs.models.double_top()
+    return gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=1e-3, steps=12, parameters=dict(model.parameters))
+
+
+def read(path):
+    with path.open(encoding="utf-8") as file:
+        titles, *rows = csv.reader(file)
+    return titles, np.array(rows)
+
+
+def test_euler_angles_come_with_the_states(tops, tmp_path):
+    told = {"euler": "ZYX", "degrees": True, "angular_velocity": "space"}
+    path = tops.to_csv(tmp_path / "tops.csv", **told)
+    titles, rows = read(path)
+    frame, dataset = tops.to_dataframe(**told), tops.to_xarray(**told)
+    assert titles[0] == "time" == frame.index.name
+    assert titles[1:] == list(frame.columns)
+    assert len(set(titles)) == len(titles)
+    for name in tops.bodies:
+        body = tops.body(name)
+        angles, rates = body.euler("ZYX", degrees=True), body.angular_velocity("space")
+        for k, axis in enumerate("ZYX"):
+            title = f"{name}_euler{k + 1}_{axis}"
+            assert np.array_equal(rows[:, titles.index(title)].astype(float), angles[:, k])
+            assert np.array_equal(frame[title], angles[:, k])
+            assert np.array_equal(frame[f"{name}_omega{k + 1}"], rates[:, k])
+        assert np.array_equal(dataset.euler.sel(body=name), angles)
+        assert np.array_equal(dataset.angular_velocity.sel(body=name), rates)
+        assert np.array_equal(dataset.attitude.sel(body=name), body.attitude)
+    assert dataset.euler.attrs["units"] == "degree"
+    assert np.array_equal(frame["b_x"], tops.q[:, 8])
+    assert np.array_equal(dataset.q.sel(coordinate="b_x"), tops.q[:, 8])
+    assert np.array_equal(dataset.p.sel(coordinate="b_x"), tops.p[:, 8])
+    last = dataset.multipliers.sel(constraint="joint: z")[1:, -1]
+    assert np.array_equal(last, tops.multipliers[:, -1, -1])
+    assert np.array_equal(dataset.time, tops.t)
+    assert np.isnan(dataset.multipliers[0]).all()
+
+
+def test_without_more_it_is_what_save_writes(tops, tmp_path):
+    assert tops.to_csv(tmp_path / "a.csv").read_text() == tops.save(tmp_path / "b.csv").read_text()
+
+
+def test_a_dataset_has_the_names_of_a_store(gl3, tmp_path):
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
+    stored = gs.record(gl3, TOP.q0, TOP.p0, steps=5, **RUN, out=tmp_path / "run.zarr").dataset
+    made = run.to_xarray()
+    assert {*stored.data_vars} <= {*made.data_vars}
+    for name in stored.data_vars:
+        assert made[name].dims == stored[name].dims
+        assert made[name].attrs["long_name"] == stored[name].attrs["long_name"]
+        assert np.array_equal(made[name], stored[name], equal_nan=True)
+    assert list(made.coordinate.values) == ["q0", "q1", "q2", "q3"]
+
+
+def test_names_of_quantities_and_columns_that_are_taken():
+    x, u = sp.symbols("x u", real=True)
+    system = gs.System([x], [u], [], u**2 / 2 + x**2 / 2, name="swinging",
+                       quantities={"height": x**2})
+    run = gs.stepper("IMS", system=system).integrate([1.0], [0.0], dt=0.1, steps=3, parameters={})
+    frame = run.to_dataframe()
+    assert np.array_equal(frame["height"], run.quantity("height"))
+    assert np.array_equal(frame["x"], run.q[:, 0])
+    assert "quantity_height" in run.to_xarray()
+    with pytest.raises(gs.InputError, match="'swinging' is not one rigid body"):
+        run.to_dataframe(euler="zyx")
+    with pytest.raises(gs.InputError, match="'swinging' is not one rigid body"):
+        run.to_xarray(angular_velocity="body")
+
+
+def test_wide_numbers_keep_their_digits(tmp_path):
+    long = gs.stepper("IMS", real="long-double")
+    q0, p0 = long.project(TOP.q0, TOP.p0, parameters=RUN["parameters"])
+    run = long.integrate(q0, p0, steps=2, **RUN)
+    titles, rows = read(run.to_csv(tmp_path / "long.csv"))
+    assert np.longdouble(rows[-1, titles.index("q1")]) == run.q[-1, 1]
+    assert run.to_dataframe()["q1"].dtype == np.longdouble
+
+
+def test_what_cannot_be_written(tops, tmp_path, monkeypatch):
+    with pytest.raises(gs.InputError, match=r"end it in \.csv"):
+        tops.to_csv(tmp_path / "run.txt")
+    with pytest.raises(gs.InputError, match="no sequence 'zz'"):
+        tops.to_csv(tmp_path / "run.csv", euler="zz")
+    with pytest.raises(gs.InputError, match="Unknown frame"):
+        tops.to_xarray(angular_velocity="inertial")
+    with pytest.raises(gs.GyrosparkError, match="cannot be written to"):
+        tops.to_csv(tmp_path / "not" / "run.csv")
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(gs.MissingDependencyError, match=r"gyrospark\[pandas\]"):
+        tops.to_dataframe()
+    with pytest.raises(gs.MissingDependencyError, match=r"gyrospark\[storage\]"):
+        tops.to_xarray()
