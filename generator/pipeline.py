@@ -13,7 +13,7 @@ from .bodies.model import Model
 from .emission.emit import Source, emit
 from .model_files.model_file import load_model
 from .schemes.scheme import scheme_named
-from .schemes.schemes import MeanScheme, SparkScheme, hoisted
+from .schemes.schemes import MeanScheme, SparkScheme, hoisted, with_drive
 from .spec import Spec, join_name
 from .spelling.canonical import canonical
 from .systems.redundancy import refuse_redundant_anywhere
@@ -76,7 +76,7 @@ def generate(
     if given and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
-    system = canonical(system)
+    system = with_drive(canonical(system))
     reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)
     scheme: SparkScheme | MeanScheme

@@ -20,7 +20,7 @@ import gyrospark as gs
 from compilers import MAIN, compiler
 from gyrospark.generator.emission.c_lines import WIDTH
 from gyrospark.generator.emission.emit_control import control_files
-from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of
+from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of, with_times
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.tableau import FIELDS
 from gyrospark.real import REALS
@@ -69,10 +69,11 @@ def test_files_are_plain_c(path):
 def test_every_file_is_put_in_somewhere():
     named = set()
     for m in (0, 1, 2):
-        for bits in range(64):
-            stages, structured, forced, constant, scalar, separable = (
-                bool(bits >> i & 1) for i in range(6))
-            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable)
+        for bits in range(256):
+            stages, structured, forced, constant, scalar, separable, timed, fed = (
+                bool(bits >> i & 1) for i in range(8))
+            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable, timed,
+                            fed)
             for found in (proved.solver_files(fast=True), proved.scheme_files(),
                           proved.sweep_files(*("stages", "trajectories") if stages
                                              else ("mean", "mean"))):
@@ -90,12 +91,21 @@ def test_every_file_is_put_in_somewhere():
 
 def test_what_is_spelled_is_written_out():
     put = engine_of("top", REALS["float"], "stages", "trajectories")
+    timed = engine_of("top", REALS["float"], "stages", "trajectories", timed=True, fed=True)
     for path in FILES:
         for run in ("stages", "trajectories"):
-            text = put(path.stem, run=run)
-            assert not re.search(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\(|\bNUMBER\b", text)
+            for text in (put(path.stem, run=run), timed(path.stem, run=run)):
+                assert not re.search(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE|(LANES_)?AT"
+                                     r"|(LANES_)?BETWEEN|TIMED|INPUT)\(|\bNUMBER\b", text)
+            if not path.stem.endswith(("drive", "drive_free", "inputs", "inputs_lanes")):
+                assert not re.search("at_time|between\\(|span|_drive|inputs",
+                                     put(path.stem, run=run))
     assert "fabsf(" in put("measure")
     assert "int top_step(" in put("integrate")
+    assert with_times("f(AT(&c,\n  u(t, 1)), q);\n", timed=False) == "f(&c, q);\n"
+    assert with_times("f(AT(&c,\n  u(t, 1)), q);\n", timed=True) == "f(at_time(&c, u(t, 1)), q);\n"
+    assert with_times("{\n    TIMED(a(b);)\n}", timed=False) == "{\n}"
+    assert with_times("f(TIMED(\n  real *t,) int n)", timed=False) == "f(int n)"
     assert "static void factor(real W" in put("elimination")
     assert "static void lanes_factor(lanes W" in put("elimination", "lanes_")
 

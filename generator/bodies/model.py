@@ -17,7 +17,8 @@ from ...errors import InputError
 from ...exact import exact
 from ...markup import card, table
 from ...naming import choose, shown, whole
-from ..systems.system import System, few
+from ..systems.given import few
+from ..systems.system import System
 
 __all__ = ["Model", "whole_array"]
 

@@ -87,10 +87,13 @@ def emit(
     known = [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())]
     context = _context(name, method, scheme, system, constants, real, known, forms) | fast | {
         "kernels": kernels, "costs": solver_costs(scheme, known, forms)}
-    context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""))
+    context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""),
+                                  timed=system.is_timed, fed=bool(system.inputs))
+    constant, scalar, separable = (bool(fast.get(name)) for name in (
+        "constant_schur", "correction", "separable"))
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
-                    bool(system.forces), *(bool(fast.get(name)) for name in (
-                        "constant_schur", "correction", "separable")))
+                    bool(system.forces), constant, scalar, separable, system.is_timed,
+                    bool(system.inputs))
     context |= proved.scheme_files() | proved.solver_files(fast["fast"])
     context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {
         "batch_files": []}
@@ -178,6 +181,10 @@ def _context(
         "hamiltonian": "" if forms["structured"] else comment(system.H),
         "forces": [comment(f) for f in system.forces],
         "time": str(system.time) if system.is_driven else "",
+        "timed": system.is_timed,
+        "inputs": [str(u) for u in system.inputs],
+        "input_places": [list(constants_c).index(str(u)) for u in system.inputs
+                         if str(u) in constants_c],
         "quantities": {name: comment(e) for name, e in system.quantities.items()},
         "quantity_time": bool(system.quantities) and system.time is not None,
         "constraints": [] if forms["structured"] else [comment(g) for g in system.constraints],

@@ -7,7 +7,7 @@ of the run are: a short step adds an error of its own order, (θΔt)^(r+1).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,8 @@ from .runs import Runs
 if TYPE_CHECKING:
     from .stepper import Stepper
 
-__all__ = ["between", "epsilon_of_times", "marks_of", "partial_steps", "run_together"]
+__all__ = ["between", "epsilon_of_times", "marks_of", "partial_steps", "refuse_changing",
+           "run_together"]
 
 Array = NDArray[Any]
 
@@ -61,6 +62,7 @@ def _states_at(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike, fill: Callable[[Course], None]
 ) -> Trajectory:
     _refuse_of_another(stepper, trajectory)
+    refuse_changing(stepper, trajectory.parameters)
     t = _times(stepper, times)
     at = _places(stepper, trajectory.t, trajectory.dt, t)
     q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
@@ -210,6 +212,15 @@ def _times(stepper: Stepper, times: ArrayLike) -> Array:
     number = stepper.binding.number
     found = [as_real("A time", x, number) for x in given.tolist()]
     return np.array(found, dtype=stepper.binding.number_type)
+
+
+def refuse_changing(stepper: Stepper, parameters: Mapping[str, Any]) -> None:
+    """Refuse a run whose inputs change: it does not keep what they were in each step."""
+    changing = [name for name in stepper.binding.input_names
+                if parameters[name] != parameters[name]]
+    if changing:
+        raise InputError(f"Input {changing[0]!r} changes in this run, which does not keep what it "
+                         "was in each step: ask for the states at its steps, or take shorter ones.")
 
 
 def _refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:

@@ -17,7 +17,7 @@ from ..interrupts import ctrl_c
 from ..output.outputs import OUTPUTS, States, value_of
 from ..output.trajectory import Trajectory
 from ..steps.integration import Run, integrate
-from .between import epsilon_of_times, partial_steps, run_together
+from .between import epsilon_of_times, partial_steps, refuse_changing, run_together
 from .lanes import fill_course, threads_of
 from .runs import Runs
 
@@ -40,6 +40,8 @@ def crossings_of(
     fill: Callable[[Course], None],
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run by the events' names; ``found`` is what was seen of each."""
+    if runs.inputs is not None:  # they are held throughout, as parameters are
+        runs = Runs.of([runs[i] for i in range(len(runs))], stepper.binding.number_type)
     seen = [(i, brackets) for i, brackets in enumerate(found) if brackets is not None]
     parts: list[_Roots] = []
     if seen:
@@ -56,9 +58,11 @@ def watches_of(stepper: Stepper, levels: Levels | None, runs: Runs) -> list[Watc
     """Return what looks at each run, nothing without events."""
     if levels is None:
         return []
-    binding = stepper.binding
-    return [Watch(levels, binding.parameters(run.parameters, run.t0), run.t0, run.dt)
-            for run in map(runs.__getitem__, range(len(runs)))]
+    binding, found = stepper.binding, []
+    for run in map(runs.__getitem__, range(len(runs))):
+        refuse_changing(stepper, run.parameters)
+        found.append(Watch(levels, binding.parameters(run.parameters, run.t0), run.t0, run.dt))
+    return found
 
 
 def observed(

@@ -15,6 +15,7 @@ from ...exact import Number
 from ...markup import card, table
 from ...naming import shown
 from ..call.checks import as_numbers
+from ..call.inputs import as_inputs
 from ..events.event import Crossings, CrossingsOfMany, as_events
 from ..events.watch import Levels
 from ..interrupts import ctrl_c
@@ -103,6 +104,8 @@ def integrate_members(
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
     workers: int | None,
     events: Any,
+    inputs: Any = None,
+    hold: int = 1,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
@@ -113,8 +116,9 @@ def integrate_members(
     size = len(starts)
     given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
-                  _each_parameters(parameters, size))
+                  _each_parameters(stepper.fed(parameters, inputs), size))
     runs = checked_runs(stepper, given, options)
+    runs = replace(runs, inputs=as_inputs(inputs, stepper.binding, runs.first.steps, hold, size))
     levels = _levels(stepper, events)
     course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
     with ctrl_c() as interrupts:

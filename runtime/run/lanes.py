@@ -115,6 +115,7 @@ class Course:
                rows.work[part])
         dt = self.runs.dt[part].astype(binding.dtype)
         parameters = binding.parameter_sets(self.runs.columns(part), self.runs.t0[part])
+        inputs = None if self.runs.inputs is None else self.runs.inputs.between(part)
         options = binding.options(first.tolerance, first.max_iterations, first.solver)
         iterations, done, pace = rows.iterations[part], 0, Pace()
         while done < first.steps and not status.all() and not stop():
@@ -122,7 +123,7 @@ class Course:
             count, every = next_chunk(first, done, pace.begin())
             most = iterations[:, row].copy()  # of the pieces before, where a row takes several
             step_on = partial(_lanes, binding, parameters, options, dt, count, reports, status,
-                              memory)
+                              memory, inputs)
             if self.watches:
                 self._look(part, done, count, every, row, out, reports, step_on)
             else:
@@ -156,11 +157,12 @@ class Course:
 
 def _lanes(
     binding: Binding, parameters: Any, options: Any, dt: Array, count: int, reports: Any,
-    status: Array, memory: Any, every: int, row: int, q: Array, p: Array, out: tuple[Array, ...],
+    status: Array, memory: Any, inputs: Any, every: int, row: int, q: Array, p: Array,
+    out: tuple[Array, ...],
 ) -> None:
     """Take a batch on by so many steps; where to store comes last."""
     binding.integrate_lanes(parameters, options, dt, count, every, row, q, p, out, reports, status,
-                            memory)
+                            memory, inputs)
 
 
 def threads_of(workers: int | None) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, StepFailed, Stopped
 from ..call.binding import Binding, SolverName
+from ..call.inputs import Inputs
 from ..events.watch import Watch
 from ..interrupts import Interrupts, ctrl_c
 from ..output.outputs import OUTPUTS, States, defect_sizes, value_of
@@ -46,6 +47,7 @@ class Run:
     tolerance: Any
     max_iterations: int
     t0: Any = 0.0
+    inputs: Inputs | None = None
     #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
     marks: Array | None = None
     #: What looks at every state for events; one for each trajectory.
@@ -55,6 +57,19 @@ class Run:
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
         return -(-self.steps // self.every) if self.marks is None else len(self.marks)
+
+    def fed(self, inputs: Inputs | None) -> Run:
+        """Return the run with inputs; its parameters have those that stay, and nan for others."""
+        if inputs is None:
+            return self
+        return replace(self, inputs=inputs, parameters=self.parameters | inputs.throughout)
+
+    def at_step(self, step: int) -> Run:
+        """Return the run whose parameters have the inputs of a step."""
+        if self.inputs is None or not self.steps:
+            return self
+        row = dict(zip(self.inputs.names, self.inputs.at(step).tolist(), strict=True))
+        return replace(self, parameters=self.parameters | row)
 
     def stored(self, done: int) -> int:
         """Return how many of them there are after so many steps."""
@@ -148,7 +163,8 @@ def integrate(
     if status:
         last = trajectory.report
         q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
-        found = diagnose(binding, manifest, run, status, q, p, run.t0 + last.steps * run.dt)
+        found = diagnose(binding, manifest, run.at_step(last.steps), status, q, p,
+                         run.t0 + last.steps * run.dt)
         raise failure_of(run, trajectory, found)
     if interrupts.asked:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
@@ -283,7 +299,8 @@ def _compiled_chunk(
     out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
-    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work)
+    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work,
+                             run.inputs)
 
 
 def _python_chunk(
@@ -296,11 +313,14 @@ def _python_chunk(
     most = 0
     for k in range(1, steps + 1):
         binding.set_time(parameters, run.t0, int(report.steps), run.dt)
+        if run.inputs is not None:
+            binding.feed(parameters, run.inputs.at(int(report.steps)))
         status, q[:], p[:], multipliers, taken, done = newton_step(
             binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
         )
         if status:
             return status
+        binding.set_time(parameters, run.t0, int(report.steps) + 1, run.dt)
         most = max(most, taken)
         if binding.has_forces:
             binding.add_work(report, done)
