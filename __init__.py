@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from .runtime.events.event import Crossings, Event
     from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
+    from .runtime.run.section import Section, section
     from .runtime.run.simulation import Simulation
     from .runtime.run.stepper import Stepper
     from .storage.record import record
@@ -86,6 +87,8 @@ _HOMES = {
     "gamma_m_tilde": "runtime.body.inertia",
     "momentum": "runtime.body.quaternion",
     "state_from_rotation": "runtime.body.quaternion",
+    "Section": "runtime.run.section",
+    "section": "runtime.run.section",
     "Simulation": "runtime.run.simulation",
     "Stepper": "runtime.run.stepper",
     "Trajectory": "runtime.output.trajectory",
@@ -117,6 +120,7 @@ __all__ = [
     "Multibody",
     "Projection",
     "Recording",
+    "Section",
     "Simulation",
     "StepFailed",
     "Stepper",
@@ -143,6 +147,7 @@ __all__ = [
     "problems",
     "record",
     "rotation_matrix",
+    "section",
     "state_from_rotation",
     "stepper",
     "sweep",

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from calls import PARAMETERS, RUN, TOP, refused
+from calls import LATE, PARAMETERS, RUN, TOP, refused
 from gyrospark.runtime.run import simulation
 from test_forces import PARAMETERS as DRAG
 from test_forces import start as start_of
@@ -193,8 +193,8 @@ def test_a_failed_step_leaves_the_last_good_state(solver, failures):
     for step, options, _ in failures:
         options = options | {"solver": solver}
         with pytest.raises(gs.StepFailed) as of_run:
-            step.integrate(TOP.q0, TOP.p0, steps=200, **options)
-        sim = step.start(TOP.q0, TOP.p0, **options)
+            step.integrate(*LATE, steps=200, **options)
+        sim = step.start(*LATE, **options)
         with pytest.raises(gs.StepFailed) as found:
             in_pieces(sim, 40, 5)
         done = of_run.value.trajectory
@@ -207,7 +207,8 @@ def test_a_failed_step_leaves_the_last_good_state(solver, failures):
         with pytest.raises(gs.StepFailed):  # it stays there
             sim.advance()
         assert np.array_equal(sim.q, done.q[-1])
-        again = step.start(sim.q, sim.p, dt=1e-4, parameters=PARAMETERS, t0=sim.t)
+        q, p = step.project(sim.q, sim.p, parameters=PARAMETERS)
+        again = step.start(q, p, dt=1e-4, parameters=PARAMETERS, t0=sim.t)
         again.advance(3)
         assert again.report.constraint_max < 1e-15
 
