@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from importlib import metadata
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 import gyrospark as gs
+from gyrospark.generator.urdf.urdf import plain_name
 from robots import ARM, Motion
 
 START = {"angles": {"shoulder": 0.4, "slide-1": -0.15, "wheel": 2.0},
@@ -62,14 +66,69 @@ def test_accelerations_are_pinocchios(arm):
         assert np.abs(found - wanted).max() <= 1e-12 * np.abs(wanted).max()
 
 
+def files_of_robots():
+    """Return name → path of the robots of PyPI's example-robot-data; none where it is not."""
+    try:
+        files = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError:
+        return {}
+    return {file.name: Path(str(file.locate())) for file in files if file.name.endswith(".urdf")}
+
+
+@pytest.mark.parametrize("name", ["ur5_robot", "xarm7", "go2", "solo12", "allegro_right_hand"])
+def test_robots_from_pypi_move_as_pinocchio_has_it(name):
+    """An arm, legs, a hand: accelerations of all joints at random angles and rates."""
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[robots]")
+    path = files_of_robots().get(f"{name}.urdf")
+    if path is None:
+        pytest.skip("pip install example-robot-data (131 MB) to test real robots")
+    other = pin.buildModelFromUrdf(str(path))
+    rng = np.random.default_rng(7)
+    q, v, tau = pin.neutral(other), rng.uniform(-1, 1, other.nv), np.zeros(other.nv)
+    damping = {joint.attrib["name"]: float(part.attrib.get("damping", 0))
+               for joint in ElementTree.parse(path).getroot().iter("joint")
+               for part in joint.iter("dynamics")}
+    angles, rates = {}, {}
+    for joint, key in zip([*other.joints][1:], [*other.names][1:], strict=True):
+        angles[key], rates[key] = float(rng.uniform(-1, 1)), float(v[joint.idx_v])
+        q[joint.idx_q:joint.idx_q + joint.nq] = (
+            angles[key] if joint.nq == 1 else (math.cos(angles[key]), math.sin(angles[key])))
+        tau[joint.idx_v] = -damping.get(key, 0) * rates[key]
+    motion = Motion(gs.load_urdf(path, ignore="all", angles=angles, rates=rates))
+    wanted = pin.aba(other, other.createData(), q, v, tau)
+    found = np.array([motion.acceleration(f"{plain_name(key)}_rate") for key in angles])
+    order = [joint.idx_v for joint in [*other.joints][1:]]
+    assert np.abs(found - wanted[order]).max() <= 1e-12 * np.abs(wanted).max()
+
+
+FLOATING = (('<link name="base"/>', '<link name="base"><inertial><mass value="3"/>'
+             '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.12" iyz="0" izz="0.08"/></inertial>'
+             '</link>'),
+            ('<dynamics damping="0.3"/>', ""))
+
+
+def test_a_floating_base_moves_as_pinocchio_has_it(tmp_path):
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[robots]")
+    path = changed(tmp_path, *FLOATING)
+    other = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    v = [0.5, 0.1, 2.0, 0.3, 1.0, -0.4]  # of the base, whose centre of mass is its origin
+    model = gs.load_urdf(path, base="floating", ignore="limits", velocity=v[:3],
+                         angular_velocity=v[3:], **START)
+    a, s, w = START["angles"].values()
+    q = np.array([0, 0, 0, 0, 0, 0, 1, a, s, math.cos(w), math.sin(w)])
+    wanted = pin.aba(other, other.createData(), q, np.array([*v, *START["rates"].values()]),
+                     np.zeros(9))
+    motion = Motion(model)
+    found = [motion.acceleration(name)
+             for name in ("shoulder_rate", "slide_1_speed", "wheel_rate")]
+    assert np.abs(found - wanted[6:]).max() <= 1e-12 * np.abs(wanted).max()
+
+
 def test_a_floating_base_falls_and_turns(arm):
     """Without a force but weight: the centre of mass on a parabola, angular momentum kept."""
     model = gs.load_urdf(
-        changed(arm.parent, ('<link name="base"/>', '<link name="base"><inertial><mass value="3"/>'
-                '<inertia ixx="0.1" iyy="0.12" izz="0.08"/></inertial></link>'),
-                ('<dynamics damping="0.3"/>', "")),
-        base="floating", ignore=["limits"], velocity=(0.5, 0, 2), angular_velocity=(0.3, 1, -0.4),
-        **START)
+        changed(arm.parent, *FLOATING), base="floating", ignore=["limits"],
+        velocity=(0.5, 0, 2), angular_velocity=(0.3, 1, -0.4), **START)
     step = gs.stepper("G-L", 3, system=model.system)
     done = step.integrate(model.q0, model.p0, dt=0.005, steps=200, parameters=model.parameters)
     masses = [model.parameters[f"{body.name}_m"] for body in model.system.bodies]
