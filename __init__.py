@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .generator.bodies.multibody import Multibody
     from .generator.bodies.rigid_body import body_system, rotation_matrix
     from .generator.systems.system import System
+    from .generator.urdf.urdf import load_urdf, read_urdf
     from .projection import Projection
     from .runtime.body import problems
     from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
@@ -74,6 +75,8 @@ _HOMES = {
     "load_model": "facade",
     "rotation_matrix": "generator.bodies.rigid_body",
     "System": "generator.systems.system",
+    "load_urdf": "generator.urdf.urdf",
+    "read_urdf": "generator.urdf.urdf",
     "Projection": "projection",
     "Crossings": "runtime.events.event",
     "Ensemble": "runtime.run.ensemble",
@@ -140,11 +143,13 @@ __all__ = [
     "gamma_m",
     "gamma_m_tilde",
     "load_model",
+    "load_urdf",
     "models",
     "momentum",
     "open_recording",
     "open_sweep",
     "problems",
+    "read_urdf",
     "record",
     "rotation_matrix",
     "section",
