@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import os
 import pickle
+import signal
 import threading
 
 import numpy as np
@@ -257,6 +259,24 @@ def test_one_thread_at_a_time(gl3):
     long.join()
     assert any(said)
     assert sim.steps == 300_000
+
+
+def test_ctrl_c_ends_a_long_call_at_a_step(gl3):
+    """The simulation stands where it was ended, and goes on from there to the bit."""
+    sim = begun(gl3)
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(gs.Stopped, match=r"Stopped at step [\d,]+ of 100,000,000") as stopped:
+        sim.advance(100_000_000)
+    timer.join()
+    assert stopped.value.signal == signal.SIGINT
+    other = begun(gl3)
+    other.advance(sim.steps)
+    for one in (sim, other):
+        one.advance(3)
+    assert sim.steps > 3
+    assert np.array_equal(sim.q, other.q)
+    assert sim.report == other.report
 
 
 def test_what_it_says_of_itself(gl3):
