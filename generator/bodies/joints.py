@@ -23,7 +23,7 @@ from ..systems.places import Pull
 from .bodies import Body, Frame, Vector, dot
 from .poses import Pose
 
-__all__ = ["Align", "Connection", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring",
+__all__ = ["Align", "Connection", "Drive", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring",
            "direction", "named_vector"]
 
 Array = NDArray[Any]
@@ -236,6 +236,41 @@ class Revolute(Joint):
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
         """Return those of the hinge."""
         return self.hinge.axes(poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class Drive(Connection):
+    """The angle of b against a, about an axis in common, is a law of t: φ = f(t).
+
+    With n₁, n₂ and the axis in a, and m in b, which is at f(0) from n₁ when the model starts,
+
+        (n₂·m) cos f − (n₁·m) sin f = sin(φ − f) = 0,
+
+    whose multiplier is the torque of the drive on a, less that on b.
+    """
+
+    axis: Array  # in space at the start
+    angle: sp.Expr
+    begin: float = 0.0  # f(0)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraint; values of its parameters go into ``store``."""
+        along, across = angle_parts(self, poses[self.a].R, poses[self.b].R, self.begin, store)
+        yield Equation(f"{self.name}: angle",
+                       across * sp.cos(self.angle) - along * sp.sin(self.angle))
+
+
+def angle_parts(
+    link: Drive | Align, R_a: Array, R_b: Array, begin: float, store: Store, name: str = "",
+) -> tuple[sp.Expr, sp.Expr]:
+    """Return cos φ and sin φ of the angle of b against a, which is ``begin`` at the start."""
+    prefix = name or link.name
+    first, second = normals(direction(R_a.T @ link.axis))
+    mark = direction(R_b.T @ R_a @ (np.cos(begin) * first + np.sin(begin) * second))
+    n1, n2 = (link.a.direction(unit_vector(f"{prefix}_normal{k}", n, store))
+              for k, n in enumerate((first, second), start=1))
+    m = link.b.direction(unit_vector(f"{prefix}_mark", mark, store))
+    return dot(n1, m), dot(n2, m)
 
 
 @dataclass(eq=False, repr=False)

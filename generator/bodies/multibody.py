@@ -32,7 +32,7 @@ from ..systems.given import few
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from ..systems.redundancy import refuse_redundant
 from ..systems.system import System
-from .bodies import GROUND, Body, Frame, dot
+from .bodies import GROUND, Body, Frame, Moving, dot
 from .joints import Connection, Equation, Joint, named_vector
 from .loads import Loads
 from .model import Model
@@ -67,7 +67,9 @@ class Multibody(Loads):
     ground : Frame
         Space, wherever a joint or spring takes a body.
     time : Symbol
-        t, for forces, torques and quantities.
+        t, for forces, torques, quantities, drives, potentials.
+    angle, rate : Symbol
+        Of a hinge, in the torque of its ``motor``.
     start : Projection or None
         After ``model()``: what its start was moved by to be consistent.
 
@@ -205,7 +207,8 @@ class Multibody(Loads):
             q0, p0 = self._state(poses)
         coordinates = [x for body in self._bodies for x in body.coordinates]
         refuse_redundant(self.name, NumericConstraints(
-            coordinates, [e.expression for e in equations], [e.name for e in equations], store), q0)
+            coordinates, [e.expression for e in equations], [e.name for e in equations],
+            store | {str(self.time): 0.0}), q0)
         system = self._system(self._hamiltonian(links, store), equations, store, links, poses)
         self.start = project(NumericSystem(system, store), q0, p0)
         bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
@@ -214,6 +217,7 @@ class Multibody(Loads):
     def _poses(self, links: Sequence[Connection]) -> dict[Frame, Pose]:
         poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
         poses |= {body: start.pose() for body, start in self._bodies.items()}
+        poses |= {point: self._pose_of(point) for point in self._moving}
         joints = [link for link in links if isinstance(link, Joint)]
         settle(poses, "spin", [link.turn for link in links])
         settle(poses, "x", [joint.place for joint in joints])
@@ -223,6 +227,13 @@ class Multibody(Loads):
                                  "space, or on_a= and on_b= in body axes.")
         settle(poses, "v", [joint.move for joint in joints])
         return poses
+
+    def _pose_of(self, point: Moving) -> Pose:
+        """Return where a point of the ground that moves is at the start, and how fast."""
+        pose = Pose.ground()
+        begun = [self._begin(f"path of {point.name!r}", e) for e in point.path]
+        pose.x, pose.v = (np.array(part) for part in zip(*begun, strict=True))
+        return pose
 
     def _equations(
         self, links: Sequence[Connection], poses: Mapping[Frame, Pose], store: dict[str, float],
@@ -277,7 +288,8 @@ class Multibody(Loads):
             time=self.time if self.time in used else None, quantities=self._quantities,
             bodies=tuple(body_at(body, kept, values) for body in self._bodies),
             joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values)
-                         for link in links),
+                         for link in links if not isinstance(link.a, Moving)
+                         and not isinstance(link.b, Moving)),
         )
 
     def _state(self, poses: Mapping[Frame, Pose]) -> tuple[Array, Array]:
