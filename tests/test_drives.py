@@ -208,3 +208,98 @@ def test_wrong_use_ends_in_one_sentence():
     ground = build.moving_point("p", (t, 0, 0))
     with pytest.raises(InputError, match="give two bodies"):
         build.ball("nothing", ground, build.ground, at=(0, 0, 0))
+
+
+FILE = """
+name = "driven"
+gravity = [0, -9.81, 0]
+[parameters]
+w = 3
+k = 2
+[[points]]
+name = "pivot"
+path = ["sin(w*t)/5", 0, 0]
+[[bodies]]
+name = "upper"
+mass = 0.8
+inertia = [0.05, 0.01, 0.05]
+position = [0, -0.4, 0]
+[[bodies]]
+name = "lower"
+mass = 0.8
+inertia = [0.05, 0.01, 0.05]
+position = [0, -1.2, 0]
+[[joints]]
+name = "shaft"
+type = "revolute"
+bodies = ["pivot", "upper"]
+axis = [0, 0, 1]
+at = [0, 0, 0]
+[[joints]]
+name = "pin"
+type = "revolute"
+bodies = ["upper", "lower"]
+axis = [0, 0, 1]
+at = [0, -0.8, 0]
+[[drives]]
+name = "engine"
+joint = "shaft"
+angle = "sin(2*t)"
+[[motors]]
+name = "servo"
+joint = "pin"
+torque = "k*(1 - angle) - rate/10"
+"""
+
+
+def test_a_file_has_drives_motors_and_points(gyrospark, tmp_path):
+    path = tmp_path / "driven.toml"
+    path.write_text(FILE, encoding="utf-8")
+    model = gs.load_model(path)
+    build = hanging("driven")
+    for name, y in (("upper", -0.4), ("lower", -1.2)):
+        rod(build, name, position=(0, y, 0))
+    w, k = build.parameter("w", 3.0), build.parameter("k", 2.0)
+    build.moving_point("pivot", (sp.sin(w * build.time) / 5, 0, 0))
+    build.revolute("shaft", "pivot", "upper", axis=Z, at=(0, 0, 0))
+    build.revolute("pin", "upper", "lower", axis=Z, at=(0, -0.8, 0))
+    build.drive("engine", "shaft", angle=sp.sin(2 * build.time))
+    build.motor("servo", "pin", torque=k * (1 - build.angle) - build.rate / 10)
+    same = build.model()
+    assert np.abs(model.q0.astype(float) - same.q0).max() <= 4 * EPS
+    assert np.abs(model.p0.astype(float) - same.p0).max() <= 4 * EPS
+    assert dict(model.parameters) == dict(same.parameters)
+    assert model.system == same.system
+    said = gyrospark("run", path, "--scheme", "EMS", "--dt", "0.01", "--steps", "20", "--json")
+    assert said.document["constraint_max"] <= 16 * EPS
+    assert said.document["energy_error_max"] <= 1e-12
+    for bad, message in ((FILE.replace('joint = "pin"', 'joint = "pan"'), "no hinge"),
+                         (FILE.replace('"sin(2*t)"', '"sin(2*upper_q0)"'), "upper_q0"),
+                         (FILE.replace('"sin(w*t)/5"', '"1/t"'), "no finite value")):
+        path.write_text(bad, encoding="utf-8")
+        answer = gyrospark("run", path)
+        assert answer.code == 2
+        assert message in answer.stderr
+        assert answer.stderr.count("\n") == 1
+
+
+def test_one_body_in_a_potential_that_changes(tmp_path):
+    path = tmp_path / "changing.toml"
+    path.write_text("""
+name = "changing"
+potential = "k*cos(w*t)*R33"
+[parameters]
+k = 0.3
+w = 4
+[body]
+inertia = [0.1, 0.2, 0.3]
+[start]
+euler = [0.1, 0.5, 0.2]
+angular_velocity = [1, 2, 3]
+""", encoding="utf-8")
+    model = gs.load_model(path)
+    step = gs.stepper("EMS", system=path)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=100,
+                         parameters=model.parameters | {"gamma": "m"})
+    assert run.report.energy_error_max <= 1e-13
+    assert np.abs(run.work).max() > 1e-3

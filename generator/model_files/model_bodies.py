@@ -25,7 +25,12 @@
 
 What the keys mean is told by ``multibody``. Formulas know, for a body named a, a_q0..a_q3, a_x,
 a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_omega3 (body axes)
-and t, beside the file's parameters.
+and t, beside the file's parameters. What moves by laws of t:
+
+    [[points]]                      [[drives]]                  [[motors]]
+    name = "pivot"                  name = "engine"             name = "servo"
+    path = ["sin(3*t)", 0, 0]       joint = "shaft"             joint = "shaft"
+                                    angle = "2*t"               torque = "k*(1 - angle) - c*rate"
 """
 
 from __future__ import annotations
@@ -72,22 +77,59 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
         With file, key and cure; for redundant constraints with a smallest set to leave out.
     """
     content.allow("name", "description", "bodies", "joints", "forces", "gravity", "potential",
-                  "without", "parameters", "inputs", "run", "quantities")
+                  "without", "parameters", "inputs", "run", "quantities", "points", "drives",
+                  "motors")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)
     place, motion = _names(builder, bodies)
+    points = content.tables("points")
+    if points:
+        _parameters(builder, formulas)
+    for table in points:
+        bodies |= {table.text("name", ""): _telling(
+            table, lambda table: _point(builder, table, formulas), table)}
     for table in content.tables("joints"):
         _telling(table, lambda table: _join(builder, bodies, table), table)
-    for parameter, value in formulas.numbers.values.items():
-        builder.parameter(parameter, value)
+    if not points:
+        _parameters(builder, formulas)
+    for table in content.tables("drives"):
+        _telling(table, lambda table: _by_law(builder, table, formulas, "drive"), table)
+    for table in content.tables("motors"):
+        _telling(table, lambda table: _by_law(builder, table, formulas, "motor"), table)
     for table in content.tables("forces"):
         _telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
     if "potential" in content:
-        builder.potential(formulas.read(content, "potential", content.formula("potential"), place))
+        time = {} if "t" in formulas.parameters else {"t": builder.time}
+        builder.potential(formulas.read(content, "potential", content.formula("potential"),
+                                        place | time))
     for key, e in formulas.quantities(motion).items():
         builder.quantity(key, e)
     return builder.model(without=content.strings("without"))
+
+
+def _parameters(builder: Multibody, formulas: Formulas) -> None:
+    for parameter, value in formulas.numbers.values.items():
+        builder.parameter(parameter, value)
+
+
+def _point(builder: Multibody, table: Table, formulas: Formulas) -> Frame:
+    """Return a point of the ground that moves."""
+    table.allow("name", "path")
+    table.require("name", "path")
+    path = formulas.read_all(table, "path", {"t": builder.time}, count=3)
+    return builder.moving_point(table.symbol("name", table.text("name")), path)
+
+
+def _by_law(builder: Multibody, table: Table, formulas: Formulas, kind: str) -> None:
+    """Add a drive or a motor, whose law is the formula of its last key."""
+    key, more = {"drive": ("angle", ()), "motor": ("torque", (builder.angle, builder.rate))}[kind]
+    table.allow("name", "joint", key)
+    table.require("name", "joint", key)
+    names = {str(symbol): symbol for symbol in (builder.time, *more)}
+    law = formulas.read(table, key, table.formula(key), names)
+    getattr(builder, kind)(table.symbol("name", table.text("name")), table.text("joint"),
+                           **{key: law})
 
 
 def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Frame]:
