@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
     from .runtime.body.quaternion import momentum, state_from_rotation
     from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
+    from .runtime.events.event import Crossings, Event
     from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
     from .runtime.run.simulation import Simulation
@@ -73,7 +74,9 @@ _HOMES = {
     "rotation_matrix": "generator.bodies.rigid_body",
     "System": "generator.systems.system",
     "Projection": "projection",
+    "Crossings": "runtime.events.event",
     "Ensemble": "runtime.run.ensemble",
+    "Event": "runtime.events.event",
     "GammaChoice": "runtime.choice.gamma_choice",
     "choose_gamma": "runtime.choice.gamma_choice",
     "gamma_fast": "runtime.body.inertia",
@@ -102,7 +105,9 @@ _MODULES = {
 __all__ = [
     "Certificate",
     "CompilerError",
+    "Crossings",
     "Ensemble",
+    "Event",
     "GammaChoice",
     "GyrosparkError",
     "InputError",

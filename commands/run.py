@@ -130,7 +130,8 @@ def run(
     if chosen is None or REALS[step.manifest["real"]].wide:
         # The problem's start is on the constraints to double only, a file's to its own digits.
         q0, p0, moved = _projected(step, start, parameters, begin)
-    aim = next((AIMS[option] for option in (gamma, alpha) if option in AIMS), None)
+    rules = (gamma, alpha) if gamma or alpha else tuple(start.rules.values())
+    aim = next((AIMS[rule] for rule in rules if rule in AIMS), None)
     made_choice = _choice(step, start, (q0, p0, begin), step_size, count, parameters, aim)
     if made_choice is not None:
         parameters |= made_choice.values
@@ -269,7 +270,7 @@ def _parameters(
 ) -> dict[str, float]:
     """Return the parameters, with γ and α of every body as the options say; auto starts from m.
 
-    Without an option the model's own value counts, and m where it has none.
+    Without an option the model's own value or rule counts, and m where it has none.
     """
     given = {"gamma": gamma, "alpha": alpha}
     bodies = {name: inertia for name, inertia in start.bodies.items()
@@ -288,8 +289,8 @@ def _parameters(
         if option == "fast":
             known[name] = _fast_gamma(step, start)
         elif option is not None or name not in known:
-            rule = "m" if option is None or option in AIMS else option
-            known[name] = inertia_parameter(kinds[name], rule, inertia)
+            rule = option or start.rules.get(name, "m")
+            known[name] = inertia_parameter(kinds[name], "m" if rule in AIMS else rule, inertia)
     return known
 
 

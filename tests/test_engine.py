@@ -264,7 +264,8 @@ class Toy:
         solver, sweeps = proved.solver_files(fast=True), proved.sweep_files(one, many)
         scheme = proved.scheme_files()
         lines += includes([*before, *solver["files"], *scheme["stage_files"],
-                           *scheme["finish_files"], *solver["solver_files"], "judge", "predict",
+                           *scheme["finish_files"], *solver["solver_files"], "objects", "judge",
+                           "predict",
                            *sweeps["lane_files"]])
         for run in dict.fromkeys((one, many)):
             lines += as_run(run, run == one, sweeps["sweep_files"][run])

@@ -15,6 +15,7 @@ import sympy as sp
 
 from ...body_values import (
     REPS,
+    RULES,
     Inertia,
     Moments,
     as_inertia,
@@ -53,7 +54,8 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
     chosen = body.choice("rep", REPS, "gamma") if rep is None else rep
     inertia = _inertia(body)
     tensor = is_tensor(inertia)
-    weight = _weight(body, chosen)
+    ruled = body.content.get(chosen) in RULES
+    weight = {} if ruled else _weight(body, chosen)
     _add_mass(body, formulas)
     if tensor:
         _add_tensor(inertia, formulas)
@@ -84,6 +86,7 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
                '"mass*9.81*0.04*R33".')
     q0, p0 = _start(content.table("start"), inertia)
     return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
+                 rules={chosen: body.text(chosen)} if ruled else {},
                  **run_length(content))
 
 

@@ -20,6 +20,7 @@ import sympy as sp
 
 from ...arguments import as_flag, as_items, as_mapping, as_text
 from ...errors import InputError
+from ...markup import card, formula, table
 from ...naming import shown
 from ..text.c_names import is_taken
 from .given import as_expression, few
@@ -31,6 +32,18 @@ __all__ = ["BodyAt", "System"]
 #: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
 MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
+#: Constraints and forces that notebooks show.
+_SHOWN = 6
+#: Parts of an expression that is shown as a formula.
+_LARGEST_FORMULA = 400
+
+
+def shown_formula(e: sp.Expr) -> str:
+    """Return an expression as a formula for notebooks, or how long it is."""
+    size = sum(1 for _ in sp.preorder_traversal(e))
+    if size > _LARGEST_FORMULA:
+        return f"{len(sp.Add.make_args(e))} terms with {size:,} parts"
+    return formula(sp.latex(e))
 
 
 @dataclass(frozen=True)
@@ -164,6 +177,17 @@ class System:
         parts += ["forces"] if self.forces else []
         parts += [f"quantities {few(self.quantities)}"] if self.quantities else []
         return f"<System {self.name}: {'; '.join(parts)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: H, g and forces as formulas, where they are short enough."""
+        rows = [("H", shown_formula(self.H)),
+                *((f"g: {name}", shown_formula(g)) for name, g in
+                  zip(self.constraint_names[:_SHOWN], self.constraints, strict=False)),
+                *((f"F({p})", shown_formula(F)) for p, F in
+                  zip(self.p[:_SHOWN], self.forces, strict=False))]
+        rows += [("coordinates", few(self.q)), ("momenta", few(self.p)),
+                 ("parameters", few(self.parameters)), ("constraints", str(self.m))]
+        return card(f"System {self.name}", table(rows))
 
     def _sequence(self, name: str) -> Sequence[object]:
         value = getattr(self, name)

@@ -7,7 +7,6 @@ contiguous, of the stepper's own type. cffi releases the GIL during every call.
 from __future__ import annotations
 
 from fractions import Fraction
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -60,6 +59,7 @@ class Compiled:
         self.solves_increments = bool(manifest["scheme"]["unknowns_are_state"])
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
         self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
+        self._report_type: np.dtype[Any] | None = None
 
     @property
     def epsilon(self) -> float:
@@ -259,9 +259,14 @@ class Compiled:
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory,
         )
 
-    @cached_property
+    @property
     def report_type(self) -> np.dtype[Any]:
-        """The running record's fields as NumPy sees them."""
+        """The running record's fields as NumPy sees them; found once, by whoever is first."""
+        if self._report_type is None:
+            self._report_type = self._seen_by_numpy()
+        return self._report_type
+
+    def _seen_by_numpy(self) -> np.dtype[Any]:
         kinds = {"long": np.dtype("l"), "int": np.dtype("i")}
         struct = self.ffi.typeof(f"{self.name}_report")
         fields = dict(struct.fields)

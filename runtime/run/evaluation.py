@@ -31,11 +31,27 @@ class Evaluation:
         self.name = name
         self.files = dict(files)
         self.manifest = read_manifest(name, files)
-        module = load_module(name, files)
-        self.binding = _binding_type(self.manifest["real"])(module, name, self.manifest)
+        self.binding = self._bound(load_module(name, files))
+        self._binding_of_many: list[Binding] = []
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns
         self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
+
+    @property
+    def binding_of_many(self) -> Binding:
+        """Calls for many trajectories; lanes are compiled when this is first asked for.
+
+        What is passed to it was made by it: structs of the two modules have types of their own.
+        """
+        if not self.binding.lanes:
+            return self.binding
+        if not self._binding_of_many:  # two threads may both load it; the first one's stays
+            self._binding_of_many.append(
+                self._bound(load_module(self.name, self.files, "lanes")))
+        return self._binding_of_many[0]
+
+    def _bound(self, module: Any) -> Binding:
+        return _binding_type(self.manifest["real"])(module, self.name, self.manifest)
 
     # ------------------------------------------------------------ what a step solves
 

@@ -21,11 +21,13 @@ from ..call.binding import SOLVERS, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real
 from ..call.inputs import as_inputs
 from ..choice.gamma_choice import with_choice
+from ..events.event import Event, as_events
 from ..output.trajectory import Trajectory
 from ..steps.consistency import defects_of_starts
 from ..steps.integration import Run, integrate
 from ..steps.parameters import as_parameters
 from .between import between, marks_of
+from .crossings import observed
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
 from .simulation import LastStep, Simulation
@@ -169,6 +171,7 @@ class Stepper(Evaluation):
         max_iterations: int = 50,
         progress: Callable[[int], None] | None = None,
         t_eval: ArrayLike | None = None,
+        events: Event | Sequence[Event] = (),
     ) -> Trajectory:
         """Integrate ``steps`` steps of ``dt`` seconds from (q, p).
 
@@ -214,6 +217,11 @@ class Stepper(Evaluation):
         t_eval : array_like, shape (N,), optional
             Return the states at these times instead, each by a real step of a part of Δt: see
             ``at``. They lie between t0 and t0 + steps dt, in any order.
+        events : Event, or a list of them, optional
+            Where a quantity crosses a level: in ``Trajectory.events`` by name. Every step is
+            looked at, stored or not; a crossing is solved for by short real steps, to some units
+            in the last place of its time. A terminal event ends the run: its state is the last
+            row, behind the stored ones.
 
         Raises
         ------
@@ -229,9 +237,10 @@ class Stepper(Evaluation):
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
         run = run.fed(as_inputs(inputs, self.binding, run.steps, hold))
-        marked = run if t_eval is None else replace(run, marks=marks_of(self, run, t_eval))
-        found = integrate(self.binding, self.manifest, marked, as_callback("progress", progress)
-                          ).made_by(self)
+        if t_eval is not None:
+            run = replace(run, marks=marks_of(self, run, t_eval))
+        found = observed(self, run, as_events(events, self.manifest["system"]),
+                         as_callback("progress", progress)).made_by(self)
         return found if t_eval is None else self.at(found, t_eval)
 
     def integrate_ensemble(
@@ -250,6 +259,7 @@ class Stepper(Evaluation):
         tolerance: Number | None = None,
         max_iterations: int = 50,
         workers: int | None = None,
+        events: Event | Sequence[Event] = (),
     ) -> Ensemble:
         """Integrate many trajectories; the leading axis of q, p is the trajectory.
 
@@ -265,11 +275,16 @@ class Stepper(Evaluation):
         trajectory gives does not depend on its neighbours; it may differ by round-off from
         ``integrate``, which puts the stages of one step into lanes.
 
+        ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused.
+
+        The code of these lanes is compiled by the first call that needs it, and kept as the
+        stepper is; without a compiler that call raises ``CompilerError``.
+
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         choose("solver", solver, SOLVERS)
         return integrate_members(
-            self, q, p, dt, t0, parameters, workers, inputs, hold,
+            self, q, p, dt, t0, parameters, workers, events, inputs, hold,
             steps=steps, every=every, solver=solver, tolerance=tolerance,
             max_iterations=max_iterations,
         )

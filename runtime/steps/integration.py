@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...errors import InputError, StepFailed, Stopped
 from ..call.binding import Binding, SolverName
 from ..call.inputs import Inputs
+from ..events.watch import Watch
 from ..interrupts import Interrupts, ctrl_c
 from ..output.outputs import OUTPUTS, States, defect_sizes, value_of
 from ..output.report import Report
@@ -22,7 +23,7 @@ from .failure import Diagnosis, diagnose
 from .newton import newton_step
 
 __all__ = ["FIRST_STEPS", "Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at",
-           "failure_of", "fill", "integrate", "next_chunk", "trajectory_of"]
+           "failure_of", "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
 
 Array = NDArray[Any]
 
@@ -49,6 +50,8 @@ class Run:
     inputs: Inputs | None = None
     #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
     marks: Array | None = None
+    #: What looks at every state for events; one for each trajectory.
+    watch: Watch | None = None
 
     @property
     def rows(self) -> int:
@@ -199,12 +202,15 @@ def fill(
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
     pace = Pace()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
-    while report.steps < run.steps and status == 0 and not stop():
+    step_on = advance if run.watch is None else advance_watched
+    ended = run.watch is not None and run.watch.ends_in is not None
+    while report.steps < run.steps and status == 0 and not ended and not stop():
         row = run.stored(int(report.steps))
         count, every = next_chunk(run, int(report.steps), pace.begin())
         most = rows.iterations[row]  # of the pieces before, where a row takes several
-        status = advance(binding, run, parameters, count, every, q, p, rows.after(row), report,
+        status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
+        ended = run.watch is not None and run.watch.ends_in is not None
         rows.iterations[row] = max(most, rows.iterations[row])
         pace.end(count)
         if progress is not None:
@@ -229,6 +235,45 @@ def advance(
     """
     chunk = _python_chunk if run.solver == "python" else _compiled_chunk
     return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
+
+
+def advance_watched(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    """Do what ``advance`` does, with the run's watch looking at every state.
+
+    Where it sees the run's end within a step, the state before that step is the last one.
+    """
+    watch = run.watch
+    assert watch is not None
+    begun, seen = int(report.steps), Rows.room(binding, steps)
+    seen.q[0], seen.p[0] = q, p
+    images = [binding.image(struct) for struct in (report, work)] if watch.terminal else []
+    before = [image.copy() for image in images]
+    status = advance(binding, run, parameters, steps, 1, q, p, seen.after(0), report, work)
+    done = int(report.steps) - begun
+    watch.look(begun, seen.q[: done + 1], seen.p[: done + 1])
+    if watch.ends_in is not None:
+        status, done = 0, watch.ends_in - begun
+        q[:], p[:] = seen.q[0], seen.p[0]
+        for image, kept in zip(images, before, strict=True):
+            image[:] = kept
+        if done:
+            advance(binding, run, parameters, done, done + 1, q, p, seen.after(0), report, work)
+    thin(seen, done, every, out)
+    return status
+
+
+def thin(seen: Rows, done: int, every: int, out: tuple[Array, ...]) -> None:
+    """Store every ``every``-th of the states that were seen."""
+    rows = slice(every, done + 1, every)
+    of_steps = slice(every - 1, done, every)
+    count = done // every
+    most = seen.iterations[: count * every].reshape(count, every).max(axis=1, initial=0)
+    values = (seen.q[rows], seen.p[rows], seen.multipliers[of_steps], most, seen.work[rows])
+    for part, found in zip(out, values, strict=True):
+        part[:count] = found
 
 
 def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
@@ -316,8 +361,9 @@ def trajectory_of(
     t = binding.times(run.t0, run.dt, run.steps_of_rows(done))
     states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
                     rows.iterations[:stored], rows.work[: stored + 1])
+    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
     return Trajectory(
-        **{one.attribute: value_of(one, states) for one in OUTPUTS},
+        **outputs,
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,
