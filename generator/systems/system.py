@@ -135,7 +135,7 @@ class System:
                 f"System {self.name!r} has {len(self.q)} coordinates and {len(self.p)} momenta; "
                 "give one momentum for each of at least one coordinate."
             )
-        if len(self.constraints) >= len(self.q):
+        if len(self.constraints) > len(self.q) - (self.clock is None):
             raise InputError(
                 f"System {self.name!r} has {len(self.constraints)} constraints on {len(self.q)} "
                 "coordinates; fewer constraints than coordinates must remain."
