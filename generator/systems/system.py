@@ -11,19 +11,20 @@ Nothing here knows of quaternions: a system is its symbols, its H and its g.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import sympy as sp
 
 from ...arguments import as_flag, as_items, as_mapping, as_text
 from ...errors import InputError
-from ...markup import card, formula, table
+from ...markup import card, table
 from ...naming import shown
 from ..text.c_names import is_taken
-from .given import as_expression, few
+from .given import as_expression, as_sequence, few, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
 from .places import BodyAt, JointAt
 
@@ -34,16 +35,6 @@ MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
 #: Constraints and forces that notebooks show.
 _SHOWN = 6
-#: Parts of an expression that is shown as a formula.
-_LARGEST_FORMULA = 400
-
-
-def shown_formula(e: sp.Expr) -> str:
-    """Return an expression as a formula for notebooks, or how long it is."""
-    size = sum(1 for _ in sp.preorder_traversal(e))
-    if size > _LARGEST_FORMULA:
-        return f"{len(sp.Add.make_args(e))} terms with {size:,} parts"
-    return formula(sp.latex(e))
 
 
 @dataclass(frozen=True)
@@ -108,7 +99,7 @@ class System:
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
-            values = self._sequence(name)
+            values = as_sequence(name, getattr(self, name))
             object.__setattr__(self, name, tuple(map(as_expression, values)))
         new = tuple(u for u in self.inputs if u not in self.parameters)
         object.__setattr__(self, "parameters", self.parameters + new)
@@ -189,12 +180,6 @@ class System:
                  ("parameters", few(self.parameters)), ("constraints", str(self.m))]
         return card(f"System {self.name}", table(rows))
 
-    def _sequence(self, name: str) -> Sequence[object]:
-        value = getattr(self, name)
-        if isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
-            raise InputError(f"{name} = {shown(value)} is no sequence; write it as a list.")
-        return tuple(value)
-
     def _refuse_unless_symbols(self, what: str, values: Sequence[object]) -> None:
         for value in values:
             if not isinstance(value, sp.Symbol):
@@ -203,7 +188,7 @@ class System:
 
     def _refuse_unknown_symbols(self) -> None:
         time = () if self.time is None else (self.time,)
-        names = [str(s) for s in (*self.q, *self.p, *self.parameters, *time)]
+        names = [str(s) for s in (*self.q, *self.p, *self._others, *self.parameters, *time)]
         for name in names:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(
@@ -220,7 +205,7 @@ class System:
             raise InputError(
                 f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
             )
-        allowed = {*self.q, *self.p, *self.parameters, *time}
+        allowed = {*self.q, *self.p, *self.parameters, *self._others, *time}
         unknown = self.H.free_symbols - allowed
         if unknown:
             raise InputError(
@@ -228,7 +213,7 @@ class System:
                 f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
             )
         for index, g in enumerate(self.constraints):
-            unknown = g.free_symbols - (allowed - set(self.p))
+            unknown = g.free_symbols - (allowed - {*self.p, *self._others})
             if unknown:
                 raise InputError(
                     f"Constraint {index} of system {self.name!r} contains "
@@ -264,6 +249,16 @@ class System:
     def _is_guard(self, name: str) -> bool:
         """Whether the header of a stepper of this system may have this include guard."""
         return re.fullmatch(f"{self.name.upper()}_[A-Z0-9_]+_H", name) is not None
+
+    @property
+    def _others(self) -> tuple[sp.Symbol, ...]:
+        """Symbols in H that are functions of q and p: none, but the velocities of a Lagrangian."""
+        return ()
+
+    @property
+    def defining(self) -> dict[str, sp.Expr]:
+        """What the equations of motion are derived from, by the name of its field."""
+        return {"H": self.H}
 
     @property
     def n(self) -> int:
@@ -317,6 +312,17 @@ class System:
         """H_qp − F_p, n × n: the transpose of H_pq only without forces."""
         transposed = [list(column) for column in zip(*self.H_pq, strict=True)]
         return difference(transposed, jacobian(self.forces, self.p))
+
+    @staticmethod
+    def from_lagrangian(
+        L: sp.Expr, q: Sequence[sp.Symbol], velocities: Sequence[sp.Symbol],
+        parameters: Sequence[sp.Symbol], constraints: Sequence[sp.Expr] = (),
+        forces: Sequence[sp.Expr] | None = None, time: sp.Symbol | None = None, **named: Any,
+    ) -> System:
+        """Return the system of L(q, v), forces F(q, v, t): see ``lagrangian.from_lagrangian``."""
+        from .lagrangian import from_lagrangian
+
+        return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)
 
     @property
     def is_driven(self) -> bool:
