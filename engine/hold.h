@@ -21,6 +21,7 @@ void NAME(begin)(work_t *w, const parameters_t *parameters, const options_t *opt
         w->held.q[a] = q[a];
         w->held.p[a] = p[a];
     }
+    TURNED(begin_frame(w, parameters));
 }
 
 void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
@@ -29,6 +30,7 @@ void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
     prepare(parameters, &w->constants);
     w->held.report.energy_start += hamiltonian(&w->constants, w->held.q, w->held.p) - before;
     w->held.is_new = 1;
+    TURNED(change_frame(w, parameters));
 }
 
 int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
@@ -42,11 +44,13 @@ int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
     if (moved) /* by the caller: that is no error */
         jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
     w->held.report.energy_start += jump;
+    TURNED(into_frame(w, q, p));
     if (sweeps && (moved || w->held.is_new))
         take_over(w, q, p);
     w->held.is_new = 0;
     const int status = run_on(&w->held.options, w->held.start, w->held.dt, steps, 1, q, p, none,
         &w->held.report, w);
+    TURNED(out_of_frame(w, q, p));
     for (int a = 0; a < N; ++a) {
         old_q[a] = q[a];
         old_p[a] = p[a];

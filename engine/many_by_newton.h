@@ -11,4 +11,5 @@ void NAME(integrate_many)(long count, const parameters_t *parameters, const opti
         status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N, out,
             reports + i, work);
     }
+    TURNED(turn_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports));
 }

@@ -18,6 +18,7 @@ import pytest
 
 import gyrospark as gs
 from compilers import MAIN, compiler
+from gyrospark.generator.emission import emit
 from gyrospark.generator.emission.c_lines import WIDTH
 from gyrospark.generator.emission.emit_control import control_files
 from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of
@@ -69,10 +70,10 @@ def test_files_are_plain_c(path):
 def test_every_file_is_put_in_somewhere():
     named = set()
     for m in (0, 1, 2):
-        for bits in range(64):
-            stages, structured, forced, constant, scalar, separable = (
-                bool(bits >> i & 1) for i in range(6))
-            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable)
+        for bits in range(128):
+            stages, structured, forced, constant, scalar, separable, framed = (
+                bool(bits >> i & 1) for i in range(7))
+            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable, framed)
             for found in (proved.solver_files(fast=True), proved.scheme_files(),
                           proved.sweep_files(*("stages", "trajectories") if stages
                                              else ("mean", "mean"))):
@@ -93,11 +94,60 @@ def test_what_is_spelled_is_written_out():
     for path in FILES:
         for run in ("stages", "trajectories"):
             text = put(path.stem, run=run)
-            assert not re.search(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\(|\bNUMBER\b", text)
+            assert not re.search(
+                r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE|TURNED)\(|\bNUMBER\b", text)
     assert "fabsf(" in put("measure")
-    assert "int top_step(" in put("integrate")
+    assert "int top_step(" in put("single")
+    framed = engine_of("top", REALS["float"], "stages", "trajectories", framed=True)
+    assert "    turn_runs(count, parameters, " in framed("many")
+    assert "turn_runs" not in put("many")
     assert "static void factor(real W" in put("elimination")
     assert "static void lanes_factor(lanes W" in put("elimination", "lanes_")
+
+
+# ---------------------------------------------------------------- angles of a frame
+
+ANGLES = """
+#include <math.h>
+#define MATH(function) function
+typedef double turning;
+static const turning quarter[3] = { QUARTER };
+#include "twofold.h"
+void angle(long k, double dt, double rate, double out[2])
+{
+    const twofold t = plus(product_of((double)k, dt), product_of(0.5, 0));
+    circle(times(t, product_of(0.5, rate)), &out[0], &out[1]);
+}
+double size(double x, double y, double z)
+{
+    const twofold length = length_of(x, y, z);
+    return length.low/length.high;
+}
+"""
+
+
+def test_angles_lose_no_digit_in_any_run(tmp_path):
+    """cos and sin of ½ k Δt ω, up to 10^9 steps and 10^9 rad, beside 60 digits."""
+    quarters = ", ".join(emit._quarter(REALS["double"]))
+    ffi, lib = compiled(ANGLES.replace("QUARTER", quarters),
+                        "void angle(long, double, double, double *);"
+                        "double size(double, double, double);", tmp_path)
+    out, draw, worst = ffi.new("double[2]"), np.random.default_rng(7), 0.0
+    cases = [(10**9, 1e-3, 125.7), (10**9, -1e-3, 2e3), (1, 1e-3, 75.4), (10**9, 0.1, 0.0),
+             (3, 0.5, float(mp.pi)), *zip(draw.integers(1, 10**9, 200).tolist(),
+                                          (10 ** draw.uniform(-5, -1, 200)).tolist(),
+                                          draw.normal(0, 100, 200).tolist(), strict=True)]
+    for k, dt, rate in cases:
+        lib.angle(k, dt, rate, out)
+        with mp.workdps(60):
+            angle = mp.mpf(k) * mp.mpf(dt) * mp.mpf(rate) / 2
+            worst = max(worst, abs(out[0] - mp.cos(angle)), abs(out[1] - mp.sin(angle)))
+    assert worst <= 2**-53  # each is rounded once, but for the last bit of sin and cos
+    with mp.workdps(60):
+        x, y, z = 1.25, 1e-3, 77.7
+        exact = mp.sqrt(sum(mp.mpf(c) ** 2 for c in (x, y, z)))
+        high = float(exact)
+        assert lib.size(x, y, z) * high == pytest.approx(float(exact - high), rel=1e-10)
 
 
 # ---------------------------------------------------------------- linear algebra
@@ -260,7 +310,7 @@ class Toy:
             lines += as_run(run, run == one, sweeps["sweep_files"][run])
         lines += as_run(one, True, sweeps["one_files"])
         lines += ["enum { SWEEP_COST = 10*U };"]
-        return "\n".join([*lines, *includes(["sweeps", "run_by_sweeps", "integrate",
+        return "\n".join([*lines, *includes(["sweeps", "run_by_sweeps", "single", "integrate",
                                              *sweeps["batch_files"], "many"]), ""])
 
     def tables(self):

@@ -15,6 +15,7 @@
 #define NUMBER real
 #define ONE(name) ONE_(name)
 #define MANY(name) MANY_(name)
+#define TURNED(call)
 
 typedef double real;
 typedef struct { real k; } parameters_t;

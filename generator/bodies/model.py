@@ -44,6 +44,8 @@ class Model:
         A time step in s and a number of steps that suit the model, where it names them.
     description : str
         One sentence for people.
+    frame : str
+        "symmetries" where its steppers shall have co-moving frames.
     """
 
     system: System
@@ -54,6 +56,7 @@ class Model:
     dt: float | None = None
     steps: int | None = None
     description: str = ""
+    frame: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):

@@ -13,6 +13,7 @@ spelled with macros, which are written out here so that the C of a stepper has n
     MANY(sweep)       of W of them             trajectories_sweep, mean_sweep
     RUN(sweep)        of either                as the file is put in for the one or the other
     TABLE(mu)         a table of the tableau   w->mu in lanes, &fast_mu[0][0] as numbers
+    TURNED(call);     a line of its own        the call in a co-moving frame, else left out
 """
 
 from __future__ import annotations
@@ -30,10 +31,13 @@ __all__ = ["ENGINE", "Proved", "engine_of"]
 
 ENGINE = Path(__file__).resolve().parents[2] / "engine"
 _COMMENT = re.compile(r"^/\*(?! -).*?\*/\n", re.MULTILINE | re.DOTALL)
+_TURNED = re.compile(r"^( *)TURNED\((.*)\);\n", re.MULTILINE)
 _MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\bNUMBER\b")
 
 
-def engine_of(name: str, real: Real, one: str = "", many: str = "") -> Callable[..., str]:
+def engine_of(
+    name: str, real: Real, one: str = "", many: str = "", *, framed: bool = False
+) -> Callable[..., str]:
     """Return the function by which a template puts in a file of the engine.
 
     Its arguments are the file's name without ending, ``on`` ("" or "lanes_") for a file that is
@@ -57,7 +61,7 @@ def engine_of(name: str, real: Real, one: str = "", many: str = "") -> Callable[
                 return "lanes" if on else "real"
             return spelled[found[1]](found[2])
 
-        text = _text(file)
+        text = _TURNED.sub(r"\1\2;\n" if framed else "", _text(file))
         if run == many != one:  # the same again, told once
             text = _COMMENT.sub("", text)
         return _MACRO.sub(spell, text).rstrip("\n")
@@ -82,6 +86,7 @@ class Proved:
     constant_schur: bool = False
     correction: bool = False
     separable: bool = False
+    framed: bool = False
 
     @property
     def _suits(self) -> str:
@@ -103,6 +108,7 @@ class Proved:
                 *(["simplified_newton"] if fast else []),
                 "work" if self.forced else "work_free",
                 "observe", f"observe_{self._suits}",
+                "halves_turned" if self.framed else "halves",
                 "step",
             ],
         }

@@ -23,7 +23,8 @@ def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) 
     InputError
         With file, key and cure.
     """
-    content.allow("name", "description", "system", "parameters", "start", "run", "quantities")
+    content.allow("name", "description", "frame", "system", "parameters", "start", "run",
+                  "quantities")
     table, start = content.table("system"), content.table("start")
     if rep is not None:
         raise content.file_error(f"it is a system with its own hamiltonian, and rep {rep!r} "

@@ -3,6 +3,7 @@
     scheme           the record of each scheme with a name; costs no SymPy
     schemes          unknowns and kernels of SPARK methods and of means
     mean_conditions  what IMS and EMS satisfy
+    frame_kernels    back from a co-moving frame
     fast_path        what sweeps may use of a system, found by algebra
     fast_tableau     the coefficients of sweeps, scaled and rounded
 """

@@ -50,7 +50,8 @@ def common_kernels(system: System) -> list[Kernel]:
     q, p = list(system.q), list(system.p)
     d = vector("d", system.n)
     at_state = {"q": q, "p": p}
-    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": system.H})]
+    energy = system.H if system.energy is None else system.energy
+    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy})]
     if system.forces:
         kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
                               at_state | time_input(system), {"F": list(system.forces)}))
@@ -306,8 +307,9 @@ def hoisted(system: System) -> tuple[System, Constants]:
     time = () if system.time is None else (system.time,)
     constants = Constants(system.parameters, (*system.q, *system.p, *time))
     H = constants.hoist(system.H)
+    energy = None if system.energy is None else constants.hoist(system.energy)
     g = tuple(constants.hoist(e) for e in system.constraints)
     forces = tuple(constants.hoist(e) for e in system.forces)
     symbols = tuple(constants.definitions.values())
     return replace(system, parameters=symbols, H=H, constraints=g, forces=forces,
-                   quantities={}), constants
+                   quantities={}, energy=energy), constants

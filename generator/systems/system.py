@@ -76,6 +76,8 @@ class System:
         The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
     joints : sequence of JointAt
         What joins them.
+    energy : Expr, optional
+        What is reported as the energy where H is that of a co-moving frame; by default H.
 
     Notes
     -----
@@ -98,6 +100,7 @@ class System:
     rigid_body: bool = field(default=False, kw_only=True)
     bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
     joints: tuple[JointAt, ...] = field(default=(), kw_only=True)
+    energy: sp.Expr | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces"):
@@ -307,11 +310,14 @@ class System:
     def hidden(self) -> list[sp.Expr]:
         """The constraint on the momenta, m entries: g_q H_p = 0 (12) in its shortest form.
 
+        In a co-moving frame it is that of the energy: the same where g = 0.
+
         Expanded, identically vanishing terms such as L(q)q cancel, and with them their
         round-off; factors that cannot vanish on g = 0 are dropped. For the quaternion both
         representations come out as qᵀp (17).
         """
-        products = [sum(a * b for a, b in zip(row, self.H_p, strict=True)) for row in self.G]
+        H_p = self.H_p if self.energy is None else gradient(self.energy, self.p)
+        products = [sum(a * b for a, b in zip(row, H_p, strict=True)) for row in self.G]
         return [self._without_units(shortest(e)) for e in products]
 
     def _without_units(self, e: sp.Expr) -> sp.Expr:

@@ -52,6 +52,9 @@ class Stepper(Evaluation):
         Order of convergence, as derived by the generator.
     manifest : dict
         All that the generator says of the stepper.
+    symmetries : tuple of Symmetry
+        What a co-moving frame may move along, each with ``name`` (of its parameter), ``A``, ``J``
+        and ``condition``; empty without ``frame="symmetries"``.
     remarks : list of str
         What a tableau of your own lacks: symplecticity, symmetry, sweeps, the order its weights
         would allow; and where H or forces switch, as |x| does at 0. Empty for what lacks nothing.
@@ -170,7 +173,8 @@ class Stepper(Evaluation):
         steps : int
             Number of steps, 0 or more.
         parameters : mapping
-            Exactly the parameters in ``parameter_domains``. For ``gamma`` or ``alpha``, ``"m"``,
+            Exactly the parameters in ``parameter_domains``; the rates of a co-moving frame, those
+            of ``symmetries``, are 0 where they are left out. For ``gamma`` or ``alpha``, ``"m"``,
             ``"h"``, ``"mt"`` and ``"ht"`` are the means of the moments beside it; ``"auto"`` is
             replaced by what ``gyrospark.choose_gamma`` finds for this start and dt,
             ``"auto-energy"`` by the same with its aim at the energy. ``Trajectory.parameters`` has
@@ -312,7 +316,7 @@ class Stepper(Evaluation):
             self._step(dt),
             as_positive_count("steps", steps),
             as_positive_count("every", every, least=1),
-            as_parameters(parameters, self.parameter_domains, number),
+            as_parameters(parameters, self.parameter_domains, number, self.symmetries),
             solver,
             bound,
             as_positive_count("max_iterations", max_iterations, least=1),
