@@ -230,7 +230,7 @@ class _Search:
                 found.append(condition)
                 symbol = _solvable(condition)
                 solution = sp.solve(condition, symbol)[0]
-                solved = {s: sp.sympify(x).xreplace({symbol: solution})
+                solved = {s: x.xreplace({symbol: solution})
                           for s, x in solved.items()} | {symbol: solution}
             if len(found) > _MOST_CONDITIONS:
                 return None
