@@ -9,7 +9,7 @@ static void begin_frame(work_t *w, const parameters_t *parameters)
     }
 }
 
-/* At another rate the frame begins anew where the trajectory is; what was past is of the old one. */
+/* At another rate it begins anew where the trajectory is; what was past is of the old one. */
 static void change_frame(work_t *w, const parameters_t *parameters)
 {
     const frame_t old = frame_of(&w->held.moving), new = frame_of(parameters);

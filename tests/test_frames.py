@@ -263,6 +263,29 @@ def test_a_loop_of_steps_and_pieces_of_a_run_give_its_bits(tmp_path):
     assert_array_equal(kept.p, whole.p)
 
 
+def test_a_simulation_moves_with_its_frame():
+    """Bits of integrate; an impulse is in the caller's coordinates, and so is a new rate."""
+    step, numbers = framed(), with_gamma(TOP) | {"omega_body": 75.4, "omega_space": 1.0}
+    whole = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=40, parameters=numbers)
+    held = step.start(TOP.q0, TOP.p0, dt=2e-3, parameters=numbers)
+    for k in range(1, 21):
+        held.advance()
+        assert_array_equal(held.q, whole.q[k])
+    copy = held.copy()
+    held.advance(20)
+    assert_array_equal(held.q, whole.q[-1])
+    assert_array_equal(held.p, whole.p[-1])
+    copy.parameters = numbers | {"omega_body": 60.0, "omega_space": -2.0}
+    kick = np.array([0.0, 0.0, 0.0, 1e-3])
+    kicked = step.project(copy.q, copy.p + kick, parameters=numbers)
+    copy._held.p[:] = kicked[1]  # as a caller in C does
+    copy.advance(20)
+    fresh = step.integrate(*kicked, dt=2e-3, steps=20, parameters=copy.parameters)
+    assert abs(fresh.q[-1] - copy.q).max() < 1e-12
+    assert abs(fresh.p[-1] - copy.p).max() < 1e-12 * abs(TOP.p0).max()
+    assert copy.report.energy_error_max < 1e-6
+
+
 def test_members_of_an_ensemble_have_their_own_frame_and_bits():
     step, numbers = framed(), with_gamma(TOP)
     rates = [0.0, 60.0, 75.4, 80.0, 90.0]
