@@ -93,8 +93,9 @@ def stepper(
     --------
     >>> step = gyrospark.stepper("G-L", stages=3, rep="gamma")  # doctest: +SKIP
     """
-    frame = frame or getattr(system, "frame", None) or None
-    system = getattr(system, "system", system)  # of a Model
+    if frame is None:
+        frame = getattr(system, "frame", None) or None  # of a Model
+    system = getattr(system, "system", system)
     as_flag("allow_invalid", allow_invalid)
     if isinstance(system, Path):
         system = str(system)

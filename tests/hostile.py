@@ -87,7 +87,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
 
     found = [
         plain("stepper", gs.stepper, scheme="G-L", stages=3, rep="gamma", system="heavy_top",
-              tableau=None, real="double", allow_invalid=False),
+              tableau=None, real="double", frame=None, allow_invalid=False),
         plain("tableau", gs.tableau, scheme="G-L", stages=2),
         plain("gamma_m", gs.gamma_m, inertia=TOP.inertia),
         plain("gamma_h", gs.gamma_h, inertia=TOP.inertia),
@@ -146,7 +146,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("plot", made.plot, path=tmp_path / "a.png"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
-              quantities={"z": x}, rigid_body=False, bodies=()),
+              quantities={"z": x}, rigid_body=False, bodies=(), energy=None),
         plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),
               parameters=(), torque=(), quantities={}, tensor=False),
         plain("Multibody", gs.Multibody, name="a", gravity=(0, 0, -9.81), dt=0.1, steps=3,
@@ -162,8 +162,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
             "resume": True, "seed": 1, "progress": None})),
         Call("sweep", lambda: (gs.sweep, {
             "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
-            "rep": "gamma", "real": "double", "parameters": {}, "dt": 1e-3, "steps": 2,
-            "duration": None, "every": None, "solver": "auto", "tolerance": 1e-12,
+            "rep": "gamma", "real": "double", "frame": None, "parameters": {}, "dt": 1e-3,
+            "steps": 2, "duration": None, "every": None, "solver": "auto", "tolerance": 1e-12,
             "max_iterations": 50, "keep": None, "out": None, "resume": False, "workers": 1,
             "dask": None, "progress": None})),
     ]
@@ -188,7 +188,7 @@ def model_calls() -> Iterator[Call]:
 
     def model() -> tuple[Callable[..., Any], dict[str, Any]]:
         return gs.Model, {"system": system, "parameters": {}, "q0": [1.0], "p0": [1.0],
-                          "bodies": {}, "dt": 0.1, "steps": 3, "description": ""}
+                          "bodies": {}, "dt": 0.1, "steps": 3, "description": "", "frame": ""}
 
     yield Call("Model", model)
 

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_mapping, as_text
 from ...body_values import Inertia, as_moments_or_tensor, real_array
+from ...catalogue import FRAMES
 from ...errors import InputError
 from ...exact import exact
-from ...naming import shown, whole
+from ...naming import choose, shown, whole
 from ..systems.system import System
 
 __all__ = ["Model", "whole_array"]
@@ -62,6 +63,8 @@ class Model:
         if not isinstance(self.system, System):
             raise InputError(f"system = {shown(self.system)} is no gyrospark.System.")
         as_text("description", self.description)
+        if not isinstance(self.frame, str) or self.frame:
+            choose("frame", self.frame, FRAMES)
         for name in ("q0", "p0"):
             object.__setattr__(self, name, self._state(name, getattr(self, name)))
         values = {name: self._number(f"parameter {name!r}", value) for name, value in as_mapping(

@@ -109,6 +109,8 @@ class System:
         as_text("name of the system", self.name)
         as_flag("rigid_body", self.rigid_body)
         object.__setattr__(self, "H", as_expression(self.H))
+        if self.energy is not None:
+            object.__setattr__(self, "energy", as_expression(self.energy))
         quantities = as_mapping("quantities", self.quantities, "{'height': q[1]}")
         object.__setattr__(self, "quantities", MappingProxyType(
             {name: as_expression(e) for name, e in quantities.items()}))
@@ -203,7 +205,8 @@ class System:
                 f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
             )
         allowed = {*self.q, *self.p, *self.parameters}
-        unknown = self.H.free_symbols - allowed
+        energy = self.H if self.energy is None else self.energy
+        unknown = (self.H.free_symbols | energy.free_symbols) - allowed
         if unknown:
             raise InputError(
                 f"H of system {self.name!r} contains the unknown symbol "
