@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .runtime.body import problems
     from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
     from .runtime.body.quaternion import momentum, state_from_rotation
+    from .runtime.choice.frame_choice import FrameChoice, choose_frame
     from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
     from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
@@ -74,6 +75,8 @@ _HOMES = {
     "System": "generator.systems.system",
     "Projection": "projection",
     "Ensemble": "runtime.run.ensemble",
+    "FrameChoice": "runtime.choice.frame_choice",
+    "choose_frame": "runtime.choice.frame_choice",
     "GammaChoice": "runtime.choice.gamma_choice",
     "choose_gamma": "runtime.choice.gamma_choice",
     "gamma_fast": "runtime.body.inertia",
@@ -103,6 +106,7 @@ __all__ = [
     "Certificate",
     "CompilerError",
     "Ensemble",
+    "FrameChoice",
     "GammaChoice",
     "GyrosparkError",
     "InputError",
@@ -123,6 +127,7 @@ __all__ = [
     "__version__",
     "body_system",
     "certify",
+    "choose_frame",
     "choose_gamma",
     "consistent",
     "gamma_fast",

@@ -201,12 +201,13 @@ def frame_manifest(frame: Frame, system: System) -> dict[str, Any]:
     """Return the symmetries as JSON: A by its entries, conditions as polynomials that vanish."""
     return {"symmetries": [{
         "name": symmetry.name,
+        "group": group,
         "meaning": symmetry.field.name,
         "A": [[i, j, str(x)] for (i, j), x in sorted(symmetry.field.weights.items())],
         "J": str(symmetry.momentum(system)),
         "conditions": [_equation(e) for e in symmetry.conditions],
         "vanishing": [_terms(e) for e in symmetry.conditions],
-    } for symmetry in frame.symmetries]}
+    } for group, together in enumerate(frame.groups) for symmetry in together]}
 
 
 def _equation(e: sp.Expr) -> str:

@@ -29,6 +29,7 @@ import sympy as sp
 
 from ...errors import InputError
 from ..algebra.bounded_algebra import is_small
+from ..algebra.derivatives import derivative
 from ..algebra.residues import exactly, identically_zero
 from ..algebra.sharing import substitute
 from ..systems.system import System
@@ -177,9 +178,14 @@ class _Search:
     def _first(self, name: str, fields: Sequence[Field] | Iterator[Field]) -> Iterator[
             tuple[Symmetry]]:
         """Yield the symmetry of fewest conditions, if there is one; the first of several."""
-        found = [symmetry for field in fields if self._is_new(field)
-                 and (conditions := self._conditions(field)) is not None
-                 and (symmetry := self._symmetry(name, field, conditions)) is not None]
+        new = [field for field in fields if self._is_new(field)]
+        found: list[Symmetry] = []
+        for field in sorted(new, key=lambda field: field.name not in self.kept):
+            conditions = self._conditions(field)
+            symmetry = None if conditions is None else self._symmetry(name, field, conditions)
+            found += [] if symmetry is None else [symmetry]
+            if symmetry is not None and len(symmetry.conditions) <= 1:
+                break
         if found:
             best = min(found, key=lambda symmetry: len(symmetry.conditions))
             self.taken.append(best.field)
@@ -216,7 +222,8 @@ class _Search:
         """Return what parameters must satisfy for {J, H} = 0; None if that is not found."""
         if field.name in self.kept:
             return ()
-        coefficients = self._bracket_coefficients(field)
+        part = self._moved_part(field)
+        coefficients = _bracket_coefficients(part, field)
         if coefficients is None:
             return None
         found: list[sp.Expr] = []
@@ -234,25 +241,18 @@ class _Search:
                           for s, x in solved.items()} | {symbol: solution}
             if len(found) > _MOST_CONDITIONS:
                 return None
-        meets = replace(self.system, H=substitute([self.system.H], solved)[0],
-                        constraints=tuple(substitute(list(self.system.constraints), solved)))
+        meets = replace(part, H=substitute([part.H], solved)[0],
+                        constraints=tuple(substitute(list(part.constraints), solved)))
         return tuple(found) if SymmetrySpace(meets, [field], {}).contains(field) else None
 
-    def _bracket_coefficients(self, field: Field) -> list[sp.Expr] | None:
-        """Return the coefficients of {J, H} as a polynomial of q and p; None if it is none."""
+    def _moved_part(self, field: Field) -> System:
+        """Return the system with the terms of H and the constraints that a field moves at all."""
         system = self.system
-        J = field.momentum(system.q, system.p)
-        symbols = (*system.q, *system.p)
-        found: dict[tuple[int, ...], sp.Expr] = {}
-        for term in sp.Add.make_args(exactly(system.H)):
-            moved = [x for x in zip(system.q, system.p, strict=True) if term.has(*x)]
-            bracket = sp.Add(*(sp.diff(J, q) * sp.diff(term, p) - sp.diff(J, p) * sp.diff(term, q)
-                               for q, p in moved))
-            if not is_small(bracket) or not bracket.is_polynomial(*symbols):
-                return None
-            for powers, x in sp.Poly(bracket, *symbols).terms():
-                found[powers] = found.get(powers, sp.Integer(0)) + x
-        return sorted({sp.together(x) for x in found.values()}, key=sp.default_sort_key)
+        moved = {s for i, j in field.weights for s in (system.q[i], system.p[j])}
+        return replace(
+            system, H=sp.Add(*(e for e in sp.Add.make_args(system.H) if e.free_symbols & moved)),
+            constraints=tuple(g for g in system.constraints if g.free_symbols & moved),
+            constraint_names=())
 
     def _slide(self, field: Field) -> dict[tuple[int, int], Fraction] | None:
         """Return −C_Aᵀ with g_q A q = C_A g, empty if g is invariant; None if there is none."""
@@ -275,9 +275,9 @@ class _Search:
         """Return the numbers c with slide = Σ c_k g_k, all polynomials."""
         system = self.system
         near = [k for k, g in enumerate(system.constraints) if g.free_symbols & slide.free_symbols]
-        symbols = (*system.q, *system.parameters)
-        if not all(e.is_polynomial(*symbols)
-                   for e in (slide, *(system.constraints[k] for k in near))):
+        parts = (slide, *(system.constraints[k] for k in near))
+        symbols = sorted(set[sp.Symbol]().union(*(e.free_symbols for e in parts)), key=str)
+        if not all(e.is_polynomial(*symbols) for e in parts):
             return None
         wanted = sp.Poly(exactly(slide), *symbols)
         known = [sp.Poly(exactly(system.constraints[k]), *symbols) for k in near]
@@ -306,6 +306,28 @@ class _Search:
             sums.append([*(sp.diff(f, s) * x for s, x in zip(q, to_q, strict=True)),
                          *(-sp.diff(f, s) * x for s, x in zip(p, to_p, strict=True)), *turned])
         return bool(identically_zero([terms for terms in sums if any(e != 0 for e in terms)]))
+
+
+def _bracket_coefficients(system: System, field: Field) -> list[sp.Expr] | None:
+    """Return the coefficients of {J, H} as a polynomial of q and p; None if it is none."""
+    J = field.momentum(system.q, system.p)
+    slopes = {s: sp.diff(J, s) for s in (*system.q, *system.p)}
+    found: dict[tuple[sp.Expr, ...], sp.Expr] = {}
+    for term in sp.Add.make_args(exactly(system.H)):
+        free = term.free_symbols
+        bracket = sp.Add(*(slopes[q] * derivative(term, p) for q, p in zip(system.q, system.p,
+                                                                            strict=True)
+                           if p in free),
+                         *(-slopes[p] * derivative(term, q) for q, p in zip(system.q, system.p,
+                                                                             strict=True)
+                           if q in free))
+        symbols = sorted(bracket.free_symbols & slopes.keys(), key=str)
+        if not is_small(bracket) or not bracket.is_polynomial(*symbols):
+            return None
+        for powers, x in sp.Poly(bracket, *symbols).terms() if symbols else ():
+            monomial = tuple(s**n for s, n in zip(symbols, powers, strict=True) if n)
+            found[monomial] = found.get(monomial, sp.Integer(0)) + x
+    return sorted({sp.together(x) for x in found.values()}, key=sp.default_sort_key)
 
 
 def _linear_factor(e: sp.Expr) -> sp.Expr | None:

@@ -112,7 +112,7 @@ def _is_sound_frame(frame: Mapping[str, Any], system: Mapping[str, Any]) -> bool
     """Whether the symmetries of a co-moving frame are said as ``Symmetry.of`` reads them."""
     n, names = len(system["coordinates"]), {*system["parameters"]}
     return isinstance(frame["symmetries"], list) and all(
-        symmetry["name"] in names
+        symmetry["name"] in names and type(symmetry["group"]) is int
         and all(isinstance(x, str) for x in (symmetry["meaning"], symmetry["J"],
                                              *symmetry["conditions"]))
         and all(type(i) is type(j) is int and 0 <= min(i, j) <= max(i, j) < n

@@ -4,5 +4,9 @@
     gamma_pilots  short runs with different γ
     gamma_law     the linear law of the error in 1/γ, and where it is smallest
     gamma_choice  ``choose_gamma``
+    frame_start   the rates of a frame by least squares, from states alone
+    frame_lines   the same from the lines of a spectrum
+    frame_pilots  short runs in different frames
+    frame_choice  ``choose_frame``
     symmetries    what a co-moving frame may move along
 """

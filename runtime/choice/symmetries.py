@@ -43,6 +43,8 @@ class Symmetry:
         The momentum map pᵀA q, in the names of coordinates and momenta.
     condition : str
         What parameters must satisfy, e.g. "I1 = I2"; empty where it holds for any.
+    group : int
+        Symmetries of one group do not commute: three rotations of space, which turn about one axis.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Symmetry:
     A: Array
     J: str
     condition: str
+    group: int = 0
     vanishing: tuple[Polynomial, ...] = field(default=(), repr=False)
 
     @classmethod
@@ -62,7 +65,7 @@ class Symmetry:
         vanishing = tuple(tuple((Fraction(x), dict(powers)) for x, powers in terms)
                           for terms in said["vanishing"])
         return cls(said["name"], said["meaning"], A, said["J"], " and ".join(said["conditions"]),
-                   vanishing)
+                   said["group"], vanishing)
 
     def momentum(self, q: Array, p: Array) -> Array:
         """Return J of each row of q and p, shapes (..., n)."""

@@ -18,6 +18,7 @@ from ..build.manifest import remarks_of
 from ..build.module import provenance
 from ..call.binding import SOLVERS, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real
+from ..choice.frame_choice import with_frame
 from ..choice.gamma_choice import with_choice
 from ..output.trajectory import Trajectory
 from ..steps.consistency import defects_of_starts
@@ -178,7 +179,9 @@ class Stepper(Evaluation):
             ``"h"``, ``"mt"`` and ``"ht"`` are the means of the moments beside it; ``"auto"`` is
             replaced by what ``gyrospark.choose_gamma`` finds for this start and dt,
             ``"auto-energy"`` by the same with its aim at the energy. ``Trajectory.parameters`` has
-            the number.
+            the number. With co-moving frames ``"frame": "start"`` is replaced by the rates of the
+            start's least squares, ``"frame": "auto"`` by what ``gyrospark.choose_frame`` finds,
+            together with a γ that is ``"auto"``.
         t0 : float
             Time at the start, in seconds: for forces and quantities that depend on time. Step k
             starts at t0 + k dt, counted, not summed up.
@@ -208,6 +211,7 @@ class Stepper(Evaluation):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
+        parameters = with_frame(self, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
         parameters = with_choice(self, q, p, dt=dt, steps=steps, parameters=parameters,
                                  t0=t0)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
@@ -235,7 +239,8 @@ class Stepper(Evaluation):
         """Integrate many trajectories; the leading axis of q, p is the trajectory.
 
         ``dt``, ``t0`` and each parameter are one number for all, or one for each trajectory; a
-        list of dicts does as well. A trajectory that fails is NaN from its failed step on and has
+        list of dicts does as well; with ``"frame": "start"`` each has the co-moving frame of its
+        own start. A trajectory that fails is NaN from its failed step on and has
         its reason in ``Ensemble.failures``; the others are not touched.
 
         With solvers ``auto`` and ``fixed-point`` trajectories run side by side in the lanes of a

@@ -14,7 +14,7 @@ from ..body.inertia import AIMS, has_inertia, is_weight, ruled
 from ..call.checks import as_real
 from ..choice.symmetries import Symmetry, refuse_broken
 
-__all__ = ["as_parameters", "refuse_auto"]
+__all__ = ["as_parameters", "refuse_auto", "refuse_choice"]
 
 
 def as_parameters(
@@ -39,6 +39,8 @@ def as_parameters(
         raise InputError(
             f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(needed)}."
         )
+    if frame and "frame" in given and "frame" not in domains:
+        refuse_choice(given["frame"])
     unknown = [str(name) for name in given if name not in domains]
     if unknown:
         raise InputError(
@@ -49,6 +51,13 @@ def as_parameters(
     made = {name: _as_parameter(name, domain, whole, number) for name, domain in domains.items()}
     refuse_broken(symmetries, made)
     return made
+
+
+def refuse_choice(value: Any) -> None:
+    """Refuse ``"frame"`` among the parameters where nothing chooses."""
+    raise InputError(f"Parameter frame = {shown(value)} is for runs, which look at their start: "
+                     "'start' or, for integrate alone, 'auto'; here give rates, those of "
+                     "choose_frame for example.")
 
 
 def refuse_auto(name: str, value: Any) -> None:
