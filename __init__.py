@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from .runtime.body import problems
     from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
     from .runtime.body.quaternion import momentum, state_from_rotation
-    from .runtime.choice.frame_choice import FrameChoice, choose_frame
+    from .runtime.choice.frame_choice import choose_frame
+    from .runtime.choice.frame_search import FrameChoice
     from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
     from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
@@ -75,7 +76,7 @@ _HOMES = {
     "System": "generator.systems.system",
     "Projection": "projection",
     "Ensemble": "runtime.run.ensemble",
-    "FrameChoice": "runtime.choice.frame_choice",
+    "FrameChoice": "runtime.choice.frame_search",
     "choose_frame": "runtime.choice.frame_choice",
     "GammaChoice": "runtime.choice.gamma_choice",
     "choose_gamma": "runtime.choice.gamma_choice",

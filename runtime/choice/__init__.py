@@ -7,6 +7,7 @@
     frame_start   the rates of a frame by least squares, from states alone
     frame_lines   the same from the lines of a spectrum
     frame_pilots  short runs in different frames
+    frame_search  what is tried of frames, and what is chosen
     frame_choice  ``choose_frame``
     symmetries    what a co-moving frame may move along
 """

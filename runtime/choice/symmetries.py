@@ -9,7 +9,7 @@ conditions, I1 = I2 say; whether they do is decided exactly, with the numbers as
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -27,7 +27,7 @@ Array = NDArray[Any]
 Polynomial = Sequence[tuple[Fraction, Mapping[str, int]]]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Symmetry:
     """A linear symmetry of H, g and F, with the parameter that moves a frame along it.
 
@@ -53,7 +53,7 @@ class Symmetry:
     J: str
     condition: str
     group: int = 0
-    vanishing: tuple[Polynomial, ...] = field(default=(), repr=False)
+    vanishing: tuple[Polynomial, ...] = ()
 
     @classmethod
     def of(cls, said: Mapping[str, Any], n: int) -> Symmetry:
@@ -66,6 +66,10 @@ class Symmetry:
                           for terms in said["vanishing"])
         return cls(said["name"], said["meaning"], A, said["J"], " and ".join(said["conditions"]),
                    said["group"], vanishing)
+
+    def __repr__(self) -> str:
+        where = f", where {self.condition}" if self.condition else ""
+        return f"<Symmetry {self.name}: {self.meaning}{where}>"
 
     def momentum(self, q: Array, p: Array) -> Array:
         """Return J of each row of q and p, shapes (..., n)."""
