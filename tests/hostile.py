@@ -156,7 +156,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
               description=""),
         Call("certify", lambda: (gs.certify, {
             "model": gs.problems.fast_top(), "scheme": "IMS", "stages": None, "rep": "gamma",
-            "tableau": None, "allow_invalid": False, "dt": 1e-3, "steps": 2, "parameters": {}}),
+            "tableau": None, "allow_invalid": False, "frame": None, "dt": 1e-3, "steps": 2,
+            "parameters": {}}),
             kept=("allow_invalid",), spared=("half", "none", "zero", "empty text", "fraction",
                                              "dict", "pi")),
         Call("record", lambda: (gs.record, {

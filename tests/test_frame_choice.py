@@ -222,6 +222,42 @@ def test_what_cannot_be_chosen_is_told(tmp_path):
                         bodies={"alpha": TOP.inertia})
 
 
+# ---------------------------------------------------------------- certificates
+
+
+def test_a_method_keeps_its_promises_in_a_frame():
+    """The loop invariant of the constrained map, reversal, order and momentum maps."""
+    found = gs.certify(TOP, "G-L", 1, frame="symmetries", dt=1e-3, steps=200,
+                       parameters={"frame": "start"})
+    assert found.parameters["omega_body"] == pytest.approx(125.663706, rel=1e-7)
+    assert found.holds
+    for promised in ("loop invariant", "reversal", "order", "angular momentum about e3",
+                     "angular momentum about the body's axis 3"):
+        assert found.line(promised).holds is True
+
+
+def test_ems_keeps_the_energy_of_the_frame_and_says_so():
+    moved = {"omega_body": 125.0, "omega_space": 1.0}
+    found = gs.certify(TOP, "EMS", frame="symmetries", dt=2e-3, steps=200, parameters=moved)
+    assert found.line("energy in the frame").holds is True
+    assert found.line("energy H").holds is None
+    assert "not angular momentum about the body's axis 3" in found.line("energy H").why
+    kept = gs.certify(TOP, "EMS", frame="symmetries", dt=2e-3, steps=200,
+                      parameters={"omega_space": 5.0})
+    assert kept.line("energy H").holds is True  # it keeps the J about the vertical
+
+
+def test_what_does_not_commute_is_not_promised():
+    """A free body in a frame about e3: l along e3 is kept, and l across it is not."""
+    moments = {name: BODY.parameters[name] for name in ("I1", "I2", "I3")}
+    free = gs.problems.Problem("free", moments, BODY.q0, BODY.p0, BODY.inertia, "free_body")
+    found = gs.certify(free, "G-L", 2, frame="symmetries", dt=5e-3, steps=200,
+                       parameters={"omega_space_3": 20.0})
+    assert found.line("angular momentum about e3").holds is True
+    assert found.line("angular momentum about e1").holds is None
+    assert "turns in the frame" in found.line("angular momentum about e1").why
+
+
 # ---------------------------------------------------------------- the command
 
 
