@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .runtime.choice.frame_choice import choose_frame
     from .runtime.choice.frame_search import FrameChoice
     from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
+    from .runtime.events.event import Crossings, Event
     from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
     from .runtime.run.simulation import Simulation
@@ -75,7 +76,9 @@ _HOMES = {
     "rotation_matrix": "generator.bodies.rigid_body",
     "System": "generator.systems.system",
     "Projection": "projection",
+    "Crossings": "runtime.events.event",
     "Ensemble": "runtime.run.ensemble",
+    "Event": "runtime.events.event",
     "FrameChoice": "runtime.choice.frame_search",
     "choose_frame": "runtime.choice.frame_choice",
     "GammaChoice": "runtime.choice.gamma_choice",
@@ -106,7 +109,9 @@ _MODULES = {
 __all__ = [
     "Certificate",
     "CompilerError",
+    "Crossings",
     "Ensemble",
+    "Event",
     "FrameChoice",
     "GammaChoice",
     "GyrosparkError",

@@ -26,7 +26,7 @@ from .projection import Projection, project
 from .real import RealName
 from .remarks import listening, remark
 from .runtime.build.cache import digest, keep, kept
-from .runtime.call.checks import as_array
+from .runtime.call.checks import as_array, as_real
 from .runtime.call.reals import rounding
 from .runtime.notices import doing
 from .runtime.run.start import Start
@@ -128,7 +128,8 @@ def stepper_of(
 
 
 def consistent(
-    system: System | Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, float]
+    system: System | Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, float], *,
+    t: float = 0.0,
 ) -> Projection:
     """Return the state next to (q, p) with g(q) = 0 and g_q H_p = 0, and what was moved.
 
@@ -144,6 +145,8 @@ def consistent(
         A state near the constraints.
     parameters : mapping
         The value of every parameter by name.
+    t : float
+        The time, where constraints depend on it; g_q H_p + g_t = 0 is then asked for.
 
     Returns
     -------
@@ -157,14 +160,14 @@ def consistent(
         Naming the constraints that depend on each other or cannot be met from here.
     """
     if isinstance(system, Stepper):
-        return system.consistent(q, p, parameters=parameters)
+        return system.consistent(q, p, parameters=parameters, t=t)
     from .generator.systems.numeric_system import NumericSystem
     from .generator.systems.system import System as AnySystem
 
     if not isinstance(system, AnySystem):
         raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
     state = (as_array("q", q, (system.n,), np.float64), as_array("p", p, (system.n,), np.float64))
-    return project(NumericSystem(system, parameters), *state)
+    return project(NumericSystem(system, parameters, float(as_real("t", t))), *state)
 
 
 def load_model(

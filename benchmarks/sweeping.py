@@ -227,7 +227,7 @@ def kernel_job(study: Study, threads: int) -> Callable[[], tuple[NDArray[Any], N
     that the threads take as they come.
     """
     whole = Tile((0,) * len(study.axes), tuple(slice(0, length) for length in study.shape))
-    cells, binding = cells_of(study, whole), study.steppers[0].binding
+    cells, binding = cells_of(study, whole), study.steppers[0].binding_of_many
     order = np.argsort(cells.dt, kind="stable")
     dt, q, p, structs = (
         np.ascontiguousarray(x[order], dtype=binding.dtype) for x in (

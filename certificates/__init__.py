@@ -6,6 +6,7 @@
     loop_invariant  ∮ p·dq over a closed curve of states
     examination     what a run shows of the promises
     certificate     ``certify``: promises, examination, verdict
+    accuracy        errors over the step and over the time it takes, and their picture
     verification    ``gyrospark verify``: tableau, coefficients, order
     reference       the motion to compare with
 """

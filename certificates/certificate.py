@@ -21,7 +21,9 @@ from ..facade import tableau as make_tableau
 from ..generator.algebra.evaluation import as_rational
 from ..generator.bodies.model import Model
 from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeName, scheme_named
-from ..naming import shown
+from ..markup import card, table
+from ..naming import choose, shown
+from ..real import REALS, RealName
 from ..runtime.body.inertia import gamma_m
 from ..runtime.body.problems import Problem
 from ..runtime.call.checks import as_positive_count, as_step
@@ -33,7 +35,7 @@ from .round_off import RoundOff
 if TYPE_CHECKING:
     from ..generator.tableaux.tableau import Tableau
 
-__all__ = ["Certificate", "Line", "certify"]
+__all__ = ["Certificate", "Line", "certify", "compiled"]
 
 #: Steps where the model names none; of a named problem also the step.
 STEPS, PROBLEM_DT = 1000, 1e-3
@@ -56,6 +58,14 @@ class Certificate:
         return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
                 f"{self.dt:g} s: {sum(line.holds is True for line in judged)} of {len(judged)} "
                 "promises hold>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: a row for each promise, what was seen, and the verdict."""
+        rows = [(line.quantity, line.found, line.expected, line.verdict) for line in self.lines]
+        result = "every promise holds" if self.holds else "a promise is broken"
+        return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
+                    f"{self.dt:g} s: {result}",
+                    table(rows, ("kept", "found", "should be", "verdict")))
 
     @property
     def holds(self) -> bool:
@@ -88,6 +98,7 @@ def certify(
     tableau: str | Path | Tableau | None = None,
     allow_invalid: bool = False,
     frame: str | None = None,
+    real: RealName = "double",
     dt: float | None = None,
     steps: int | None = None,
     parameters: Mapping[str, Any] | None = None,
@@ -100,6 +111,8 @@ def certify(
         A system with its numbers, or one of ``gyrospark.problems``.
     scheme, stages, tableau, allow_invalid, frame
         As for ``gyrospark.stepper``; G-L with 3 stages if neither scheme nor tableau is given.
+    real : {"double", "float"}
+        Floating-point type of the stepper; what is measured of its states is in doubles.
     rep : {"gamma", "alpha"}
         Inertia representation of a named problem.
     dt, steps : float, int
@@ -123,7 +136,10 @@ def certify(
     """
     if scheme is None and tableau is None:
         scheme, stages = DEFAULT_SCHEME, stages or DEFAULT_STAGES
-    known, step = _compiled(model, scheme, stages, rep, tableau, allow_invalid, frame)
+    if choose("real", real, REALS) not in ("double", "float"):
+        raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
+                         "is measured; choose double or float.")
+    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real)
     if dt is None:
         dt = known.dt
     if dt is None:
@@ -139,15 +155,16 @@ def certify(
     return Certificate(model.name, step.name, step.order, run.dt, count, values, list(lines))
 
 
-def _compiled(
+def compiled(
     model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
-    tableau: str | Path | Tableau | None, allow_invalid: bool, frame: str | None,
+    tableau: str | Path | Tableau | None, allow_invalid: bool, frame: str | None = None,
+    real: RealName = "double",
 ) -> tuple[Model, Stepper]:
     """Return the model and its stepper; a named problem has its stepper checked in."""
     if isinstance(model, Problem):
         rep = "gamma" if rep is None else rep
         made = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
-                            frame=frame, allow_invalid=allow_invalid)
+                            frame=frame, real=real, allow_invalid=allow_invalid)
         system = SYSTEMS[model.system].make(rep)
         known = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
@@ -158,7 +175,8 @@ def _compiled(
     if rep is not None:
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
     return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
-                               frame=frame or model.frame or None, allow_invalid=allow_invalid)
+                               frame=frame or model.frame or None, real=real,
+                               allow_invalid=allow_invalid)
 
 
 def _promises(
@@ -176,11 +194,11 @@ def _promises(
 
 
 def _parameters(model: Model, step: Stepper, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a value for every parameter, γ_m for inertia parameters that have none."""
+    """Return a value for every parameter, γ_m for inertia parameters without value and rule."""
     allowed = {*map(str, model.system.parameters), *(s.name for s in step.symmetries)}
     allowed |= {"frame"} if step.symmetries else set()
     chosen = {name: gamma_m(inertia) for name, inertia in model.bodies.items()}
-    values: dict[str, Any] = chosen | dict(model.parameters) | dict(changes)
+    values: dict[str, Any] = chosen | dict(model.rules) | dict(model.parameters) | dict(changes)
     for name in changes:
         if name not in allowed:
             raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "

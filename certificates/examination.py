@@ -252,7 +252,8 @@ class Examination:
                      f"≤ {bound:.1e}", promise, value, bound)
 
     def _energy(self, promise: Promise) -> Line:
-        quantity = "energy H less work" if self.model.system.forces else "energy H"
+        works = self.model.system.forces or self.model.system.is_timed
+        quantity = "energy H less work" if works else "energy H"
         error = self.run.energy_error().astype(float)
         linear, swing = trend(self.run.t, error)
         value = float(np.abs(error).max())

@@ -26,9 +26,6 @@ Array = NDArray[Any]
 #: Radii that are tried, in units of the motion's own sizes, and numbers of points.
 _RADII = (0.1, 0.025, 0.006, 0.0015, 4e-4, 1e-4, 2.5e-5)
 _POINTS = (64, 128, 256)
-#: Largest of the last eighth of the spectrum that counts as resolved, in units of the loop. What
-#: a mode k of p and its mirror image M − k of q leave in I is their product: 1e-16.
-_RESOLVED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -54,6 +51,8 @@ class LoopDrift:
         Largest of the last eighth of the spectrum, relative to the loop, at any instant.
     steps : int
         Steps of the run.
+    epsilon : float
+        ε of the stepper's type.
     """
 
     start: float
@@ -64,15 +63,21 @@ class LoopDrift:
     radius: float
     tail: float
     steps: int
+    epsilon: float
 
     @property
     def resolved(self) -> bool:
-        """Whether the spectral derivative is converged to round-off."""
-        return self.tail <= _RESOLVED
+        """Whether the spectral derivative is converged to round-off.
+
+        What a mode k of p and its mirror image M − k of q leave in I, in units of the loop, is
+        their product: half a unit of rounding.
+        """
+        return self.tail**2 <= self.epsilon / 2
 
 
 def loop_integral(
-    q: Array, p: Array, rounded: tuple[Array, Array] | None = None
+    q: Array, p: Array, rounded: tuple[Array, Array] | None = None,
+    epsilon: float = float(np.finfo(float).eps),
 ) -> tuple[float, float, float]:
     """Return ∮ p·dq, ∮ Σ s_i |dq_i| + r_i |dp_i|, and the tail of the spectrum.
 
@@ -82,6 +87,8 @@ def loop_integral(
         States at equal steps of the parameter along a closed curve, M even.
     rounded : pair of arrays, shape (n,), optional
         What r and s are at least, beside |q| and |p|.
+    epsilon : float
+        ε of the type that the states were computed in.
     """
     M = len(q)
     modes = [np.fft.rfft(x, axis=0) for x in (q, p)]
@@ -93,14 +100,14 @@ def loop_integral(
     least_r, least_s = rounded or (np.zeros(1), np.zeros(1))
     r, s = np.maximum(np.abs(q), least_r), np.maximum(np.abs(p), least_s)
     scale = (np.abs(slopes[0]) * s + np.abs(slopes[1]) * r).sum() * 2 * np.pi / M
-    tail = max(_tail(mode, x) for mode, x in zip(modes, (q, p), strict=True))
+    tail = max(_tail(mode, x, epsilon) for mode, x in zip(modes, (q, p), strict=True))
     return float(value), float(scale), tail
 
 
-def _tail(modes: Array, x: Array) -> float:
+def _tail(modes: Array, x: Array, epsilon: float) -> float:
     """Return the last eighth of a spectrum relative to the largest mode, less round-off."""
     sizes = np.abs(modes).max(axis=1)
-    floor = 4 * np.finfo(x.dtype).eps * np.sqrt(len(x)) * np.abs(x).max()
+    floor = 4 * epsilon * np.sqrt(len(x)) * np.abs(x).max()
     largest = sizes[1:].max()
     last = sizes[-max(1, len(sizes) // 8) :].max()
     return float(last / largest) if last > floor else 0.0
@@ -169,11 +176,13 @@ def _followed(
         return None
     if many.failures:
         return None
-    seen = [loop_integral(many.q[:, k].astype(float), many.p[:, k].astype(float), rounded)
+    seen = [loop_integral(many.q[:, k].astype(float), many.p[:, k].astype(float), rounded,
+                          stepper.binding.epsilon)
             for k in range(many.q.shape[1])]
     changes = [abs(value - seen[0][0]) for value, _, _ in seen]
     return LoopDrift(
         start=seen[0][0], scale=max(scale for _, scale, _ in seen), drift=max(changes),
         halfway=max(changes[: len(changes) // 2 + 1]), points=points, radius=radius,
         tail=max(tail for _, _, tail in seen), steps=steps,
+        epsilon=stepper.binding.epsilon,
     )

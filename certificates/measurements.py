@@ -71,7 +71,7 @@ def _growth(
     rng, count = np.random.default_rng(11), 6
     near = [x[0].astype(float) + 1e-6 * size * rng.standard_normal((count, x.shape[1]))
             for x, size in zip((run.q, run.p), sizes, strict=True)]
-    starts = [stepper.project(*state, parameters=parameters)
+    starts = [stepper.project(*state, parameters=parameters, t=float(run.t[0]))
               for state in zip(*near, strict=True)]
     qs, ps = (np.array(part) for part in zip(*starts, strict=True))
     many = stepper.integrate_ensemble(qs, ps, dt=run.dt, steps=run.report.steps,
@@ -112,7 +112,8 @@ def constraint_scales(
         states = np.concatenate([run.q[rows], run.p[rows]], axis=1).astype(float)
         moved = (states[:, None] + moves).reshape(-1, 2 * n)
         q, p = (np.ascontiguousarray(x, dtype=binding.dtype) for x in (moved[:, :n], moved[:, n:]))
-        for k, defects in enumerate(binding.defects(given, q, p)):
+        t = np.repeat(run.t[rows].astype(binding.dtype), 2 * n + 1)
+        for k, defects in enumerate(binding.defects(given, q, p, t)):
             d = defects.reshape(-1, 2 * n + 1, m)
             changes = np.abs(d[:, 1:] - d[:, :1]).sum(axis=1).astype(float)
             largest[k] = np.maximum(largest[k], changes.max(axis=0))

@@ -17,6 +17,7 @@ from ..generator.algebra.derivatives import derivative
 from ..generator.algebra.identities import compare
 from ..generator.algebra.residues import identically_zero
 from ..generator.algebra.sharing import substitute
+from ..generator.schemes.differences import with_time
 from ..generator.schemes.scheme import scheme_named
 from ..generator.schemes.schemes import MeanScheme
 from ..generator.symmetry.momentum_maps import MomentumMap
@@ -150,7 +151,8 @@ class SparkPromises:
         """H is kept if it is a quadratic invariant of a method that keeps those."""
         order = f"an error of order {self.tableau.order} in Δt"
         system = self.system
-        if system.m or not is_quadratic(system.H, [*system.q, *system.p], self.numbers):
+        state = [*system.q, *system.p]
+        if system.m or system.is_timed or not is_quadratic(system.H, state, self.numbers):
             return Promise(False, order)
         violation = _first_violated(invariant_conditions(self.tableau))
         if violation:
@@ -231,8 +233,10 @@ class MeanPromises:
         """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
         how = self._how_energy
         if self.scheme.discrete:
-            return Promise(True, f"ΔH = Δp·D_pH + Δq·D_qH, Δg = Ḡ·Δq ({how})",
-                           "" if how else "ΔH = Δp·D_pH + Δq·D_qH is refuted")
+            timed = self.system.is_timed
+            law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * timed
+            return Promise(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
+                           "" if how else f"{law} is refuted")
         if how:
             return Promise(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
                                  f"({how})")
@@ -270,15 +274,20 @@ class MeanPromises:
     def _how_energy(self) -> str:
         """How ΔH = D·Δ and Δg = Ḡ·Δq are known; empty if they do not hold."""
         scheme, system = self.scheme, self.system
-        variables = [*system.q, *system.p]
-        means, differences = ([*part[0], *part[1]] for part in (scheme.means, scheme.differences))
-        slopes = [[*scheme.mean_gradient[0], *scheme.mean_gradient[1]], *scheme.mean_constraint]
+        (q, p), (dq, dp) = scheme.means, scheme.differences
+        slopes = [[*scheme.mean_gradient[0], *scheme.mean_gradient[1]],
+                  *([*row, *[sp.Integer(0)] * system.n] for row in scheme.mean_constraint)]
+        if system.is_timed:
+            rates = [scheme.mean_drive, *scheme.mean_constraint_rate]
+            slopes = [[*slope, rate] for slope, rate in zip(slopes, rates, strict=True)]
+        variables, means, differences = with_time(
+            [*system.q, *system.p], [*q, *p], [*dq, *dp], system.clock)
         end, start = (
             substitute([system.H, *system.constraints],
                        {x: m + sign * d / 2 for x, m, d
                         in zip(variables, means, differences, strict=True)})
             for sign in (1, -1))
-        works = [[a * d for a, d in zip(slope, differences, strict=False)] for slope in slopes]
+        works = [[a * d for a, d in zip(slope, differences, strict=True)] for slope in slopes]
         how = self._vanish([[b, -a, *(-w for w in work)]
                             for a, b, work in zip(start, end, works, strict=True)])
         if how or not self.scheme.discrete:

@@ -133,8 +133,9 @@ def run(
     (q0, p0), moved = start.state, 0.0
     if chosen is None or REALS[step.manifest["real"]].wide:
         # The problem's start is on the constraints to double only, a file's to its own digits.
-        q0, p0, moved = _projected(step, start, parameters)
-    aim = next((AIMS[option] for option in (gamma, alpha) if option in AIMS), None)
+        q0, p0, moved = _projected(step, start, parameters, begin)
+    rules = (gamma, alpha) if gamma or alpha else tuple(start.rules.values())
+    aim = next((AIMS[rule] for rule in rules if rule in AIMS), None)
     state = q0, p0, begin
     frame = frame_for(step, start, state, step_size, count, parameters, frames, aim)
     parameters |= {} if frame is None else frame.values
@@ -261,13 +262,13 @@ def _step_count(option: str | None, start: Start) -> int:
 
 
 def _projected(
-    step: Stepper, start: Start, parameters: dict[str, float]
+    step: Stepper, start: Start, parameters: dict[str, float], t0: Any
 ) -> tuple[Any, Any, float]:
     """Return the start on the constraints, and how far it was from there if a reader shall know.
 
     A number typed with all its digits is not worth a word.
     """
-    q, p = step.project(*start.state, parameters=parameters)
+    q, p = step.project(*start.state, parameters=parameters, t=t0)
     moved = max((abs(float(new) - float(old)) for new, old in zip([*q, *p], [*start.q0, *start.p0],
                                                             strict=True)), default=0.0)
     size = max(map(abs, (*start.q0, *start.p0)))

@@ -27,7 +27,7 @@ def parameters_for(
 ) -> dict[str, float]:
     """Return the parameters, with γ and α of every body as the options say; auto starts from m.
 
-    Without an option the model's own value counts, and m where it has none.
+    Without an option the model's own value or rule counts, and m where it has none.
     """
     given = {"gamma": gamma, "alpha": alpha}
     bodies = {name: inertia for name, inertia in start.bodies.items()
@@ -46,8 +46,8 @@ def parameters_for(
         if option == "fast":
             known[name] = _fast_gamma(step, start)
         elif option is not None or name not in known:
-            rule = "m" if option is None or option in AIMS else option
-            known[name] = inertia_parameter(kinds[name], rule, inertia)
+            rule = option or start.rules.get(name, "m")
+            known[name] = inertia_parameter(kinds[name], "m" if rule in AIMS else rule, inertia)
     return known
 
 

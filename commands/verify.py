@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..body_values import REPS
+from ..body_values import REPS, RepName
 from ..catalogue import SYSTEMS, entry_named
 from ..errors import InputError
 from ..generator.schemes.scheme import SCHEMES
@@ -17,6 +18,7 @@ from ..generator.spec import PAPER_SPECS, Spec, is_model_file
 from ..real import REALS
 from ..runtime.notices import doing
 from .options import (
+    check_picture,
     json_option,
     real_number,
     spec_from,
@@ -45,10 +47,13 @@ __all__ = ["verify"]
 @click.option("--dt", metavar="DT", help="With --model: time step in seconds (default: its own).")
 @click.option("--steps", metavar="N",
               help="With --model: number of steps (default: its own, or 1000).")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+              help="With --model: draw the error over the step and over the CPU time (.png, .svg, "
+                   ".pdf).")
 @json_option
 def verify(
     target: str | None, model: str | None, moving: bool, dt: str | None, steps: str | None,
-    as_json: bool, **choice: Any,
+    plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
     """Check every condition of a tableau exactly, its order, and the compiled coefficients.
 
@@ -65,11 +70,12 @@ def verify(
     gyrospark verify --scheme EMS --system examples/pendulum.toml
     gyrospark verify heavy_top_ems_gamma
     gyrospark verify examples/tableaux/gauss_lobatto_2.json --json
-    gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000
+    gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000 --plot order.png
     """
     if model is not None:
-        return _certify(model, target, dt, steps, choice, moving=moving, as_json=as_json)
-    for option, value in (("--dt", dt), ("--steps", steps), ("--frame", moving or None)):
+        return _certify(model, target, dt, steps, plot, choice, moving=moving, as_json=as_json)
+    for option, value in (("--dt", dt), ("--steps", steps), ("--plot", plot),
+                          ("--frame", moving or None)):
         if value is not None:
             raise InputError(f"{option} belongs to --model; name the model, or leave it out.")
     specs = _specs(target, choice)
@@ -132,8 +138,8 @@ def spec_of_name(name: str) -> Spec:
 
 
 def _certify(
-    name: str, target: str | None, dt: str | None, steps: str | None, choice: dict[str, Any], *,
-    moving: bool, as_json: bool,
+    name: str, target: str | None, dt: str | None, steps: str | None, plot: Path | None,
+    choice: dict[str, Any], *, moving: bool, as_json: bool,
 ) -> int:
     """Print the certificate of a model; 0 if no promise is broken."""
     if target is not None:
@@ -143,6 +149,8 @@ def _certify(
         if choice[option] is not None:
             raise InputError(f"--{option} does not go with --model: the model brings its system, "
                              "and is checked in double.")
+    if plot is not None:
+        check_picture(plot)
     choice, note = with_default_scheme(choice)
     count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
     Spec.checked(choice["scheme"], count, choice["rep"], tableau=choice["tableau"])
@@ -152,20 +160,40 @@ def _certify(
     step_size = None if dt is None else real_number("--dt", dt)
     with doing(f"checking what {name} keeps"):
         model = _model(name, choice["rep"])
+        rep = choice["rep"] if isinstance(model, Problem) else None  # a file has had its say
         found = certify(
-            model, choice["scheme"], count, tableau=choice["tableau"],
-            rep=choice["rep"] if isinstance(model, Problem) else None,  # a file has had its say
+            model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
             frame="symmetries" if moving else None,
             parameters={"frame": "start"} if moving else None,
             dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
         )
+    drawn = {}
+    if plot is not None:
+        with doing(f"measuring how exact {found.stepper} is"):
+            drawn = _draw(model, found, choice, count, rep, plot)
     if as_json:
-        click.echo(json.dumps(found.as_dict(), indent=2, allow_nan=False))
+        click.echo(json.dumps(found.as_dict() | drawn, indent=2, allow_nan=False))
     else:
         click.echo("".join(f"{said}\n" for said in note), nl=False)
         _print_certificate(found)
+        click.echo("".join(f"wrote {path}\n" for path in [drawn.get("plot")] if path), nl=False)
     return 0 if found.holds else 1
+
+
+def _draw(
+    model: Model | Problem, found: Certificate, choice: dict[str, Any], count: int | None,
+    rep: RepName | None, plot: Path,
+) -> dict[str, Any]:
+    """Draw order, work and precision; return what was measured."""
+    from ..certificates.accuracy import accuracy, draw
+    from ..certificates.certificate import compiled
+
+    known, step = compiled(model, choice["scheme"], count, rep, choice["tableau"], True)
+    measured = accuracy(step, known.q0, known.p0, dt=found.dt, steps=found.steps,
+                        parameters=found.parameters)
+    draw(found.model, measured, plot)
+    return {"plot": str(plot), "accuracy": asdict(measured)}
 
 
 def _model(name: str, rep: str | None) -> Model | Problem:

@@ -17,7 +17,7 @@ INLINE void RUN(follow)(RUN(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
             L_new[i*N + a] += pull*more;
         }
         const lanes t = w->t + w->late[i];
-        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
+        second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
         RUN(take)(w, i, L_new, H_q, q_change, p_change);
     }
 }

@@ -5,6 +5,7 @@ int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, 
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     guess(work, dt, q, p, x);
     return newton(work, options, dt, q, p, x, iterations);
 }
@@ -15,6 +16,7 @@ int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const rea
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     const int status = finish(work, dt, q, p, x, q1, p1, multipliers);
     if (status == OK)
         turn_step(parameters, dt, q1, p1, multipliers);

@@ -16,6 +16,7 @@ void NAME(begin)(work_t *w, const parameters_t *parameters, const options_t *opt
     w->held.start = start_time(parameters);
     w->held.is_new = 0;
     prepare(parameters, &w->constants);
+    TIMED(w->t = w->held.start;)
     begin(w, options, dt, q, p, &w->held.report);
     for (int a = 0; a < N; ++a) {
         w->held.q[a] = q[a];
@@ -26,9 +27,11 @@ void NAME(begin)(work_t *w, const parameters_t *parameters, const options_t *opt
 
 void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
 {
-    const real before = hamiltonian(&w->constants, w->held.q, w->held.p);
+    TIMED(w->t = w->held.start + (real)w->held.report.steps*w->held.dt;)
+    const real before = hamiltonian(AT(&w->constants, w->t), w->held.q, w->held.p);
     prepare(parameters, &w->constants);
-    w->held.report.energy_start += hamiltonian(&w->constants, w->held.q, w->held.p) - before;
+    w->held.report.energy_start += hamiltonian(AT(&w->constants,
+        w->t), w->held.q, w->held.p) - before;
     w->held.is_new = 1;
     TURNED(change_frame(w, parameters));
 }
@@ -36,11 +39,14 @@ void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
 int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
 {
     const rows_t none = { 0 };
+    INPUT(const inputs_t kept = { 0 };)
     real *old_q = w->held.q, *old_p = w->held.p, jump = 0;
     const int sweeps = w->held.options.solver != NEWTON;
     int moved = 0;
     for (int a = 0; a < N; ++a)
         moved |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
+    TIMED(w->t = w->held.start + (real)w->held.report.steps*w->held.dt;)
+    TIMED(at_time(&w->constants, w->t);)
     if (moved) /* by the caller: that is no error */
         jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
     w->held.report.energy_start += jump;
@@ -48,7 +54,8 @@ int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
     if (sweeps && (moved || w->held.is_new))
         take_over(w, q, p);
     w->held.is_new = 0;
-    const int status = run_on(&w->held.options, w->held.start, w->held.dt, steps, 1, q, p, none,
+    const int status = run_on(&w->held.options, INPUT(
+        kept,) w->held.start, w->held.dt, steps, 1, q, p, none,
         &w->held.report, w);
     TURNED(out_of_frame(w, q, p));
     for (int a = 0; a < N; ++a) {

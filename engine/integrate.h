@@ -11,13 +11,14 @@ static void begin(work_t *work, const options_t *options, real dt, const real q[
 {
     const report_t nothing = { 0 };
     *report = nothing;
-    report->energy_start = hamiltonian(&work->constants, q, p);
+    report->energy_start = hamiltonian(AT(&work->constants, work->t), q, p);
     observe(&work->constants, q, p, report);
     begin_run(work, options, dt, q, p);
 }
 
 /* Steps of a run that has begun at the time `start`. */
-static int run_on(const options_t *options, real start, real dt, long steps, long every,
+static int run_on(const options_t *options, INPUT(
+    inputs_t inputs,) real start, real dt, long steps, long every,
     real q[N], real p[N], rows_t out, report_t *report, work_t *work)
 {
     int most = 0;
@@ -25,6 +26,8 @@ static int run_on(const options_t *options, real start, real dt, long steps, lon
         real forces[ROOM];
         int taken;
         work->t = start + (real)report->steps*dt;
+        TIMED(work->span = start + (real)(report->steps + 1)*dt - work->t;)
+        INPUT(take_inputs(&work->constants, &inputs, 0, report->steps);)
         const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;
@@ -55,11 +58,14 @@ static int run_on(const options_t *options, real start, real dt, long steps, lon
 }
 
 /* Steps from the state (q, p), which becomes the end; see the header. */
-static int integrate(const parameters_t *parameters, const options_t *options, real dt, long steps,
+static int integrate(const parameters_t *parameters, const options_t *options, INPUT(
+    inputs_t inputs,) real dt, long steps,
     long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
 {
     prepare(parameters, &work->constants);
+    TIMED(work->t = start_time(parameters);)
     if (report->steps == 0)
         begin(work, options, dt, q, p, report);
-    return run_on(options, start_time(parameters), dt, steps, every, q, p, out, report, work);
+    return run_on(options, INPUT(
+        inputs,) start_time(parameters), dt, steps, every, q, p, out, report, work);
 }

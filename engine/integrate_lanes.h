@@ -55,6 +55,7 @@ static void begin_batch(batch_t *b, int count, const parameters_t *parameters, c
             set_part(&b->run.p[a], i, p[from*N + a]);
         }
     }
+    TIMED(b->run.t = b->start;)
     MANY(set_up)(&b->run);
     b->done = 0;
     b->energy_start = lanes_hamiltonian(&b->run.constants, b->run.q, b->run.p);
@@ -69,6 +70,7 @@ int NAME(lanes)(void)
 }
 
 static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    INPUT(inputs_t inputs,)
     const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
@@ -90,7 +92,9 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
     }
     for (long k = 1; k <= steps && living > 0; ++k) {
         int lost[LANES], taken[LANES] = { 0 };
+        INPUT(take_lane_inputs(b, &inputs, count);)
         run->t = b->start + (real)b->done++*run->h;
+        TIMED(run->span = b->start + (real)b->done*run->h - run->t;)
         sweep_lanes(b, options, alive, lost, taken);
         for (int i = 0; i < LANES; ++i) {
             if (!lost[i])

@@ -7,9 +7,9 @@ static int lands(work_t *w, real dt, const real q[N], const real x[U])
     displacement(dt, x, d);
     for (int a = 0; a < N; ++a)
         q1[a] = q[a] + d[a];
-    constraint(&w->constants, q, g);
-    constraint_increment(&w->constants, q, d, dg);
-    constraint_reach(&w->constants, q1, reach);
+    constraint(AT(&w->constants, w->t), q, g);
+    constraint_increment(BETWEEN(&w->constants, w->t, w->span), q, d, dg);
+    constraint_reach(AT(&w->constants, w->t + w->span), q1, reach);
     const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
     for (int mu = 0; mu < M; ++mu) {
         const real allowed = MATH(fabs)(g[mu]) + reach[mu]*way;

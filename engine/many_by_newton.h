@@ -1,6 +1,7 @@
 /* ------------------------------------------------------- any number of trajectories, whole runs */
 
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
+    INPUT(const real *inputs, long hold, long input_rows,)
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
     report_t *reports, int *status, work_t *work)
 {
@@ -8,7 +9,10 @@ void NAME(integrate_many)(long count, const parameters_t *parameters, const opti
     for (long i = 0; i < count; ++i) {
         const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
             .p = p_out == NULL ? NULL : p_out + i*rows*N };
-        status[i] = integrate(parameters + i, options, dt[i], steps, every, q + i*N, p + i*N, out,
+        INPUT(const inputs_t own = { inputs == NULL ? NULL : inputs + i*input_rows*INPUTS,)
+            INPUT(hold, input_rows };)
+        status[i] = integrate(parameters + i, options, INPUT(
+                own,) dt[i], steps, every, q + i*N, p + i*N, out,
             reports + i, work);
     }
     TURNED(turn_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports));

@@ -8,7 +8,7 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
 {
     const real zero[N] = { 0 };
     real D_q[N], D_p[N];
-    mean_gradient(&w->constants, q, p, zero, zero, &w->t, D_q, D_p);
+    mean_gradient(AT(&w->constants, w->t), q, p, zero, zero, &w->t, D_q, D_p);
     for (int a = 0; a < N; ++a) {
         x[a] = dt*D_p[a];
         x[DP + a] = -dt*D_q[a];
@@ -36,7 +36,8 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
     real D_q[N], D_p[N];
     const real t = w->t + dt/2;
     mean_values(w, q, p, x);
-    mean_gradient(&w->constants, w->q_mean, w->p_mean, x, x + DP, &t, D_q, D_p);
+    mean_gradient(BETWEEN(&w->constants,
+        w->t, w->span), w->q_mean, w->p_mean, x, x + DP, &t, D_q, D_p);
     for (int a = 0; a < N; ++a) {
         r[a] = x[a]/dt - D_p[a];
         r[DP + a] = x[DP + a]/dt + D_q[a];

@@ -6,7 +6,7 @@ static void constraint_columns(work_t *w, const real q[N], const real x[U], real
     mean_constraint(&w->constants, w->q_mean, x, G);
     for (int a = 0; a < N; ++a)
         q1[a] = q[a] + x[a];
-    constraint_jacobian(&w->constants, q1, G1);
+    constraint_jacobian(AT(&w->constants, w->t + w->span), q1, G1);
     for (int a = 0; a < N; ++a) {
         for (int b = 0; b < N; ++b)
             J[(DP + a)*U + b] += K[a][b];

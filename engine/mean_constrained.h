@@ -3,8 +3,8 @@ static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[
 {
     real g[M], dg[M];
     add_mean_pull(&w->constants, w->q_mean, x, x + 2*N, r + N);
-    constraint(&w->constants, q, g);
-    constraint_increment(&w->constants, q, x, dg);
+    constraint(AT(&w->constants, w->t), q, g);
+    constraint_increment(BETWEEN(&w->constants, w->t, w->span), q, x, dg);
     for (int mu = 0; mu < M; ++mu)
         r[2*N + mu] = g[mu] + dg[mu];
 }

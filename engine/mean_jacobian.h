@@ -5,7 +5,8 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
     real D_qq[N][N], D_qp[N][N], D_pq[N][N], D_pp[N][N];
     const real t = w->t + dt/2;
     (void)p;
-    mean_jacobian(&w->constants, w->q_mean, w->p_mean, x, x + DP, &t, D_qq, D_qp, D_pq, D_pp);
+    mean_jacobian(BETWEEN(&w->constants,
+        w->t, w->span), w->q_mean, w->p_mean, x, x + DP, &t, D_qq, D_qp, D_pq, D_pp);
     for (int e = 0; e < U*U; ++e)
         J[e] = 0;
     for (int a = 0; a < N; ++a)

@@ -6,7 +6,7 @@ INLINE void RUN(factor)(RUN(t) *w)
         q[a] = w->q[a] + w->now.x[a];
         p[a] = w->p[a] + w->now.x[RUN(HAT) + a];
     }
-    lanes_schur(&w->constants, q, p, w->now.factor);
+    lanes_schur(LANES_AT(&w->constants, w->t + w->span), q, p, w->now.factor);
     lanes_factor(w->now.factor);
 }
 

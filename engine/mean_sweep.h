@@ -4,7 +4,7 @@ INLINE void RUN(guess)(RUN(t) *w)
     lanes rates[2*N], zero[N];
     for (int a = 0; a < N; ++a)
         zero[a] = splat(0);
-    lanes_mean_velocity(&w->constants, w->q, w->p, zero, zero, rates);
+    lanes_mean_velocity(LANES_AT(&w->constants, w->t), w->q, w->p, zero, zero, rates);
     lanes_mean_force(&w->constants, w->q, w->p, zero, zero, &w->t, rates + N);
     for (int a = 0; a < N; ++a) {
         w->now.x[a] = w->h*rates[a];
@@ -23,6 +23,7 @@ INLINE void RUN(sweep)(RUN(t) *w)
     lanes x[RUN(X)], q_change = splat(0), p_change = splat(0);
     for (int e = 0; e < RUN(X); ++e)
         x[e] = w->now.x[e];
+    TIMED(lanes_between(&w->constants, w->t, w->span);)
     RUN(move)(w, x);
     RUN(follow)(w, x, &q_change, &p_change);
     for (int e = 0; e < RUN(X); ++e)
@@ -43,7 +44,7 @@ NOINLINE void RUN(noise)(RUN(t) *w)
     const lanes t = w->t + (real)0.5*w->h;
     for (int a = 0; a < N; ++a)
         zero[a] = splat(0);
-    lanes_mean_velocity(&w->constants, w->q, w->p, zero, zero, H_p);
+    lanes_mean_velocity(LANES_AT(&w->constants, t), w->q, w->p, zero, zero, H_p);
     lanes_mean_force(&w->constants, w->q, w->p, zero, zero, &t, H_q);
     for (int attempt = 0; attempt < 4; ++attempt) {
         lanes place[N], push[N], H_p_near[N], H_q_near[N];
@@ -74,6 +75,7 @@ INLINE void RUN(finish)(RUN(t) *w)
         w->q[a] = q[a];
         w->p[a] = p[a];
     }
+    TIMED(lanes_at_time(&w->constants, w->t + w->span);)
     RUN(look)(w);
 }
 
@@ -93,6 +95,7 @@ static void RUN(set_up)(RUN(t) *w)
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = splat(0);
     w->work = w->work_low = splat(0);
+    TIMED(lanes_at_time(&w->constants, w->t);)
     RUN(look)(w);
 }
 

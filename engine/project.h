@@ -59,17 +59,18 @@ int NAME(project)(const parameters_t *parameters, real q[N], real p[N])
     constants c;
     real impulse[M];
     prepare(parameters, &c);
-    const int status = project_coordinates(&c, q);
+    const int status = project_coordinates(AT(&c, start_time(parameters)), q);
     return status == OK ? project_momentum(&c, q, p, impulse) : status;
 }
 
-void NAME(defects)(const parameters_t *parameters, long count, const real *q, const real *p,
+void NAME(defects)(const parameters_t *parameters, long count, TIMED(
+    const real *t,) const real *q, const real *p,
     real *g, real *f)
 {
     constants c;
     prepare(parameters, &c);
     for (long i = 0; i < count; ++i) {
-        constraint(&c, q + i*N, g + i*M);
+        constraint(AT(&c, time_of(parameters, t, i)), q + i*N, g + i*M);
         hidden_constraint(&c, q + i*N, p + i*N, f + i*M);
     }
 }

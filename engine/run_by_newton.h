@@ -14,7 +14,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
     if (status != OK)
         return status;
     count_work(w, report);
-    observe(&w->constants, q, p, report);
+    observe(AT(&w->constants, w->t + w->span), q, p, report);
     return OK;
 }
 

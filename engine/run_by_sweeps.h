@@ -3,7 +3,7 @@
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
-    if (options->solver != NEWTON)
+    if (!BY_NEWTON(options))
         fast_begin(w, dt, q, p);
 }
 
@@ -11,12 +11,12 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
-    if (options->solver == NEWTON) {
+    if (BY_NEWTON(options)) {
         const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
         if (status != OK)
             return status;
         count_work(w, report);
-        observe(&w->constants, q, p, report);
+        observe(AT(&w->constants, w->t + w->span), q, p, report);
         return OK;
     }
     const int status = fast_advance(w, options, dt, iterations, report);
@@ -30,7 +30,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
 /* The multipliers of the last step; Newton has put them there. */
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
 {
-    if (options->solver != NEWTON)
+    if (!BY_NEWTON(options))
         ONE(multipliers)(&fast_of(w)->run, 0, multipliers);
 }
 
@@ -38,7 +38,7 @@ static void multipliers_of_run(work_t *w, const options_t *options, real multipl
 static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
-    if (options->solver == NEWTON)
+    if (BY_NEWTON(options))
         return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
     report_t report = { 0 };
     fast_begin(w, dt, q, p);

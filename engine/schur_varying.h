@@ -4,7 +4,8 @@ INLINE void RUN(factor)(RUN(t) *w)
     for (int j = 0; j < RUN(P); ++j) {
         lanes place[N];
         RUN(node)(w, j, place);
-        lanes_schur(&w->constants, place, w->p, w->now.factor[j]);
+        lanes_schur(LANES_AT(&w->constants,
+            w->t + w->act[j]*w->span), place, w->p, w->now.factor[j]);
         lanes_factor(w->now.factor[j]);
     }
 }

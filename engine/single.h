@@ -6,5 +6,6 @@ int NAME(step)(const parameters_t *parameters, const options_t *options, real dt
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }

@@ -6,6 +6,7 @@ int NAME(step)(const parameters_t *parameters, const options_t *options, real dt
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     const int status = single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
     if (status == OK)
         turn_step(parameters, dt, q1, p1, multipliers);

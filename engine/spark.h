@@ -6,7 +6,7 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
 {
     real H_q[N], H_p[N];
     (void)dt;
-    gradient(&w->constants, q, p, &w->t, H_q, H_p);
+    gradient(AT(&w->constants, w->t), q, p, &w->t, H_q, H_p);
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             x[i*N + a] = H_p[a];
@@ -19,6 +19,8 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
 /* D_l = dt sum a-_lj k_j, the way to the constraint nodes Q~_l = q + D_l (A.7) */
 static void node_places(work_t *w, real dt, const real x[U])
 {
+    TIMED(for (int l = 0; l <= P; ++l))
+        TIMED(w->late[l] = w->span*tableau.c_tilde[l];)
     for (int l = 0; l <= P; ++l)
         for (int a = 0; a < N; ++a) {
             real sum = 0;
@@ -58,7 +60,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
     for (int i = 0; i < S; ++i) {
         real H_q[N], H_p[N];
         const real t = w->t + dt*tableau.c[i];
-        gradient(&w->constants, w->stage_q[i], w->stage_p[i], &t, H_q, H_p);
+        gradient(AT(&w->constants, t), w->stage_q[i], w->stage_p[i], &t, H_q, H_p);
         for (int a = 0; a < N; ++a) {
             r[i*N + a] = x[i*N + a] - H_p[a];
             r[K_HAT + i*N + a] = x[K_HAT + i*N + a] + H_q[a];

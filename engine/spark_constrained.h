@@ -9,17 +9,18 @@ static void node_forces(work_t *w, const real q[N], const real x[U])
         for (int a = 0; a < N; ++a)
             w->Q_tilde[l][a] = q[a] + w->D[l][a];
     for (int l = 0; l < P; ++l)
-        constraint_force(&w->constants, w->Q_tilde[l], lambda + l*M, w->force[l]);
+        constraint_force(AT(&w->constants,
+            w->t + w->late[l]), w->Q_tilde[l], lambda + l*M, w->force[l]);
 }
 
 /* g(Q~_l) at the nodes l = 1..P, where the constraints are asked for */
 static void node_residuals(work_t *w, const real q[N], real r[P*M])
 {
     real g[M];
-    constraint(&w->constants, q, g);
+    constraint(AT(&w->constants, w->t), q, g);
     for (int l = 1; l <= P; ++l) {
         real dg[M];
-        constraint_increment(&w->constants, q, w->D[l], dg);
+        constraint_increment(BETWEEN(&w->constants, w->t, w->late[l]), q, w->D[l], dg);
         for (int mu = 0; mu < M; ++mu)
             r[(l - 1)*M + mu] = g[mu] + dg[mu];
     }

@@ -28,7 +28,8 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
     }
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];
-    const int status = project_momentum(&w->constants, q1, p1, multipliers + P*M);
+    const int status = project_momentum(AT(&w->constants,
+        w->t + w->span), q1, p1, multipliers + P*M);
     for (int mu = 0; mu < M; ++mu)
         multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
     return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;

@@ -12,13 +12,15 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
     for (int e = 0; e < U*U; ++e)
         J[e] = 0;
     for (int l = 0; l <= P; ++l)
-        constraint_jacobian(&w->constants, w->Q_tilde[l], w->G[l]);
+        constraint_jacobian(AT(&w->constants, w->t + w->late[l]), w->Q_tilde[l], w->G[l]);
     for (int l = 0; l < P; ++l)
-        constraint_curvature(&w->constants, w->Q_tilde[l], x + LAMBDA + l*M, w->K[l]);
+        constraint_curvature(AT(&w->constants,
+            w->t + w->late[l]), w->Q_tilde[l], x + LAMBDA + l*M, w->K[l]);
     for (int i = 0; i < S; ++i) {
         real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
         const real t = w->t + dt*tableau.c[i];
-        rates_by_state(&w->constants, w->stage_q[i], w->stage_p[i], &t, H_qq, H_qp, H_pq, H_pp);
+        rates_by_state(AT(&w->constants,
+            t), w->stage_q[i], w->stage_p[i], &t, H_qq, H_qp, H_pq, H_pp);
         for (int j = 0; j < S; ++j) {
             const real a_ij = dt*tableau.A[i][j], a_hat = dt*tableau.A_hat[i][j];
             real B[N][N];

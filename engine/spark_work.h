@@ -6,10 +6,12 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
     for (int i = 0; i < S; ++i) {
         real F[N], power = 0;
         const real t = w->t + dt*tableau.c[i];
-        applied_force(&w->constants, w->stage_q[i], w->stage_p[i], &t, F);
+        applied_force(AT(&w->constants, t), w->stage_q[i], w->stage_p[i], &t, F);
         for (int a = 0; a < N; ++a)
             power += F[a]*x[i*N + a];
+        TIMED(power += drive(&w->constants, w->stage_q[i], w->stage_p[i]);)
         sum += tableau.b[i]*power;
     }
+    TIMED(sum += drive_of_nodes(w, dt, q, p, x);)
     return dt*sum;
 }

@@ -6,6 +6,8 @@ typedef struct {
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
     lanes t;                  /* at the start of the step */
+    TIMED(lanes span;)
+    TIMED(lanes ask[RUN(P)], act[RUN(P)];)
     lanes hb[RUN(S)], hb_hat[RUN(S)];
     lanes late[RUN(S)];    /* h c: stages after the start of the step */
     lanes work, work_low;  /* done by the forces since the start */

@@ -31,4 +31,9 @@ static void RUN(set_nodes)(RUN(t) *w)
     RUN(fill)(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
     for (int l = 0; l < RUN(P)*LANES; ++l)
         set_part(&w->moves[l/LANES], l % LANES, l < P - 1);
+    TIMED(for (int l = 0; l < RUN(P)*LANES; ++l) {)
+        TIMED(const real late = l < P ? tableau.c_tilde[l + 1] : 0;)
+        TIMED(set_part(&w->ask[l/LANES], l % LANES, late);)
+        TIMED(set_part(&w->act[l/LANES], l % LANES, l < P - 1 ? late : 0);)
+    TIMED(})
 }

@@ -22,6 +22,7 @@ void NAME(guess)(const parameters_t *parameters, real dt, const real q[N], const
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     guess(work, dt, q, p, x);
 }
 
@@ -30,6 +31,7 @@ void NAME(residual)(const parameters_t *parameters, real dt, const real q[N], co
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     residual(work, dt, q, p, x, r);
 }
 
@@ -38,6 +40,7 @@ void NAME(jacobian)(const parameters_t *parameters, real dt, const real q[N], co
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     residual(work, dt, q, p, x, work->r);
     jacobian(work, dt, q, p, x, work->J);
     spread_jacobian(work->J, J);
@@ -59,11 +62,12 @@ real NAME(last_increment)(const work_t *work)
     return work->increment;
 }
 
-void NAME(hamiltonian)(const parameters_t *parameters, long count, const real *q, const real *p,
+void NAME(hamiltonian)(const parameters_t *parameters, long count, TIMED(
+    const real *t,) const real *q, const real *p,
     real *H)
 {
     constants c;
     prepare(parameters, &c);
     for (long i = 0; i < count; ++i)
-        H[i] = hamiltonian(&c, q + i*N, p + i*N);
+        H[i] = hamiltonian(AT(&c, time_of(parameters, t, i)), q + i*N, p + i*N);
 }

@@ -2,7 +2,7 @@
 INLINE void RUN(guess)(RUN(t) *w)
 {
     lanes H_q[N], H_p[N], shared[SHARED];
-    first_rates(&w->constants, w->q, w->p, H_p, shared);
+    first_rates(LANES_AT(&w->constants, w->t), w->q, w->p, H_p, shared);
     second_rates(&w->constants, w->q, w->p, &w->t, shared, H_p, H_q);
     for (int i = 0; i < RUN(S); ++i)
         for (int a = 0; a < N; ++a) {
@@ -22,7 +22,8 @@ INLINE void RUN(sweep)(RUN(t) *w)
     RUN(momenta)(w, w->now.x + RUN(HAT), momentum);
     for (int i = 0; i < RUN(S); ++i) {
         lanes H_p[N];
-        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
+        first_rates(LANES_AT(&w->constants,
+            w->t + w->late[i]), Q + i*N, momentum + i*N, H_p, shared[i]);
         for (int a = 0; a < N; ++a)
             L_new[i*N + a] = w->hb[i]*H_p[a];
     }
@@ -52,6 +53,7 @@ NOINLINE void RUN(noise)(RUN(t) *w)
     for (int i = 0; i < RUN(S); ++i) {
         lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
         unsigned chance = 1;
+        TIMED(lanes_at_time(&w->constants, w->t + w->late[i]);)
         RUN(rates)(w, i, w->q, w->p, H_p, H_q);
         for (int attempt = 0; attempt < 4; ++attempt) {
             lanes place[N], push[N], H_p_near[N], H_q_near[N];
@@ -85,11 +87,13 @@ INLINE void RUN(finish)(RUN(t) *w)
         two_sum(w->q[a], dq[a], &q[a], &w->q_low[a]);
         w->q[a] = q[a];
     }
+    TIMED(lanes_at_time(&w->constants, w->t + w->span);)
     RUN(land)(w, q, dp);
     for (int a = 0; a < N; ++a) {
         two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
         w->p[a] = p[a];
     }
+    TIMED(RUN(add_last_drive)(w);)
     RUN(look)(w);
 }
 
@@ -112,6 +116,7 @@ static void RUN(set_up)(RUN(t) *w)
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);
+    TIMED(lanes_at_time(&w->constants, w->t);)
     RUN(look)(w);
 }
 

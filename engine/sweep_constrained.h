@@ -8,7 +8,8 @@ INLINE void RUN(forces)(RUN(t) *w, lanes *C)
     for (int j = 0; j < RUN(P); ++j) {
         lanes place[N], *Y = w->now.Y + j*N;
         RUN(node)(w, j, place);
-        lanes_constraint_force(&w->constants, place, impulse + j*M, Y);
+        lanes_constraint_force(LANES_AT(&w->constants,
+            w->t + w->act[j]*w->span), place, impulse + j*M, Y);
         for (int a = 0; a < N; ++a)
             Y[a] = -Y[a];
     }
@@ -39,7 +40,8 @@ INLINE void RUN(constrain)(RUN(t) *w, const lanes *L, lanes *C)
     RUN(nodes_of_stages)(w->zero, 0, TABLE(nu), L, w->now.D);
     for (int l = 0; l < RUN(P); ++l) {
         lanes increment[M];
-        lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
+        lanes_constraint_increment(LANES_BETWEEN(&w->constants,
+            w->t, w->ask[l]*w->span), w->q, w->now.D + l*N, increment);
         for (int mu = 0; mu < M; ++mu)
             g[l*M + mu] = w->bound.g[mu] + increment[mu];
     }

@@ -8,12 +8,14 @@ INLINE void RUN(add_work)(RUN(t) *w)
     for (int i = 0; i < RUN(S); ++i) {
         lanes F[N];
         const lanes t = w->t + w->late[i];
-        lanes_applied_force(&w->constants, Q + i*N, momentum + i*N, &t, F);
+        lanes_applied_force(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, F);
         parts[i] = splat(0);
         for (int a = 0; a < N; ++a)
             parts[i] += F[a]*L[i*N + a];
+        TIMED(parts[i] += w->hb[i]*lanes_drive(&w->constants, Q + i*N, momentum + i*N);)
     }
     RUN(total)(S, 1, parts, &done);
     two_sum(w->work, done + w->work_low, &total, &w->work_low);
     w->work = total;
+    TIMED(RUN(add_drive)(w);)
 }

@@ -119,6 +119,9 @@ static int fast_advance(work_t *w, const options_t *options, real dt, int *itera
     *iterations = 0;
     w->effort = 0;
     f->run.t = splat(w->t);
+    INPUT(for (int i = 0; i < LANES; ++i))
+        INPUT(lanes_set_inputs(&f->run.constants, i, &w->constants);)
+    TIMED(f->run.span = splat(w->span);)
     const int past = f->run.predictor.count > 0, only_sweeps = options->solver == FIXED_POINT;
     const int tries = only_sweeps || (f->way == SWEEPS_FIRST && f->wait == 0);
     int status = NOT_CONVERGED;
@@ -162,6 +165,7 @@ static void fast_begin(work_t *w, real dt, const real q[N], const real p[N])
         f->run.q[a] = splat(q[a]);
         f->run.p[a] = splat(p[a]);
     }
+    TIMED(f->run.t = splat(w->t);)
     ONE(set_up)(&f->run);
 }
 

@@ -26,4 +26,8 @@ INLINE void RUN(node)(const RUN(t) *w, int j, lanes *place)
 static void RUN(set_nodes)(RUN(t) *w)
 {
     (void)w;
+    TIMED(for (int l = 0; l < P; ++l) {)
+        TIMED(w->ask[l] = splat(tableau.c_tilde[l + 1]);)
+        TIMED(w->act[l] = splat(l < P - 1 ? tableau.c_tilde[l + 1] : 0);)
+    TIMED(})
 }

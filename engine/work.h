@@ -42,5 +42,6 @@ void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], c
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+    TIMED(work->span = dt;)
     *work_done = step_work(work, dt, q, p, x);
 }

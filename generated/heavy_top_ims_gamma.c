@@ -1099,6 +1099,65 @@ void heavy_top_ims_gamma_hamiltonian(const parameters_t *parameters, long count,
 
 /* ------------------------------------------------------------- the fast path, Newton behind it */
 
+/* ----------------------------------------------------------------- one object file, or several */
+
+/*
+ * A build may compile this file several times at once and link the objects: GYROSPARK_OBJECT 1 is
+ * that of what stands above, which is Newton and all that is evaluated once; 2, of runs of one
+ * trajectory; 3, of those on lanes, where one by itself is Newton's. What is above is called so:
+ */
+#if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
+void heavy_top_ims_gamma_apart_guess(work_t *w, real dt, const real *q, const real *p, real *x);
+int heavy_top_ims_gamma_apart_newton(work_t *w, const options_t *options, real dt, const real *q,
+    const real *p,
+    real *x, int *iterations);
+int heavy_top_ims_gamma_apart_simplified_newton(work_t *w, const options_t *options, real dt,
+    const real *q,
+    const real *p, real *x, int *iterations);
+int heavy_top_ims_gamma_apart_advance(work_t *w, const options_t *options, real dt, const real *q,
+    const real *p,
+    real *q1, real *p1, real *multipliers, int *iterations);
+
+#if GYROSPARK_OBJECT == 1 /* __GNUC__ */
+void heavy_top_ims_gamma_apart_guess(work_t *w, real dt, const real *q, const real *p, real *x)
+{
+    guess(w, dt, q, p, x);
+}
+
+int heavy_top_ims_gamma_apart_newton(work_t *w, const options_t *options, real dt, const real *q,
+    const real *p,
+    real *x, int *iterations)
+{
+    return newton(w, options, dt, q, p, x, iterations);
+}
+
+int heavy_top_ims_gamma_apart_simplified_newton(work_t *w, const options_t *options, real dt,
+    const real *q,
+    const real *p, real *x, int *iterations)
+{
+    return simplified_newton(w, options, dt, q, p, x, iterations);
+}
+
+int heavy_top_ims_gamma_apart_advance(work_t *w, const options_t *options, real dt, const real *q,
+    const real *p,
+    real *q1, real *p1, real *multipliers, int *iterations)
+{
+    return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
+}
+#else /* __GNUC__ */
+#define guess(...) heavy_top_ims_gamma_apart_guess(__VA_ARGS__)
+#define newton(...) heavy_top_ims_gamma_apart_newton(__VA_ARGS__)
+#define simplified_newton(...) heavy_top_ims_gamma_apart_simplified_newton(__VA_ARGS__)
+#define advance(...) heavy_top_ims_gamma_apart_advance(__VA_ARGS__)
+#endif
+#endif
+
+#if defined(__GNUC__) && defined(GYROSPARK_OBJECT) && GYROSPARK_OBJECT == 3
+#define BY_NEWTON(options) ((void)(options), 1)
+#else
+#define BY_NEWTON(options) ((options)->solver == NEWTON)
+#endif
+
 /* -------------------------------------------------------------- lanes: reals that move together */
 
 /*
@@ -2234,7 +2293,7 @@ static void fast_observe(work_t *w, report_t *report)
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
-    if (options->solver != NEWTON)
+    if (!BY_NEWTON(options))
         fast_begin(w, dt, q, p);
 }
 
@@ -2242,7 +2301,7 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
-    if (options->solver == NEWTON) {
+    if (BY_NEWTON(options)) {
         const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
         if (status != OK)
             return status;
@@ -2261,7 +2320,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
 /* The multipliers of the last step; Newton has put them there. */
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
 {
-    if (options->solver != NEWTON)
+    if (!BY_NEWTON(options))
         mean_multipliers(&fast_of(w)->run, 0, multipliers);
 }
 
@@ -2269,7 +2328,7 @@ static void multipliers_of_run(work_t *w, const options_t *options, real multipl
 static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
-    if (options->solver == NEWTON)
+    if (BY_NEWTON(options))
         return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
     report_t report = { 0 };
     fast_begin(w, dt, q, p);

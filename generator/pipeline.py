@@ -13,7 +13,7 @@ from .bodies.model import Model
 from .emission.emit import Source, emit
 from .model_files.model_file import load_model
 from .schemes.scheme import scheme_named
-from .schemes.schemes import MeanScheme, SparkScheme, hoisted
+from .schemes.schemes import MeanScheme, SparkScheme, hoisted, with_drive
 from .spec import Spec, join_name
 from .spelling.canonical import canonical
 from .symmetry.frames import frame_of
@@ -87,6 +87,7 @@ def generate(
     frame = frame_of(system) if framed else None
     if frame is not None:
         system = frame.moving(system)
+    system = with_drive(system)
     reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)
     scheme: SparkScheme | MeanScheme

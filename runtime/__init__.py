@@ -4,6 +4,7 @@
     call/    compiled functions on arrays of every type
     body/    the rigid body in numbers
     choice/  γ chosen by measurement
+    events/  where a quantity crosses a level
     show/    pictures, endings of files
     output/  what a run returns, and its file
     steps/   one integration, step by step

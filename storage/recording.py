@@ -154,7 +154,7 @@ class Recording:
             return values[1:] if after_start else values
 
         rows = len(range(first, self.states, thin))
-        arrays = {one.attribute: together(
+        arrays: dict[str, Any] = {one.attribute: together(
             one, [read(name, after_start=one.of_steps) for name in parts(one, manifest)], rows,
             dtype) for one in OUTPUTS}
         return Trajectory(

@@ -49,7 +49,7 @@ def _run(
     study: Study, stepper: Stepper, steps: int, cells: Cells, group: Array
 ) -> dict[str, Array]:
     """Return the results of some cells that have the scheme and the steps in common."""
-    binding, every = stepper.binding, study.every or steps
+    binding, every = stepper.binding_of_many, study.every or steps
     dtype = binding.dtype
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
     structs = _structs(study, stepper, cells, group)
@@ -81,7 +81,7 @@ def _memory(stepper: Stepper) -> tuple[Any, ...]:
     kept: dict[int, tuple[Stepper, tuple[Any, ...]]] = _MEMORY.__dict__.setdefault("kept", {})
     if id(stepper) not in kept:
         kept.clear()  # a thread works at one stepper at a time
-        kept[id(stepper)] = stepper, stepper.binding.many_memory()
+        kept[id(stepper)] = stepper, stepper.binding_of_many.many_memory()
     return kept[id(stepper)][1]
 
 

@@ -27,6 +27,8 @@ def run_tiles(
     No more than twice as many tiles are in memory. After a signal those that are begun are
     finished and written.
     """
+    for stepper in study.steppers:
+        _ = stepper.binding_of_many  # compiled once, before threads ask for it
     begun: dict[Future[dict[str, NDArray[Any]]], Tile] = {}
     pool = ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep")
     try:

@@ -14,7 +14,7 @@ from ..catalogue import entry_named
 from ..errors import InputError
 from ..generator.spec import Spec, is_model_file
 from ..naming import choose, proposal
-from ..runtime.body.inertia import MEANS, gamma_m
+from ..runtime.body.inertia import MEANS
 from ..runtime.body.problems import Problem
 from ..runtime.body.quaternion import momentum
 from ..runtime.run.start import Start
@@ -108,7 +108,7 @@ def base_parameters(
                              if name in stepper.parameter_domains}
     for name, inertia in start.bodies.items():
         if name in stepper.parameter_domains and name not in found and name not in varied:
-            found[name] = gamma_m(inertia)
+            found[name] = _by_rule(name, start.rules.get(name, "m"), inertia)
     for name, value in given.items():
         if isinstance(value, str):
             if name not in start.bodies or value not in MEANS:
@@ -118,6 +118,13 @@ def base_parameters(
         else:
             found[name] = value
     return found
+
+
+def _by_rule(name: str, rule: str, inertia: Any) -> float:
+    if rule not in MEANS:
+        raise InputError(f"{name} = {rule!r} is chosen for the motion of one run, and a sweep has "
+                         f"many; give {name} a number, m, h, mt or ht, or make it an axis.")
+    return MEANS[rule](inertia)
 
 
 def starts(table: Any, start: Start, varied: set[str]) -> Axis:

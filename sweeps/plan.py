@@ -91,7 +91,7 @@ def _on_constraints(study: Study) -> Study:
     wide = REALS[stepper.manifest["real"]].wide
 
     def moved(q: Any, p: Any) -> tuple[Any, Any]:
-        return stepper.project(q, p, parameters=values)
+        return stepper.project(q, p, parameters=values, t=study.t0)
 
     if not study.varied("q"):
         q, p = moved(study.q, study.p)

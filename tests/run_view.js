@@ -17,7 +17,7 @@ const pen = new Proxy({}, {
 const made = {};
 function element(id) {
   made[id] ??= {
-    id, value: id === "shape" ? "box" : "0", checked: true, textContent: id === "scene" ? scene : "",
+    id, value: id === "shape" ? "box" : "0", checked: id === "traces", textContent: id === "scene" ? scene : "",
     style: {}, options: [], width: 0, height: 0,
     getContext: () => pen, getBoundingClientRect: () => ({ left: 0, width: 800, height: 500 }),
     addEventListener: (name, act) => { listeners[`${id}.${name}`] = act; },
@@ -52,5 +52,5 @@ listeners["space.wheel"]({ deltaY: -100, preventDefault() {} });
 listeners["space.keydown"]({ key: "ArrowUp", preventDefault() {} });
 listeners["energy.pointerdown"]({ buttons: 1, clientX: 400 });
 frame();
-console.log(JSON.stringify({ fills: drawn.fill, bad: counts.bad, clock: drawn.clock,
+console.log(JSON.stringify({ glass: made.glass.checked, fills: drawn.fill, bad: counts.bad, clock: drawn.clock,
   speeds: made.speed.options.map((option) => option.text) }));

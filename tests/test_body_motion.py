@@ -241,6 +241,18 @@ def test_where_states_are_left_out_the_start_has_no_reaction(four_bar):
     assert np.abs(force[1:] - whole[1:]).max() < 1e-5 * np.abs(whole).max()
 
 
+def test_reactions_between_steps():
+    """As many states as the run has, and a step apart, but not its own: each has its own step."""
+    whole = run(pendulum(), 60, dt=0.01)
+    times = np.append(0.0, whole.t[:-1] + 0.004)
+    made = whole.at(times[1:])
+    error = np.abs(made.joint("pin").force() - pull(made))[1:]
+    assert error.max() < 1e-4 * 31
+    many = whole.at(np.concatenate([times, [0.6]])[:61])
+    assert np.isnan(many.joint("pin").force()[0]).all()
+    assert np.array_equal(whole.at(whole.t).joint("pin").force(), whole.joint("pin").force())
+
+
 def test_the_shortest_way_between_axes():
     for a, b in np.random.default_rng(3).normal(size=(20, 2, 3)):
         a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)

@@ -25,6 +25,7 @@ HEADERS = """\
 #include <math.h>
 #include <stddef.h>
 #define GYROSPARK_PLAIN 1
+#define GYROSPARK_OBJECT 2
 #define LANE_BYTES 32
 #define INLINE static inline
 #define NOINLINE static

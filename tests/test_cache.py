@@ -161,7 +161,7 @@ def test_warnings_of_the_kernel_are_errors(monkeypatch, tmp_path):
     needs_cc()
     files = dict(files_of())
     name = "heavy_top_ims_gamma"
-    files[f"{name}.c"] += "\nstatic int unused(void) { return 1; }\n"
+    files[f"{name}.c"] += "\nstatic inline int two(void) { int unused = 1; return 2; }\n"
     with pytest.raises(gs.CompilerError, match="unused") as caught:
         module.load_module(name, files)
     assert "-Wall" in caught.value.command

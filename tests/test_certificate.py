@@ -401,6 +401,27 @@ def test_arguments_are_refused_in_words():
         gs.certify(TOP, "EMS", steps=0)
 
 
+def test_single_precision_is_held_to_its_own_rounding():
+    """The same lines as in double; what round-off bounds is 2²⁹ times as large."""
+    found = {real: gs.certify(TOP, "G-L", 2, steps=300, real=real) for real in ("double", "float")}
+    assert found["float"].stepper == "heavy_top_gl2_gamma_float"
+    assert found["float"].holds
+    for name in (LOOP, REVERSAL, G, F, VERTICAL, FIGURE):
+        lines = [found[real].line(name) for real in ("double", "float")]
+        assert [line.holds for line in lines] == [True, True], name
+        if name != REVERSAL:  # of which the growth of errors is measured too
+            assert lines[1].bound == pytest.approx(2**29 * lines[0].bound, rel=1e-3)
+        assert lines[1].value > 2**9 * lines[0].value  # it is measured in that type
+
+
+@pytest.mark.parametrize("real", ["long-double", "float128"])
+def test_more_digits_than_a_double_are_refused(real):
+    with pytest.raises(gs.InputError, match=f"real = '{real}' has more digits .* double or float"):
+        gs.certify(TOP, "G-L", 2, real=real)
+    with pytest.raises(gs.InputError, match=r"half.*float128"):
+        gs.certify(TOP, "G-L", 2, real="half")
+
+
 def test_own_parameters_and_steps():
     found = gs.certify(TOP, "EMS", parameters={"gamma": 0.002}, dt=5e-4, steps=50)
     assert found.parameters["gamma"] == 0.002

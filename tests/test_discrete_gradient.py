@@ -24,7 +24,8 @@ from gyrospark.generator.discrete.discrete_gradient import (
     differentiate,
     discrete_gradient,
 )
-from gyrospark.generator.schemes.schemes import MeanScheme, constraint_increment, vector
+from gyrospark.generator.schemes.differences import constraint_increment, vector
+from gyrospark.generator.schemes.schemes import MeanScheme
 
 EPS = 2.0**-52
 x = sp.symbols("x0:3", real=True)

@@ -21,7 +21,7 @@ from compilers import MAIN, compiler
 from gyrospark.generator.emission import emit
 from gyrospark.generator.emission.c_lines import WIDTH
 from gyrospark.generator.emission.emit_control import control_files
-from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of
+from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of, with_times
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.tableau import FIELDS
 from gyrospark.real import REALS
@@ -70,10 +70,11 @@ def test_files_are_plain_c(path):
 def test_every_file_is_put_in_somewhere():
     named = set()
     for m in (0, 1, 2):
-        for bits in range(128):
-            stages, structured, forced, constant, scalar, separable, framed = (
-                bool(bits >> i & 1) for i in range(7))
-            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable, framed)
+        for bits in range(512):
+            stages, structured, forced, constant, scalar, separable, timed, fed, framed = (
+                bool(bits >> i & 1) for i in range(9))
+            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable, timed,
+                            fed, framed)
             for found in (proved.solver_files(fast=True), proved.scheme_files(),
                           proved.sweep_files(*("stages", "trajectories") if stages
                                              else ("mean", "mean"))):
@@ -91,16 +92,24 @@ def test_every_file_is_put_in_somewhere():
 
 def test_what_is_spelled_is_written_out():
     put = engine_of("top", REALS["float"], "stages", "trajectories")
+    timed = engine_of("top", REALS["float"], "stages", "trajectories", timed=True, fed=True)
     for path in FILES:
         for run in ("stages", "trajectories"):
-            text = put(path.stem, run=run)
-            assert not re.search(
-                r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE|TURNED)\(|\bNUMBER\b", text)
+            for text in (put(path.stem, run=run), timed(path.stem, run=run)):
+                assert not re.search(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE|(LANES_)?AT"
+                                     r"|(LANES_)?BETWEEN|TIMED|INPUT|TURNED)\(|\bNUMBER\b", text)
+            if not path.stem.endswith(("drive", "drive_free", "inputs", "inputs_lanes")):
+                assert not re.search("at_time|between\\(|span|_drive|inputs",
+                                     put(path.stem, run=run))
     assert "fabsf(" in put("measure")
     assert "int top_step(" in put("single")
     framed = engine_of("top", REALS["float"], "stages", "trajectories", framed=True)
     assert "    turn_runs(count, parameters, " in framed("many")
     assert "turn_runs" not in put("many")
+    assert with_times("f(AT(&c,\n  u(t, 1)), q);\n", timed=False) == "f(&c, q);\n"
+    assert with_times("f(AT(&c,\n  u(t, 1)), q);\n", timed=True) == "f(at_time(&c, u(t, 1)), q);\n"
+    assert with_times("{\n    TIMED(a(b);)\n}", timed=False) == "{\n}"
+    assert with_times("f(TIMED(\n  real *t,) int n)", timed=False) == "f(int n)"
     assert "static void factor(real W" in put("elimination")
     assert "static void lanes_factor(lanes W" in put("elimination", "lanes_")
 
@@ -304,7 +313,8 @@ class Toy:
         solver, sweeps = proved.solver_files(fast=True), proved.sweep_files(one, many)
         scheme = proved.scheme_files()
         lines += includes([*before, *solver["files"], *scheme["stage_files"],
-                           *scheme["finish_files"], *solver["solver_files"], "judge", "predict",
+                           *scheme["finish_files"], *solver["solver_files"], "objects", "judge",
+                           "predict",
                            *sweeps["lane_files"]])
         for run in dict.fromkeys((one, many)):
             lines += as_run(run, run == one, sweeps["sweep_files"][run])

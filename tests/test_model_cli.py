@@ -285,3 +285,66 @@ def test_run_length_is_somewhere(bounded, tmp_path):
     refused(bounded("run", path, "--scheme", "IMS"), "--dt", "pendulum")
     path = write(tmp_path, text.replace("steps = 2000\n", ""))
     refused(bounded("run", path, "--scheme", "IMS"), "--steps", "pendulum")
+
+
+# ---------------------------------------------------------------- rules for gamma
+
+
+@pytest.fixture
+def ruled(tmp_path):
+    """Return a short satellite whose file says by which rule its gamma is found."""
+    def write(rule):
+        path = tmp_path / "ruled.toml"
+        text = SATELLITE.read_text(encoding="utf-8")
+        line = 'rep = "gamma"\n'
+        assert text.count(line) == 1
+        path.write_text(text.replace(line, f"{line}gamma = {rule!r}\n"), encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_file_says_by_which_rule_gamma_is_found(ruled, document):
+    """What the option does, which takes its place; without one, in Python and certificates too."""
+    run = ("--scheme", "G-L", "--stages", "2", "--steps", "30")
+    plain = document("run", SATELLITE, *run)
+    wanted = {rule: document("run", SATELLITE, *run, "--gamma", rule)["parameters"]["gamma"]
+              for rule in ("h", "auto-energy")}
+    assert len({*wanted.values(), plain["parameters"]["gamma"]}) == 3
+    for rule, gamma in wanted.items():
+        path = ruled(rule)
+        found = document("run", path, *run)
+        assert found["parameters"]["gamma"] == gamma
+        assert document("run", path, *run, "--gamma", "m")["q"] == plain["q"]
+        model = gs.load_model(path)
+        assert model.rules == {"gamma": rule}
+        assert "gamma" not in model.parameters
+    assert gs.certify(model, "G-L", 2, steps=30).parameters["gamma"] == gamma
+
+
+def test_a_sweep_has_no_motion_to_choose_for(ruled):
+    axis = {"dt": [5.0, 10.0]}
+    with pytest.raises(gs.InputError, match="gamma = 'auto' is chosen for the motion of one run"):
+        gs.sweep(ruled("auto"), axis, scheme="G-L", stages=2, steps=3)
+    by_rule = gs.sweep(ruled("h"), axis, scheme="G-L", stages=2, steps=3)
+    told = gs.sweep(SATELLITE, axis, scheme="G-L", stages=2, steps=3, parameters={"gamma": "h"})
+    assert np.array_equal(by_rule["q"], told["q"])
+
+
+def test_another_word_is_no_rule(ruled, gyrospark):
+    done = gyrospark("run", ruled("automatic"), "--steps", "3")
+    assert done.code == 2
+    assert "gamma" in done.stderr
+    model = gs.load_model(SATELLITE)
+    what = {"parameters": model.parameters, "q0": model.q0, "p0": model.p0, "bodies": model.bodies}
+    with pytest.raises(gs.InputError, match=r"rules\['gamma'\].*auto"):
+        gs.Model(model.system, **what, rules={"gamma": "automatic"})
+    with pytest.raises(gs.InputError, match="rule for 'mu'"):
+        gs.Model(model.system, **what, rules={"mu": "m"})
+
+
+def test_rules_are_those_of_the_option():
+    from gyrospark.body_values import RULES
+    from gyrospark.runtime.body.inertia import AIMS, MEANS
+
+    assert (*MEANS, *AIMS) == RULES

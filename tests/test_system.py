@@ -97,7 +97,7 @@ def test_unknown_symbol_in_H_is_refused_by_name():
 
 
 def test_first_of_several_unknown_symbols_is_named_whatever_the_hash_seed():
-    with pytest.raises(InputError, match="unknown symbol 'A'; declare it in q, p or parameters"):
+    with pytest.raises(InputError, match="unknown symbol 'A'; declare it in q, p, parameters"):
         system(H=px * sp.Symbol("B") + sp.Symbol("A") + sp.Symbol("C"))
 
 

@@ -14,7 +14,7 @@ import pytest
 import gyrospark as gs
 from calls import RUN, TOP
 from fuzz.steppers import NAMES, case
-from processes import FAST_TOP, call, python
+from processes import FAST_TOP, ROOT, call, python
 
 THREADS = 64
 
@@ -116,6 +116,7 @@ def test_interrupt_ends_an_ensemble_and_its_threads():
     what, before = case("gl3"), threading.active_count()
     q, p = np.tile(what.q, (64, 1)), np.tile(what.p, (64, 1))
     main = threading.main_thread().ident
+    assert what.step.binding_of_many.lanes  # compiled before, not meanwhile
     timer = threading.Timer(0.3, signal.pthread_kill, [main, signal.SIGINT])
     timer.start()
     with pytest.raises(KeyboardInterrupt):
@@ -200,6 +201,48 @@ print(codes == [0]*20)
 def test_fork_while_threads_integrate():
     """There is no lock in compiled code that a child could find held for ever."""
     assert python(FORK_IN_THREADS).strip() == "True"
+
+
+FORK_IN_MEMBERS = FAST_TOP + '''
+import os, signal, threading, warnings
+step = gs.stepper("G-L", 3)
+def ensemble():
+    return step.integrate_ensemble([top.q0]*2, [top.p0]*2, dt=1e-3, steps=2, parameters=parameters)
+one, other, inside, ended = ensemble(), ensemble(), threading.Event(), threading.Event()
+make = one._make
+def slowly(i):
+    inside.set()
+    ended.wait()
+    return make(i)
+object.__setattr__(one, "_make", slowly)
+thread = threading.Thread(target=lambda: one.members)
+thread.start()
+inside.wait()
+warnings.simplefilter("ignore", DeprecationWarning)
+child = os.fork()
+if child == 0:
+    signal.alarm(20)  # ends a child that waits for the thread it does not have
+    os._exit(len(other.members))
+code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+ended.set()
+thread.join()
+print(code, one.members is one.members)
+'''
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGCHLD"), reason="there is no fork")
+def test_fork_while_a_thread_makes_members():
+    """Nor is there one in what an ensemble makes when first asked for."""
+    assert python(FORK_IN_MEMBERS).split() == ["2", "True"]
+
+
+def test_nothing_of_runs_is_behind_a_lock_of_a_class():
+    """``cached_property`` has one for all instances in Python 3.11: a forked child may have it
+    locked for ever."""
+    rooms = ("runtime", "sweeps", "storage")
+    sources = [path for room in rooms for path in sorted((ROOT / room).rglob("*.py"))]
+    assert len(sources) > 50
+    assert not [path.name for path in sources if "cached_property" in path.read_text("utf-8")]
 
 
 # ---------------------------------------------------------------- memory

@@ -16,6 +16,12 @@
 #define ONE(name) ONE_(name)
 #define MANY(name) MANY_(name)
 #define TURNED(call)
+#define AT(c, t) (c)
+#define BETWEEN(c, t, late) (c)
+#define LANES_AT(c, t) (c)
+#define LANES_BETWEEN(c, t, late) (c)
+#define TIMED(...)
+#define INPUT(...)
 
 typedef double real;
 typedef struct { real k; } parameters_t;

@@ -7,6 +7,7 @@
     attitude        the start of a body in numbers, to 50 digits
     poses           where bodies are at the start
     linkage         a method for each kind of joint
+    loads           potentials, forces, torques and quantities
     records         where they are in their system
     multibody       bodies, joints and forces, put into a model
     model           a system with the numbers to run it with

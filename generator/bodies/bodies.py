@@ -21,7 +21,8 @@ import sympy as sp
 from ...arguments import as_items
 from ...errors import InputError
 from ...naming import shown
-from ..systems.system import INVERSE, as_expression
+from ..systems.given import as_expression
+from ..systems.system import INVERSE
 from .rigid_body import (
     Rep,
     angular_velocity,

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_mapping, as_text
-from ...body_values import Inertia, as_moments_or_tensor, real_array
+from ...body_values import RULES, Inertia, as_moments_or_tensor, real_array
 from ...catalogue import FRAMES
 from ...errors import InputError
 from ...exact import exact
+from ...markup import card, table
 from ...naming import choose, shown, whole
+from ..systems.given import few
 from ..systems.system import System
 
 __all__ = ["Model", "whole_array"]
@@ -41,6 +43,9 @@ class Model:
     bodies : mapping of str to tuple
         Name of each inertia parameter (γ or α of a body) → the body's I₁, I₂, I₃ in kg m², or its
         tensor, 3 × 3.
+    rules : mapping of str to str
+        Name of an inertia parameter without a value → the rule by which a run finds it, "m" where
+        nothing is said: "m", "h", "mt", "ht", "auto" or "auto-energy".
     dt, steps : float and int, or None
         A time step in s and a number of steps that suit the model, where it names them.
     description : str
@@ -58,6 +63,7 @@ class Model:
     steps: int | None = None
     description: str = ""
     frame: str = ""
+    rules: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):
@@ -73,6 +79,13 @@ class Model:
             "bodies", self.bodies, "{'gamma': (I1, I2, I3)}").items()}
         object.__setattr__(self, "parameters", MappingProxyType(values))
         object.__setattr__(self, "bodies", MappingProxyType(bodies))
+        rules = as_mapping("rules", self.rules, "{'gamma': 'auto'}")
+        for name, rule in rules.items():
+            choose(f"rules[{name!r}]", rule, RULES)
+            if name not in bodies or name in values:
+                raise InputError(f"Model {self.name!r} has a rule for {name!r}, which is no "
+                                 "inertia parameter without a value; leave it out.")
+        object.__setattr__(self, "rules", MappingProxyType(dict(rules)))
         if self.dt is not None:
             object.__setattr__(self, "dt", self._number("dt", self.dt))
         if self.steps is not None:
@@ -95,6 +108,17 @@ class Model:
         run = "" if self.dt is None else f"; dt = {self.dt:g} s{steps}"
         return (f"<Model {self.name}: {n} coordinates, {m} constraints, {len(self.parameters)} "
                 f"parameters, {len(self.bodies)} bodies{run}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the numbers, and the system's formulas."""
+        rows = [("about", self.description or self.name),
+                ("step", "none named" if self.dt is None else f"{self.dt:g} s"),
+                ("steps", "none named" if self.steps is None else f"{self.steps:,}"),
+                ("parameters", few(f"{name} = {float(x):g}" for name, x in
+                                   self.parameters.items())),
+                ("q₀", few(f"{x:.6g}" for x in self.q0.astype(float))),
+                ("p₀", few(f"{x:.6g}" for x in self.p0.astype(float)))]
+        return card(f"Model {self.name}", table(rows), self.system._repr_html_())
 
     @property
     def name(self) -> str:

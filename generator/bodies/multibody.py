@@ -17,7 +17,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import as_flag, as_items, as_text
+from ...arguments import as_items, as_text
 from ...body_values import (
     Inertia,
     RepName,
@@ -28,12 +28,13 @@ from ...body_values import (
 )
 from ...errors import InputError
 from ...projection import Projection, project
+from ..systems.given import few
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from ..systems.redundancy import refuse_redundant
-from ..systems.system import System, as_expression, few
-from .bodies import GROUND, Body, Frame, cross, dot, three_expressions
+from ..systems.system import System
+from .bodies import GROUND, Body, Frame, dot
 from .joints import Connection, Equation, Joint, named_vector
-from .linkage import Linkage
+from .loads import Loads
 from .model import Model
 from .poses import (
     Pose,
@@ -56,7 +57,7 @@ __all__ = ["Multibody"]
 Array = NDArray[Any]
 
 
-class Multibody(Linkage):
+class Multibody(Loads):
     """A builder of models: add bodies, joints and forces, then ask for ``model()``.
 
     Attributes
@@ -88,9 +89,7 @@ class Multibody(Linkage):
         dt: float | None = None, steps: int | None = None, description: str = "",
     ) -> None:
         super().__init__(name)
-        self.time = sp.Symbol("t", real=True)
         self.start: Projection | None = None
-        self._values: dict[str, float] = {}
         self._gravity = named_vector("gravity", three("gravity", gravity).tolist(), self._values)
         self._about: dict[str, Any] = {
             "dt": None if dt is None else float(finite("time step", dt, ())),
@@ -98,9 +97,6 @@ class Multibody(Linkage):
             "description": as_text("description", description),
         }
         self._inertia: dict[Body, Inertia] = {}
-        self._potential: list[sp.Expr] = []
-        self._forces: dict[sp.Symbol, sp.Expr] = {}
-        self._quantities: dict[str, sp.Expr] = {}
 
     def __repr__(self) -> str:
         return (f"<Multibody {self.name}: bodies {few(body.name for body in self._bodies)}; "
@@ -178,52 +174,6 @@ class Multibody(Linkage):
         )
         start = self._start(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
         return self._add(body, start, mass, given, weight)
-
-    # ------------------------------------------------------------ forces
-
-    def potential(self, expression: Any) -> None:
-        """Add to H: an expression in the bodies' symbols and ``parameter``s.
-
-        It may contain momenta, as −n·l does for axes that turn at n.
-        """
-        self._potential.append(as_expression(expression))
-
-    def parameter(self, name: str, value: float, *, positive: bool = False) -> sp.Symbol:
-        """Return a symbol for potentials, forces and quantities, with its value."""
-        self._claim(name)
-        domain = {"positive": True} if as_flag("positive", positive) else {"real": True}
-        self._values[name] = float(finite(f"parameter {name!r}", value, ()))
-        self._symbols[name] = sp.Symbol(name, **domain)
-        return self._symbols[name]
-
-    def force(
-        self, body: Body | str, force: Sequence[Any], *, on_body: ArrayLike | None = None
-    ) -> None:
-        """Let a force (in space axes, N) act at a point of a body, or of the body of that name.
-
-        By default it acts at the body's origin. Its components are expressions of the bodies'
-        symbols, momenta, ``time`` and parameters.
-        """
-        pushed = self._body(body, "A force")
-        F = three_expressions(f"force on {pushed.name!r}", force)
-        r = three_or_none(f"point of the force on {pushed.name!r}", on_body)
-        self._push(pushed.p_x, F)
-        if r is not None:
-            in_body = [dot(row, F) for row in pushed.rotation.T.tolist()]
-            self.torque(pushed, cross(r.tolist(), in_body))
-
-    def torque(self, body: Body | str, torque: Sequence[Any]) -> None:
-        """Let a torque (in body axes, N m) act on a body, as expressions like a force's.
-
-        For a top it is taken about the fixed point.
-        """
-        turned = self._body(body, "A torque")
-        self._push(turned.p, turned.torque_force(
-            three_expressions(f"torque on {turned.name!r}", torque)))
-
-    def quantity(self, name: str, expression: Any) -> None:
-        """Have an expression computed along trajectories under a name."""
-        self._quantities[as_text("name of a quantity", name)] = as_expression(expression)
 
     # ------------------------------------------------------------ the model
 
@@ -375,10 +325,6 @@ class Multibody(Linkage):
             three_or_none(f"velocity of {name!r}", velocity),
             three_or_none(f"angular velocity of {name!r}", omega),
         )
-
-    def _push(self, momenta: Sequence[sp.Symbol], force: Sequence[sp.Expr]) -> None:
-        for symbol, e in zip(momenta, force, strict=bool(momenta)):
-            self._forces[symbol] = self._forces.get(symbol, sp.Integer(0)) + e
 
 
 def _by_first_use(store: Mapping[str, float]) -> Any:

@@ -14,8 +14,9 @@ import sympy as sp
 from ...arguments import as_flag, as_items, as_mapping
 from ...errors import InputError
 from ...naming import unknown
+from ..systems.given import as_expression
 from ..systems.system import INVERSE as INVERSE_NAMES
-from ..systems.system import System, as_expression
+from ..systems.system import System
 
 __all__ = [
     "INVERSE",

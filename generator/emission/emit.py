@@ -94,10 +94,13 @@ def emit(
         "kernels": kernels, "costs": solver_costs(scheme, known, forms)}
     context |= _frame_context(frame, name, system, real)
     context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""),
+                                  timed=system.is_timed, fed=bool(system.inputs),
                                   framed=frame is not None)
-    found = {name: bool(fast.get(name)) for name in ("constant_schur", "correction", "separable")}
+    constant, scalar, separable = (bool(fast.get(name)) for name in (
+        "constant_schur", "correction", "separable"))
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
-                    bool(system.forces), framed=frame is not None, **found)
+                    bool(system.forces), constant, scalar, separable, system.is_timed,
+                    bool(system.inputs), frame is not None)
     context |= proved.scheme_files() | proved.solver_files(fast["fast"])
     context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {
         "batch_files": []}
@@ -187,6 +190,10 @@ def _context(
             system.H if system.energy is None else system.energy),
         "forces": [comment(f) for f in system.forces],
         "time": str(system.time) if system.is_driven else "",
+        "timed": system.is_timed,
+        "inputs": [str(u) for u in system.inputs],
+        "input_places": [list(constants_c).index(str(u)) for u in system.inputs
+                         if str(u) in constants_c],
         "quantities": {name: comment(e) for name, e in system.quantities.items()},
         "quantity_time": bool(system.quantities) and system.time is not None,
         "constraints": [] if forms["structured"] else [comment(g) for g in system.constraints],

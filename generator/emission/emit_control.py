@@ -91,6 +91,9 @@ def _refuse(scheme: SparkScheme | MeanScheme, real: Real) -> None:
         raise InputError(f"Profile control writes a system out in full, up to {_LARGEST} "
                          f"coordinates; {scheme.system.name} has {scheme.system.n}: choose profile "
                          "full.")
+    if scheme.system.is_timed:
+        raise InputError(f"Profile control takes time in forces, not in H or constraints; "
+                         f"{scheme.system.name} has it there: choose profile full.")
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None
     if refusal is not None:
         raise InputError(f"Profile control solves by sweeps, which this tableau does not allow: "

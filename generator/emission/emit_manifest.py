@@ -33,7 +33,7 @@ def hidden_constraints(
 ) -> list[str]:
     """Return the constraints on the momenta as text."""
     if forms["structured"]:
-        return ["G H_p"] * scheme.system.m
+        return ["G H_p + g_t" if scheme.system.is_timed else "G H_p"] * scheme.system.m
     return [str(constants.spelled_out(f)) for f in scheme.system.hidden]
 
 
@@ -136,6 +136,10 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
         said["forces"] = [str(f) for f in system.forces]
     if system.is_driven:
         said["time"] = str(system.time)
+    if system.inputs:
+        said["inputs"] = [str(u) for u in system.inputs]
+    if system.is_timed:
+        said["time_in_H_or_g"] = True
     if system.quantities:
         said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
         said["quantities_take_time"] = system.time is not None

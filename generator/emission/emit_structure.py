@@ -15,14 +15,8 @@ import sympy as sp
 from ...real import Real
 from ..kernels.kernel import Constants, Target, emit_kernel
 from ..kernels.statements import Kernel
-from ..schemes.schemes import (
-    MeanScheme,
-    SparkScheme,
-    increment_of,
-    mean_gradient_of,
-    time_input,
-    vector,
-)
+from ..schemes.differences import increment_of, mean_gradient_of, mean_slopes_of, vector
+from ..schemes.schemes import MeanScheme, SparkScheme, time_input
 from ..systems.jacobians import gradient, jacobian, symmetric_jacobian
 from ..systems.structure import Form, Part, Structure
 
@@ -158,6 +152,8 @@ def term_kernels(form: Form, *, between: bool, constrained: bool) -> list[Placed
         kernels.append((Kernel("mass", "H_pp, the inverse of a mass", at, {"H_pp": part.H_pp}),
                         BOTH))
         second |= ({"H_pq": part.H_pq} if form.q else {}) | {"H_pp": part.H_pp}
+    if form.time is not None and not between:
+        kernels.append((Kernel("drive", "H_t", at, {"H_t": part.H_t}), BOTH))
     kernels.append((Kernel("hessian", "second derivatives of H", at, second), NUMBERS))
     dropped = {"gradient", "hessian"} if between else set()
     if not constrained:
@@ -179,13 +175,16 @@ def joint_kernels(form: Form, *, between: bool) -> list[Placed]:
     kernels = [
         (Kernel("value", "g", at, {"g": list(form.expressions)}, compensated=True), BOTH),
         (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", _inputs(form, d=d),
-                {"dg": [increment_of(g, form.q, d) for g in form.expressions]}), BOTH),
+                {"dg": [increment_of(g, form.q, d, form.time) for g in form.expressions]}), BOTH),
         (Kernel("jacobian", "G = dg/dq", at, {"G": G}), BOTH),
         (Kernel("pull", "G^T lambda", _inputs(form, **{"lambda": lam}), {"force": pull}),
          NUMBERS if between else BOTH),
         (Kernel("curvature", "K = d(G^T lambda)/dq", _inputs(form, **{"lambda": lam}), {"K": K}),
          NUMBERS),
     ]
+    if form.time is not None:
+        rates = [row[0] for row in jacobian(form.expressions, [form.time])]
+        kernels.append((Kernel("rate", "g_t", at, {"g_t": rates}), BOTH))
     return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
 
 
@@ -211,6 +210,10 @@ def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
     outputs = {"D_q": D_q, "D_p": D_p}
     second = {"D_qq": by_q(D_q) if nq else [], "D_qp": by_p(D_q) if nq and np else [],
               "D_pq": by_q(D_p) if nq and np else [], "D_pp": by_p(D_p) if np else []}
+    drive = [] if form.time is None else [
+        (Kernel("mean_drive", "mean of dH/dt between two states", at,
+                {"D_t": mean_slopes_of(form.system, (qm, pm), (dq, dp), discrete)[-1]
+                 if form.system.is_timed else sp.Integer(0)}), BOTH)]
     kernels = [
         (Kernel("mean_gradient", "mean gradient of H between two states", at,
                 {a: e for a, e in outputs.items() if e}), BOTH if nq else NUMBERS),
@@ -219,22 +222,27 @@ def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
     ]
     if np:
         kernels.append((Kernel("mean_velocity", "D_p", at, {"D_p": D_p}), LANES))
-    return [(kernel, where) for kernel, where in kernels if kernel.outputs]
+    return [(kernel, where) for kernel, where in [*kernels, *drive] if kernel.outputs]
 
 
 def mean_joint_kernels(form: Form, discrete: bool) -> list[Placed]:
     """Return G^T lambda between two states, and its derivative by dq."""
     nq, rows = len(form.q), len(form.expressions)
     qm, dq, lam = vector("qm", nq), vector("dq", nq), vector("lambda", rows)
-    G = []
+    G, rates = [], []
     for g in form.expressions:
-        part = Part(form.q, tuple(vector("unused", nq)), form.constants, g)
-        G.append(mean_gradient_of(part, (qm, vector("pm", nq)), (dq, vector("dp", nq)),
-                                  discrete)[0])
+        part = Part(form.q, tuple(vector("unused", nq)), form.constants, g, time=form.time)
+        slopes = mean_slopes_of(part, (qm, vector("pm", nq)), (dq, vector("dp", nq)), discrete)
+        G.append(slopes[:nq])
+        rates.append(slopes[-1] if part.is_timed else sp.Integer(0))
     pull = [sum((x * row[a] for x, row in zip(lam, G, strict=True)), sp.Integer(0))
             for a in range(nq)]
     at = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
+    drive = [] if form.time is None else [
+        (Kernel("mean_rate", "g_t between two states",
+                {"qm": qm, "dq": dq, "k": form.constants}, {"g_t": rates}), BOTH)]
     return [
+        *drive,
         (Kernel("mean_pull", "G^T lambda between two states", at, {"force": pull}), BOTH),
         (Kernel("mean_curvature", "its derivative by dq", at, {"K": _by_increment(qm, dq)(pull)}),
          NUMBERS),

@@ -14,6 +14,14 @@ spelled with macros, which are written out here so that the C of a stepper has n
     RUN(sweep)        of either                as the file is put in for the one or the other
     TABLE(mu)         a table of the tableau   w->mu in lanes, &fast_mu[0][0] as numbers
     TURNED(call);     a line of its own        the call in a co-moving frame, else left out
+
+Where t stands in H or g, kernels find it among the constants, and whoever calls them says when:
+
+    AT(c, t)               at the time t           at_time(c, t); elsewhere c alone
+    BETWEEN(c, t, late)    from t to t + late      between(c, t, late); elsewhere c alone
+    LANES_AT(c, t), ...    the same on lanes       lanes_at_time(c, t), ...
+    TIMED(statement)       for such systems only   statement; elsewhere nothing, and no line
+    INPUT(statement)       for systems with inputs, the same
 """
 
 from __future__ import annotations
@@ -27,7 +35,7 @@ from typing import Any
 
 from ...real import Real
 
-__all__ = ["ENGINE", "Proved", "engine_of"]
+__all__ = ["ENGINE", "Proved", "engine_of", "with_times"]
 
 ENGINE = Path(__file__).resolve().parents[2] / "engine"
 _COMMENT = re.compile(r"^/\*(?! -).*?\*/\n", re.MULTILINE | re.DOTALL)
@@ -35,8 +43,15 @@ _TURNED = re.compile(r"^( *)TURNED\((.*)\);\n", re.MULTILINE)
 _MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\bNUMBER\b")
 
 
+#: A macro with expressions in it → what takes its place where t stands in H or g.
+_TIMES = {"AT": "at_time", "BETWEEN": "between", "LANES_AT": "lanes_at_time",
+          "LANES_BETWEEN": "lanes_between"}
+_TIMED = re.compile(r"\b((?:LANES_)?(?:AT|BETWEEN)|TIMED|INPUT)\(")
+
+
 def engine_of(
-    name: str, real: Real, one: str = "", many: str = "", *, framed: bool = False
+    name: str, real: Real, one: str = "", many: str = "", *, timed: bool = False,
+    fed: bool = False, framed: bool = False,
 ) -> Callable[..., str]:
     """Return the function by which a template puts in a file of the engine.
 
@@ -61,7 +76,7 @@ def engine_of(
                 return "lanes" if on else "real"
             return spelled[found[1]](found[2])
 
-        text = _TURNED.sub(r"\1\2;\n" if framed else "", _text(file))
+        text = _TURNED.sub(r"\1\2;\n" if framed else "", _text(file, timed, fed))
         if run == many != one:  # the same again, told once
             text = _COMMENT.sub("", text)
         return _MACRO.sub(spell, text).rstrip("\n")
@@ -70,8 +85,30 @@ def engine_of(
 
 
 @cache
-def _text(file: str) -> str:
-    return (ENGINE / f"{file}.h").read_text(encoding="utf-8")
+def _text(file: str, timed: bool, fed: bool) -> str:
+    text = (ENGINE / f"{file}.h").read_text(encoding="utf-8")
+    return with_times(text, timed=timed, fed=fed)
+
+
+def with_times(text: str, *, timed: bool, fed: bool = False) -> str:
+    """Return C of the engine with times and inputs spelled out, or without any."""
+    while found := _TIMED.search(text):
+        end, depth = found.end(), 1
+        while depth:
+            depth += {"(": 1, ")": -1}.get(text[end], 0)
+            end += 1
+        before, inside, after = text[: found.start()], text[found.end() : end - 1], text[end:]
+        if found[1] in _TIMES:
+            inside = " ".join(inside.split())
+            spelled = f"{_TIMES[found[1]]}({inside})" if timed else inside.split(",")[0]
+            text = before + spelled + after
+        elif timed if found[1] == "TIMED" else fed:
+            text = before + inside.strip() + after
+        elif after.startswith("\n"):  # it is all that stands in its line
+            text = before.rstrip(" ") + after[1:]
+        else:
+            text = before + after.removeprefix(" ")
+    return text
 
 
 @dataclass(frozen=True)
@@ -86,6 +123,8 @@ class Proved:
     constant_schur: bool = False
     correction: bool = False
     separable: bool = False
+    timed: bool = False
+    fed: bool = False
     framed: bool = False
 
     @property
@@ -122,12 +161,15 @@ class Proved:
             rows = ["mean_constrained" if self.m else "mean_free"]
             jacobian = [f"mean_columns{free}", "mean_jacobian"] if dense else []
             return {"stage_files": [*pull, *rows, "mean", *jacobian],
-                    "finish_files": ["mean_finish", *(["mean_work"] if self.forced else [])]}
+                    "finish_files": ["mean_finish", *([f"mean_drive{free}"] if self.timed else []),
+                                     *(["mean_work"] if self.forced else [])]}
         hessian = "hessian_with_forces" if self.forced else "hessian_of_potential"
         nodes = "spark_constrained" if self.m else "spark_free"
         return {"stage_files": [nodes, "spark",
                                 *([hessian, f"spark_jacobian{free}"] if dense else [])],
-                "finish_files": [f"spark_finish{free}", *(["spark_work"] if self.forced else [])]}
+                "finish_files": [f"spark_finish{free}",
+                                 *([f"spark_drive{free}"] if self.timed else []),
+                                 *(["spark_work"] if self.forced else [])]}
 
     def sweep_files(self, one: str, many: str) -> dict[str, Any]:
         """Return the files of the sweeps, those that serve one trajectory and many by use."""
@@ -138,7 +180,8 @@ class Proved:
                             for run in (one, many)},
             "one_files": [*(["unscale"] if self.stages else []), parts,
                           f"lanes_observe_{self._suits}"],
-            "batch_files": ["batch", f"batch_observe_{self._suits}", "integrate_lanes"],
+            "batch_files": ["batch", f"batch_observe_{self._suits}",
+                            *(["inputs_lanes"] if self.fed else []), "integrate_lanes"],
         }
 
     def _lane_files(self) -> list[str]:
@@ -169,7 +212,7 @@ class Proved:
             own = [f"{run}_nodes", "impulses", f"look_{self._kind}", f"schur_{layout}",
                    *self._schur_set(), "sweep_constrained", "take",
                    f"follow_{answer}{seidel}", f"land_{self._kind}"]
-        return [*head, *own, work, "recall",
+        return [*head, *own, *self._drive("sweep_drive"), work, "recall",
                 "learn_nodes" if self.m else "learn_nodes_free", f"{run}_ahead", "foresee",
                 "sweep", "load"]
 
@@ -182,4 +225,9 @@ class Proved:
             own = [f"look_{self._kind}", f"mean_schur_{layout}", *self._schur_set(),
                    f"mean_respond_{answer}",
                    "mean_constrain", f"mean_follow_{self._kind}"]
-        return ["mean_items", f"mean_layout_{layout}", "mean_run", *own, work, "mean_sweep"]
+        return ["mean_items", f"mean_layout_{layout}", "mean_run", *own,
+                *self._drive("mean_sweep_drive"), work, "mean_sweep"]
+
+    def _drive(self, file: str) -> list[str]:
+        """Return what a drive does through the constraints."""
+        return [file if self.m else f"{file}_free"] if self.timed else []

@@ -40,12 +40,16 @@ class Constants:
     """Subexpressions of the parameters alone: computed once a run instead of in every kernel."""
 
     def __init__(
-        self, parameters: Sequence[sp.Symbol], others: Sequence[sp.Symbol] = ()
+        self, parameters: Sequence[sp.Symbol], others: Sequence[sp.Symbol] = (),
+        clock: Mapping[sp.Symbol, str] | None = None, inputs: Sequence[sp.Symbol] = (),
     ) -> None:
+        #: Symbols that change within a step, and their fields among the constants.
+        self.clock = dict(clock or {})
         self.taken = {str(s) for s in (*parameters, *others)}
         self.parameters = tuple(parameters)
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
-        self._known = frozenset(parameters)  # made once: H of 100 bodies asks it for every term
+        # Made once: H of 100 bodies asks it for every term.
+        self._known = frozenset(parameters) - {*inputs}
 
     def hoist(self, e: sp.Expr) -> sp.Expr:
         """Return e with every largest parameter-only subexpression replaced by a symbol."""
@@ -82,7 +86,8 @@ class Constants:
 
     def names(self) -> dict[sp.Symbol, str]:
         """Return the C text of each constant inside a kernel."""
-        return {symbol: f"c->{symbol}" for symbol in self.definitions.values()}
+        own = {symbol: f"c->{symbol}" for symbol in self.definitions.values()}
+        return own | {symbol: f"c->{field}" for symbol, field in self.clock.items()}
 
 
 @dataclass(frozen=True)
@@ -126,7 +131,7 @@ def emit_kernel(
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
     singly = target.prefix and printer.functions - ON_LANES  # are told how many lanes to do
-    if not own_constants and not used & target.names.keys() and not singly:
+    if not own_constants and not used & {*target.names, *constants.clock} and not singly:
         unused.insert(0, "c")
     return EmittedKernel(
         target.prefix + kernel.name,
@@ -183,7 +188,8 @@ def _emit_compensated(
         target.prefix + kernel.name, f"{kernel.doc}, in twice the working precision", "void",
         _signature(kernel, target), lines, 0,
         {"product": sum("add_product" in line for line in lines)},
-        ([] if used else ["c"]) + unused, frozenset(map(str, used)),
+        ([] if used or symbols & {*constants.clock} else ["c"]) + unused,
+        frozenset(map(str, used)),
     )
 
 

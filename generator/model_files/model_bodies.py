@@ -72,7 +72,7 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
         With file, key and cure; for redundant constraints with a smallest set to leave out.
     """
     content.allow("name", "description", "frame", "bodies", "joints", "forces", "gravity",
-                  "potential", "without", "parameters", "run", "quantities")
+                  "potential", "without", "parameters", "inputs", "run", "quantities")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)

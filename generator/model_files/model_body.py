@@ -15,6 +15,7 @@ import sympy as sp
 
 from ...body_values import (
     REPS,
+    RULES,
     Inertia,
     Moments,
     as_inertia,
@@ -45,15 +46,16 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
     InputError
         With file, key and cure.
     """
-    content.allow("name", "description", "frame", "potential", "body", "parameters", "start",
-                  "run", "quantities", "forces")
+    content.allow("name", "description", "frame", "potential", "body", "parameters", "inputs",
+                  "start", "run", "quantities", "forces")
     body, forces = content.table("body"), content.table("forces")
     body.allow("inertia", "mass", "rep", *REPS)
     body.require("inertia")
     chosen = body.choice("rep", REPS, "gamma") if rep is None else rep
     inertia = _inertia(body)
     tensor = is_tensor(inertia)
-    weight = _weight(body, chosen)
+    ruled = body.content.get(chosen) in RULES
+    weight = {} if ruled else _weight(body, chosen)
     _add_mass(body, formulas)
     if tensor:
         _add_tensor(inertia, formulas)
@@ -83,6 +85,7 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
                '"mass*9.81*0.04*R33".')
     q0, p0 = _start(content.table("start"), inertia)
     return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
+                 rules={chosen: body.text(chosen)} if ruled else {},
                  **run_length(content))
 
 

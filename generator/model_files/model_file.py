@@ -153,7 +153,7 @@ def _read(
     content.require("name", *(() if kinds == ["bodies"] else ("start",)))
     formulas = Formulas(content, Numbers(content))
     try:
-        model = KINDS[kinds[0]](content, _name(content), formulas, rep)
+        model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
         if "frame" in content:
             model = replace(model, frame=content.choice("frame", FRAMES, ""))
         formulas.remark_on_unused()
@@ -164,6 +164,17 @@ def _read(
         if str(error).startswith("The model file"):
             raise
         raise content.file_error(str(error)) from None
+
+
+def _with_inputs(model: Model, content: Table) -> Model:
+    """Return the model with what [inputs] names as inputs; their values are those by default."""
+    known = {str(x): x for x in model.system.parameters}
+    table = content.table("inputs")
+    for name in table.items():
+        if name not in known:
+            raise table.error(name, "is in no force; write it where it acts, or remove it.")
+    inputs = tuple(known[name] for name in table.items())
+    return replace(model, system=replace(model.system, inputs=inputs)) if inputs else model
 
 
 def _name(content: Table) -> str:

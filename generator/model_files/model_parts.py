@@ -24,19 +24,24 @@ MAX_CHARACTERS = 20_000
 
 
 class Numbers:
-    """The values of [parameters]; each may be a formula of those above it."""
+    """The values of [parameters] and [inputs]; each may be a formula of those above it."""
 
     def __init__(self, content: Table) -> None:
-        table = content.table("parameters")
+        table, inputs = content.table("parameters"), content.table("inputs")
         if len(table.content) > MAX_PARAMETERS:
             raise content.error("parameters", f"has {len(table.content)} entries and at most "
                                               f"{MAX_PARAMETERS} are allowed; write fewer.")
         #: The values, and the names that other numbers of the file mention.
         self.values = Known()
-        table.constants = content.constants = self.values
+        table.constants = inputs.constants = content.constants = self.values
         for name in table.items():
             table.symbol(name, name)
             self.values[name] = table.number(name, UNITS)
+        for name in inputs.items():
+            inputs.symbol(name, name)
+            if name in self.values:
+                raise inputs.error(name, "is among [parameters] too; give it once.")
+            self.values[name] = inputs.number(name, UNITS)
 
 
 @dataclass

@@ -23,8 +23,8 @@ def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) 
     InputError
         With file, key and cure.
     """
-    content.allow("name", "description", "frame", "system", "parameters", "start", "run",
-                  "quantities")
+    content.allow("name", "description", "frame", "system", "parameters", "inputs", "start",
+                  "run", "quantities")
     table, start = content.table("system"), content.table("start")
     if rep is not None:
         raise content.file_error(f"it is a system with its own hamiltonian, and rep {rep!r} "
@@ -44,9 +44,13 @@ def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) 
         symbol = table.symbol("time", table.text("time"))
         time = {symbol: sp.Symbol(symbol, real=True)}
     state = q | p
-    H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state)
-    constraints = formulas.read_all(table, "constraints", q)
-    uses_time = "forces" in table or "quantities" in content or "time" in table
+    # Where nothing declares a time, t may be the name of a coordinate or of a parameter.
+    taken = "time" not in table and not time.keys().isdisjoint({*state, *formulas.parameters})
+    known = {} if taken else time
+    H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | known)
+    constraints = formulas.read_all(table, "constraints", q | known)
+    uses_time = "forces" in table or "quantities" in content or "time" in table or any(
+        e.has(*time.values()) for e in (H, *constraints))
     if uses_time:
         for symbol in time:
             if symbol in state:

@@ -2,6 +2,7 @@
 
     scheme           the record of each scheme with a name; costs no SymPy
     schemes          unknowns and kernels of SPARK methods and of means
+    differences      H and g between two states, and between two times
     mean_conditions  what IMS and EMS satisfy
     frame_kernels    back from a co-moving frame
     fast_path        what sweeps may use of a system, found by algebra

@@ -31,7 +31,8 @@ from ..algebra.switches import depends_by_steps, switches_of
 from ..kernels.statements import Kernel
 from ..systems.jacobians import jacobian, shortest
 from ..systems.system import System
-from .schemes import MeanScheme, common_kernels, time_input, vector
+from .differences import vector
+from .schemes import MeanScheme, common_kernels, drive_kernels, time_input
 
 __all__ = ["FastSystem"]
 
@@ -58,7 +59,8 @@ class FastSystem:
         return sp.expand(sp.reduced(long, list(self.system.constraints), *self.system.q)[1])
 
     def _is_constant(self, e: sp.Expr) -> bool:
-        return not e.has(*self.system.q, *self.system.p)
+        return bool(e.free_symbols.isdisjoint(
+            {*self.system.q, *self.system.p, self.system.clock}))
 
     @cached_property
     def forces(self) -> list[list[sp.Expr]]:
@@ -142,7 +144,7 @@ class FastSystem:
     @cached_property
     def folds(self) -> Folds:
         """Numbers times constants, as constants of their own: 2 mgl is not computed in a loop."""
-        return Folds(set(self.system.parameters))
+        return Folds({*self.system.parameters} - {*self.system.inputs})
 
     @cached_property
     def gradients(self) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr]]:
@@ -190,6 +192,7 @@ class FastSystem:
             Kernel("force", "H_q" + (" = dH/dq - F" if system.forces else "") +
                    (" from the same w" if w else "") + (", H_p" if "H_p" in force else ""),
                    state | time_input(system) | ({"w": w} if w else {}), force),
+            *drive_kernels(system),
         ]
         return [*kernels, *self._multiplier_kernels()]
 
@@ -208,7 +211,7 @@ class FastSystem:
             kernels.append(Kernel("mean_constraint", "G between q0 and q1",
                                   {"qm": scheme.means[0], "dq": scheme.differences[0]},
                                   {"G": scheme.mean_constraint}))
-        return [*kernels, *self._multiplier_kernels()]
+        return [*kernels, *scheme.drive_kernels(), *self._multiplier_kernels()]
 
     def _multiplier_kernels(self) -> list[Kernel]:
         """Return W, or what takes its place where that is constant."""

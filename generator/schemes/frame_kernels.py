@@ -17,7 +17,7 @@ from ..kernels.statements import Kernel
 from ..symmetry.frames import Frame, Symmetry
 from ..symmetry.rotations import Rotation, turned
 from ..systems.system import System
-from .schemes import vector
+from .differences import vector
 
 __all__ = ["Turning"]
 

@@ -9,6 +9,7 @@ import sympy as sp
 from ..algebra.identities import Finding, compare
 from ..algebra.sharing import substitute
 from ..tableaux.conditions import Condition
+from .differences import with_time
 from .schemes import MeanScheme
 
 __all__ = ["check_mean_scheme"]
@@ -33,19 +34,26 @@ def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
 
 def _energy(scheme: MeanScheme) -> Condition:
     """ΔH = D_qH·Δq + D_pH·Δp: energy is kept exactly, the multiplier's work is λΔg = 0 (60)."""
-    variables = [*scheme.system.q, *scheme.system.p]
-    means = [*scheme.means[0], *scheme.means[1]]
-    differences = [*scheme.differences[0], *scheme.differences[1]]
-    slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1]]
-    return _condition("energy", "H_k − H_(k−1) = D_q·Δq + D_p·Δp",
-                      _increments([scheme.system.H], [slope], variables, means, differences))
+    timed = scheme.system.is_timed
+    variables = with_time(
+        [*scheme.system.q, *scheme.system.p], [*scheme.means[0], *scheme.means[1]],
+        [*scheme.differences[0], *scheme.differences[1]], scheme.system.clock)
+    slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
+             *([scheme.mean_drive] if timed else [])]
+    return _condition("energy", "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * timed,
+                      _increments([scheme.system.H], [slope], *variables))
 
 
 def _constraint(scheme: MeanScheme) -> Condition:
+    system, slopes = scheme.system, scheme.mean_constraint
+    if system.is_timed:
+        slopes = [[*row, rate] for row, rate in
+                  zip(slopes, scheme.mean_constraint_rate, strict=True)]
     return _condition(
-        "constraint work", "g_k − g_(k−1) = Ḡ·Δq",
-        _increments(scheme.system.constraints, scheme.mean_constraint, scheme.system.q,
-                    scheme.means[0], scheme.differences[0]))
+        "constraint work", "g_k − g_(k−1) = Ḡ·Δq" + " + ḡ_t Δt" * system.is_timed,
+        _increments(system.constraints, slopes, *with_time(
+            system.q, scheme.means[0], scheme.differences[0],
+            system.clock)))
 
 
 def _increments(

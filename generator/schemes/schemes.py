@@ -10,12 +10,18 @@ with D the gradient at the midpoint (IMS) or the discrete gradient (EMS), Ḡ li
 With forces F(q, p, t), H_q − F stands where H_q does: SPARK has F(Q_i, P_i, t + c_i Δt), IMS and
 EMS take F at the midpoint, F(q̄, p̄, t + Δt/2), so that ΔH = F·Δq holds exactly for EMS.
 
+Where t stands in H or g, SPARK has H_q(Q_i, P_i, t + c_i Δt) and g(Q̃_l, t + c̃_l Δt), and EMS takes
+time for one more variable of the discrete gradient, from t to t + Δt:
+
+    ΔH = D_qH·Δq + D_pH·Δp + D_tH Δt,   Δg = Ḡ Δq + ḡ_t Δt = 0,   so ΔH = F·Δq + (D_tH + λᵀḡ_t) Δt
+
+The last is the work of forces and drives; IMS has all of these at the midpoint.
+
 Either way the C loops over stages; only the kernels below are expressions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -24,24 +30,30 @@ import sympy as sp
 
 from ..algebra.identities import Finding, compare
 from ..algebra.sharing import substitute
-from ..discrete.discrete_gradient import discrete_gradient
 from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
 from ..systems.jacobians import jacobian
 from ..systems.system import System
 from ..tableaux.tableau import Tableau
+from .differences import (
+    LATE,
+    constraint_increment,
+    discrete_jacobian,
+    discrete_slopes,
+    mean_gradient_of,
+    mean_slopes_of,
+    vector,
+)
 
 __all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
 
 
-def vector(name: str, count: int) -> list[sp.Symbol]:
-    """Return symbols _name0, _name1, …: no symbol of a system begins with an underscore."""
-    return [sp.Symbol(f"_{name}{i}", real=True) for i in range(count)]
-
-
 def time_input(system: System) -> dict[str, list[sp.Symbol]]:
-    """Return the input of what may depend on time: an autonomous system ignores it."""
-    driven = system.time is not None and system.is_driven
+    """Return the input of what may depend on time: an autonomous system ignores it.
+
+    So does one with time in H or g, whose kernels find it among the constants.
+    """
+    driven = system.time is not None and system.is_driven and not system.is_timed
     return {"t": [system.time if driven else sp.Symbol("_time", real=True)]}
 
 
@@ -80,25 +92,6 @@ def common_kernels(system: System) -> list[Kernel]:
             {"W": system.hidden_matrix},
         ),
     ]
-
-
-def constraint_increment(system: System, d: list[sp.Symbol]) -> list[sp.Expr]:
-    """Return g(q + d) − g(q) = Ḡ(q + d/2, d)·d, exact."""
-    return [increment_of(g, system.q, d) for g in system.constraints]
-
-
-def increment_of(g: sp.Expr, q: Sequence[sp.Symbol], d: list[sp.Symbol]) -> sp.Expr:
-    """Return g(q + d) − g(q), exact and without loss of digits for small d."""
-    means = [x + dx / 2 for x, dx in zip(q, d, strict=True)]
-    slopes = discrete_gradient(g, q, means, d)
-    return sum((a * dx for a, dx in zip(slopes, d, strict=True)), sp.Integer(0))
-
-
-def discrete_jacobian(
-    system: System, means: list[Any], differences: list[sp.Symbol]
-) -> list[list[sp.Expr]]:
-    """Return Ḡ, m × n, with g(q₁) − g(q₀) = Ḡ (q₁ − q₀) exactly."""
-    return [discrete_gradient(g, system.q, means, differences) for g in system.constraints]
 
 
 @dataclass(frozen=True)
@@ -143,6 +136,7 @@ class SparkScheme:
                        state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
                                "H_pq": system.H_pq, "H_pp": system.H_pp}),
             ]
+        kernels += drive_kernels(system)
         if system.m:
             lam = vector("lambda", system.m)
             kernels.append(
@@ -206,6 +200,20 @@ class MeanScheme:
         return [[e.xreplace(at_mean) for e in row] for row in self.system.G]
 
     @cached_property
+    def mean_drive(self) -> sp.Expr:
+        """D_tH: discrete for EMS, H_t at the midpoint for IMS."""
+        return mean_slopes_of(self.system, self.means, self.differences, self.discrete)[-1]
+
+    @cached_property
+    def mean_constraint_rate(self) -> list[sp.Expr]:
+        """ḡ_t, m entries: discrete for EMS, g_t at the midpoint for IMS."""
+        if self.discrete:
+            slopes = discrete_slopes(self.system, self.means[0], self.differences[0])
+            return [row[-1] for row in slopes]
+        at_mean = dict(zip(self.system.q, self.means[0], strict=True))
+        return [e.xreplace(at_mean) for e in self.system.g_t]
+
+    @cached_property
     def order(self) -> int:
         """2 when the gradient is consistent and symmetric, 1 when only consistent.
 
@@ -220,7 +228,7 @@ class MeanScheme:
         """Whether D = (H_q, H_p) for Δ = 0."""
         system = self.system
         at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
-        gradient = substitute([*system.H_q, *system.H_p], at_mean)
+        gradient = substitute([*system.H_q, *system.H_p, *self._rates_of_time], at_mean)
         no_step = dict.fromkeys(self._differences, sp.Integer(0))
         return compare(substitute(self._D, no_step), gradient, thorough=thorough)
 
@@ -230,12 +238,19 @@ class MeanScheme:
         return compare(self._D, substitute(self._D, back), self._differences, thorough=thorough)
 
     @property
+    def _rates_of_time(self) -> list[sp.Expr]:
+        """H_t and g_t, of what has time."""
+        return [self.system.H_t, *self.system.g_t] if self.system.is_timed else []
+
+    @property
     def _D(self) -> list[sp.Expr]:
-        return [*self.mean_gradient[0], *self.mean_gradient[1]]
+        drives = [self.mean_drive, *self.mean_constraint_rate] if self.system.is_timed else []
+        return [*self.mean_gradient[0], *self.mean_gradient[1], *drives]
 
     @property
     def _differences(self) -> list[sp.Symbol]:
-        return [*self.differences[0], *self.differences[1]]
+        late = [LATE] if self.system.is_timed else []
+        return [*self.differences[0], *self.differences[1], *late]
 
     def kernels(self) -> list[Kernel]:
         """Return the mean gradient and its derivatives by Δq and Δp."""
@@ -266,7 +281,17 @@ class MeanScheme:
                 Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", at | {"lambda": lam},
                        {"K": by_q(force)}),
             ]
-        return kernels
+        return [*kernels, *self.drive_kernels()]
+
+    def drive_kernels(self) -> list[Kernel]:
+        """Return what drives H and what moves g between the ends, where time stands in them."""
+        if not self.system.is_timed:
+            return []
+        (qm, pm), (dq, dp) = self.means, self.differences
+        rates = [Kernel("mean_constraint_rate", "g_t between q0 and q1", {"qm": qm, "dq": dq},
+                        {"g_t": self.mean_constraint_rate})] if self.system.m else []
+        return [Kernel("mean_drive", "D_t: mean of dH/dt between the ends",
+                       {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_drive}), *rates]
 
     def _by_increments(self) -> tuple[Any, Any]:
         """Return derivatives by Δq and by Δp at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
@@ -286,26 +311,29 @@ class MeanScheme:
                 total(self.means[1], self.differences[1]))
 
 
-def mean_gradient_of(
-    system: System,
-    means: tuple[list[sp.Symbol], list[sp.Symbol]],
-    differences: tuple[list[sp.Symbol], list[sp.Symbol]],
-    discrete: bool,
-) -> tuple[list[sp.Expr], list[sp.Expr]]:
-    """Return D_qH and D_pH in terms of means and differences."""
-    variables, all_means = [*system.q, *system.p], [*means[0], *means[1]]
-    if discrete:
-        D = discrete_gradient(system.H, variables, all_means, [*differences[0], *differences[1]])
-    else:
-        at_mean = dict(zip(variables, all_means, strict=True))
-        D = [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p)]
-    return D[: len(system.q)], D[len(system.q) :]
+def drive_kernels(system: System) -> list[Kernel]:
+    """Return what drives H and what moves g at a time, where it stands in them."""
+    if not system.is_timed:
+        return []
+    q, p = list(system.q), list(system.p)
+    rates = [Kernel("constraint_rate", "g_t, how fast the constraints move", {"q": q},
+                    {"g_t": system.g_t})] if system.m else []
+    return [Kernel("drive", "H_t, the power of what drives H", {"q": q, "p": p},
+                   {"H_t": system.H_t}), *rates]
+
+
+def with_drive(system: System) -> System:
+    """Return the system with forces, none of which push, where a drive does work as they do."""
+    if not system.is_timed or system.forces:
+        return system
+    return replace(system, forces=(sp.Integer(0),) * system.n)
 
 
 def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
     time = () if system.time is None else (system.time,)
-    constants = Constants(system.parameters, (*system.q, *system.p, *time))
+    clock = {system.time: "_t", LATE: "_late"} if system.is_timed else {}
+    constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
     H = constants.hoist(system.H)
     energy = None if system.energy is None else constants.hoist(system.energy)
     g = tuple(constants.hoist(e) for e in system.constraints)

@@ -111,6 +111,9 @@ def frame_of(system: System) -> Frame:
     InputError
         If no symmetry is found that a frame can move along.
     """
+    if system.is_timed:
+        raise InputError(f"System {system.name!r} has time in H or in a constraint, which a "
+                         "co-moving frame does not know; leave out frame, or time.")
     search = _Search(system)
     groups = [*search.bodies(), *search.space(), *search.others()]
     if not groups:
@@ -124,7 +127,8 @@ class _Search:
     """What is found, one after the other."""
 
     def __init__(self, system: System) -> None:
-        self.system = replace(system, forces=(), time=None, quantities={})
+        self.system = replace(system, forces=(), time=None, quantities={}, inputs=())
+        self.inputs = system.inputs
         self.forces = system.forces
         self.taken: list[Field] = []
         self.names = {str(s) for s in (*system.q, *system.p, *system.parameters)}
@@ -222,6 +226,7 @@ class _Search:
         """Return what parameters must satisfy for {J, H} = 0; None if that is not found."""
         if field.name in self.kept:
             return ()
+        fed = {*self.inputs}
         part = self._moved_part(field)
         coefficients = _bracket_coefficients(part, field)
         if coefficients is None:
@@ -243,6 +248,8 @@ class _Search:
                 return None
         meets = replace(part, H=substitute([part.H], solved)[0],
                         constraints=tuple(substitute(list(part.constraints), solved)))
+        if any(e.free_symbols & fed for e in found):
+            return None  # inputs change from step to step
         return tuple(found) if SymmetrySpace(meets, [field], {}).contains(field) else None
 
     def _moved_part(self, field: Field) -> System:

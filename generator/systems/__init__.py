@@ -1,6 +1,7 @@
 """Systems: q, p, H, g and forces, and what is found out about them before anything is emitted.
 
     system          a constrained Hamiltonian system and its derivatives
+    given           what a caller gives of one, checked
     places          where bodies and joints are in it
     numeric_system  the same with numbers, in NumPy
     redundancy      constraints that others imply

@@ -57,13 +57,18 @@ class NumericConstraints:
 
 
 class NumericSystem(NumericConstraints):
-    """g, g_q, H and H_p of a system at given parameters."""
+    """g, g_q, H and H_p of a system at given parameters and one time."""
 
-    def __init__(self, system: System, parameters: Mapping[str, float]) -> None:
-        super().__init__(system.q, system.constraints, system.constraint_names, parameters)
+    def __init__(
+        self, system: System, parameters: Mapping[str, float], t: float = 0.0
+    ) -> None:
+        time = {} if system.time is None else {str(system.time): t}
+        values = {**as_mapping("parameters", parameters, "{'m': 1.0}"), **time}
+        super().__init__(system.q, system.constraints, system.constraint_names, values)
         self.system = system
         self.momenta = [str(x) for x in system.p]
-        self._parameters = values_of(system.parameters, parameters)
+        self._parameters = values_of(
+            [*system.parameters, *filter(None, (system.time,))], values)
 
     def H(self, q: Array, p: Array) -> float:
         """Return H(q, p)."""
@@ -74,9 +79,12 @@ class NumericSystem(NumericConstraints):
         return evaluate(self._velocity, self._state(q, p))
 
     def f(self, q: Array, p: Array) -> Array:
-        """Return g_q H_p, shape (m,)."""
+        """Return g_q H_p + g_t, shape (m,)."""
         rates: Array = self.G(q) @ self.H_p(q, p)
-        return rates
+        if self.system.clock is None:
+            return rates
+        later = self._at(q) | {self.system.clock: self._parameters[self.system.clock] + 1j * TINY}
+        return rates + evaluate(self.expressions, later).imag / TINY
 
     def W(self, q: Array, p: Array, G: Array) -> Array:
         """Return G H_pp Gᵀ, shape (m, m)."""

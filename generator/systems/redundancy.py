@@ -162,7 +162,7 @@ def _is_isolated(constraints: NumericConstraints, q: Array) -> bool:
 def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
     """Return random values for all parameters, positive where they must be."""
     values = {}
-    for symbol in system.parameters:
+    for symbol in (*system.parameters, *filter(None, (system.time,))):
         value = float(rng.uniform(0.5, 2.0))
         values[str(symbol)] = value if symbol.is_positive or rng.random() < 0.5 else -value
     return values

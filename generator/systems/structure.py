@@ -9,6 +9,8 @@ compile it, hardly depend on the number of bodies, and no zero of a matrix is ev
     H = Σ_f Σ_i  h_f(q[Q_fi], p[P_fi]; k[K_fi]),     g[R_fi] = g_f(q[Q_fi]; k[K_fi])
     F[R_fi] += F_f(q[Q_fi], p[P_fi], t; k[K_fi])
 
+Where H or g depends on t, so do h_f and g_f.
+
 Terms with momenta are gathered by *cells*, the sets of coordinates that H_pp couples: W = G H_pp Gᵀ
 is a sum over cells. Its pattern, an order of elimination and the fill it makes are
 found here; for a chain or a tree there is none.
@@ -53,11 +55,12 @@ class Form:
     constants: tuple[sp.Symbol, ...]
     expressions: tuple[sp.Expr, ...]
     instances: tuple[Instance, ...]
+    time: sp.Symbol | None = None
 
     @cached_property
     def system(self) -> System:
         """The form by itself, as a system with its local symbols: its derivatives."""
-        return Part(self.q, self.p, self.constants, self.expressions[0])
+        return Part(self.q, self.p, self.constants, self.expressions[0], time=self.time)
 
 
 class Part(System):
@@ -179,7 +182,7 @@ class Structure:
             first = instances[0]
             forms.append(Form(local("x", len(first.q)), local("y", len(first.p)),
                               local("k", len(first.constants)), local_expressions,
-                              tuple(instances)))
+                              tuple(instances), self.system.clock))
         return sorted(forms, key=lambda form: not form.p)
 
     def _canonical(

@@ -2,7 +2,8 @@
 
     q̇ = H_p(q, p),   ṗ = −H_q(q, p) − g_q(q)ᵀ λ,   0 = g(q)          (paper, eq. 12)
 
-Generalised forces F(q, p, t) that no potential has are added to ṗ.
+Generalised forces F(q, p, t) that no potential has are added to ṗ. H and g may depend on t too:
+then g_q H_p + g_t = 0, and energy changes by the work of forces and drives, Ḣ = F·q̇ + H_t + λᵀg_t.
 
 Nothing here knows of quaternions: a system is its symbols, its H and its g.
 """
@@ -16,31 +17,33 @@ from functools import cached_property
 from types import MappingProxyType
 
 import sympy as sp
-from sympy.core.sympify import _sympify
-from sympy.logic.boolalg import Boolean
 
 from ...arguments import as_flag, as_items, as_mapping, as_text
 from ...errors import InputError
+from ...markup import card, formula, table
 from ...naming import shown
-from ..algebra.switches import as_switches
 from ..text.c_names import is_taken
+from .given import as_expression, few
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
 from .places import BodyAt, JointAt
 
-__all__ = ["BodyAt", "System", "few"]
+__all__ = ["BodyAt", "System"]
 
 #: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
 MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
-#: Names that are shown of a list.
-_FEW = 6
+#: Constraints and forces that notebooks show.
+_SHOWN = 6
+#: Parts of an expression that is shown as a formula.
+_LARGEST_FORMULA = 400
 
 
-def few(names: Iterable[object]) -> str:
-    """Return the first of some names, and how many there are if that is not all."""
-    found = [str(name) for name in names]
-    first = ", ".join(found[:_FEW]) or "none"
-    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
+def shown_formula(e: sp.Expr) -> str:
+    """Return an expression as a formula for notebooks, or how long it is."""
+    size = sum(1 for _ in sp.preorder_traversal(e))
+    if size > _LARGEST_FORMULA:
+        return f"{len(sp.Add.make_args(e))} terms with {size:,} parts"
+    return formula(sp.latex(e))
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,10 @@ class System:
     forces : sequence of Expr
         Generalised forces F(q, p, t; parameters), n of them or none: ṗ = −H_q + F − g_qᵀλ.
     time : Symbol, optional
-        The symbol of t in the forces and quantities.
+        The symbol of t in H, constraints, forces and quantities.
+    inputs : sequence of Symbol
+        Parameters that may change from step to step, such as what a controller says; they stand
+        in forces only.
     quantities : mapping of str to Expr
         Quantities of q, p, t and parameters that trajectories offer by name.
     rigid_body : bool
@@ -96,6 +102,7 @@ class System:
     constraint_names: tuple[str, ...] = field(default=(), kw_only=True)
     forces: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
     time: sp.Symbol | None = field(default=None, kw_only=True)
+    inputs: tuple[sp.Symbol, ...] = field(default=(), kw_only=True)
     quantities: Mapping[str, sp.Expr] = field(default_factory=dict, kw_only=True, hash=False)
     rigid_body: bool = field(default=False, kw_only=True)
     bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
@@ -103,9 +110,11 @@ class System:
     energy: sp.Expr | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("q", "p", "parameters", "constraints", "forces"):
+        for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
             values = self._sequence(name)
             object.__setattr__(self, name, tuple(map(as_expression, values)))
+        new = tuple(u for u in self.inputs if u not in self.parameters)
+        object.__setattr__(self, "parameters", self.parameters + new)
         as_text("name of the system", self.name)
         as_flag("rigid_body", self.rigid_body)
         object.__setattr__(self, "H", as_expression(self.H))
@@ -118,7 +127,7 @@ class System:
         names = tuple(as_text("a constraint's name", name) for name in given)
         object.__setattr__(self, "constraint_names",
                            names or tuple(f"g{i}" for i in range(self.m)))
-        for what in ("q", "p", "parameters"):
+        for what in ("q", "p", "inputs", "parameters"):
             self._refuse_unless_symbols(what, getattr(self, what))
         if self.time is not None:
             self._refuse_unless_symbols("time", (self.time,))
@@ -147,6 +156,7 @@ class System:
                 "one for each coordinate (0 where none acts), or none at all."
             )
         self._refuse_unknown_symbols()
+        self._refuse_inputs_elsewhere()
         for what, kind in (("bodies", BodyAt), ("joints", JointAt)):
             given = as_items(what, getattr(self, what), f"what Multibody makes, {kind.__name__}")
             if not all(isinstance(one, kind) for one in given):
@@ -172,6 +182,17 @@ class System:
         parts += ["forces"] if self.forces else []
         parts += [f"quantities {few(self.quantities)}"] if self.quantities else []
         return f"<System {self.name}: {'; '.join(parts)}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: H, g and forces as formulas, where they are short enough."""
+        rows = [("H", shown_formula(self.H)),
+                *((f"g: {name}", shown_formula(g)) for name, g in
+                  zip(self.constraint_names[:_SHOWN], self.constraints, strict=False)),
+                *((f"F({p})", shown_formula(F)) for p, F in
+                  zip(self.p[:_SHOWN], self.forces, strict=False))]
+        rows += [("coordinates", few(self.q)), ("momenta", few(self.p)),
+                 ("parameters", few(self.parameters)), ("constraints", str(self.m))]
+        return card(f"System {self.name}", table(rows))
 
     def _sequence(self, name: str) -> Sequence[object]:
         value = getattr(self, name)
@@ -204,23 +225,21 @@ class System:
             raise InputError(
                 f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
             )
-        allowed = {*self.q, *self.p, *self.parameters}
-        energy = self.H if self.energy is None else self.energy
-        unknown = (self.H.free_symbols | energy.free_symbols) - allowed
+        allowed = {*self.q, *self.p, *self.parameters, *time}
+        unknown = (self.H.free_symbols | (self.energy or self.H).free_symbols) - allowed
         if unknown:
             raise InputError(
                 f"H of system {self.name!r} contains the unknown symbol "
-                f"{min(map(str, unknown))!r}; declare it in q, p or parameters."
+                f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
             )
         for index, g in enumerate(self.constraints):
             unknown = g.free_symbols - (allowed - set(self.p))
             if unknown:
                 raise InputError(
                     f"Constraint {index} of system {self.name!r} contains "
-                    f"{min(map(str, unknown))!r}; a holonomic constraint depends on q and "
-                    "parameters only."
+                    f"{min(map(str, unknown))!r}; a holonomic constraint depends on q, "
+                    "parameters and what is declared as time."
                 )
-        allowed |= set(time)
         for what, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
                         *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):
             unknown = e.free_symbols - allowed
@@ -235,6 +254,17 @@ class System:
                     f"System {self.name!r} has a quantity named {name!r}; names are letters, "
                     "digits and '_' and begin with a letter."
                 )
+
+    def _refuse_inputs_elsewhere(self) -> None:
+        """An input jumps between steps: no scheme counts what H gains there, and g would break."""
+        places = {"H": [self.H], "a constraint": self.constraints,
+                  "a quantity": self.quantities.values()}
+        for what, expressions in places.items():
+            found = {s for e in expressions for s in e.free_symbols}.intersection(self.inputs)
+            if found:
+                raise InputError(
+                    f"System {self.name!r} has the input {min(map(str, found))!r} in {what}; an "
+                    "input jumps from step to step: write what it does as forces.")
 
     def _is_guard(self, name: str) -> bool:
         """Whether the header of a stepper of this system may have this include guard."""
@@ -295,8 +325,31 @@ class System:
 
     @property
     def is_driven(self) -> bool:
-        """Whether a force depends on time."""
-        return any(self.time in f.free_symbols for f in self.forces)
+        """Whether anything that moves it depends on time."""
+        return self.is_timed or any(self.time in f.free_symbols for f in self.forces)
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether H or a constraint depends on time: then kernels find t among the constants."""
+        return self.clock is not None
+
+    @cached_property
+    def clock(self) -> sp.Symbol | None:
+        """The time where H or a constraint depends on it."""
+        timed = any(self.time in e.free_symbols for e in (self.H, *self.constraints))
+        return self.time if timed else None
+
+    @cached_property
+    def H_t(self) -> sp.Expr:
+        """∂H/∂t, the power of what drives H."""
+        return sp.Integer(0) if self.clock is None else gradient(self.H, [self.clock])[0]
+
+    @cached_property
+    def g_t(self) -> list[sp.Expr]:
+        """∂g/∂t, m entries: how fast the constraints move."""
+        if self.clock is None:
+            return [sp.Integer(0)] * self.m
+        return [row[0] for row in jacobian(self.constraints, [self.clock])]
 
     @cached_property
     def G(self) -> list[list[sp.Expr]]:
@@ -311,7 +364,7 @@ class System:
 
     @cached_property
     def hidden(self) -> list[sp.Expr]:
-        """The constraint on the momenta, m entries: g_q H_p = 0 (12) in its shortest form.
+        """The constraint on the momenta, m entries: g_q H_p + g_t = 0 (12) in its shortest form.
 
         In a co-moving frame it is that of the energy: the same where g = 0.
 
@@ -321,7 +374,8 @@ class System:
         """
         H_p = self.H_p if self.energy is None else gradient(self.energy, self.p)
         products = [sum(a * b for a, b in zip(row, H_p, strict=True)) for row in self.G]
-        return [self._without_units(shortest(e)) for e in products]
+        return [self._without_units(shortest(e + rate))
+                for e, rate in zip(products, self.g_t, strict=True)]
 
     def _without_units(self, e: sp.Expr) -> sp.Expr:
         """Drop factors free of p that are a non-zero constant wherever g = 0."""
@@ -344,23 +398,3 @@ class System:
             [shortest(sum(a * b for a, b in zip(row, other, strict=True))) for other in self.G]
             for row in rows
         ]
-
-
-def as_expression(value: object) -> sp.Expr:
-    """Return a SymPy expression or a plain number as an expression; text is refused.
-
-    Its Piecewise, Max, Min, Heaviside, Mod and the like become functions of ``switches``.
-    """
-    try:
-        made = _sympify(value)  # strict: never parses text
-    except (sp.SympifyError, TypeError, ValueError, AttributeError):
-        made = None
-    if isinstance(made, Boolean) and not isinstance(made, sp.Expr):
-        raise InputError(f"{shown(value)} is a condition, no expression; write 1 where it holds "
-                         f"and 0 elsewhere as Piecewise((1, {shown(value)}), (0, True)).")
-    if not isinstance(made, sp.Expr) or made.is_Matrix or isinstance(value, bool):
-        cure = "call it with symbols" if callable(value) else "build it from symbols and numbers"
-        raise InputError(f"{shown(value)} is no SymPy expression; {cure}.")
-    if made.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
-        raise InputError(f"The expression {shown(made)} is not real and finite; write another.")
-    return as_switches(made)

@@ -20,6 +20,7 @@ import mpmath as mp
 import sympy as sp
 
 from ...errors import InputError
+from ...markup import card, formula, table
 from .enclosures import enclose_part, map_entries, widest_radius
 from .node_algebra import Nodes, ValueNodes
 from .nodes import BITS, Enclosure, exact_roots
@@ -42,6 +43,17 @@ FIELDS: dict[str, str] = {
     "c": "s",
     "c_tilde": "p",
 }
+
+
+#: The tables that notebooks show: what each is for, its weights, what ends it, its nodes.
+_BUTCHER = (("A, b: velocities, in q", "A", "b", "c"),
+            ("Â, b̂: forces, in p", "A_hat", "b_hat", "c"),
+            ("Ã, b̃: constraint forces, in p", "A_tilde", "b_tilde", "c"),
+            ("Ā: velocities, in q at the constraint nodes", "A_bar", "", "c_tilde"))
+#: Up to so many stages exact entries are found at once, and shown; digits of the others.
+_EXACT_STAGES, _SHOWN_DIGITS = 3, 12
+#: Characters of an entry that is shown exactly.
+_SHORT = 30
 
 
 @dataclass(frozen=True)
@@ -94,6 +106,26 @@ class Tableau:
     def __repr__(self) -> str:
         claimed = f", order {self.claims['order']}" if "order" in self.claims else ""
         return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{claimed}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: Butcher tables, exact where that is short."""
+        digits = self.numeric(digits=_SHOWN_DIGITS)
+        exact = self if self.s <= _EXACT_STAGES else digits
+
+        def cells(entries: Any, numeric: Any) -> list[Any]:
+            return [formula(sp.latex(e)) if isinstance(e, sp.Expr) and len(str(e)) <= _SHORT else
+                    mp.nstr(x, _SHOWN_DIGITS) for e, x in zip(entries, numeric, strict=True)]
+
+        def line(name: str) -> list[Any]:
+            return cells(getattr(exact, name), getattr(digits, name))
+
+        tables: list[str] = []
+        for said, matrix, weights, nodes in _BUTCHER:
+            rows = [[node, *cells(*both)] for node, *both in zip(
+                line(nodes), getattr(exact, matrix), getattr(digits, matrix), strict=True)]
+            ends = [["", *line(weights)]] if weights else []
+            tables += [f"<p>{said}</p>", table(rows + ends)]
+        return card(f"Tableau {self.name}: {self.s} stages, p = {self.p}", *tables)
 
     @property
     def s(self) -> int:

@@ -21,7 +21,7 @@ KEYWORDS = frozenset(
 _MACRO = re.compile(
     r"""
     NULL | NAN | INFINITY | HUGE | HUGE_VAL\w* | SNAN\w* | MAXFLOAT | DECIMAL_DIG
-    | GYROSPARK_PLAIN | LANE_BYTES | INLINE | NOINLINE
+    | GYROSPARK_PLAIN | GYROSPARK_OBJECT | LANE_BYTES | INLINE | NOINLINE
     | math_errhandling | linux | unix | i386
     | (FLT | DBL | LDBL | DEC[0-9]* | FP | MATH)_[A-Z0-9_]+
     | M_(E | LOG2E | LOG10E | LN2 | LN10 | PI | PI_2 | PI_4 | 1_PI | 2_PI | 2_SQRTPI | SQRT2

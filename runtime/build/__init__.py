@@ -3,6 +3,7 @@
     manifest      what a stepper says of itself, checked before sizes are used
     compiler      find a C compiler, make an extension module
     places        where bodies and joints are in the arrays of a run
+    objects       what is compiled side by side, and for which module
     quad_wrapper  what cffi is told of a float128 stepper
     cache         what is kept between runs
     module        the text of a stepper to its module

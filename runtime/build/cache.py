@@ -25,8 +25,9 @@ import cffi
 import platformdirs
 
 from ...errors import GyrosparkError
-from . import quad_wrapper
-from .compiler import SPEED_FLAGS, STRICT_FLAGS, Compiler, extension_suffix
+from . import objects, quad_wrapper
+from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
+from .objects import Part
 
 __all__ = ["CacheError", "binary_key", "cache_folder", "keep", "kept", "publish", "workshop"]
 
@@ -53,15 +54,18 @@ def digest(content: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def binary_key(files: dict[str, str], compiler: Compiler) -> str:
+def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -> str:
     """Return a hash of everything that changes the binary."""
     return digest(
         {
             "files": files,
-            "wrapper": Path(quad_wrapper.__file__).read_text(encoding="utf-8"),
+            "part": part,
+            "made by": [Path(str(module.__file__)).read_text(encoding="utf-8")
+                        for module in (objects, quad_wrapper)],
             "command": compiler.command,
             "version": compiler.version,
-            "flags": [compiler.flags, compiler.link_flags, STRICT_FLAGS, SPEED_FLAGS],
+            "flags": [compiler.flags, compiler.link_flags, STRICT_FLAGS, SPEED_FLAGS,
+                      WRAPPER_FLAGS],
             "cpu": cpu_description(),
             "python": extension_suffix(),
             "cffi": cffi.__version__,

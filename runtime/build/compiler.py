@@ -20,6 +20,7 @@ import numpy as np
 
 from ...errors import CompilerError, InputError
 from ...real import REALS, Real
+from .objects import Part, declarations_of, objects_of
 from .quad_wrapper import is_quad, wrap_declarations
 
 __all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
@@ -30,6 +31,8 @@ STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-
 EXTENDED_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
 SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
+#: For cffi's wrapper, which hands arguments on and computes nothing: what builds fastest.
+WRAPPER_FLAGS = ["-O0", "-w", "-fPIC"]
 
 #: NumPy's types → the standard ones of C with the same numbers.
 _STANDARD = {np.float32: "float", np.float64: "double", np.longdouble: "long double"}
@@ -135,11 +138,13 @@ def read_declarations(header: str) -> str:
     return header[start : header.index("/* [end declarations] */")]
 
 
-def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder: Path) -> Path:
+def compile_module(
+    name: str, files: dict[str, str], compiler: Compiler, folder: Path, part: Part = "runs"
+) -> Path:
     """Compile a stepper in ``folder`` and return the path of the extension module.
 
-    The kernel is a translation unit of its own under strict warnings; cffi's wrapper, which is
-    not ours, is compiled beside it without them.
+    The objects of the kernel are compiled side by side under strict warnings; cffi's wrapper, which
+    is not ours, beside them without.
 
     Raises
     ------
@@ -153,20 +158,24 @@ def compile_module(name: str, files: dict[str, str], compiler: Compiler, folder:
     declarations = read_declarations(files[f"{name}.h"])
     if is_quad(declarations):
         _refuse_without_quad(compiler, folder)
-    wrapper = _write_wrapper(name, files[f"{name}.h"], folder)
+    wrapper = _write_wrapper(name, declarations_of(name, files[f"{name}.h"], part), folder)
     include = sysconfig.get_paths()["include"]
-    compile_ = [*compiler.command, *compiler.flags]
-    wrapping = "-O1" if optimisation() in ("-O2", "-O3") else "-O0"  # the lower build faster
-    commands = [
-        [*compile_, *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS), "-c",
-         f"{name}.c", "-o", "kernel.o"],
-        [*compiler.command, wrapping, "-fPIC", f"-I{include}", "-I.", "-w", "-c", wrapper.name,
-         "-o", "wrapper.o"],
-    ]
+    compile_ = [*compiler.command, *compiler.flags,
+                *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS)]
+    commands, linked = [], ["wrapper.o"]
+    for made in objects_of(name, files, part):
+        inside = folder / made.name
+        inside.mkdir()
+        (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
+        shutil.copy(folder / f"{name}.c", inside)
+        commands.append([*compile_, *made.flags, "-c", f"{made.name}/{name}.c", "-o",
+                         f"{made.name}.o"])
+        linked.append(f"{made.name}.o")
+    commands.append([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c", wrapper.name,
+                     "-o", "wrapper.o"])
     _run_together(commands, folder)
     target = folder / (module_name(name) + extension_suffix())
-    link = [*compiler.command, *compiler.link_flags, "kernel.o", "wrapper.o", "-lm", "-o",
-            target.name]
+    link = [*compiler.command, *compiler.link_flags, *linked, "-lm", "-o", target.name]
     _run_together([link], folder)
     if not target.is_file():
         raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "

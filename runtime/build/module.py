@@ -21,12 +21,15 @@ from .cache import (
     workshop,
 )
 from .compiler import compile_module, extension_suffix, find_compiler, module_name
+from .objects import Part
 
 __all__ = ["load_module", "provenance"]
 
 
-def load_module(name: str, files: dict[str, str]) -> Any:
-    """Return the compiled module of a stepper; compiles only what is not in the cache.
+def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
+    """Return the compiled module of a stepper, or that of its lanes, which is compiled apart.
+
+    Compiles only what is not in the cache.
 
     A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
     could end the process, so its checksum, kept beside it, is compared first.
@@ -37,13 +40,14 @@ def load_module(name: str, files: dict[str, str]) -> Any:
         See ``compile_module`` and ``workshop``.
     """
     compiler = find_compiler()
-    key = binary_key(files, compiler)
+    key = binary_key(files, compiler, part)
     path = cache_folder() / f"{name}-{key}{extension_suffix()}"
     if _is_whole(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
             return _import(name, path)
-    with doing(f"compiling {name}", f"compiled {name}"), workshop() as folder:
-        built = compile_module(name, files, compiler, folder)
+    what = name if part == "runs" else f"{name} for ensembles"
+    with doing(f"compiling {what}", f"compiled {what}"), workshop() as folder:
+        built = compile_module(name, files, compiler, folder, part)
         proof = folder / "sha256"
         proof.write_text(_checksum(built), encoding="ascii")
         publish(built, path.name)

@@ -2,6 +2,7 @@
 
     checks                what callers pass in, converted and never reinterpreted
     reals                 numbers rounded once to the stepper's type
+    inputs                numbers that forces have anew in every step
     memory                memory whose bytes mean the same wherever they lie
     quad                  IEEE binary128 as mpmath numbers and 16 bytes
     compiled              a compiled module: pointers, structs, whole runs

@@ -118,17 +118,26 @@ class Binding(Compiled):
                                         self.pointer(p), self.pointer(values))
         return values
 
-    def hamiltonian(self, parameters: Any, q: Array, p: Array) -> Array:
-        """Return H of each row of q and p."""
+    def hamiltonian(self, parameters: Any, q: Array, p: Array, t: Array | None = None) -> Array:
+        """Return H of each row of q and p, at the times t; by default that of the parameters."""
         H = self.new(len(q))
-        self.function("hamiltonian")(parameters, len(q), self.pointer(q), self.pointer(p),
-                                     self.pointer(H))
+        self.function("hamiltonian")(parameters, len(q), *self._times(t), self.pointer(q),
+                                     self.pointer(p), self.pointer(H))
         return H
 
-    def defects(self, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
+    def _times(self, t: Array | None) -> list[Any]:
+        """Return the argument with the times of states, where H or g has time."""
+        if not self.is_timed:
+            return []
+        return [self.ffi.NULL if t is None else self.pointer(t)]
+
+    def defects(
+        self, parameters: Any, q: Array, p: Array, t: Array | None = None
+    ) -> tuple[Array, Array]:
         """Return g(q) and f(q, p) of each row of q and p, m entries a row.
 
-        Of ``parameter_sets`` each one is that of as many rows as the next.
+        The times are t, or those of the parameters. Of ``parameter_sets`` each one is that of as
+        many rows as the next.
         """
         g, f = self.new(len(q), self.m), self.new(len(q), self.m)
         if not self.m:
@@ -137,11 +146,11 @@ class Binding(Compiled):
         arrays, rows = [self.pointer(array) for array in (q, p, g, f)], len(q) // sets
         widths = [rows * width for width in (self.n, self.n, self.m, self.m)]
         if sets == 1:
-            function(parameters, rows, *arrays)
+            function(parameters, rows, *self._times(t), *arrays)
             return g, f
         for i in range(sets):
-            function(parameters + i, rows, *[array + i * width for array, width in
-                                             zip(arrays, widths, strict=True)])
+            own = [array + i * width for array, width in zip(arrays, widths, strict=True)]
+            function(parameters + i, rows, *self._times(None), *own)
         return g, f
 
     def sets(self, parameters: Any) -> int:

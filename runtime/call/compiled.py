@@ -7,7 +7,6 @@ contiguous, of the stepper's own type. cffi releases the GIL during every call.
 from __future__ import annotations
 
 from fractions import Fraction
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...real import REALS
 from .checks import as_array, as_numbers, converted_to
+from .inputs import Inputs
 from .memory import aligned
 from .reals import rounding
 
@@ -42,11 +42,15 @@ class Compiled:
         self.number = rounding(manifest["real"])
         system = manifest["system"]
         self.parameter_names = list(system["parameters"])
+        #: Those of them that may change from step to step.
+        self.input_names = list(system.get("inputs", ()))
         self.n = len(system["coordinates"])
         self.m = len(system["constraints"])
         self.has_forces = "forces" in system
-        #: The field of the parameters with the time at the start; None where no force has t.
+        #: The field of the parameters with the time at the start; None where nothing has t.
         self.time: str | None = system.get("time")
+        #: Whether H or g has t, so that what is asked of a state is asked at a time.
+        self.is_timed = bool(system.get("time_in_H_or_g"))
         self.quantity_names = list(system.get("quantities", ()))
         self._quantities_take_time = bool(system.get("quantities_take_time"))
         self.unknowns = int(manifest["scheme"]["unknowns"])
@@ -55,6 +59,7 @@ class Compiled:
         self.solves_increments = bool(manifest["scheme"]["unknowns_are_state"])
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
         self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
+        self._report_type: np.dtype[Any] | None = None
 
     @property
     def epsilon(self) -> float:
@@ -92,7 +97,7 @@ class Compiled:
         return self.ffi.new(f"{self.name}_parameters *", self._fields(values, t))
 
     def _fields(self, values: dict[str, Any], t: Any) -> dict[str, Any]:
-        """Return the parameters by name, with the time where forces have it."""
+        """Return the parameters by name, with the time where something has it."""
         time = {} if self.time is None else {self.time: t}
         return {name: self._passed(value) for name, value in (values | time).items()}
 
@@ -191,6 +196,7 @@ class Compiled:
     def integrate(
         self, parameters: Any, options: Any, dt: float, steps: int, every: int,
         q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
+        inputs: Inputs | None = None,
     ) -> int:
         """Advance (q, p) in place by up to ``steps`` steps; return the status."""
         q_out, p_out, multipliers, iterations, work_out = out
@@ -198,10 +204,24 @@ class Compiled:
         counts = (self.ffi.NULL if iterations.size == 0
                   else self.ffi.from_buffer("int[]", iterations, require_writable=True))
         return int(self.function("integrate")(
-            parameters, options, dt, steps, every, self.pointer(q), self.pointer(p),
-            self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers), counts, *done,
-            report, work,
+            parameters, options, *self._fed(inputs)[:2], dt, steps, every, self.pointer(q),
+            self.pointer(p), self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers),
+            counts, *done, report, work,
         ))
+
+    def _fed(self, inputs: Inputs | None) -> list[Any]:
+        """Return the arguments with inputs, how long they are held, and rows between runs."""
+        if not self.input_names:
+            return []
+        if inputs is None:
+            return [self.ffi.NULL, 0, 0]
+        return [self.pointer(inputs.values), inputs.hold, inputs.stride]
+
+    def feed(self, parameters: Any, row: Array) -> None:
+        """Put the inputs of a step into the parameter struct."""
+        fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
+        for name, value in zip(self.input_names, row, strict=True):
+            fields[self.parameter_names.index(name)] = value
 
     def batch_memory(self) -> tuple[Any, Any]:
         """Return the memory of ``integrate_lanes`` for one thread."""
@@ -224,7 +244,7 @@ class Compiled:
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
         q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
-        memory: tuple[Any, Any],
+        memory: tuple[Any, Any], inputs: Inputs | None = None,
     ) -> None:
         """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
         rows = out[0].shape[1]
@@ -234,14 +254,19 @@ class Compiled:
         starts = [self.pointer(part, row * width)
                   for part, width in zip(out[:3], widths, strict=True)]
         self.function("integrate_lanes")(
-            len(dt), parameters, options, self.pointer(dt), steps, every, rows, self.pointer(q),
-            self.pointer(p), *starts, counts + row, *done, reports,
+            len(dt), parameters, options, *self._fed(inputs), self.pointer(dt), steps, every, rows,
+            self.pointer(q), self.pointer(p), *starts, counts + row, *done, reports,
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory,
         )
 
-    @cached_property
+    @property
     def report_type(self) -> np.dtype[Any]:
-        """The running record's fields as NumPy sees them."""
+        """The running record's fields as NumPy sees them; found once, by whoever is first."""
+        if self._report_type is None:
+            self._report_type = self._seen_by_numpy()
+        return self._report_type
+
+    def _seen_by_numpy(self) -> np.dtype[Any]:
         kinds = {"long": np.dtype("l"), "int": np.dtype("i")}
         struct = self.ffi.typeof(f"{self.name}_report")
         fields = dict(struct.fields)
@@ -258,7 +283,7 @@ class Compiled:
         """Advance the rows of q and p in place by whole runs; return records and statuses.
 
         ``parameters`` has a row for each trajectory, in the order of ``parameter_names`` and with
-        the time at the start where forces have it.
+        the time at the start where something has it.
         """
         count = len(dt)
         reports = np.zeros(count, dtype=self.report_type)
@@ -266,8 +291,8 @@ class Compiled:
         structs = self.ffi.from_buffer(f"{self.name}_parameters[]", parameters)
         q_out, p_out = (self.ffi.NULL, self.ffi.NULL) if out is None else map(self.pointer, out)
         self.function("integrate_many")(
-            count, structs, options, self.pointer(dt), steps, every, self.pointer(q),
-            self.pointer(p), q_out, p_out,
+            count, structs, options, *self._fed(None), self.pointer(dt), steps, every,
+            self.pointer(q), self.pointer(p), q_out, p_out,
             self.ffi.from_buffer(f"{self.name}_report[]", reports, require_writable=True),
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory)
         return reports, status

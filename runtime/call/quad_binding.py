@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..build.quad_wrapper import PREFIX
 from . import quad
 from .binding import SOLVERS, Binding, SolverName
+from .inputs import Inputs
 from .memory import aligned
 
 __all__ = ["QuadBinding"]
@@ -102,6 +103,12 @@ class QuadBinding(Binding):
             time = quad.quad(t0) + steps * quad.quad(dt)
             parameters.write(len(self.parameter_names) * quad.BYTES, quad.pack([time]))
 
+    def feed(self, parameters: Any, row: Array) -> None:
+        """Put the inputs of a step into the parameter struct."""
+        for name, value in zip(self.input_names, row, strict=True):
+            place = self.parameter_names.index(name) * quad.BYTES
+            parameters.write(place, quad.pack([value]))
+
     def options(self, tolerance: float | None, max_iterations: int, solver: SolverName) -> Any:
         """Return the options struct; tolerance None means down to round-off."""
         block = _Block(self.ffi, f"{self.name}_options")
@@ -167,22 +174,23 @@ class QuadBinding(Binding):
     def integrate(
         self, parameters: Any, options: Any, dt: float, steps: int, every: int,
         q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
+        inputs: Inputs | None = None,
     ) -> int:
         """Advance (q, p) in place by up to ``steps`` steps; return the status."""
         rows = steps // every  # converted: those of this call, not all that are left
         return super().integrate(parameters, options, dt, steps, every, q, p,
-                                 tuple(part[:rows] for part in out), report, work)
+                                 tuple(part[:rows] for part in out), report, work, inputs)
 
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
         q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
-        memory: tuple[Any, Any],
+        memory: tuple[Any, Any], inputs: Inputs | None = None,
     ) -> None:
         """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
         now = slice(row, row + steps // every)
         copies = tuple(part[:, now].copy() for part in out)
         super().integrate_lanes(parameters, options, dt, steps, every, 0, q, p, copies,
-                                reports.first, status, memory)
+                                reports.first, status, memory, inputs)
         for part, made in zip(out, copies, strict=True):
             part[:, now] = made
 

@@ -24,12 +24,13 @@ from ..call.checks import as_positive_count, as_step
 from .frame_pilots import FramePilots
 from .frame_search import FrameChoice, Search
 from .frame_start import Velocities, directions_of, least_squares
-from .gamma_choice import PILOT_STEPS
+from .gamma_choice import PILOT_STEPS, with_choice
 
 if TYPE_CHECKING:
     from ..run.stepper import Stepper
 
-__all__ = ["FRAME_CHOICES", "asks_for_frame", "choose_frame", "start_frame", "with_frame"]
+__all__ = ["FRAME_CHOICES", "asks_for_frame", "choose_frame", "chosen",
+           "start_frame"]
 
 #: What ``parameters["frame"]`` may say.
 FRAME_CHOICES = ("start", "auto")
@@ -146,6 +147,15 @@ def with_frame(
         raise Stopped("Stopped before the first step, while the frame was chosen.", stopped.signal
                       ) from None
     return others | choice.values
+
+
+def chosen(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
+    parameters: Any, t0: Number = 0.0,
+) -> Any:
+    """Return the parameters of a run with all that they leave to be chosen: frame, then γ."""
+    moving = with_frame(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
+    return with_choice(stepper, q, p, dt=dt, steps=steps, parameters=moving, t0=t0)
 
 
 def asks_for_frame(stepper: Stepper, parameters: Mapping[str, Any]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -134,7 +135,7 @@ class BodyMotion:
         """
         r = self._point(on_body)
         turning = turned(self.attitude, np.cross(self.angular_velocity(), r))
-        if not self._at.x:
+        if not self.moves:
             return turning
         return self._run.p[:, self._at.x].astype(float) / self.mass + turning
 
@@ -155,7 +156,7 @@ class BodyMotion:
         """
         l, omega = self.angular_momentum("body"), self.angular_velocity()  # noqa: E741
         energy: Array = (l * omega).sum(axis=1) / 2
-        if self._at.x:
+        if self.moves:
             energy = energy + (self._run.p[:, self._at.x].astype(float) ** 2).sum(axis=1) / (
                 2 * self.mass)
         return energy
@@ -193,6 +194,21 @@ class BodyMotion:
                              "asked for in body axes: position(on_body=(0, 0, 0.1)).)")
         return numbers(self._at.centre, self._run.parameters)
 
+    @property
+    def moves(self) -> bool:
+        """Whether it has a position of its own: no point of it is held."""
+        return bool(self._at.x)
+
+    def plot(self, path: str | os.PathLike[str] | None = None, *, euler: str = "ZYX",
+             degrees: bool = True) -> Any:
+        """Draw Euler angles, without jumps, angular velocity, momenta, and how it moves.
+
+        Returns a matplotlib figure, which Jupyter shows; .png, .svg or .pdf where a path is given.
+        """
+        from ..show.motion_plots import draw_body  # matplotlib is optional
+
+        return draw_body(self, self._run, path, euler, as_flag("degrees", degrees))
+
     # ------------------------------------------------------------ inside
 
     @property
@@ -206,7 +222,7 @@ class BodyMotion:
 
     def _origin(self) -> Array:
         """Return where the origin of the body axes is in space, a row a state."""
-        if self._at.x:
+        if self.moves:
             return self._run.q[:, self._at.x].astype(float)
         held = numbers(self._at.origin, self._run.parameters)
         return np.broadcast_to(held, (len(self._run), 3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -104,10 +105,11 @@ class JointMotion:
         there, the first and the last state take what their one step has. IMS and EMS have one for
         the middle of a step: a state takes the mean as well, and the first and the last go on from
         their neighbours in a straight line. Errors fall as Δt^s with G-L of s stages, as Δt^(s−1)
-        with LIIIA-B, as Δt² with IMS and EMS: more slowly than those of the motion. Where not every
-        state is stored (``every`` > 1) it is that of the step that ends there, to the first order
-        with IMS and EMS, and NaN at the start. Of joints whose constraints were in part left out
-        because others imply them, it is what those that are left do.
+        with LIIIA-B, as Δt² with IMS and EMS: more slowly than those of the motion. Where the
+        states are not those after every step (``every`` > 1, ``t_eval``, ``at``) it is that of the
+        step that ends there, to the first order with IMS and EMS, and NaN at the start. Of joints
+        whose constraints were in part left out because others imply them, it is what those that are
+        left do.
 
         Parameters
         ----------
@@ -155,6 +157,20 @@ class JointMotion:
         on_b = numbers(pull.on_b, self._run.parameters)
         return np.cross(turned(q_a, on_a), turned(q_b, on_b))
 
+    @property
+    def has_axis(self) -> bool:
+        """Whether a and b keep an axis in common, and so have an angle."""
+        return bool(self._at.axis_b)
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw its angle, where it has one, and force and torque in it against time.
+
+        Returns a matplotlib figure, which Jupyter shows; .png, .svg or .pdf where a path is given.
+        """
+        from ..show.motion_plots import draw_joint  # matplotlib is optional
+
+        return draw_joint(self, self._run, path)
+
     # ------------------------------------------------------------ inside
 
     def _points(self) -> tuple[Array, Array]:
@@ -175,7 +191,7 @@ class JointMotion:
 
     def _axes(self) -> tuple[Array, Array, Array, Array]:
         """Return n₁, n₂ in a, the axis in space a row a state, and in b."""
-        if not self._at.axis_b:
+        if not self.has_axis:
             raise InputError(f"Joint {self.name!r} has no axis that its bodies keep in common, so "
                              "no angle; those of revolute and align have.")
         both = numbers(self._at.axis_a, self._run.parameters)
@@ -203,13 +219,20 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
         return found
     begin, end = rows[:, 0], rows[:, -1]
     found[1:] = end
-    if trajectory.every == 1:
+    if _is_whole(trajectory):
         found[1:-1] = (end[:-1] + begin[1:]) / 2
         found[0] = begin[0]
         if rows.shape[1] == 1 and len(rows) > 2:
             # One multiplier a step: of the middle, beside a part that alternates; means have none.
             found[0], found[-1] = 2 * found[1] - found[2], 2 * found[-2] - found[-3]
     return found
+
+
+def _is_whole(trajectory: Trajectory) -> bool:
+    """Whether a trajectory has the state after every step of its run, and no other."""
+    t, dt, count = trajectory.t.astype(float), float(trajectory.dt), len(trajectory)
+    return count == trajectory.report.steps + 1 and bool(
+        (np.abs(t - t[0] - dt * np.arange(count)) < 1e-3 * abs(dt)).all())
 
 
 def _shortest(a: Array, b: Array, normal: Array) -> Array:

@@ -57,12 +57,16 @@ class States:
     @property  # nothing cached: its lock would be held for ever in a forked child
     def energies(self) -> Array:
         """H of each state."""
-        return self.binding.hamiltonian(self.parameters, self.q, self.p)
+        return self.binding.hamiltonian(self.parameters, self.q, self.p, self._times)
+
+    @property
+    def _times(self) -> Array:
+        return self.t.astype(self.binding.dtype)
 
     @property
     def defects(self) -> tuple[Array, Array]:
         """The largest |g| and the largest momentum-constraint error of each state."""
-        return defect_sizes(self.binding, self.parameters, self.q, self.p)
+        return defect_sizes(self.binding, self.parameters, self.q, self.p, self._times)
 
     @property
     def step_multipliers(self) -> Array:
@@ -73,8 +77,7 @@ class States:
     @property
     def quantities(self) -> Array:
         """The system's quantities, a column each."""
-        t = self.t.astype(self.binding.dtype)
-        return self.binding.quantities(self.parameters, t, self.q, self.p)
+        return self.binding.quantities(self.parameters, self._times, self.q, self.p)
 
 
 def _scalar(manifest: Manifest) -> Inner | None:
@@ -228,9 +231,11 @@ def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
     return found
 
 
-def defect_sizes(binding: Binding, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
+def defect_sizes(
+    binding: Binding, parameters: Any, q: Array, p: Array, t: Array | None = None
+) -> tuple[Array, Array]:
     """Return the largest |g| and the largest momentum-constraint error of each row."""
-    g, f = binding.defects(parameters, q, p)
+    g, f = binding.defects(parameters, q, p, t)
     return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from numpy.typing import ArrayLike, NDArray
 
@@ -13,20 +13,15 @@ from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
 from ...naming import choose
 from ..build.places import bodies_of, joints_of
+from ..events.event import Crossings
 from ..show.endings import ENDINGS, ending_of
-from ..show.scene import ShapeName
-from ..show.view import View, view
-from . import tables
-from .body_motion import BodyMotion, FrameName
+from .body_motion import BodyMotion
 from .joint_motion import JointMotion
-from .outputs import OUTPUTS, parts, place_of_quantity
+from .outputs import place_of_quantity
 from .report import Report
+from .shown import Shown
 from .states import save_csv
 from .trajectory_file import read_npz, write_npz
-
-if TYPE_CHECKING:
-    import pandas
-    import xarray
 
 __all__ = ["Trajectory"]
 
@@ -41,7 +36,7 @@ class Maker(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Shown):
     """States of a run, stored every ``every`` steps.
 
     Attributes
@@ -69,6 +64,8 @@ class Trajectory:
         with more digits.
     report : Report
         Diagnostics over every step.
+    events : dict of str to Crossings
+        Where the events that were asked for happened: ``events["height"].t``, ``.q``, ``.p``.
     """
 
     t: Array
@@ -86,6 +83,8 @@ class Trajectory:
     f_errors: Array
     work: Array
     quantity_values: Array
+    #: Where its events happened, by their names; see ``gyrospark.Event``.
+    events: dict[str, Crossings] = field(default_factory=dict, repr=False)
     #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
     _stepper: Any = field(default=None, repr=False)
 
@@ -308,61 +307,3 @@ class Trajectory:
             If the file is missing, damaged or of another kind.
         """
         return cls(**read_npz(as_path("path", path, "run.npz")))
-
-    def to_csv(
-        self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None,
-    ) -> Path:
-        """Write the states as CSV, with Euler angles and such where asked for; return the path.
-
-        See ``to_dataframe`` for the columns.
-
-        Examples
-        --------
-        >>> run.to_csv("run.csv", euler="ZYX", degrees=True)      # doctest: +SKIP
-        """
-        return tables.to_csv(self, path, euler=euler, degrees=degrees,
-                             angular_velocity=angular_velocity)
-
-    def to_dataframe(
-        self, *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None,
-    ) -> pandas.DataFrame:
-        """Return the states as a pandas DataFrame; see ``runtime.output.tables.to_dataframe``."""
-        return tables.to_dataframe(self, euler=euler, degrees=degrees,
-                                   angular_velocity=angular_velocity)
-
-    def to_xarray(
-        self, *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None,
-    ) -> xarray.Dataset:
-        """Return the states as an xarray Dataset; see ``runtime.output.tables.to_xarray``."""
-        return tables.to_xarray(self, euler=euler, degrees=degrees,
-                                angular_velocity=angular_velocity)
-
-    def panels(self) -> dict[str, Array]:
-        """Return the outputs that pictures show in panels of their own, by title."""
-        return {one.panel: getattr(self, one.attribute) for one in OUTPUTS
-                if one.panel and parts(one, self.manifest)}
-
-    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw axis trace, energy error and constraint errors; write them where a path is given.
-
-        Returns a matplotlib figure, which Jupyter shows; see ``plots.draw``.
-        """
-        from ..show.plots import draw  # matplotlib is optional
-
-        return draw(self, path)
-
-    def view(self, path: str | os.PathLike[str] | None = None, *,
-             shape: ShapeName = "box") -> View:
-        """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
-
-        One HTML file without network: bodies as boxes, or ellipsoids, of their inertia, joints,
-        traces, a slider, and the energy error beside it; see ``runtime.show.view.view``.
-
-        Examples
-        --------
-        >>> run.view("top.html")                                  # doctest: +SKIP
-        """
-        return view(self, path, shape=shape)

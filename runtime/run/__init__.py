@@ -8,4 +8,5 @@
     lanes        trajectories side by side in a vector register
     ensemble     many trajectories on threads
     between      states of a run between its steps
+    crossings    where events happen, by short real steps
 """

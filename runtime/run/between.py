@@ -7,7 +7,7 @@ of the run are: a short step adds an error of its own order, (θΔt)^(r+1).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,14 +20,14 @@ from ..interrupts import ctrl_c
 from ..output.outputs import OUTPUTS, States, value_of
 from ..output.trajectory import Trajectory
 from ..steps.integration import Run
-from .ensemble import fill_course, threads_of
-from .lanes import Course
+from .lanes import Course, fill_course, threads_of
 from .runs import Runs
 
 if TYPE_CHECKING:
     from .stepper import Stepper
 
-__all__ = ["between", "marks_of"]
+__all__ = ["between", "epsilon_of_times", "marks_of", "partial_steps", "refuse_changing",
+           "run_together"]
 
 Array = NDArray[Any]
 
@@ -62,6 +62,7 @@ def _states_at(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike, fill: Callable[[Course], None]
 ) -> Trajectory:
     _refuse_of_another(stepper, trajectory)
+    refuse_changing(stepper, trajectory.parameters)
     t = _times(stepper, times)
     at = _places(stepper, trajectory.t, trajectory.dt, t)
     q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
@@ -115,26 +116,55 @@ def _go(
     part: Array, t0: Array, dt: Array, *, steps: Array, most: int,
 ) -> None:
     """Take some states on by so many steps of dt each."""
-    binding = stepper.binding
-    number = binding.number_type
-    first = Run(made.q[part[0]], made.p[part[0]], dt[0], most, 1, trajectory.parameters, "auto",
-                None, 50, t0[0])
-    columns = {name: np.full(len(part), value, number)
+    columns = {name: np.full(len(part), value, stepper.binding.number_type)
                for name, value in trajectory.parameters.items()}
-    course = Course.of(binding, Runs(first, made.q[part], made.p[part], dt.astype(number),
-                                     np.asarray(t0).astype(number), columns))
-    fill(course)
-    failed = np.flatnonzero(course.status)
-    if len(failed):
-        raise InputError(
-            f"From t = {float(t0[failed[0]]):.6g} s no step of {float(dt[failed[0]]):.3g} s is "
-            "found, though the run has found its own; ask for other times.")
+    course = run_together(stepper, made.q[part], made.p[part], t0, dt, columns, fill, most)
     row = np.arange(len(part))
     rows = course.rows
     made.q[part], made.p[part] = rows.q[row, steps], rows.p[row, steps]
     made.work[part] += rows.work[row, steps]
     made.multipliers[part] = rows.multipliers[row, steps].reshape(made.multipliers[part].shape)
     made.iterations[part] = rows.iterations[row, steps]
+
+
+def run_together(
+    stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
+    fill: Callable[[Course], None], steps: int,
+) -> Course:
+    """Return runs of so many steps, each stored, from states that are on their constraints.
+
+    Raises
+    ------
+    InputError
+        If one of them finds no step, though the run that they belong to has found its own.
+    """
+    number = stepper.binding.number_type
+    first = Run(q[0], p[0], dt[0], steps, 1, {name: column[0] for name, column in
+                                              parameters.items()}, "auto", None, 50, t0[0])
+    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number),
+                                             parameters))
+    fill(course)
+    failed = np.flatnonzero(course.status)
+    if len(failed):
+        raise InputError(
+            f"From t = {float(t0[failed[0]]):.6g} s no step of {float(dt[failed[0]]):.3g} s is "
+            "found, though the run has found its own; take a smaller dt.")
+    return course
+
+
+def partial_steps(
+    stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
+    fill: Callable[[Course], None],
+) -> tuple[Array, Array]:
+    """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing."""
+    q, p = q.copy(), p.copy()
+    moved = np.flatnonzero(dt != 0)
+    if len(moved):
+        course = run_together(stepper, q[moved], p[moved], t0[moved], dt[moved],
+                              {name: column[moved] for name, column in parameters.items()}, fill,
+                              1)
+        q[moved], p[moved] = course.q, course.p
+    return q, p
 
 
 def _parts(trajectory: Trajectory, at: Places) -> list[tuple[int, Array]]:
@@ -160,7 +190,7 @@ def _places(stepper: Stepper, stored: Array, dt: Any, t: Array) -> Places:
             f"{float(stored[0])} to {float(stored[-1])} s; ask for times in between.")
     times = stepper.binding.times
     # what rounding cannot tell from the end of a step is the end of it
-    reach = ahead * t + 2 * _epsilon(stepper) * max(abs(stored[0]), abs(stored[-1]))
+    reach = ahead * t + 2 * epsilon_of_times(stepper) * max(abs(stored[0]), abs(stored[-1]))
     rows = np.searchsorted(ahead * stored, reach, side="right") - 1
     steps = np.array([int(x) for x in (t - stored[rows]) / dt], dtype=int)
     steps += ahead * times(stored[rows], dt, steps + 1) <= reach  # a quotient rounds either way
@@ -168,7 +198,7 @@ def _places(stepper: Stepper, stored: Array, dt: Any, t: Array) -> Places:
     return Places(rows, steps, np.where(ahead * t + abs(rest) <= reach, 0 * rest, rest))
 
 
-def _epsilon(stepper: Stepper) -> float:
+def epsilon_of_times(stepper: Stepper) -> float:
     """Return the precision of times, which for ``real="float"`` are doubles."""
     number = stepper.binding.number_type
     return stepper.binding.epsilon if number is object else float(np.finfo(number).eps)
@@ -182,6 +212,15 @@ def _times(stepper: Stepper, times: ArrayLike) -> Array:
     number = stepper.binding.number
     found = [as_real("A time", x, number) for x in given.tolist()]
     return np.array(found, dtype=stepper.binding.number_type)
+
+
+def refuse_changing(stepper: Stepper, parameters: Mapping[str, Any]) -> None:
+    """Refuse a run whose inputs change: it does not keep what they were in each step."""
+    changing = [name for name in stepper.binding.input_names
+                if parameters[name] != parameters[name]]
+    if changing:
+        raise InputError(f"Input {changing[0]!r} changes in this run, which does not keep what it "
+                         "was in each step: ask for the states at its steps, or take shorter ones.")
 
 
 def _refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from queue import SimpleQueue
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,21 +12,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError, StepFailed, Stopped
 from ...exact import Number
+from ...markup import card, table
 from ...naming import shown
-from ..call.checks import as_numbers, as_positive_count
+from ..call.checks import as_numbers
+from ..call.inputs import as_inputs
 from ..choice.frame_choice import asks_for_frame, start_frame
+from ..events.event import Crossings, CrossingsOfMany, as_events
+from ..events.watch import Levels
 from ..interrupts import ctrl_c
 from ..output.trajectory import Trajectory
 from ..steps.failure import Diagnosis
 from ..steps.integration import failure_of, trajectory_of
 from ..steps.parameters import refuse_auto, refuse_choice
-from .lanes import Course
+from .crossings import crossings_of, watches_of
+from .lanes import Course, fill_course, threads_of
 from .runs import Given, checked_runs
 
 if TYPE_CHECKING:
     from .stepper import Stepper
 
-__all__ = ["Ensemble", "fill_course", "integrate_members", "threads_of"]
+__all__ = ["Ensemble", "integrate_members"]
 
 Array = NDArray[Any]
 
@@ -46,6 +47,9 @@ class Ensemble:
         Ctrl-C where the ensemble comes with ``Stopped``.
     failures : dict
         Number of a failed trajectory → its ``StepFailed``.
+    events : dict of str to CrossingsOfMany
+        Where the events that were asked for happened: ``events["height"].first``, ``.count``, and
+        the ``Crossings`` of trajectory i in ``events["height"][i]``.
     members : list of Trajectory
         Each trajectory by itself, up to its failed step if it has one; with it ``work`` and
         ``quantity(name)``. Made when first asked for.
@@ -59,12 +63,17 @@ class Ensemble:
     failures: dict[int, StepFailed]
     _name: str = field(repr=False)
     _make: Callable[[int], Trajectory] = field(repr=False)
+    events: dict[str, CrossingsOfMany] = field(default_factory=dict, repr=False)
+    _made: dict[str, list[Trajectory]] = field(default_factory=dict, init=False, repr=False)
 
-    @cached_property
+    @property
     def members(self) -> list[Trajectory]:
         """Each trajectory by itself."""
-        return [self.failures[i].trajectory if i in self.failures else self._make(i)
-                for i in range(len(self))]
+        if not self._made:  # two threads may both make them; the first one's stay
+            self._made.setdefault("members", [
+                self.failures[i].trajectory if i in self.failures else self._make(i)
+                for i in range(len(self))])
+        return self._made["members"]
 
     def __len__(self) -> int:
         return len(self.t)
@@ -73,9 +82,18 @@ class Ensemble:
         return (f"<Ensemble of {self._name}: {len(self):,} trajectories of {self.t.shape[1]:,} "
                 f"states, {len(self.failures):,} failed>")
 
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: how many there are, and which failed, the first ones."""
+        rows: list[tuple[str, object]] = [
+                ("trajectories", f"{len(self):,} of {self.t.shape[1]:,} states"),
+                ("failed", f"{len(self.failures):,}")]
+        rows += [(f"trajectory {i}", failure) for i, failure in islice(self.failures.items(), 3)]
+        return card(f"Ensemble of {self._name}", table(rows))
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""
-        return {**self.__dict__, "members": self.members, "_make": self.members.__getitem__}
+        members = self.members
+        return {**self.__dict__, "_make": members.__getitem__}
 
 
 def integrate_members(
@@ -86,6 +104,9 @@ def integrate_members(
     t0: Number | ArrayLike,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
     workers: int | None,
+    events: Any,
+    inputs: Any = None,
+    hold: int = 1,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
@@ -96,46 +117,40 @@ def integrate_members(
     size = len(starts)
     given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
-                  _each_parameters(parameters, size))
+                  _each_parameters(stepper.fed(parameters, inputs), size))
     given = _with_frames(stepper, given)
-    course = Course.of(stepper.binding, checked_runs(stepper, given, options))
+    runs = checked_runs(stepper, given, options)
+    runs = replace(runs, inputs=as_inputs(inputs, stepper.binding, runs.first.steps, hold, size))
+    levels = _levels(stepper, events)
+    course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
     with ctrl_c() as interrupts:
-        fill_course(course, threads_of(workers), lambda: interrupts.asked)
-    found = _ensemble(stepper, course)
+        def fill(some: Course) -> None:
+            fill_course(some, threads_of(workers), lambda: interrupts.asked)
+
+        fill(course)
+        seen = [watch.brackets for watch in course.watches]
+        crossings = [] if levels is None else crossings_of(stepper, levels, runs, seen, fill)
+    found = _ensemble(stepper, course, crossings)
     if interrupts.asked:
         raise Stopped(f"Stopped with {sum(course.stored):,} of {found.t.size:,} states; they are "
                       "in .ensemble.", interrupts.signal, ensemble=found)
     return found
 
 
-def threads_of(workers: int | None) -> int:
-    """Return on how many threads to run: all cores, where a caller does not say."""
-    return os.cpu_count() or 1 if workers is None else as_positive_count("workers", workers,
-                                                                         least=1)
+def _levels(stepper: Stepper, events: Any) -> Levels | None:
+    """Return the levels of a caller's events, none of which ends a run; None without events."""
+    asked = as_events(events, stepper.manifest["system"])
+    ending = [one.name for one in asked if one.terminal]
+    if ending:
+        raise InputError(f"The event {ending[0]!r} is terminal: it ends single runs. The "
+                         "trajectories of an ensemble have one length; ask for it without "
+                         "terminal=True and look at events[...].first.")
+    return Levels.of(stepper.binding, stepper.manifest, asked) if asked else None
 
 
-def fill_course(course: Course, threads: int, stop: Callable[[], bool]) -> None:
-    """Integrate all batches: each thread takes the next one until there is none."""
-    batches, broken = SimpleQueue[int | None](), threading.Event()
-    workers = min(threads, len(course.reports))
-    for batch in (*range(len(course.reports)), *[None] * workers):
-        batches.put(batch)
-
-    def work() -> None:
-        memory = course.memory()
-        for batch in iter(batches.get, None):
-            course.fill(batch, memory, lambda: broken.is_set() or stop())
-
-    with ThreadPoolExecutor(workers) as pool:
-        futures = [pool.submit(work) for _ in range(workers)]
-        try:
-            for future in wait(futures, return_when=FIRST_EXCEPTION).done:
-                future.result()
-        finally:  # where memory ran out, say, the others are not finished for nobody
-            broken.set()
-
-
-def _ensemble(stepper: Stepper, course: Course) -> Ensemble:
+def _ensemble(
+    stepper: Stepper, course: Course, crossings: list[dict[str, Crossings]]
+) -> Ensemble:
     """Return what was stored as arrays, NaN where nothing was, the failures beside them."""
     binding, runs, rows = stepper.binding, course.runs, course.rows
     states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
@@ -152,12 +167,15 @@ def _ensemble(stepper: Stepper, course: Course) -> Ensemble:
         multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
 
     def member(i: int) -> Trajectory:
-        return trajectory_of(binding, stepper.manifest, runs[i], course.rows_of(i),
+        made = trajectory_of(binding, stepper.manifest, runs[i], course.rows_of(i),
                              course.report(i), course.q[i], course.p[i])
+        return replace(made, events=crossings[i]) if crossings else made
 
     failures = {i: failure_of(runs[i], member(i), Diagnosis.bare(int(course.status[i])))
                 for i in np.flatnonzero(course.status).tolist()}
-    return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member)
+    events = {name: CrossingsOfMany([one[name] for one in crossings])
+              for name in (crossings[0] if crossings else ())}
+    return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 
 def _with_frames(stepper: Stepper, given: Given) -> Given:

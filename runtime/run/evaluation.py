@@ -32,12 +32,28 @@ class Evaluation:
         self.name = name
         self.files = dict(files)
         self.manifest = read_manifest(name, files)
-        module = load_module(name, files)
-        self.binding = _binding_type(self.manifest["real"])(module, name, self.manifest)
+        self.binding = self._bound(load_module(name, files))
+        self._binding_of_many: list[Binding] = []
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns
         self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
         self.symmetries = symmetries_of(self.manifest)
+
+    @property
+    def binding_of_many(self) -> Binding:
+        """Calls for many trajectories; lanes are compiled when this is first asked for.
+
+        What is passed to it was made by it: structs of the two modules have types of their own.
+        """
+        if not self.binding.lanes:
+            return self.binding
+        if not self._binding_of_many:  # two threads may both load it; the first one's stays
+            self._binding_of_many.append(
+                self._bound(load_module(self.name, self.files, "lanes")))
+        return self._binding_of_many[0]
+
+    def _bound(self, module: Any) -> Binding:
+        return _binding_type(self.manifest["real"])(module, self.name, self.manifest)
 
     # ------------------------------------------------------------ what a step solves
 
@@ -71,10 +87,17 @@ class Evaluation:
 
     # ------------------------------------------------------------ about a state
 
-    def energy(self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]) -> Array:
-        """Return H(q, p) in the stepper's own representation; leading axes are kept."""
+    def energy(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
+    ) -> Array:
+        """Return H(q, p, t) in the stepper's own representation; leading axes are kept.
+
+        ``t``, which matters where H has it, is one time for all states, or one for each.
+        """
         shape, q_rows, p_rows = self._state_rows(q, p)
-        H = self.binding.hamiltonian(self._parameters(parameters), q_rows, p_rows)
+        H = self.binding.hamiltonian(self._parameters(parameters), q_rows, p_rows,
+                                     self._times(t, shape))
         return H.reshape(shape)
 
     def quantities(
@@ -86,34 +109,32 @@ class Evaluation:
         ``t`` is one time for all states, or one for each.
         """
         shape, q_rows, p_rows = self._state_rows(q, p)
-        times = self.binding.numbers("t", t)
-        if times.shape not in ((), shape):
-            raise InputError(f"t has shape {times.shape}; give one time, or shape {shape}.")
-        t_rows = self._cast(np.broadcast_to(times, shape)).reshape(-1)
-        values = self.binding.quantities(self._parameters(parameters), t_rows, q_rows, p_rows)
+        values = self.binding.quantities(self._parameters(parameters), self._times(t, shape),
+                                         q_rows, p_rows)
         return {name: values[:, i].reshape(shape)
                 for i, name in enumerate(self.binding.quantity_names)}
 
     def defects(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
     ) -> tuple[Array, Array]:
-        """Return g(q) and the constraint on the momenta (qᵀp for a body), m entries each."""
+        """Return g(q, t) and the constraint on the momenta (qᵀp for a body), m entries each."""
         q_one, p_one = self._state(q, p)
-        g, f = self.binding.defects(self._parameters(parameters), q_one[None], p_one[None])
+        g, f = self.binding.defects(self._parameters(parameters, t), q_one[None], p_one[None])
         return g[0], f[0]
 
     def project(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
     ) -> tuple[Array, Array]:
         """Return the state moved onto the constraints: q/|q| and p without its part along q.
 
-        In general q moves along g_qᵀ onto g = 0, then p along g_qᵀ onto g_q H_p = 0.
+        In general q moves along g_qᵀ onto g = 0, then p along g_qᵀ onto g_q H_p = 0, or
+        g_q H_p + g_t = 0 at the time ``t`` where constraints depend on it.
         """
-        state, run = self._state(q, p), self._parameters(parameters)
+        state, run = self._state(q, p), self._parameters(parameters, t)
         return self._projected(*state, run)
 
     def consistent(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
     ) -> Projection:
         """Return what ``project`` does, with a report of what was moved.
 
@@ -126,7 +147,7 @@ class Evaluation:
         InputError
             Where it cannot be done, with the names of the constraints that are in the way.
         """
-        old, run = self._state(q, p), self._parameters(parameters)
+        old, run = self._state(q, p), self._parameters(parameters, t)
         new = self._projected(*old, run)
         numeric = CompiledConstraints(self.binding, self.manifest, run)
         states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
@@ -164,6 +185,13 @@ class Evaluation:
                              f"give (..., {self.n}) for both.")
         q_rows, p_rows = (self._cast(a).reshape(-1, self.n) for a in (q_rows, p_rows))
         return shape[:-1], q_rows, p_rows
+
+    def _times(self, t: Number | ArrayLike, shape: tuple[int, ...]) -> Array:
+        """Return a time for each row of states with such leading axes."""
+        times = self.binding.numbers("t", t)
+        if times.shape not in ((), shape):
+            raise InputError(f"t has shape {times.shape}; give one time, or shape {shape}.")
+        return self._cast(np.broadcast_to(times, shape)).reshape(-1)
 
     def _cast(self, numbers: Array) -> Array:
         """Return a copy in the stepper's own type; what is beyond its range is infinite."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..body.inertia import AIMS, has_inertia, inertia_names, ruled
+from ..call.inputs import Inputs
 from ..steps.consistency import defects_of_starts
 from ..steps.integration import Run
 
@@ -42,6 +43,7 @@ class Runs:
     dt: Array
     t0: Array
     parameters: dict[str, Array]
+    inputs: Inputs | None = None
 
     @classmethod
     def of(cls, runs: list[Run], number: Any) -> Runs:
@@ -62,7 +64,9 @@ class Runs:
         (dt,), (t0,) = (column[i : i + 1].tolist() for column in (self.dt, self.t0))
         parameters = {name: column[i : i + 1].tolist()[0]
                       for name, column in self.parameters.items()}
-        return replace(self.first, q=self.q[i], p=self.p[i], dt=dt, t0=t0, parameters=parameters)
+        inputs = None if self.inputs is None else self.inputs.of(i)
+        run = replace(self.first, q=self.q[i], p=self.p[i], dt=dt, t0=t0, parameters=parameters)
+        return run.fed(inputs)
 
     def columns(self, part: slice) -> dict[str, Array]:
         """Return the parameters of some of the runs."""

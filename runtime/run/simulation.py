@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, StepFailed, Stopped
 from ...exact import Number
+from ...naming import proposal
 from ..call.binding import Binding
-from ..call.checks import as_positive_count
+from ..call.checks import as_positive_count, as_real
 from ..interrupts import ctrl_c
 from ..output.outputs import place_of_quantity
 from ..output.report import Report
@@ -64,6 +65,17 @@ class Held:
     def advance(self, steps: int) -> int:
         """Take up to that many steps; return the status."""
         return int(self._advance(self.work, steps, *self._state))
+
+    def feed(self, row: Array) -> None:
+        """Go on with other inputs."""
+        self.binding.function("set_inputs")(self.work, self.binding.pointer(row))
+
+    def set_inputs(self, parameters: dict[str, Any]) -> None:
+        """Go on with parameters of which inputs alone differ."""
+        self.run = replace(self.run, parameters=parameters)
+        row = self.binding.new(len(self.binding.input_names))
+        row[:] = [parameters[name] for name in self.binding.input_names]
+        self.feed(row)
 
     def set_parameters(self, parameters: dict[str, Any]) -> None:
         """Go on with other values of the parameters."""
@@ -131,13 +143,16 @@ class Simulation:
 
     # ------------------------------------------------------------ stepping
 
-    def advance(self, steps: int = 1) -> None:
+    def advance(self, steps: int = 1, **inputs: Number) -> None:
         """Take ``steps`` steps.
+
+        Inputs of the system, by name, hold from these steps on: ``sim.advance(10, u=0.3)``.
 
         Raises
         ------
         InputError
-            If ``steps`` is no whole number of at least 0, or another thread is at it.
+            If ``steps`` is no whole number of at least 0, for an unknown input or one that is no
+            number, or if another thread is at it.
         StepFailed
             When a step finds no solution. The simulation stays at the last step that did: with
             other parameters it may go on, or a new one may start there with another ``dt``.
@@ -147,13 +162,27 @@ class Simulation:
         """
         if type(steps) is not int or not 0 <= steps <= FIRST_STEPS:
             steps = as_positive_count("steps", steps)
+        given = self._inputs(inputs) if inputs else None
         self._take()
         try:
+            if given is not None:
+                self._held.set_inputs(given)
             status = self._held.advance(steps) if steps <= FIRST_STEPS else self._long(steps)
         finally:
             self._in_use.release()
         if status:
             raise self._failure(status)
+
+    def _inputs(self, inputs: Mapping[str, Number]) -> dict[str, Any]:
+        """Return all parameters, with other values of some inputs."""
+        binding = self._held.binding
+        for name in inputs:
+            if name not in binding.input_names:
+                raise InputError(f"{name!r} is no input of this system, which has "
+                                 f"{', '.join(binding.input_names) or 'none'}"
+                                 f"{proposal(name, binding.input_names)}.")
+        return self._held.run.parameters | {
+            name: as_real(f"Input {name}", x, binding.number) for name, x in inputs.items()}
 
     def _long(self, steps: int) -> int:
         """Take many steps, with a look at Ctrl-C now and then."""

@@ -39,6 +39,8 @@ class Start:
         moments, or a tensor in rows.
     dt, steps : float and int, or None
         Where the model names them.
+    rules : mapping of str to str
+        Name of an inertia parameter without a value → the rule to find it by; "m" for the others.
     free : list of str
         Parameters that another value may be given for and nothing else changes.
     remarks : list of str
@@ -53,6 +55,7 @@ class Start:
     bodies: Mapping[str, Any]
     dt: float | None
     steps: int | None
+    rules: Mapping[str, str] = field(default_factory=dict)
     free: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
@@ -75,7 +78,7 @@ class Start:
             [knowing(x) for x in model.q0], [knowing(x) for x in model.p0],
             {name: [_mapped(list(x), knowing) if isinstance(x, tuple) else knowing(x)
                     for x in inertia] for name, inertia in model.bodies.items()},
-            None if model.dt is None else knowing(model.dt), model.steps,
+            None if model.dt is None else knowing(model.dt), model.steps, dict(model.rules),
         )
 
     @property

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arguments import as_mapping
 from ...errors import InputError
 from ...exact import Number
 from ...naming import choose
@@ -18,13 +19,15 @@ from ..build.manifest import remarks_of
 from ..build.module import provenance
 from ..call.binding import SOLVERS, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real
-from ..choice.frame_choice import with_frame
-from ..choice.gamma_choice import with_choice
+from ..call.inputs import as_inputs
+from ..choice.frame_choice import chosen
+from ..events.event import Event, as_events
 from ..output.trajectory import Trajectory
 from ..steps.consistency import defects_of_starts
 from ..steps.integration import Run, integrate
 from ..steps.parameters import as_parameters
 from .between import between, marks_of
+from .crossings import observed
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
 from .simulation import LastStep, Simulation
@@ -53,9 +56,8 @@ class Stepper(Evaluation):
         Order of convergence, as derived by the generator.
     manifest : dict
         All that the generator says of the stepper.
-    symmetries : tuple of Symmetry
-        What a co-moving frame may move along, each with ``name`` (of its parameter), ``A``, ``J``
-        and ``condition``; empty without ``frame="symmetries"``.
+    symmetries : tuple of Symmetry, with name, A, J and condition
+        What a co-moving frame may move along.
     remarks : list of str
         What a tableau of your own lacks: symplecticity, symmetry, sweeps, the order its weights
         would allow; and where H or forces switch, as |x| does at 0. Empty for what lacks nothing.
@@ -89,26 +91,36 @@ class Stepper(Evaluation):
         dt: Number,
         parameters: Mapping[str, Any],
         t0: Number = 0.0,
+        inputs: Mapping[str, Any] | ArrayLike | None = None,
         solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
     ) -> tuple[Array, Array]:
         """Return (q, p) one step of ``dt`` seconds later; see ``integrate``.
 
+        ``inputs`` are those of this step, and may be others in the next.
+
         A call that is given what the last one in this thread returned, and the rest as before
         (``t0`` one ``dt`` on, where the system depends on time), goes on where that ended: a loop
         of calls gives the bits of ``integrate``, and costs as few sweeps.
         """
+        fed = as_inputs(inputs, self.binding, 1)
+        if fed is not None:
+            parameters = {name: value for name, value in as_mapping(
+                "parameters", parameters, "{'m': 1.0}").items()
+                if name not in self.binding.input_names}
         given = (dt, solver, tolerance, max_iterations, parameters)
         held: LastStep | None = getattr(self._local, "held", None)
         self._local.held = None
         if held is None or not held.goes_on(q, p, t0, given):
-            run = self.checked_run(q, p, dt=dt, steps=1, every=1, parameters=parameters, t0=t0,
-                                   solver=solver, tolerance=tolerance,
-                                   max_iterations=max_iterations)
+            run = self.checked_run(q, p, dt=dt, steps=1, every=1, t0=t0,
+                                   parameters=self.fed(parameters, inputs), solver=solver,
+                                   tolerance=tolerance, max_iterations=max_iterations)
             held = LastStep(self.binding, run, given) if solver != "python" else None
+        if held is not None and fed is not None:
+            held.feed(fed.at(0))
         if held is None or held.advance(1):
-            run = run if held is None else held.run_from(q, p, t0)
+            run = run.fed(fed) if held is None else held.run_from(q, p, t0).fed(fed)
             end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
             return end.q[-1], end.p[-1]
         self._local.held = held
@@ -153,12 +165,15 @@ class Stepper(Evaluation):
         steps: int,
         parameters: Mapping[str, Any],
         t0: Number = 0.0,
+        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        hold: int = 1,
         every: int = 1,
         solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
         progress: Callable[[int], None] | None = None,
         t_eval: ArrayLike | None = None,
+        events: Event | Sequence[Event] = (),
     ) -> Trajectory:
         """Integrate ``steps`` steps of ``dt`` seconds from (q, p).
 
@@ -174,17 +189,20 @@ class Stepper(Evaluation):
         steps : int
             Number of steps, 0 or more.
         parameters : mapping
-            Exactly the parameters in ``parameter_domains``; the rates of a co-moving frame, those
-            of ``symmetries``, are 0 where they are left out. For ``gamma`` or ``alpha``, ``"m"``,
-            ``"h"``, ``"mt"`` and ``"ht"`` are the means of the moments beside it; ``"auto"`` is
-            replaced by what ``gyrospark.choose_gamma`` finds for this start and dt,
-            ``"auto-energy"`` by the same with its aim at the energy. ``Trajectory.parameters`` has
-            the number. With co-moving frames ``"frame": "start"`` is replaced by the rates of the
-            start's least squares, ``"frame": "auto"`` by what ``gyrospark.choose_frame`` finds,
-            together with a γ that is ``"auto"``.
+            Those of ``parameter_domains``, rates of ``symmetries`` if wanted. For ``gamma`` or
+            ``alpha``, ``"m"``, ``"h"``, ``"mt"``, ``"ht"`` are the means of the moments beside it,
+            ``"auto"`` what ``choose_gamma`` finds for this start and dt, ``"auto-energy"`` the same
+            aimed at the energy; ``"frame"`` is "start", the start's least squares, or "auto", what
+            ``choose_frame`` finds. ``Trajectory.parameters`` has the numbers.
         t0 : float
-            Time at the start, in seconds: for forces and quantities that depend on time. Step k
-            starts at t0 + k dt, counted, not summed up.
+            Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
+            counted, not summed up.
+        inputs : mapping or array_like, optional
+            The system's inputs, which stay as they are within a step: by name, a number or one
+            for each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
+            By default, and throughout, those among the parameters.
+        hold : int
+            Steps that each row of ``inputs`` is held for: then there are ⌈steps/hold⌉ of them.
         every : int
             Store every so many steps, and the last.
         solver : {"auto", "newton", "fixed-point", "python"}
@@ -201,6 +219,11 @@ class Stepper(Evaluation):
         t_eval : array_like, shape (N,), optional
             Return the states at these times instead, each by a real step of a part of Δt: see
             ``at``. They lie between t0 and t0 + steps dt, in any order.
+        events : Event, or a list of them, optional
+            Where a quantity crosses a level: in ``Trajectory.events`` by name. Every step is
+            looked at, stored or not; a crossing is solved for by short real steps, to some units
+            in the last place of its time. A terminal event ends the run: its state is the last
+            row, behind the stored ones.
 
         Raises
         ------
@@ -211,14 +234,15 @@ class Stepper(Evaluation):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        parameters = with_frame(self, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
-        parameters = with_choice(self, q, p, dt=dt, steps=steps, parameters=parameters,
-                                 t0=t0)
+        parameters = chosen(self, q, p, dt=dt, steps=steps,
+                            parameters=self.fed(parameters, inputs), t0=t0)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-        marked = run if t_eval is None else replace(run, marks=marks_of(self, run, t_eval))
-        found = integrate(self.binding, self.manifest, marked, as_callback("progress", progress)
-                          ).made_by(self)
+        run = run.fed(as_inputs(inputs, self.binding, run.steps, hold))
+        if t_eval is not None:
+            run = replace(run, marks=marks_of(self, run, t_eval))
+        found = observed(self, run, as_events(events, self.manifest["system"]),
+                         as_callback("progress", progress)).made_by(self)
         return found if t_eval is None else self.at(found, t_eval)
 
     def integrate_ensemble(
@@ -230,29 +254,39 @@ class Stepper(Evaluation):
         steps: int,
         parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
         t0: Number | ArrayLike = 0.0,
+        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        hold: int = 1,
         every: int = 1,
         solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
         workers: int | None = None,
+        events: Event | Sequence[Event] = (),
     ) -> Ensemble:
         """Integrate many trajectories; the leading axis of q, p is the trajectory.
 
         ``dt``, ``t0`` and each parameter are one number for all, or one for each trajectory; a
-        list of dicts does as well; with ``"frame": "start"`` each has the co-moving frame of its
-        own start. A trajectory that fails is NaN from its failed step on and has
-        its reason in ``Ensemble.failures``; the others are not touched.
+        list of dicts does as well. ``inputs`` are those of ``integrate`` for all, or have a leading
+        axis: (trajectories, steps) by name, or an array (trajectories, steps, inputs).
+
+        A trajectory that fails is NaN from its failed step on and has its reason in
+        ``Ensemble.failures``; the others are not touched.
 
         With solvers ``auto`` and ``fixed-point`` trajectories run side by side in the lanes of a
         vector register, batches of them on ``workers`` threads (default: all cores). What a
         trajectory gives does not depend on its neighbours; it may differ by round-off from
         ``integrate``, which puts the stages of one step into lanes.
 
+        ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused.
+
+        The code of these lanes is compiled by the first call that needs it, and kept as the
+        stepper is; without a compiler that call raises ``CompilerError``.
+
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         choose("solver", solver, SOLVERS)
         return integrate_members(
-            self, q, p, dt, t0, parameters, workers,
+            self, q, p, dt, t0, parameters, workers, events, inputs, hold,
             steps=steps, every=every, solver=solver, tolerance=tolerance,
             max_iterations=max_iterations,
         )
@@ -291,6 +325,15 @@ class Stepper(Evaluation):
         return between(self, trajectory, times, workers)
 
     # ------------------------------------------------------------ inside
+
+    def fed(self, parameters: Any, inputs: Any) -> Any:
+        """Return parameters with a number for each input, where those of the steps are given."""
+        some = dict.fromkeys(self.binding.input_names if inputs is not None else (), 1.0)
+        if isinstance(parameters, Mapping):
+            return {**parameters, **some}
+        if not some or not isinstance(parameters, Sequence):
+            return parameters
+        return [{**one, **some} if isinstance(one, Mapping) else one for one in parameters]
 
     def checked_run(
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int, every: int,
@@ -345,7 +388,8 @@ class Stepper(Evaluation):
             raise InputError(
                 f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
                 f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
-                "`q, p = stepper.project(q, p, parameters=...)` moves it onto them."
+                f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * self.binding.is_timed})` "
+                "moves it onto them."
             )
 
 

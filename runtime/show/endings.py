@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["ENDINGS", "PAGES", "PICTURES", "ending_of"]
+__all__ = ["ENDINGS", "FILMS", "PAGES", "PICTURES", "ending_of"]
 
 #: What states are written as.
 ENDINGS = (".npz", ".csv", ".nc")
 #: What pictures are written as.
 PICTURES = (".png", ".svg", ".pdf")
+#: What films are written as.
+FILMS = (".gif", ".mp4")
 #: What moving pages are written as.
 PAGES = (".html", ".htm")
 

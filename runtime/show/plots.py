@@ -11,22 +11,26 @@ import numpy as np
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError, MissingDependencyError
 from ...real import REALS
+from ..build.places import bodies_of
 from .endings import PICTURES, ending_of
 
 if TYPE_CHECKING:
     from ..output.trajectory import Trajectory
 
-__all__ = ["check_target", "draw", "figure_class", "save"]
+__all__ = ["check_target", "draw", "figure_class", "save", "thin"]
 
 _INK = "#1f4e79"
 _ACCENT = "#c0392b"
 _POINTS = 20_000  # more cannot be told apart in a picture
+_FEW = 300  # states that a line joins: between more of them it would be noise
+_NAMED = 16  # lines that a legend names
 
 
 def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> Any:
     """Draw the axis trace on the sphere, the energy error and the constraint errors.
 
-    Systems that are not one body show their coordinates against time instead of the sphere.
+    Of several bodies the places of their centres of mass stand where the sphere is, of systems
+    without bodies the coordinates.
 
     Parameters
     ----------
@@ -52,6 +56,8 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     grid = figure.add_gridspec(rows, 2, width_ratios=(1, 1.4))
     if len(trajectory.bodies) == 1:
         _sphere(figure.add_subplot(grid[:, 0], projection="3d"), trajectory)
+    elif all(at.centre for at in bodies_of(trajectory.manifest).values()) and trajectory.bodies:
+        _places(figure, grid[:, 0], trajectory)
     else:
         _coordinates(figure.add_subplot(grid[:, 0]), trajectory)
     _energy(figure.add_subplot(grid[0, 1]), trajectory)
@@ -116,7 +122,8 @@ def figure_class() -> Any:
     return Picture
 
 
-def _thin(trajectory: Trajectory) -> slice:
+def thin(trajectory: Trajectory) -> slice:
+    """Return the states that a picture shows: more of them cannot be told apart."""
     return slice(None, None, max(1, len(trajectory) // _POINTS))
 
 
@@ -125,7 +132,7 @@ def _sphere(axes: Any, trajectory: Trajectory) -> None:
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
     axes.plot_wireframe(np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v),
                         color="#b8c4d0", linewidth=0.4)
-    x, y, z = trajectory.axis()[_thin(trajectory)].T
+    x, y, z = trajectory.axis()[thin(trajectory)].T
     axes.plot(x, y, z, color=_INK, linewidth=1.2)
     axes.scatter(x[:1], y[:1], z[:1], color=_ACCENT, s=18, label="start")
     for direction, name in zip(np.eye(3), "xyz", strict=True):
@@ -138,19 +145,38 @@ def _sphere(axes: Any, trajectory: Trajectory) -> None:
 
 
 def _coordinates(axes: Any, trajectory: Trajectory) -> None:
-    some = _thin(trajectory)
+    """Draw each coordinate against time."""
+    some = thin(trajectory)
     t = trajectory.t[some].astype(float)
-    q = trajectory.q[some].astype(float)
-    for i, name in enumerate(trajectory.manifest["system"]["coordinates"]):
-        axes.plot(t, q[:, i], linewidth=1, label=name)
+    for name, values in zip(trajectory.coordinates, trajectory.q[some].astype(float).T,
+                            strict=True):
+        axes.plot(t, values, linewidth=1, label=name)
     axes.set_xlabel("t [s]")
     axes.set_title("coordinates", fontsize=10)
-    if trajectory.q.shape[1] <= 8:
-        axes.legend(fontsize=8)
+    axes.grid(alpha=0.3)
+    if len(trajectory.coordinates) <= _NAMED:
+        axes.legend(fontsize=8, ncols=1 + len(trajectory.coordinates) // 8)
+
+
+def _places(figure: Any, place: Any, trajectory: Trajectory) -> None:
+    """Draw where the bodies' centres of mass are, an axis of space a panel, a line a body."""
+    some = thin(trajectory)
+    t = trajectory.t[some].astype(float)
+    where = {name: trajectory.body(name).position()[some] for name in trajectory.bodies}
+    panels = place.subgridspec(3, 1).subplots(sharex=True)
+    for k, axes in enumerate(panels):
+        for name, values in where.items():
+            axes.plot(t, values[:, k], linewidth=1, label=name)
+        axes.set_ylabel(f"{'xyz'[k]} [m]")
+        axes.grid(alpha=0.3)
+    panels[0].set_title("centres of mass", fontsize=10)
+    if len(where) <= _NAMED:
+        panels[0].legend(fontsize=8, loc="upper right", ncols=min(len(where), 4))
+    panels[2].set_xlabel("t [s]")
 
 
 def _energy(axes: Any, trajectory: Trajectory) -> None:
-    some = _thin(trajectory)
+    some = thin(trajectory)
     t = trajectory.t[some].astype(float)
     error = trajectory.energy_error()[some].astype(float)
     axes.plot(t, error, color=_INK, linewidth=0.8)
@@ -162,7 +188,7 @@ def _energy(axes: Any, trajectory: Trajectory) -> None:
 
 def _output(axes: Any, trajectory: Trajectory, title: str, values: Any) -> None:
     """Draw an output against time, a line for each of its numbers."""
-    some, t = _thin(trajectory), trajectory.t[-len(values) :]
+    some, t = thin(trajectory), trajectory.t[-len(values) :]
     numbers = values.reshape(len(t), -1)[some].astype(float)
     axes.plot(t[some].astype(float), numbers, linewidth=0.8)
     axes.set_xlabel("t [s]")
@@ -172,14 +198,15 @@ def _output(axes: Any, trajectory: Trajectory, title: str, values: Any) -> None:
 
 def _constraints(axes: Any, trajectory: Trajectory) -> None:
     """Draw the constraint errors; exact zeros are drawn at the bottom."""
-    some = _thin(trajectory)
+    some = thin(trajectory)
     t = trajectory.t[some].astype(float)
     floor = 1e-36 if REALS[trajectory.manifest["real"]].in_mpmath else 1e-18
     for values, name, colour in zip(trajectory.constraint_errors(),
                                     ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
                                     strict=True):
         sizes = np.maximum(values[some].astype(float), floor)
-        axes.semilogy(t, sizes, ".", markersize=2, color=colour, label=name)
+        axes.semilogy(t, sizes, ".-" if len(t) <= _FEW else ".", markersize=2, linewidth=0.6,
+                      color=colour, label=name)
     axes.set_xlabel("t [s]")
     axes.set_title("constraint errors", fontsize=10)
     axes.legend(fontsize=8, ncols=2, loc="upper right")

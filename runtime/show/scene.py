@@ -120,6 +120,9 @@ def scene_of(trajectory: Trajectory, frames: int) -> Scene:
     """
     check_bodies(trajectory.manifest)
     some = np.unique(np.linspace(0, len(trajectory) - 1, min(frames, len(trajectory))).astype(int))
+    order = np.argsort(np.sign(float(trajectory.dt)) * trajectory.t[some].astype(float),
+                       kind="stable")  # times may have been asked for in any
+    some = some[order]
     parts = [_part(trajectory, name, some) for name in trajectory.bodies]
     error, t = trajectory.energy_error(), trajectory.t
     return Scene(

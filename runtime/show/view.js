@@ -85,6 +85,19 @@
     for (let i = 0; i <= last; i++) body.path.set(pointOf(poseAt(body, i, 0, i), body.tip), 3 * i);
   }
 
+  // A body whose middle is inside a larger one's box is not seen unless that is of glass.
+  const holds = (outer, inner) => {
+    const pose = poseAt(outer, 0, 0, 0), middle = pointOf(poseAt(inner, 0, 0, 0), inner.centre);
+    const r = minus(middle, pointOf(pose, outer.centre));
+    return Math.max(...inner.sizes.box) < Math.max(...outer.sizes.box)
+      && outer.axes.every((e, k) => Math.abs(dot(turn(pose.q, e), r)) < outer.sizes.box[k]);
+  };
+  for (const body of bodies) {
+    body.inside = bodies.some((other) => holds(other, body))
+      && !bodies.some((other) => holds(body, other));
+    if (body.inside) byId("glass").checked = true;
+  }
+
   // ------------------------------------------------------------ the view
 
   const up = scene.up;
@@ -193,6 +206,7 @@
   })();
 
   function drawBody(body, pose, view, items) {
+    const glass = byId("glass").checked && !body.inside;
     const kind = byId("shape").value, half = body.sizes[kind], [e1, e2, e3] = body.axes;
     const axes = [e1, e2, e3].map((e) => turn(pose.q, e)), middle = pointOf(pose, body.centre);
     const place = (p) => add(middle, add(add(times(p[0] * half[0], axes[0]),
@@ -211,8 +225,10 @@
         flat.forEach(([x, y], i) => (i ? pen.lineTo(x, y) : pen.moveTo(x, y)));
         pen.closePath();
         pen.fillStyle = pen.strokeStyle = colour;
-        pen.lineWidth = 0.8;
+        pen.lineWidth = glass ? 1.2 : 0.8;
+        pen.globalAlpha = glass ? 0.35 : 1;
         pen.fill();
+        pen.globalAlpha = 1;
         pen.stroke();
       }]);
     }
@@ -405,7 +421,7 @@
   byId("shape").value = scene.shape;
   byId("play").addEventListener("click", () => go(!playing));
   byId("time").addEventListener("input", (event) => { go(false); seek(event.target.value * end); });
-  for (const id of ["shape", "traces"])
+  for (const id of ["shape", "traces", "glass"])
     byId(id).addEventListener("change", () => { stale = true; });
   document.addEventListener("keydown", (event) => {
     if (event.key === " " && !/BUTTON|SELECT|INPUT/.test(event.target.tagName)) {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, StepFailed, Stopped
 from ..call.binding import Binding, SolverName
+from ..call.inputs import Inputs
+from ..events.watch import Watch
 from ..interrupts import Interrupts, ctrl_c
 from ..output.outputs import OUTPUTS, States, defect_sizes, value_of
 from ..output.report import Report
@@ -21,7 +23,7 @@ from .failure import Diagnosis, diagnose
 from .newton import newton_step
 
 __all__ = ["FIRST_STEPS", "Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at",
-           "failure_of", "fill", "integrate", "next_chunk", "trajectory_of"]
+           "failure_of", "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
 
 Array = NDArray[Any]
 
@@ -45,13 +47,29 @@ class Run:
     tolerance: Any
     max_iterations: int
     t0: Any = 0.0
+    inputs: Inputs | None = None
     #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
     marks: Array | None = None
+    #: What looks at every state for events; one for each trajectory.
+    watch: Watch | None = None
 
     @property
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
         return -(-self.steps // self.every) if self.marks is None else len(self.marks)
+
+    def fed(self, inputs: Inputs | None) -> Run:
+        """Return the run with inputs; its parameters have those that stay, and nan for others."""
+        if inputs is None:
+            return self
+        return replace(self, inputs=inputs, parameters=self.parameters | inputs.throughout)
+
+    def at_step(self, step: int) -> Run:
+        """Return the run whose parameters have the inputs of a step."""
+        if self.inputs is None or not self.steps:
+            return self
+        row = dict(zip(self.inputs.names, self.inputs.at(step).tolist(), strict=True))
+        return replace(self, parameters=self.parameters | row)
 
     def stored(self, done: int) -> int:
         """Return how many of them there are after so many steps."""
@@ -145,7 +163,8 @@ def integrate(
     if status:
         last = trajectory.report
         q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
-        found = diagnose(binding, manifest, run, status, q, p, run.t0 + last.steps * run.dt)
+        found = diagnose(binding, manifest, run.at_step(last.steps), status, q, p,
+                         run.t0 + last.steps * run.dt)
         raise failure_of(run, trajectory, found)
     if interrupts.asked:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
@@ -183,12 +202,15 @@ def fill(
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
     pace = Pace()
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
-    while report.steps < run.steps and status == 0 and not stop():
+    step_on = advance if run.watch is None else advance_watched
+    ended = run.watch is not None and run.watch.ends_in is not None
+    while report.steps < run.steps and status == 0 and not ended and not stop():
         row = run.stored(int(report.steps))
         count, every = next_chunk(run, int(report.steps), pace.begin())
         most = rows.iterations[row]  # of the pieces before, where a row takes several
-        status = advance(binding, run, parameters, count, every, q, p, rows.after(row), report,
+        status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
+        ended = run.watch is not None and run.watch.ends_in is not None
         rows.iterations[row] = max(most, rows.iterations[row])
         pace.end(count)
         if progress is not None:
@@ -215,6 +237,45 @@ def advance(
     return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
 
 
+def advance_watched(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    """Do what ``advance`` does, with the run's watch looking at every state.
+
+    Where it sees the run's end within a step, the state before that step is the last one.
+    """
+    watch = run.watch
+    assert watch is not None
+    begun, seen = int(report.steps), Rows.room(binding, steps)
+    seen.q[0], seen.p[0] = q, p
+    images = [binding.image(struct) for struct in (report, work)] if watch.terminal else []
+    before = [image.copy() for image in images]
+    status = advance(binding, run, parameters, steps, 1, q, p, seen.after(0), report, work)
+    done = int(report.steps) - begun
+    watch.look(begun, seen.q[: done + 1], seen.p[: done + 1])
+    if watch.ends_in is not None:
+        status, done = 0, watch.ends_in - begun
+        q[:], p[:] = seen.q[0], seen.p[0]
+        for image, kept in zip(images, before, strict=True):
+            image[:] = kept
+        if done:
+            advance(binding, run, parameters, done, done + 1, q, p, seen.after(0), report, work)
+    thin(seen, done, every, out)
+    return status
+
+
+def thin(seen: Rows, done: int, every: int, out: tuple[Array, ...]) -> None:
+    """Store every ``every``-th of the states that were seen."""
+    rows = slice(every, done + 1, every)
+    of_steps = slice(every - 1, done, every)
+    count = done // every
+    most = seen.iterations[: count * every].reshape(count, every).max(axis=1, initial=0)
+    values = (seen.q[rows], seen.p[rows], seen.multipliers[of_steps], most, seen.work[rows])
+    for part, found in zip(out, values, strict=True):
+        part[:count] = found
+
+
 def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
     """Return how many steps to do next, and how often to store; the very last is stored too.
 
@@ -238,7 +299,8 @@ def _compiled_chunk(
     out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
-    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work)
+    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work,
+                             run.inputs)
 
 
 def _python_chunk(
@@ -251,11 +313,14 @@ def _python_chunk(
     most = 0
     for k in range(1, steps + 1):
         binding.set_time(parameters, run.t0, int(report.steps), run.dt)
+        if run.inputs is not None:
+            binding.feed(parameters, run.inputs.at(int(report.steps)))
         status, q[:], p[:], multipliers, taken, done = newton_step(
             binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
         )
         if status:
             return status
+        binding.set_time(parameters, run.t0, int(report.steps) + 1, run.dt)
         most = max(most, taken)
         if binding.has_forces:
             binding.add_work(report, done)
@@ -296,8 +361,9 @@ def trajectory_of(
     t = binding.times(run.t0, run.dt, run.steps_of_rows(done))
     states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
                     rows.iterations[:stored], rows.work[: stored + 1])
+    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
     return Trajectory(
-        **{one.attribute: value_of(one, states) for one in OUTPUTS},
+        **outputs,
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,

@@ -28,8 +28,12 @@ class Memory:
 
     def __init__(self, case: Case, choices: Choices) -> None:
         self.case, self.choices = case, choices
-        self.ffi, self.lib = case.step.binding.ffi, case.step.binding.lib
+        self.use(case.step.binding)
         self.arrays: list[np.ndarray] = []
+
+    def use(self, binding: Any) -> None:
+        """Call functions of this module from now on."""
+        self.binding, self.ffi, self.lib = binding, binding.ffi, binding.lib
 
     def new(self, count: int, fill: float = 0.0) -> Any:
         """Return a pointer to so many doubles."""
@@ -88,7 +92,7 @@ class Memory:
 
     def work(self) -> Any:
         """Return work memory with any contents: it needs no preparation."""
-        work = self.case.step.binding.work()
+        work = self.binding.work()
         self.ffi.memmove(work, bytes([self.choices.pick((0, 255, 127, 1))])
                          * self.ffi.sizeof(work[0]), self.ffi.sizeof(work[0]))
         return work
@@ -140,7 +144,8 @@ def integrate(memory: Memory, choices: Choices) -> str:
 
 def lanes(memory: Memory, choices: Choices) -> str:
     """Side by side, with differing parameters and states; one that fails does not disturb."""
-    binding, ffi, name = memory.case.step.binding, memory.ffi, memory.case.step.name
+    memory.use(memory.case.step.binding_of_many)
+    binding, ffi, name = memory.binding, memory.ffi, memory.case.step.name
     if not binding.lanes:
         return "no lanes"
     count = choices.below(binding.lanes + 1)

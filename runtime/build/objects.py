@@ -1,0 +1,75 @@
+"""A stepper's C as objects that compile side by side, and the modules that are made of them.
+
+Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
+side, on lanes, in another one that is made when they are first asked for. Each module is linked of
+two objects of the same text: Newton and all that is evaluated once, beside the sweeps. An object
+defines some of the public functions. The others are static in its header, so that the compiler
+drops them, and what only they call.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["Object", "Part", "declarations_of", "objects_of"]
+
+#: Which of the two modules.
+Part = Literal["runs", "lanes"]
+
+#: Of both modules: how many trajectories lie side by side, and the size of work memory.
+_BOTH = {"lanes", "work_size"}
+_RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
+_LANES = {"integrate_lanes", "integrate_many", *_BOTH}
+
+
+@dataclass(frozen=True)
+class Object:
+    """One compilation of the text of a stepper: its header, and flags beside those of all."""
+
+    name: str
+    header: str
+    flags: tuple[str, ...] = ()
+
+
+def objects_of(name: str, files: Mapping[str, str], part: Part) -> list[Object]:
+    """Return what a module is linked of, that which takes longest first."""
+    header = files[f"{name}.h"]
+    if not _has_lanes(name, header):
+        return [Object("whole", header)]
+    sweeps, number = (_RUNS, 2) if part == "runs" else (_LANES, 3)
+    beside = _functions(name, header) - _RUNS - _LANES if part == "runs" else set()
+    return [_object(name, header, number, sweeps), _object(name, header, 1, beside)]
+
+
+def declarations_of(name: str, header: str, part: Part) -> str:
+    """Return a header with the functions that are in a module, for cffi."""
+    if not _has_lanes(name, header):
+        return header
+    functions = _functions(name, header)
+    kept = functions - (_LANES - _BOTH) if part == "runs" else _LANES
+    return _declaration(name, r"[^;]*;\n").sub(
+        lambda found: found[0] if found[1] in kept else "", header)
+
+
+def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
+    made = _declaration(name).sub(
+        lambda found: found[0] if found[1] in functions
+        else f"__attribute__((unused)) static {found[0]}", header)
+    return Object(f"object{number}", made,
+                  (f"-DGYROSPARK_OBJECT={number}", "-fvisibility=hidden", "-Wno-unused-function"))
+
+
+def _has_lanes(name: str, header: str) -> bool:
+    return "lanes" in _functions(name, header)
+
+
+def _functions(name: str, header: str) -> set[str]:
+    """Return the functions that a header declares, by their short names."""
+    return set(_declaration(name).findall(header))
+
+
+def _declaration(name: str, rest: str = "") -> re.Pattern[str]:
+    return re.compile(rf"^(?:const )?\w[\w ]* \*?{name}_(\w+)\({rest}", re.MULTILINE)

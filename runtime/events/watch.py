@@ -1,0 +1,194 @@
+"""The states of a run, looked at step by step: where an event's value changes its sign.
+
+Compiled code steps and evaluates the quantities, a piece of the run at a time; what is kept of a
+piece are the brackets, steps between whose ends a value has two signs. A value that comes near its
+level and turns may cross it twice within one step: where the parabola through three neighbours
+says that it might, the step is kept as one to look into. What turns within a step without a sign
+of it at the steps cannot be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..call.binding import Binding
+from ..call.checks import as_real
+from .event import Event
+
+__all__ = ["Brackets", "Levels", "Watch"]
+
+Array = NDArray[Any]
+
+#: How near to its level, beside how far it moves within a step, a turning value is looked into.
+_NEAR = 0.25
+#: States that are kept from piece to piece: a step is looked into with a neighbour on either side.
+_TAIL = 3
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The values of events, less their levels, of rows of states."""
+
+    binding: Binding
+    events: tuple[Event, ...]
+    #: For each event "q", "p" or, of quantities, "", and which column of these.
+    columns: tuple[tuple[str, int], ...]
+    levels: Array
+
+    @classmethod
+    def of(cls, binding: Binding, manifest: Any, events: tuple[Event, ...]) -> Levels:
+        """Return them for the events of a stepper's runs."""
+        system = manifest["system"]
+        places = {name: ("p", i) for i, name in enumerate(system["momenta"])}
+        places |= {name: ("q", i) for i, name in enumerate(system["coordinates"])}
+        places |= {name: ("", i) for i, name in enumerate(system.get("quantities", ()))}
+        number = binding.number_type
+        return cls(binding, events, tuple(places[one.quantity] for one in events),
+                   np.array([as_real("level", one.level, binding.number) for one in events],
+                            number))
+
+    def values(self, parameters: Any, t: Array, q: Array, p: Array) -> Array:
+        """Return the values of rows of states, a column an event."""
+        quantities = (self.binding.quantities(parameters, t.astype(self.binding.dtype), q, p)
+                      if any(of == "" for of, _ in self.columns) else q)
+        parts = {"": quantities, "q": q, "p": p}
+        found = np.empty((len(q), len(self.events)), self.binding.number_type)
+        for i, (of, column) in enumerate(self.columns):
+            found[:, i] = parts[of][:, column]
+        values: Array = found - self.levels
+        return values
+
+
+@dataclass
+class Brackets:
+    """Steps of a run in which an event happens, or (``turning``) might happen twice."""
+
+    event: Array
+    #: Steps before it, and the state and the value there; the value at the end of the step.
+    step: Array
+    q: Array
+    p: Array
+    before: Array
+    after: Array
+    turning: Array
+
+    def __len__(self) -> int:
+        return len(self.event)
+
+    @classmethod
+    def together(cls, parts: Sequence[Brackets]) -> Brackets:
+        """Return all of them, in order."""
+        names = ("event", "step", "q", "p", "before", "after", "turning")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def of(self, chosen: Array) -> Brackets:
+        """Return some of them."""
+        return Brackets(self.event[chosen], self.step[chosen], self.q[chosen], self.p[chosen],
+                        self.before[chosen], self.after[chosen], self.turning[chosen])
+
+
+def _far(values: Array) -> bool:
+    """Whether every value stays further from 0 than it moves in a step: a look at no step pays."""
+    low, high = values.min(axis=0), values.max(axis=0)
+    steps = abs(np.diff(values, axis=0)).max(axis=0)
+    return bool(((low > steps) | (-high > steps)).all())
+
+
+class Watch:
+    """What is seen of one run's events, piece by piece."""
+
+    def __init__(self, levels: Levels, parameters: Any, t0: Any, dt: Any) -> None:
+        self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
+        self._tail: tuple[Array, Array, Array] | None = None
+        self._parts: list[Brackets] = []
+        #: The step within which a terminal event happens; None as long as there is none.
+        self.ends_in: int | None = None
+        self.terminal = any(one.terminal for one in levels.events)
+        self._wanted = np.array([one.direction for one in levels.events])
+        self._ending = np.array([one.terminal for one in levels.events])
+
+    def look(self, done: int, q: Array, p: Array) -> None:
+        """Look at the states after ``done``, ``done`` + 1, … steps; the first was seen before."""
+        binding = self._levels.binding
+        t = binding.times(self._t0, self._dt, np.arange(done, done + len(q)))
+        values = self._levels.values(self._parameters, t, q, p)
+        if self._tail is not None:
+            old = self._tail
+            q, p, values = (np.concatenate([old[0][:-1], q]), np.concatenate([old[1][:-1], p]),
+                            np.concatenate([old[2][:-1], values]))
+            done -= len(old[0]) - 1
+        first = 0 if self._tail is None else len(self._tail[0]) - 1
+        if len(values) > 1 and not _far(values):
+            self._crossings(done, first, q, p, values)
+            self._turnings(done, first, q, p, values)
+        self._tail = q[-_TAIL:].copy(), p[-_TAIL:].copy(), values[-_TAIL:].copy()
+
+    def _crossings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
+        """Note the steps from row ``first`` on in which a value changes its sign."""
+        before, after = values[first:-1], values[first + 1:]
+        falls = (before > 0) & (after <= 0) & (self._wanted <= 0)
+        rises = (before < 0) & (after >= 0) & (self._wanted >= 0)
+        found = falls | rises
+        if not found.any():
+            return
+        row, event = np.nonzero(found)
+        if self._ending[event].any():
+            end = int(row[self._ending[event]].min())
+            self.ends_in = done + first + end
+            kept = row <= end
+            row, event = row[kept], event[kept]
+        self._note(done, row + first, event, q, p, values, turning=False)
+
+    def _turnings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
+        """Note the steps in which a value may touch its level, with a neighbour on either side.
+
+        The last step waits for its neighbour behind, but where the run may end: there nothing is
+        told late.
+        """
+        count = len(values) - 1
+        if count < 2 or self.ends_in is not None:
+            return
+        last = count if self.terminal else count - 1
+        start = max(first if self.terminal else first - 1, 0)
+        if start >= last:
+            return
+        y0, y1 = values[start:last], values[start + 1:last + 1]
+        one_side = (y0 > 0) & (y1 > 0) | (y0 < 0) & (y1 < 0)
+        if not one_side.any():
+            return
+        bend = values[2:] - 2 * values[1:-1] + values[:-2]
+        near = np.zeros(y0.shape, bool)
+        for shift in (-1, 0):  # the parabola through a neighbour before, or behind
+            at = np.arange(start, last) + shift
+            inside = (at >= 0) & (at < len(bend))
+            second = bend[np.where(inside, at, 0)]
+            slope = y1 - y0
+            # y(s) = y0 + (slope - second/2) s + second s^2/2 turns towards 0 within the step
+            turn = (second / 2 - slope) / np.where(second != 0, second, second + 1)
+            lowest = y0 - second * turn * turn / 2
+            sign = np.where(y0 > 0, 1, -1)
+            near |= (inside[:, None] & (sign * second > 0) & (turn > 0) & (turn < 1)
+                     & (sign * lowest < _NEAR * abs(second)))
+        row, event = np.nonzero(near & one_side)
+        self._note(done, row + start, event, q, p, values, turning=True)
+
+    def _note(self, done: int, row: Array, event: Array, q: Array, p: Array, values: Array, *,
+              turning: bool) -> None:
+        if len(row):
+            self._parts.append(Brackets(event, done + row, q[row], p[row], values[row, event],
+                                        values[row + 1, event], np.full(len(row), turning)))
+
+    @property
+    def brackets(self) -> Brackets | None:
+        """All that was found, in the order of the run; None if nothing was."""
+        if not self._parts:
+            return None
+        found = Brackets.together(self._parts)
+        if self.ends_in is not None:
+            found = found.of(found.step <= self.ends_in)
+        return found.of(np.argsort(found.step, kind="stable"))

@@ -1,0 +1,324 @@
+"""Where events happen: short real steps from the states before, many of them side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import StepFailed, Stopped
+from ..events.event import Crossings, Event
+from ..events.roots import zeros
+from ..events.watch import Brackets, Levels, Watch
+from ..interrupts import ctrl_c
+from ..output.outputs import OUTPUTS, States, value_of
+from ..output.trajectory import Trajectory
+from ..steps.integration import Run, integrate
+from .between import epsilon_of_times, partial_steps, refuse_changing, run_together
+from .lanes import fill_course, threads_of
+from .runs import Runs
+
+if TYPE_CHECKING:
+    from .lanes import Course
+    from .stepper import Stepper
+
+__all__ = ["crossings_of", "observed", "watches_of"]
+
+Array = NDArray[Any]
+
+#: Steps that are solved for side by side.
+_AT_ONCE = 2**15
+#: Looks for the place where a value turns, before a step is taken to have no crossing.
+_LOOKS = 5
+
+
+def crossings_of(
+    stepper: Stepper, levels: Levels, runs: Runs, found: Sequence[Brackets | None],
+    fill: Callable[[Course], None],
+) -> list[dict[str, Crossings]]:
+    """Return the crossings of each run by the events' names; ``found`` is what was seen of each."""
+    if runs.inputs is not None:  # they are held throughout, as parameters are
+        runs = Runs.of([runs[i] for i in range(len(runs))], stepper.binding.number_type)
+    seen = [(i, brackets) for i, brackets in enumerate(found) if brackets is not None]
+    parts: list[_Roots] = []
+    if seen:
+        every = Brackets.together([brackets for _, brackets in seen])
+        owner = np.repeat([i for i, _ in seen], [len(brackets) for _, brackets in seen])
+        for i in range(0, len(every), _AT_ONCE):
+            part = np.arange(i, min(i + _AT_ONCE, len(every)))
+            work = _Work(stepper, levels, runs, every.of(part), owner[part], fill)
+            parts += [_single(work), _twofold(work)]
+    return _by_run(stepper, levels, parts, len(runs))
+
+
+def watches_of(stepper: Stepper, levels: Levels | None, runs: Runs) -> list[Watch]:
+    """Return what looks at each run, nothing without events."""
+    if levels is None:
+        return []
+    binding, found = stepper.binding, []
+    for run in map(runs.__getitem__, range(len(runs))):
+        refuse_changing(stepper, run.parameters)
+        found.append(Watch(levels, binding.parameters(run.parameters, run.t0), run.t0, run.dt))
+    return found
+
+
+def observed(
+    stepper: Stepper, run: Run, events: tuple[Event, ...], progress: Callable[[int], None] | None
+) -> Trajectory:
+    """Return the trajectory of a run with its events, up to the first terminal one."""
+    if not events:
+        return integrate(stepper.binding, stepper.manifest, run, progress)
+    levels = Levels.of(stepper.binding, stepper.manifest, events)
+    runs = Runs.of([run], stepper.binding.number_type)
+
+    def crossings(seen: Watch) -> dict[str, Crossings]:
+        with ctrl_c() as interrupts:
+            return crossings_of(stepper, levels, runs, [seen.brackets],
+                                lambda course: fill_course(course, threads_of(None),
+                                                           lambda: interrupts.asked))[0]
+
+    (watch,) = watches_of(stepper, levels, runs)
+    try:
+        trajectory = integrate(stepper.binding, stepper.manifest, replace(run, watch=watch),
+                               progress)
+    except (StepFailed, Stopped) as ended:
+        if ended.trajectory is not None:
+            ended.trajectory = replace(ended.trajectory, events=crossings(watch))
+        raise
+    found = crossings(watch)
+    last = _last(events, found)
+    if last is None:
+        return replace(trajectory, events=found)
+    if last.steps[0] < trajectory.report.steps:  # a value that only touched its level ends it
+        trajectory = integrate(stepper.binding, stepper.manifest,
+                               replace(run, steps=int(last.steps[0])))
+    until = {name: crossings.until(last, run.dt) for name, crossings in found.items()}
+    return replace(_ended(stepper, trajectory, watch.brackets, last), events=until)
+
+
+def _ended(
+    stepper: Stepper, trajectory: Trajectory, brackets: Brackets | None, last: Crossings
+) -> Trajectory:
+    """Return a trajectory with one row more: the state at its terminal event."""
+    assert brackets is not None
+    binding = stepper.binding
+    at = np.flatnonzero(brackets.step == last.steps[0])[:1]
+    t0 = binding.times(trajectory.t[:1], trajectory.dt, last.steps)
+    parameters = {name: np.array([value], binding.number_type)
+                  for name, value in trajectory.parameters.items()}
+    rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, last.t - t0, parameters,
+                        lambda course: fill_course(course, 1, lambda: False), 1).rows
+    flat = trajectory.multipliers.reshape(len(trajectory.multipliers), -1)
+    done = trajectory.work[-1:] * 0 + trajectory.report.work
+    states = States(
+        binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
+        np.concatenate([trajectory.t, last.t]), np.concatenate([trajectory.q, last.q]),
+        np.concatenate([trajectory.p, last.p]),
+        np.concatenate([flat, rows.multipliers[:, 1]]).astype(binding.dtype),
+        np.concatenate([trajectory.iterations, rows.iterations[:, 1]]),
+        np.concatenate([trajectory.work, done + rows.work[:, 1]]))
+    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
+    return replace(trajectory, **outputs)
+
+
+def _last(events: tuple[Event, ...], found: dict[str, Crossings]) -> Crossings | None:
+    """Return the first crossing of a terminal event by itself; None if there is none."""
+    ends = [found[one.name].first for one in events if one.terminal and len(found[one.name])]
+    return min(ends, key=lambda end: (end.steps[0], abs(end.t[0])), default=None)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """Brackets of runs, and steps of parts of Δt in them."""
+
+    stepper: Stepper
+    levels: Levels
+    runs: Runs
+    brackets: Brackets
+    owner: Array
+    fill: Callable[[Course], None]
+
+    def t(self, which: Array) -> Array:
+        """Return the times at the start of brackets."""
+        runs, owner = self.runs, self.owner[which]
+        times: Array = runs.t0[owner] + self.brackets.step[which] * runs.dt[owner]
+        return times
+
+    def tolerance(self, which: Array) -> Array:
+        """Return what share of a step a time of the run cannot tell apart."""
+        runs, owner = self.runs, self.owner[which]
+        size = np.maximum(abs(self.t(which)), abs(runs.dt[owner]))
+        share: Array = epsilon_of_times(self.stepper) * size / abs(runs.dt[owner])
+        return share
+
+    def states(self, share: Array, which: Array) -> tuple[Array, Array, Array, Array]:
+        """Return times, states and the events' values after shares of a step in brackets."""
+        owner = self.owner[which]
+        t, dt = self.t(which), share * self.runs.dt[owner]
+        columns = {name: column[owner] for name, column in self.runs.parameters.items()}
+        q, p = partial_steps(self.stepper, self.brackets.q[which], self.brackets.p[which], t, dt,
+                             columns, self.fill)
+        return t + dt, q, p, self._values(which, t + dt, q, p)
+
+    def _values(self, which: Array, t: Array, q: Array, p: Array) -> Array:
+        """Return the value of each bracket's own event."""
+        values, owner = np.empty_like(t), self.owner[which]
+        order = np.argsort(owner, kind="stable")
+        alike = all((column == column[0]).all() for column in self.runs.parameters.values())
+        starts: Any = [] if alike else np.flatnonzero(np.diff(owner[order])) + 1
+        for of in np.split(order, starts) if len(order) else ():
+            run = self.runs[int(owner[of[0]])]
+            parameters = self.stepper.binding.parameters(run.parameters, run.t0)
+            rows = self.levels.values(parameters, t[of], q[of], p[of])
+            values[of] = rows[np.arange(len(of)), self.brackets.event[which[of]]]
+        return values
+
+
+@dataclass(frozen=True)
+class _Roots:
+    """States at which events happen."""
+
+    owner: Array
+    event: Array
+    step: Array
+    #: As a share of the step, a double: what orders two of one step.
+    place: Array
+    t: Array
+    q: Array
+    p: Array
+    rising: Array
+
+
+class _Best:
+    """The state with the least value so far, of each root that is sought in a part of a step."""
+
+    def __init__(self, work: _Work, which: Array, low: Array, high: Array) -> None:
+        self._work, self.which, self._low, self._width = work, which, low, high - low
+        binding = work.stepper.binding
+        self.t = work.t(which)
+        self.q, self.p = (binding.new(len(which), binding.n) for _ in range(2))
+        self._size = 0 * self.t - 1  # none yet
+
+    def __call__(self, x: Array, roots: Array) -> Array:
+        """Return the values at x from 0 to 1 within those parts."""
+        share = self._low[roots] + x * self._width[roots]
+        t, q, p, values = self._work.states(share, self.which[roots])
+        better = (self._size[roots] < 0) | (abs(values) < self._size[roots])
+        at = roots[better]
+        self.t[at], self.q[at], self.p[at] = t[better], q[better], p[better]
+        self._size[at] = abs(values[better])
+        return values
+
+    def roots(self, rising: Array) -> _Roots:
+        """Return them."""
+        work, which = self._work, self.which
+        owner = work.owner[which]
+        place = ((self.t - work.t(which)) / work.runs.dt[owner]).astype(float)
+        return _Roots(owner, work.brackets.event[which], work.brackets.step[which], place,
+                      self.t, self.q, self.p, rising)
+
+
+def _single(work: _Work) -> _Roots:
+    """Return the roots of steps between whose ends a value changes its sign."""
+    brackets = work.brackets
+    which = np.flatnonzero(~brackets.turning)
+    best = _Best(work, which, *_whole(work, which))
+    before, after = brackets.before[which], brackets.after[which]
+    ends = np.flatnonzero(after == 0)  # the step ends there: a whole step leads there again
+    best(work.tolerance(which)[ends] * 0 + 1, ends)
+    inside = np.flatnonzero(after != 0)
+    zeros(lambda x, i: best(x, inside[i]), before[inside], after[inside],
+          work.tolerance(which)[inside])
+    return best.roots(before < 0)
+
+
+def _twofold(work: _Work) -> _Roots:
+    """Return the roots of steps within which a value goes through its level and back."""
+    turning = np.flatnonzero(work.brackets.turning)
+    which, place, value = _turned(work, turning)
+    first, last = _whole(work, which)
+    twice = np.concatenate([which, which])
+    low, high = np.concatenate([first, place]), np.concatenate([place, last])
+    best = _Best(work, twice, low, high)
+    before, after = work.brackets.before[which], work.brackets.after[which]
+    zeros(best, np.concatenate([before, value]), np.concatenate([value, after]),
+          work.tolerance(twice) / (high - low))
+    rising = np.concatenate([before, value]) < 0
+    roots = best.roots(rising)
+    wanted = np.array([one.direction for one in work.levels.events])[roots.event]
+    return _chosen(roots, (wanted == 0) | ((wanted > 0) == rising))
+
+
+def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
+    """Return the steps within which a value does change its sign, a place where it has, its value.
+
+    The parabola through three places says where to look next; the lowest place and its
+    neighbours are kept.
+    """
+    x0, x2 = _whole(work, which)
+    # the value is that many times above its level: it falls towards it, whatever its sign
+    side = np.where(work.brackets.before[which] > 0, 1, -1)
+    y0, y2 = side * work.brackets.before[which], side * work.brackets.after[which]
+    x1 = (x0 + x2) / 2
+    y1 = side * work.states(x1, which)[3]
+    found: list[tuple[Array, Array, Array]] = []
+    for look in range(_LOOKS):
+        through = y1 < 0
+        found.append((which[through], x1[through], (side * y1)[through]))
+        bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
+        left = ~through & (y1 < y0) & (y1 < y2) & (bend > 0)
+        which, side, x0, x1, x2, y0, y1, y2, bend = (
+            part[left] for part in (which, side, x0, x1, x2, y0, y1, y2, bend))
+        if not len(which) or look == _LOOKS - 1:
+            break
+        x = (x0 + x1) / 2 - (y1 - y0) / (x1 - x0) * (x2 - x0) / (2 * bend)
+        x = np.where((x > x0) & (x < x2) & (x != x1), x, (x1 + x2) / 2)
+        y = side * work.states(x, which)[3]
+        lower, left_of = y < y1, x < x1
+        # of four places the lowest stays in the middle of its neighbours
+        x0, y0 = _where(lower & ~left_of, (x1, y1), _where(~lower & left_of, (x, y), (x0, y0)))
+        x2, y2 = _where(lower & left_of, (x1, y1), _where(~lower & ~left_of, (x, y), (x2, y2)))
+        x1, y1 = _where(lower, (x, y), (x1, y1))
+    steps, places, values = (np.concatenate(column) for column in zip(*found, strict=True))
+    return steps, places, values
+
+
+def _where(condition: Array, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
+    return np.where(condition, a[0], b[0]), np.where(condition, a[1], b[1])
+
+
+def _whole(work: _Work, which: Array) -> tuple[Array, Array]:
+    """Return 0 and 1 for each bracket, in the type of times."""
+    none = 0 * work.tolerance(which)
+    return none, none + 1
+
+
+def _chosen(roots: _Roots, chosen: Array) -> _Roots:
+    return _Roots(*(getattr(roots, name)[chosen] for name in _Roots.__dataclass_fields__))
+
+
+def _by_run(
+    stepper: Stepper, levels: Levels, parts: list[_Roots], runs: int
+) -> list[dict[str, Crossings]]:
+    """Return the crossings of each run by the events' names, along the run."""
+    roots = _Roots(*(np.concatenate([getattr(part, name) for part in parts])
+                     for name in _Roots.__dataclass_fields__)) if parts else _none(stepper)
+    found: list[dict[str, Crossings]] = [{} for _ in range(runs)]
+    for number, event in enumerate(levels.events):
+        own = _chosen(roots, roots.event == number)
+        own = _chosen(own, np.lexsort((own.place, own.step, own.owner)))
+        ends = np.searchsorted(own.owner, np.arange(runs + 1))
+        for crossings, start, end in zip(found, ends[:-1], ends[1:], strict=True):
+            row = slice(start, end)
+            crossings[event.name] = Crossings(own.t[row], own.q[row], own.p[row], own.step[row],
+                                              own.rising[row])
+    return found
+
+
+def _none(stepper: Stepper) -> _Roots:
+    binding, count = stepper.binding, np.array([], int)
+    return _Roots(count, count, count, np.array([]), np.array([], binding.number_type),
+                  binding.new(0, binding.n), binding.new(0, binding.n), count.astype(bool))

@@ -1,0 +1,224 @@
+"""Events: where a quantity of a run crosses a level, found while stepping, solved by real steps."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from gyrospark.runtime.events.event import event_of_text
+from gyrospark.runtime.events.roots import zeros
+
+EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
+
+
+def pendulum(real: str = "double", scheme: str = "G-L", stages: int | None = 5):
+    x, y, u, v, g = sp.symbols("x y u v g")
+    system = gs.System((x, y), (u, v), (g,), (u**2 + v**2) / 2 + g * y, (x**2 + y**2 - 1,),
+                       name="event_pendulum", quantities={"side": x, "height": y})
+    return gs.stepper(scheme, stages, system=system, real=real)
+
+
+def start(angle: float = 1.0):
+    return [np.sin(angle), -np.cos(angle)], [0.0, 0.0]
+
+
+def period(angle: float = 1.0):
+    """The period of a pendulum let go at an angle, g = l = 1: 4 K(sin²(θ/2))."""
+    with mpmath.workdps(40):
+        return 4 * mpmath.ellipk(mpmath.sin(mpmath.mpf(angle) / 2) ** 2)
+
+
+@pytest.mark.parametrize("steps", [5000, pytest.param(300_000, marks=pytest.mark.slow)])
+def test_a_pendulum_through_the_bottom(steps: int) -> None:
+    """At T/4 + k T/2, to twelve digits; and as often as that."""
+    run = pendulum().integrate(*start(), dt=0.05, steps=steps, every=steps, parameters={"g": 1.0},
+                               events=gs.Event("side"))
+    found = run.events["side"]
+    times = float(period()) * (0.25 + 0.5 * np.arange(len(found)))
+    assert len(found) == int(np.floor(0.05 * steps / float(period()) * 2 + 0.5))
+    assert np.abs(found.t / times - 1).max() < 1e-12
+    assert np.array_equal(found.rising, np.arange(len(found)) % 2 == 1)
+    assert np.abs(found.q[:, 0]).max() < 4 * EPS["double"]
+    assert np.abs((found.q**2).sum(axis=1) - 1).max() <= 4 * EPS["double"]
+
+
+@pytest.mark.parametrize(("real", "dt"), [("float", 0.05), ("float128", 0.01)])
+def test_in_every_type_and_backwards(real: str, dt: float) -> None:
+    """Times are found to the last places of the type; backwards they are the same ones."""
+    step = pendulum(real, stages=8 if real == "float128" else 5)
+    run = {"parameters": {"g": 1}, "every": 100, "events": [gs.Event("side")]}
+    if real == "float128":
+        angle = mpmath.mpf(1)
+        with mpmath.workdps(40):
+            q0 = [mpmath.sin(angle), -mpmath.cos(angle)]
+        q0, p0 = step.project(q0, [0, 0], parameters={"g": 1})
+    else:
+        q0, p0 = step.project(*start(), parameters={"g": 1})
+    ahead = step.integrate(q0, p0, dt=dt, steps=round(6 / dt), **run).events["side"]
+    back = step.integrate(q0, p0, dt=-dt, steps=round(6 / dt), **run).events["side"]
+    assert len(ahead) == len(back) == 2
+    bound = {"float": 64 * EPS[real], "float128": 1e-27}[real]  # 16th order, 0.01: 1e-28
+    with mpmath.workdps(40):
+        for k, time in enumerate(ahead.t):
+            assert abs(time - period() * (2 * k + 1) / 4) < bound * 6
+            assert abs(time + back.t[k]) < bound * 6
+    assert not ahead.rising[0]
+    assert not back.rising[0]
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("IMS", None), ("EMS", None), ("LIIIA-B", 3)])
+@pytest.mark.parametrize("solver", ["auto", "newton", "python"])
+def test_every_scheme_and_solver(scheme: str, stages: int | None, solver: str) -> None:
+    """What is found lies between the states about it, on the level."""
+    step = pendulum(scheme=scheme, stages=stages)
+    run = {"dt": 0.02, "steps": 200, "parameters": {"g": 1.0}, "solver": solver}
+    found = step.integrate(*start(), **run, events=[gs.Event("side"), gs.Event("v", level=0.1)])
+    plain = step.integrate(*start(), **run)
+    assert np.array_equal(found.q, plain.q)
+    assert found.report == plain.report
+    for name, values, level in (("side", plain.q[:, 0], 0.0), ("v", plain.p[:, 1], 0.1)):
+        crossings = found.events[name]
+        changes = np.flatnonzero(np.diff(np.sign(values - level)) != 0)
+        assert np.array_equal(crossings.steps, changes)
+        assert np.all((plain.t[changes] <= crossings.t) & (crossings.t <= plain.t[changes + 1]))
+    assert np.abs(found.events["v"].p[:, 1] - 0.1).max() < 16 * EPS["double"]
+
+
+@pytest.mark.parametrize("depth", [1e-3, 1e-5, 1e-7])
+def test_two_crossings_in_one_step(depth: float) -> None:
+    """The bob dips below a level near the bottom and out again, between two steps or not."""
+    run = pendulum().integrate(*start(), dt=0.05, steps=4000, every=4000, parameters={"g": 1.0},
+                               events=[gs.Event("height", level=-1 + depth),
+                                       gs.Event("height", level=-1 + depth, direction=-1,
+                                                name="in"),
+                                       gs.Event("side")])
+    both, into, bottom = (run.events[name] for name in ("height", "in", "side"))
+    assert len(both) == 2 * len(bottom)
+    assert np.array_equal(into.t, both.t[::2])
+    assert np.all((both.t[::2] < bottom.t) & (bottom.t < both.t[1::2]))
+
+
+def test_a_terminal_event_ends_the_run() -> None:
+    step = pendulum()
+    run = {"dt": 0.05, "steps": 1000, "parameters": {"g": 1.0}}
+    stop = gs.Event("side", direction=1, terminal=True, name="stop")
+    found = step.integrate(*start(), **run, every=7, events=[stop, gs.Event("side")])
+    end = 0.75 * float(period())
+    assert abs(found.t[-1] - end) < 1e-12
+    assert found.t[-1] == found.events["stop"].t[0]
+    assert np.array_equal(found.q[-1], found.events["stop"].q[0])
+    assert found.report.steps == int(end / 0.05)
+    assert len(found.events["side"]) == 2
+    assert len(found.t) == len(found.q) == len(found.multipliers) + 1 == found.report.steps // 7 + 2
+    same = step.integrate(*start(), **(run | {"steps": found.report.steps}), every=7)
+    assert found.report == same.report
+    rows = found.report.steps // 7 + 1
+    assert np.array_equal(found.q[:rows], same.q[:rows])
+
+
+def test_a_terminal_event_that_only_dips() -> None:
+    """Both crossings are within one step: the run ends at the first of them."""
+    run = pendulum().integrate(*start(), dt=0.05, steps=1000, parameters={"g": 1.0}, events=[
+        gs.Event("height", level=-1 + 1e-7, terminal=True), gs.Event("side")])
+    assert len(run.events["height"]) == 1
+    assert abs(run.t[-1] - 0.25 * float(period())) < 1e-3
+    assert len(run.events["side"]) == 0
+
+
+def test_chaos_misses_none() -> None:
+    """A double pendulum over its level as often as with a tenth of the step."""
+    model = gs.models.double_pendulum()
+    step = gs.stepper("G-L", 4, system=model)
+    name = step.manifest["system"]["coordinates"][2]
+    run = {"parameters": model.parameters, "events": [gs.Event(name, level=0.1)]}
+    coarse = step.integrate(model.q0, model.p0, dt=1e-2, steps=300, **run).events[name]
+    fine = step.integrate(model.q0, model.p0, dt=1e-3, steps=3000, **run).events[name]
+    assert len(coarse) == len(fine)
+    assert np.abs(coarse.t - fine.t).max(initial=0) < 1e-6
+
+
+def test_an_ensemble_finds_what_its_members_find() -> None:
+    step, lengths = pendulum(), np.linspace(0.5, 2.0, 9)
+    q0, p0 = start()
+    many = step.integrate_ensemble([q0] * 9, [p0] * 9, dt=0.05, steps=400, every=400,
+                                   parameters={"g": lengths}, events=gs.Event("side"))
+    single = [step.integrate(q0, p0, dt=0.05, steps=400, every=400, parameters={"g": g},
+                             events=gs.Event("side")).events["side"] for g in lengths]
+    assert many.events["side"].count.tolist() == [len(one) for one in single]
+    for i, one in enumerate(single):
+        assert np.abs(many.events["side"][i].t - one.t).max() < 1e-12
+        assert np.array_equal(many.members[i].events["side"].t, many.events["side"][i].t)
+    first = float(period()) / 4 / np.sqrt(lengths)
+    assert np.abs(many.events["side"].first / first - 1).max() < 1e-13
+    none = step.integrate_ensemble([q0] * 2, [p0] * 2, dt=0.05, steps=10, parameters={"g": 1.0},
+                                   events=gs.Event("side", level=3))
+    assert np.isnan(none.events["side"].first).all()
+    assert none.events["side"].count.tolist() == [0, 0]
+
+
+def test_a_run_without_events_has_none() -> None:
+    run = pendulum().integrate(*start(), dt=0.05, steps=3, parameters={"g": 1.0})
+    assert run.events == {}
+
+
+@pytest.mark.parametrize(("events", "text"), [
+    ([gs.Event("hight")], r"Unknown quantity of an event 'hight'"),
+    ("side", r"events = 'side' is no list of events"),
+    ([gs.Event("side"), gs.Event("side", level=1)], r"Two events are named 'side'"),
+])
+def test_wrong_events_end_in_a_sentence(events, text: str) -> None:
+    with pytest.raises(gs.InputError, match=text):
+        pendulum().integrate(*start(), dt=0.05, steps=3, parameters={"g": 1.0}, events=events)
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    ({"direction": 2}, r"direction = 2 is none; give -1"),
+    ({"level": float("inf")}, r"level = inf is no finite number"),
+    ({"level": "0"}, r"level = '0' is no finite number"),
+    ({"terminal": 1}, r"terminal = 1 is neither"),
+])
+def test_wrong_records_end_in_a_sentence(arguments, text: str) -> None:
+    with pytest.raises(gs.InputError, match=text):
+        gs.Event("side", **arguments)
+
+
+def test_an_ensemble_refuses_terminal_events() -> None:
+    with pytest.raises(gs.InputError, match="'side' is terminal: it ends single runs"):
+        pendulum().integrate_ensemble([start()[0]] * 2, [start()[1]] * 2, dt=0.05, steps=3,
+                                      parameters={"g": 1.0},
+                                      events=gs.Event("side", terminal=True))
+
+
+def test_events_in_words() -> None:
+    event = event_of_text(" height = -0.5 down stop ")
+    assert (event.quantity, float(event.level), event.direction, event.terminal) == (
+        "height", -0.5, -1, True)
+    assert event_of_text("side=0").direction == 0
+    for text in ("height", "height=", "height=x", "height=0 left", "height=0 up down"):
+        with pytest.raises(gs.InputError, match="is not read; write"):
+            event_of_text(text)
+
+
+@given(st.floats(0.01, 0.99), st.integers(1, 9), st.sampled_from(["power", "exp", "tan", "step"]))
+def test_zeros_of_smooth_flat_and_jumping_functions(root: float, power: int, kind: str) -> None:
+    """Within the tolerance, whatever the function is; powers of 9 are flat, steps jump."""
+    function = {"power": lambda x: np.sign(x - root) * np.abs(x - root) ** power,
+                "exp": lambda x: np.expm1(power * (x - root)),
+                "tan": lambda x: np.tan(1.5 * (x - root)),
+                "step": lambda x: np.where(x < root, -1.0, 2.0)}[kind]
+    last: list[float] = []
+
+    def evaluate(x, which):
+        last.append(float(x[0]))
+        return function(x)
+
+    ends = function(np.array([0.0])), function(np.array([1.0]))
+    zeros(evaluate, *ends, np.array([1e-14]))
+    best = min(abs(x - root) for x in last)
+    flat = 1e-300 ** (1 / power) if kind == "power" else 0.0  # the power is 0 in doubles
+    assert best <= 2e-14 + flat
