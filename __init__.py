@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .generator.bodies.multibody import Multibody
     from .generator.bodies.rigid_body import body_system, rotation_matrix
     from .generator.systems.system import System
+    from .generator.urdf.urdf import load_urdf, read_urdf
     from .projection import Projection
     from .runtime.body import problems
     from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from .runtime.events.event import Crossings, Event
     from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
+    from .runtime.run.section import Section, section
     from .runtime.run.simulation import Simulation
     from .runtime.run.stepper import Stepper
     from .storage.record import record
@@ -75,6 +77,8 @@ _HOMES = {
     "load_model": "facade",
     "rotation_matrix": "generator.bodies.rigid_body",
     "System": "generator.systems.system",
+    "load_urdf": "generator.urdf.urdf",
+    "read_urdf": "generator.urdf.urdf",
     "Projection": "projection",
     "Crossings": "runtime.events.event",
     "Ensemble": "runtime.run.ensemble",
@@ -90,6 +94,8 @@ _HOMES = {
     "gamma_m_tilde": "runtime.body.inertia",
     "momentum": "runtime.body.quaternion",
     "state_from_rotation": "runtime.body.quaternion",
+    "Section": "runtime.run.section",
+    "section": "runtime.run.section",
     "Simulation": "runtime.run.simulation",
     "Stepper": "runtime.run.stepper",
     "Trajectory": "runtime.output.trajectory",
@@ -122,6 +128,7 @@ __all__ = [
     "Multibody",
     "Projection",
     "Recording",
+    "Section",
     "Simulation",
     "StepFailed",
     "Stepper",
@@ -142,13 +149,16 @@ __all__ = [
     "gamma_m",
     "gamma_m_tilde",
     "load_model",
+    "load_urdf",
     "models",
     "momentum",
     "open_recording",
     "open_sweep",
     "problems",
+    "read_urdf",
     "record",
     "rotation_matrix",
+    "section",
     "state_from_rotation",
     "stepper",
     "sweep",

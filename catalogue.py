@@ -88,4 +88,4 @@ def entry_named(name: Any, what: str = "problem") -> Entry:
             return entry
     names = [*PROBLEMS, *MODELS]
     raise InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "
-                     f"ending in .toml{proposal(name, names)}.")
+                     f"ending in .toml or .urdf{proposal(name, names)}.")

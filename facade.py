@@ -20,7 +20,7 @@ from .catalogue import MODELS
 from .errors import InputError
 from .generator.schemes.scheme import SCHEMES, SchemeName
 from .generator.spec import Spec
-from .generator.text.text_file import UnusableFileError, model_text, read_text
+from .generator.text.text_file import UnusableFileError, is_urdf, model_text, read_text
 from .naming import listed, shown
 from .projection import Projection, project
 from .real import RealName
@@ -173,7 +173,9 @@ def consistent(
 def load_model(
     path: str | Path, rep: RepName | None = None, *, real: RealName = "double"
 ) -> Model:
-    """Return the model of a TOML file: its system, parameters and start.
+    """Return the model of a TOML or URDF file: its system, parameters and start.
+
+    ``load_urdf`` takes more of a robot: where it starts, and what of its file is to be ignored.
 
     Parameters
     ----------
@@ -254,7 +256,7 @@ def model_stepper(
 
     numbers = {key: number for key, value in settings.items()
                if (number := _plain_number(value)) is not None}
-    if not settings or len(numbers) < len(settings):
+    if not settings or len(numbers) < len(settings) or is_urdf(spec.model or ""):
         return found(settings)
     made, start = found({})
     if numbers.keys() <= {*start.free}:

@@ -204,12 +204,16 @@ def dependent_rows(G: Array, tolerance: float = RANK_TOLERANCE) -> tuple[list[in
     null = U[:, rank:]
     involved = [i for i in range(len(G)) if np.linalg.norm(null[i]) > np.sqrt(tolerance)]
     left_out: list[int] = []
+    basis = np.zeros((0, null.shape[1]))
     for i in reversed(involved):
         if len(left_out) == null.shape[1]:
             break
-        trial = [*left_out, i]  # the null vectors, seen at these rows only, stay independent
-        if np.linalg.svd(null[trial], compute_uv=False).min() > np.sqrt(tolerance):
-            left_out = trial
+        rest = null[i] - (basis @ null[i]) @ basis
+        size = np.linalg.norm(rest)
+        if size > np.sqrt(tolerance):  # the null vectors, seen at these rows only, are independent
+            rest -= (basis @ rest) @ basis
+            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+            left_out.append(i)
     return involved, sorted(left_out)
 
 

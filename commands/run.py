@@ -32,7 +32,7 @@ from .options import (
     with_default_scheme,
 )
 from .run_choices import frame_for, gamma_for, parameters_for
-from .run_outputs import check_targets, integrate_to, where_it_is
+from .run_outputs import check_targets, events_of, integrate_to, where_it_is
 from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 
 if TYPE_CHECKING:
@@ -73,6 +73,9 @@ _BAR_FROM = 20_000
 @click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
               help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8; of a "
                    "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'.")
+@click.option("--event", "watched_for", metavar="TEXT", multiple=True,
+              help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
+                   '"height=0 down", "x=1.5 up stop" (the run ends there).')
 @click.option("--reference", is_flag=True,
               help="Integrate a reference for the axis errors if there is no closed form.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
@@ -91,8 +94,9 @@ def run(
     problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
     dt: str | None, t0: str, steps: str | None, every: str, solver: str,
     tolerance: str | None, max_iterations: str,
-    settings: tuple[str, ...], reference: bool, out: Path | None, resume: bool, seed: str | None,
-    plot: Path | None, page: Path | None, as_json: bool, **choice: Any,
+    settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
+    resume: bool, seed: str | None, plot: Path | None, page: Path | None, as_json: bool,
+    **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); or a model
     file (TOML). Without --scheme by (DEFAULT).
@@ -108,6 +112,7 @@ def run(
     gyrospark run fast-top --scheme G-L --stages 4 --dt 1e-3 --steps 1000000000 --every 1000 \\
         --out night.zarr --resume
     gyrospark run examples/satellite.toml --scheme G-L --stages 3
+    gyrospark run double_pendulum --dt 1e-3 --steps 5000 --event "px1=0 up"
     gyrospark run examples/pendulum.toml --scheme EMS --dt 1e-3 --steps 1000 --json
     gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
         --set inertia=0.002,0.0013,0.0008 --set angular_velocity=30,-40,100
@@ -149,6 +154,7 @@ def run(
         "parameters": parameters, "solver": solver,
         "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
         "max_iterations": whole_number("--max-iterations", max_iterations),
+        **events_of(watched_for, step, out),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
     with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes

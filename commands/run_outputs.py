@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..runtime.run.stepper import Stepper
     from ..storage.recording import Recording
 
-__all__ = ["Done", "check_targets", "integrate_to", "where_it_is"]
+__all__ = ["Done", "check_targets", "events_of", "integrate_to", "where_it_is"]
 
 #: States in memory for pictures and errors of a stored run: more cannot be told apart.
 _SHOWN = 20_000
@@ -69,6 +69,19 @@ def check_targets(out: Path | None, plot: Path | None, page: Path | None, *, res
 
         if not _is_store(out):
             check_export(out)
+
+
+def events_of(texts: tuple[str, ...], step: Stepper, out: Path | None) -> dict[str, Any]:
+    """Return the argument for what --event says, nothing without; stores have none."""
+    from ..runtime.events.event import as_events, event_of_text
+
+    if not texts:
+        return {}
+    if out is not None and ending_of(out) not in ("", ".npz"):
+        raise InputError(f"--event is for runs in memory, not for --out {str(out)!r}, which has no "
+                         "place for events; write .npz, or leave --out away.")
+    events = [event_of_text(text) for text in texts]
+    return {"events": as_events(events, step.manifest["system"])}
 
 
 def _is_store(out: Path | None) -> bool:

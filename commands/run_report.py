@@ -80,6 +80,10 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
     if trajectory.quantities:
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
+    if trajectory.events:
+        result["events"] = {name: {"t": [float(t) for t in found.t],
+                                   "rising": found.rising.tolist()}
+                            for name, found in trajectory.events.items()}
     if done.steps < report.steps:
         result["resumed_at"] = report.steps - done.steps
         result["done_before"] = not done.steps and done.trouble is None
@@ -150,6 +154,7 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
     lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
+    lines += [_event_line(name, found) for name, found in result.get("events", {}).items()]
     if "start_moved" in result:
         lines.append("  start                   moved onto the constraints by "
                      f"{result['start_moved']:.2e}")
@@ -178,6 +183,12 @@ def _frame_line(result: dict[str, Any]) -> str:
         f"without (expected {result['frame_expected_gain']:.3g})")
     gamma = f", gamma = {result['gamma']:.6g}" if chosen and "gamma" in result else ""
     return f"  co-moving frame         {rates} rad/s{gamma}{chosen}"
+
+
+def _event_line(name: str, found: dict[str, Any]) -> str:
+    times = ", ".join(f"{t:.12g}" for t in found["t"][:4])
+    more = ", …" if len(found["t"]) > 4 else ""
+    return f"  event {name:<17} {len(found['t']):,} times" + (f": {times}{more} s" if times else "")
 
 
 def _choice_line(result: dict[str, Any], name: str) -> str:

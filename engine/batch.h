@@ -80,8 +80,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
             if (calls_for_look(&progress[i], change))
                 look(&progress[i], part(&run->noise, i));
-            const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
-                options->max_iterations);
+            const enum verdict verdict = judge(&progress[i], change, defect,
+                part(&run->moved, i), options->tolerance, options->max_iterations);
             ++sweeps[i];
             if (predicted && round == 1)
                 run->predictor.first[i] = change;

@@ -1,48 +1,3 @@
-/* ----------------------------------------------------------------------------------- the steps */
-
-/* What changes are relative to: the state and the step's own length. */
-static void sizes(work_t *w)
-{
-    real dq[N], dp[N], q_square = LIMIT(MIN), p_square = LIMIT(MIN);
-    total(S, w->x, dq);
-    total(S, w->x + HAT, dp);
-    for (int a = 0; a < N; ++a) {
-        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
-        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
-    }
-    w->q_size = 1/q_square;
-    w->p_size = 1/p_square;
-}
-
-/*
- * Sweeps until they have converged, at most options.max_sweeps, all told. They begin with what past
- * steps predict, and once more without it where the first of them shows it to be far off: that may
- * lead to another root.
- */
-static int solve(work_t *w)
-{
-    int predicted = w->known > 0, fresh = 1;
-    progress_t progress;
-    for (w->sweeps = 1;; ++w->sweeps) {
-        if (fresh) {
-            (predicted ? predict : guess)(w);
-            progress = no_sweeps;
-        }
-        if (fresh || (!predicted && (progress.sweeps == 1 || progress.sweeps == 3))) {
-            sizes(w); /* again, for what is at rest has none before it moves */
-            begin_sweeps(w);
-        }
-        w->change = sweep(w);
-        const int close = w->change < (real)0.0004; /* 2 % */
-        if (is_done(&progress, w->change, w->defect, w->options.tolerance))
-            return OK;
-        fresh = predicted && progress.sweeps == 1 && !close;
-        predicted = predicted && !fresh;
-        if (w->sweeps >= w->options.max_sweeps || (!fresh && !(w->change < 9)))
-            return close ? NOT_CONVERGED : isnan(w->change) ? NOT_FINITE : DIVERGED;
-    }
-}
-
 /* The state as the caller has it; where that is not new, what rounding left over stays with it. */
 static void take_over(real state[N], real low[N], const real given[N])
 {
@@ -55,18 +10,19 @@ static void take_over(real state[N], real low[N], const real given[N])
 
 size_t NAME(work_size)(void)
 {
-    return sizeof(work_t);
+    return sizeof(state_t);
 }
 
-void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
+void NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 {
     prepare(parameters, &w->constants);
 }
 
-void NAME(begin)(work_t *w, const parameters_t *parameters,
+void NAME(begin)(state_t *w, const parameters_t *parameters,
     const options_t *options, real dt, const real q[N], const real p[N])
 {
-    w->options = *options;
+    w->tolerance = options->tolerance;
+    w->max_sweeps = options->max_sweeps;
     w->h = dt;
     w->h_inverse = 1/dt;
     w->t = w->start_time = start_time(parameters);
@@ -80,16 +36,16 @@ void NAME(begin)(work_t *w, const parameters_t *parameters,
     prepare(parameters, &w->constants);
 }
 
-int NAME(advance)(work_t *w, real q[N], real p[N])
+int NAME(advance)(state_t *w, real q[N], real p[N])
 {
     real q_end[N], p_end[N], q_low[N], p_low[N], size = 0;
     take_over(w->q, w->q_low, q);
     take_over(w->p, w->p_low, p);
     look(w);
-    const int status = solve(w);
+    const int status = sweep_until_done(w);
     if (status != OK && status != NOT_CONVERGED)
         return status;
-    finish(w, q_end, p_end, q_low, p_low);
+    end_of_step(w, q_end, p_end, q_low, p_low);
     for (int a = 0; a < N; ++a)
         size += q_end[a] + p_end[a];
     if (!isfinite(size))
@@ -105,12 +61,12 @@ int NAME(advance)(work_t *w, real q[N], real p[N])
     return status;
 }
 
-int NAME(sweeps)(const work_t *w)
+int NAME(sweeps)(const state_t *w)
 {
     return w->sweeps;
 }
 
-real NAME(change)(const work_t *w)
+real NAME(change)(const state_t *w)
 {
     return MATH(sqrt)(w->change);
 }

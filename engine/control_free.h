@@ -1,5 +1,5 @@
 /* There are no constraints to look at. */
-static void look(work_t *w)
+static void look(state_t *w)
 {
     w->defect = 0;
 }

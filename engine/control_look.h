@@ -1,9 +1,9 @@
 /* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
-static void look(work_t *w)
+static void look(state_t *w)
 {
     real G[M][N];
-    constraint(&w->constants, w->q, w->g);
-    constraint_jacobian(&w->constants, w->q, G);
+    ON(constraint)(&w->constants, w->q, w->g);
+    ON(constraint_jacobian)(&w->constants, w->q, G);
     for (int mu = 0; mu < M; ++mu) {
         real square = LIMIT(MIN);
         for (int a = 0; a < N; ++a) {

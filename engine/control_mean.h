@@ -1,10 +1,10 @@
 /* --------------------------------------------------------------- a sweep: one mean value a step */
 
 /* The unknowns x are the increments dq and dp of the step, and the impulses h lambda. */
-enum { S = 1, HAT = N, IMPULSE = 2*N, X = 2*N + M };
+enum { HAT = N, IMPULSE = 2*N, X = 2*N + M };
 
 /* The means of the ends (51). */
-static void means(const work_t *w, const real x[X], real q_mean[N], real p_mean[N])
+static void means(const state_t *w, const real x[X], real q_mean[N], real p_mean[N])
 {
     for (int a = 0; a < N; ++a) {
         q_mean[a] = w->q[a] + (real)0.5*x[a];
@@ -13,7 +13,7 @@ static void means(const work_t *w, const real x[X], real q_mean[N], real p_mean[
 }
 
 /* dq = h D_p between the state and the end that x says. */
-static void move(const work_t *w, real x[X])
+static void move(const state_t *w, real x[X])
 {
     real q_mean[N], p_mean[N], rate[N];
     means(w, x, q_mean, p_mean);
@@ -23,7 +23,7 @@ static void move(const work_t *w, real x[X])
 }
 
 /* dp = -h (D_q - F) there, with F in the middle of the step; constraint forces are left out. */
-static void kick(const work_t *w, const real x[X], real dp[N])
+static void kick(const state_t *w, const real x[X], real dp[N])
 {
     real q_mean[N], p_mean[N], rate[N];
     const real t = w->t + (real)0.5*w->h;
@@ -34,7 +34,7 @@ static void kick(const work_t *w, const real x[X], real dp[N])
 }
 
 /* Starting values without a past: an explicit Euler step, no impulse. */
-static void guess(work_t *w)
+static void first_values(state_t *w)
 {
     real dp[N];
     for (int e = 0; e < X; ++e)

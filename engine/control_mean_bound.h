@@ -2,12 +2,12 @@
  * Corrects the impulses, so that the end is on the constraints, and both increments with them;
  * w->defect is how far from g = 0 the end was before. G is that between the ends.
  */
-static void constrain(work_t *w, real x[X], real G[ROOM][N])
+static void constrain(state_t *w, real x[X], real G[ROOM][N])
 {
     real q_mean[N], p_mean[N], g[M], old[M];
     means(w, x, q_mean, p_mean);
-    mean_constraint(&w->constants, q_mean, x, G);
-    constraint_increment(&w->constants, w->q, x, g);
+    ON(mean_constraint)(&w->constants, q_mean, x, G);
+    ON(constraint_increment)(&w->constants, w->q, x, g);
     w->defect = 0;
     for (int mu = 0; mu < M; ++mu) {
         g[mu] += w->g[mu];

@@ -1,9 +1,9 @@
-static void begin_sweeps(work_t *w)
+static void begin_sweeps(state_t *w)
 {
     (void)w;
 }
 
-static void constrain(work_t *w, real x[X], real G[ROOM][N])
+static void constrain(state_t *w, real x[X], real G[ROOM][N])
 {
     (void)w, (void)x, (void)G;
 }

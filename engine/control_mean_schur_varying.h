@@ -1,5 +1,5 @@
 /* W = G H_pp G^T at the end of the step, factorised */
-static void begin_sweeps(work_t *w)
+static void begin_sweeps(state_t *w)
 {
     real q[N], p[N];
     for (int a = 0; a < N; ++a) {
@@ -11,7 +11,7 @@ static void begin_sweeps(work_t *w)
 }
 
 /* impulse += 2 (h W)^-1 g */
-static void correct(work_t *w, real g[M], real impulse[M])
+static void correct(state_t *w, real g[M], real impulse[M])
 {
     substitute(w->factors[0], g);
     for (int mu = 0; mu < M; ++mu)

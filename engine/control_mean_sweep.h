@@ -2,7 +2,7 @@
  * One sweep, Gauss-Seidel: dq from dp, the impulses from the constraint at the end, both corrected,
  * dp from them. Returns the sum of squares of what it changed, relative to the state.
  */
-static real sweep(work_t *w)
+static real sweep(state_t *w)
 {
     real x[X], G[ROOM][N], force[N], q_change = 0, p_change = 0;
     for (int e = 0; e < X; ++e)
@@ -22,7 +22,7 @@ static real sweep(work_t *w)
 }
 
 /* The end of the step, `low` what rounding leaves over. */
-static void finish(const work_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
+static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
 {
     real dq[N], dp[N];
     for (int a = 0; a < N; ++a) {

@@ -2,13 +2,13 @@
  * Corrects the impulses, so that places that L leads to are on the constraints; C are their forces.
  * w->defect is how far from g = 0 the nodes were before.
  */
-static void constrain(work_t *w, const real L[S*N], real C[S*N])
+static void constrain(state_t *w, const real L[S*N], real C[S*N])
 {
     real g[P*M], defect[P*M];
     combine(P, S, N, NULL, 0, &table_nu[0][0], L, w->D);
     w->defect = 0;
     for (int l = 0; l < P; ++l) {
-        constraint_increment(&w->constants, w->q, w->D + l*N, g + l*M);
+        ON(constraint_increment)(&w->constants, w->q, w->D + l*N, g + l*M);
         for (int mu = 0; mu < M; ++mu) {
             const real rest = g[l*M + mu] += w->g[mu];
             w->defect += rest*rest*w->shortness[mu]*w->q_size;

@@ -4,7 +4,7 @@
  * Backward differences of the unknowns, past[k], continue the polynomial through the last steps:
  * x_n = sum_(k < order) past[k]. What that has missed is the next difference of the new values.
  */
-static void predict(work_t *w)
+static void predict(state_t *w)
 {
     for (int e = 0; e < X; ++e) {
         w->x[e] = 0;
@@ -14,7 +14,7 @@ static void predict(work_t *w)
 }
 
 /* Records the unknowns of the step just done, and chooses the order for the next one. */
-static void record(work_t *w)
+static void record(state_t *w)
 {
     real *rest = w->x, best = (real)HUGE_VAL; /* the unknowns are not asked for any more */
     w->order = 1;

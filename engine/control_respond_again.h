@@ -1,5 +1,5 @@
 /* The impulses, what they change of P_i, and H_p once more for these. */
-static void respond(work_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
+static void respond(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
     real C[S*N], H_p[N], shared[SHARED];
     constrain(w, L, C);

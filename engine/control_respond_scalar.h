@@ -1,5 +1,5 @@
 /* The impulses, and what they change of P_i and L_i: H_pp G^T = c G^T, so of H_p c times that. */
-static void respond(work_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
+static void respond(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
     real C[S*N];
     (void)Q;

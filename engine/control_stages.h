@@ -20,7 +20,7 @@ static void combine(int rows, int columns, int width, const real *base, int stri
 }
 
 /* Starting values without a past: the rates at the start of the step, no impulse. */
-static void guess(work_t *w)
+static void first_values(state_t *w)
 {
     real H_q[N], H_p[N], shared[SHARED];
     first_rates(&w->constants, w->q, w->p, H_p, shared);

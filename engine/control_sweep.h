@@ -2,7 +2,7 @@
  * One sweep: new rates k_i = H_p and k^_i = -H_q of all stages, with the impulses corrected in
  * between. Returns the sum of squares of what it changed, relative to the state.
  */
-static real sweep(work_t *w)
+static real sweep(state_t *w)
 {
     real Q[S*N], momentum[S*N], L[S*N], shared[S][SHARED], q_change = 0, p_change = 0;
     combine(S, S, N, w->q, 0, &table_mu[0][0], w->x, Q);
@@ -32,7 +32,7 @@ static real sweep(work_t *w)
 }
 
 /* T2: the end of the step from the converged stages, `low` what rounding leaves over. */
-static void finish(const work_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
+static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
 {
     real dq[N], dp[N];
     total(S, w->x, dq);

@@ -1,10 +1,3 @@
-/* Where a run stores its rows; NULL where they are not wanted. */
-typedef struct {
-    real *q, *p, *multipliers;
-    int *iterations;
-    real *work;
-} rows_t;
-
 /* A run begins: its record, in which the start counts once, and what its steps keep. */
 static void begin(work_t *work, const options_t *options, real dt, const real q[N],
     const real p[N], report_t *report)
@@ -39,19 +32,7 @@ static int run_on(const options_t *options, INPUT(
             most = taken;
         if (k % every != 0)
             continue;
-        if (out.multipliers != NULL)
-            multipliers_of_run(work, options, forces);
-        const long row = k/every - 1;
-        for (int a = 0; a < N && out.q != NULL; ++a)
-            out.q[row*N + a] = q[a];
-        for (int a = 0; a < N && out.p != NULL; ++a)
-            out.p[row*N + a] = p[a];
-        for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
-            out.multipliers[row*MULTIPLIERS + l] = forces[l];
-        if (out.iterations != NULL)
-            out.iterations[row] = most;
-        if (out.work != NULL)
-            out.work[row] = work_so_far(report);
+        store(out, k/every - 1, q, p, work, options, forces, most, report);
         most = 0;
     }
     return OK;

@@ -11,9 +11,11 @@ typedef struct {
     real before; /* of the sweep before it */
     real first;  /* of the first */
     real least;  /* of all sweeps */
+    real left;   /* what is expected of the next sweep, were it not for rounding */
     real defect; /* of the constraints in the last sweep, relative to the state */
     real least_defect;
-    real rate;   /* mean ratio of two changes far from round-off, in this step or an earlier one */
+    real rate;   /* ratio of two changes far from round-off, the mean of many steps */
+    real seen;   /* the same, last seen in this step */
 } progress_t;
 
 enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
@@ -21,7 +23,7 @@ enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 static progress_t start_of_sweeps(real rate)
 {
     const real huge = (real)HUGE_VAL;
-    const progress_t start = { .floor = 16*epsilon, .least = huge, .defect = huge,
+    const progress_t start = { .floor = 16*epsilon, .least = huge, .left = huge, .defect = huge,
         .least_defect = huge, .rate = rate };
     return start;
 }
@@ -56,15 +58,46 @@ static int is_met(progress_t *s, real defect)
 }
 
 /*
- * Ends the sweeps when the next change would be far below round-off, or when changes near
- * round-off have stopped shrinking, unless the constraints are still coming nearer; gives up when
- * changes grow, or would not get there in time. Modes may alternate: rates are those of the last
- * two sweeps together.
+ * The rate of two sweeps together, for modes may alternate; not of the first, which has the changes
+ * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
+ * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
  */
-static enum verdict judge(progress_t *s, real change, real defect, real tolerance, int most)
+static void watch(progress_t *s, real change, real two_ago)
 {
-    const real beyond = epsilon/4096, fast = (real)0.05, low = 4096*epsilon;
-    const real ratio = change/s->change, of_two = change/s->before;
+    const int unknown = !(s->rate < 1);
+    const int clear = unknown || 16*two_ago*s->rate*s->rate > s->floor*s->floor;
+    if (s->sweeps < 4 || !(change < two_ago) || !clear)
+        return;
+    s->seen = MATH(sqrt)(change/two_ago);
+    s->rate = unknown ? s->seen : s->rate + (s->seen - s->rate)/16;
+}
+
+/*
+ * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
+ * nothing, but what is left goes on shrinking there as it did before.
+ */
+static real what_is_left(const progress_t *s, real change, real ratio, real of_two)
+{
+    /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
+    const real slow = (real)0.0001, usual = larger(slow, larger(s->rate, s->seen));
+    const real next = larger(ratio, s->sweeps == 2 ? slow : MATH(sqrt)(of_two));
+    if (!(change < s->floor*s->floor))
+        return change*larger(next, usual);
+    return (s->left < change ? s->left : change)*(usual < next ? usual : next);
+}
+
+/*
+ * Ends the sweeps when what is left is far below what rounding is worth in a step that has `moved`
+ * the state (squared and relative): it adds up from step to step, as it is not random. Or when
+ * changes near round-off have stopped shrinking. Not while the constraints are still coming nearer.
+ * Gives up when changes grow, or would not get there in time.
+ */
+static enum verdict judge(progress_t *s, real change, real defect, real moved, real tolerance,
+    int most)
+{
+    const real round_off = epsilon*epsilon*moved;
+    const real noise = s->looked ? larger(round_off, s->floor*s->floor/256) : round_off;
+    const real ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
     const int near = change < s->floor*s->floor, least = change < s->least, met = is_met(s, defect);
     s->before = s->change;
     s->change = change;
@@ -78,17 +111,14 @@ static enum verdict judge(progress_t *s, real change, real defect, real toleranc
     }
     if (!(change < 9))
         return GIVE_UP;
-    if (change < low*low && s->sweeps > 3 && !(s->before < low*low))
-        s->rate = MATH(pow)(s->before/s->first, 1/(real)(s->sweeps - 2));
+    watch(s, change, two_ago);
     if (change <= tolerance*tolerance)
         return CONVERGED;
-    /* Two sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
-    const real next = larger(ratio, s->sweeps == 2 ? (real)0.0001 : MATH(sqrt)(of_two));
-    if (met && change*next < beyond*beyond)
+    s->left = what_is_left(s, change, ratio, of_two);
+    if (met && 65536*s->left < noise)
         return CONVERGED;
-    const int stalled = near && (s->rate < fast ? ratio > 4*fast : !least);
-    s->calm = stalled ? s->calm + 1 : s->rate < fast ? s->calm : 0;
-    if (met && stalled && (s->calm >= (s->rate < fast ? 2 : 4) || change < epsilon*epsilon))
+    s->calm = near && !least ? s->calm + 1 : 0;
+    if (met && s->calm >= 4)
         return CONVERGED;
     if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
         return GIVE_UP;

@@ -5,6 +5,7 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes moved;              /* |dq|^2 and |dp|^2 relative to these */
     lanes t;                  /* at the start of the step */
     TIMED(lanes span;)
     TIMED(lanes ask[RUN(P)], act[RUN(P)];)

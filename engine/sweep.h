@@ -124,14 +124,18 @@ static void RUN(set_up)(RUN(t) *w)
 INLINE void RUN(sizes)(RUN(t) *w)
 {
     lanes dq[N], dp[N], q_square = splat(LIMIT(MIN)), p_square = splat(LIMIT(MIN));
+    lanes q_way = splat(0), p_way = splat(0);
     RUN(total)(S, N, w->now.x, dq);
     RUN(total)(S, N, w->now.x + RUN(HAT), dp);
     for (int a = 0; a < N; ++a) {
-        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
-        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+        q_way += dq[a]*dq[a];
+        p_way += dp[a]*dp[a];
+        q_square += w->q[a]*w->q[a];
+        p_square += w->p[a]*w->p[a];
     }
-    w->q_size = 1/q_square;
-    w->p_size = 1/p_square;
+    w->q_size = 1/(q_square + q_way);
+    w->p_size = 1/(p_square + p_way);
+    w->moved = q_way*w->q_size + p_way*w->p_size;
 }
 
 /* Starting values of the next step. */

@@ -36,7 +36,8 @@ static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps
             ONE(noise)(w);
             look(&progress, ONE(of_lanes)(&w->noise));
         }
-        verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
+        verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
+            options->max_iterations);
         if (predicted && progress.sweeps == 1)
             w->predictor.first[0] = change;
         if (predicted && progress.sweeps == 1 && change > far*far)

@@ -1527,9 +1527,11 @@ typedef struct {
     real before; /* of the sweep before it */
     real first;  /* of the first */
     real least;  /* of all sweeps */
+    real left;   /* what is expected of the next sweep, were it not for rounding */
     real defect; /* of the constraints in the last sweep, relative to the state */
     real least_defect;
-    real rate;   /* mean ratio of two changes far from round-off, in this step or an earlier one */
+    real rate;   /* ratio of two changes far from round-off, the mean of many steps */
+    real seen;   /* the same, last seen in this step */
 } progress_t;
 
 enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
@@ -1537,7 +1539,7 @@ enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
 static progress_t start_of_sweeps(real rate)
 {
     const real huge = (real)HUGE_VAL;
-    const progress_t start = { .floor = 16*epsilon, .least = huge, .defect = huge,
+    const progress_t start = { .floor = 16*epsilon, .least = huge, .left = huge, .defect = huge,
         .least_defect = huge, .rate = rate };
     return start;
 }
@@ -1572,15 +1574,46 @@ static int is_met(progress_t *s, real defect)
 }
 
 /*
- * Ends the sweeps when the next change would be far below round-off, or when changes near
- * round-off have stopped shrinking, unless the constraints are still coming nearer; gives up when
- * changes grow, or would not get there in time. Modes may alternate: rates are those of the last
- * two sweeps together.
+ * The rate of two sweeps together, for modes may alternate; not of the first, which has the changes
+ * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
+ * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
  */
-static enum verdict judge(progress_t *s, real change, real defect, real tolerance, int most)
+static void watch(progress_t *s, real change, real two_ago)
 {
-    const real beyond = epsilon/4096, fast = (real)0.05, low = 4096*epsilon;
-    const real ratio = change/s->change, of_two = change/s->before;
+    const int unknown = !(s->rate < 1);
+    const int clear = unknown || 16*two_ago*s->rate*s->rate > s->floor*s->floor;
+    if (s->sweeps < 4 || !(change < two_ago) || !clear)
+        return;
+    s->seen = sqrt(change/two_ago);
+    s->rate = unknown ? s->seen : s->rate + (s->seen - s->rate)/16;
+}
+
+/*
+ * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
+ * nothing, but what is left goes on shrinking there as it did before.
+ */
+static real what_is_left(const progress_t *s, real change, real ratio, real of_two)
+{
+    /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
+    const real slow = (real)0.0001, usual = larger(slow, larger(s->rate, s->seen));
+    const real next = larger(ratio, s->sweeps == 2 ? slow : sqrt(of_two));
+    if (!(change < s->floor*s->floor))
+        return change*larger(next, usual);
+    return (s->left < change ? s->left : change)*(usual < next ? usual : next);
+}
+
+/*
+ * Ends the sweeps when what is left is far below what rounding is worth in a step that has `moved`
+ * the state (squared and relative): it adds up from step to step, as it is not random. Or when
+ * changes near round-off have stopped shrinking. Not while the constraints are still coming nearer.
+ * Gives up when changes grow, or would not get there in time.
+ */
+static enum verdict judge(progress_t *s, real change, real defect, real moved, real tolerance,
+    int most)
+{
+    const real round_off = epsilon*epsilon*moved;
+    const real noise = s->looked ? larger(round_off, s->floor*s->floor/256) : round_off;
+    const real ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
     const int near = change < s->floor*s->floor, least = change < s->least, met = is_met(s, defect);
     s->before = s->change;
     s->change = change;
@@ -1594,17 +1627,14 @@ static enum verdict judge(progress_t *s, real change, real defect, real toleranc
     }
     if (!(change < 9))
         return GIVE_UP;
-    if (change < low*low && s->sweeps > 3 && !(s->before < low*low))
-        s->rate = pow(s->before/s->first, 1/(real)(s->sweeps - 2));
+    watch(s, change, two_ago);
     if (change <= tolerance*tolerance)
         return CONVERGED;
-    /* Two sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
-    const real next = larger(ratio, s->sweeps == 2 ? (real)0.0001 : sqrt(of_two));
-    if (met && change*next < beyond*beyond)
+    s->left = what_is_left(s, change, ratio, of_two);
+    if (met && 65536*s->left < noise)
         return CONVERGED;
-    const int stalled = near && (s->rate < fast ? ratio > 4*fast : !least);
-    s->calm = stalled ? s->calm + 1 : s->rate < fast ? s->calm : 0;
-    if (met && stalled && (s->calm >= (s->rate < fast ? 2 : 4) || change < epsilon*epsilon))
+    s->calm = near && !least ? s->calm + 1 : 0;
+    if (met && s->calm >= 4)
         return CONVERGED;
     if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
         return GIVE_UP;
@@ -2076,6 +2106,7 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes moved;              /* |dq|^2 and |dp|^2 relative to these */
     lanes t;                  /* at the start of the step */
     lanes hb[stages_S], hb_hat[stages_S];
     lanes late[stages_S];    /* h c: stages after the start of the step */
@@ -2828,14 +2859,18 @@ static void stages_set_up(stages_t *w)
 INLINE void stages_sizes(stages_t *w)
 {
     lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
+    lanes q_way = splat(0), p_way = splat(0);
     stages_total(S, N, w->now.x, dq);
     stages_total(S, N, w->now.x + stages_HAT, dp);
     for (int a = 0; a < N; ++a) {
-        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
-        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+        q_way += dq[a]*dq[a];
+        p_way += dp[a]*dp[a];
+        q_square += w->q[a]*w->q[a];
+        p_square += w->p[a]*w->p[a];
     }
-    w->q_size = 1/q_square;
-    w->p_size = 1/p_square;
+    w->q_size = 1/(q_square + q_way);
+    w->p_size = 1/(p_square + p_way);
+    w->moved = q_way*w->q_size + p_way*w->p_size;
 }
 
 /* Starting values of the next step. */
@@ -2912,6 +2947,7 @@ typedef struct {
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
     lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes moved;              /* |dq|^2 and |dp|^2 relative to these */
     lanes t;                  /* at the start of the step */
     lanes hb[trajectories_S], hb_hat[trajectories_S];
     lanes late[trajectories_S];    /* h c: stages after the start of the step */
@@ -3603,14 +3639,18 @@ static void trajectories_set_up(trajectories_t *w)
 INLINE void trajectories_sizes(trajectories_t *w)
 {
     lanes dq[N], dp[N], q_square = splat(DBL_MIN), p_square = splat(DBL_MIN);
+    lanes q_way = splat(0), p_way = splat(0);
     trajectories_total(S, N, w->now.x, dq);
     trajectories_total(S, N, w->now.x + trajectories_HAT, dp);
     for (int a = 0; a < N; ++a) {
-        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
-        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+        q_way += dq[a]*dq[a];
+        p_way += dp[a]*dp[a];
+        q_square += w->q[a]*w->q[a];
+        p_square += w->p[a]*w->p[a];
     }
-    w->q_size = 1/q_square;
-    w->p_size = 1/p_square;
+    w->q_size = 1/(q_square + q_way);
+    w->p_size = 1/(p_square + p_way);
+    w->moved = q_way*w->q_size + p_way*w->p_size;
 }
 
 INLINE void trajectories_start(trajectories_t *w, int predicted)
@@ -3726,7 +3766,8 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
             stages_noise(w);
             look(&progress, stages_of_lanes(&w->noise));
         }
-        verdict = judge(&progress, change, defect, options->tolerance, options->max_iterations);
+        verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
+            options->max_iterations);
         if (predicted && progress.sweeps == 1)
             w->predictor.first[0] = change;
         if (predicted && progress.sweeps == 1 && change > far*far)
@@ -3929,6 +3970,31 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     return status;
 }
 
+/* Where a run stores its rows; NULL where they are not wanted. */
+typedef struct {
+    real *q, *p, *multipliers;
+    int *iterations;
+    real *work;
+} rows_t;
+
+/* A row: the state, what the last step took, and the most iterations since the row before. */
+static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
+    const options_t *options, real forces[ROOM], int most, const report_t *report)
+{
+    if (out.multipliers != NULL)
+        multipliers_of_run(w, options, forces);
+    for (int a = 0; a < N && out.q != NULL; ++a)
+        out.q[row*N + a] = q[a];
+    for (int a = 0; a < N && out.p != NULL; ++a)
+        out.p[row*N + a] = p[a];
+    for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
+        out.multipliers[row*MULTIPLIERS + l] = forces[l];
+    if (out.iterations != NULL)
+        out.iterations[row] = most;
+    if (out.work != NULL)
+        out.work[row] = work_so_far(report);
+}
+
 /* ------------------------------------------------------------------------- the public functions */
 
 int heavy_top_liiiab3_gamma_step(const parameters_t *parameters, const options_t *options, real dt,
@@ -3939,13 +4005,6 @@ int heavy_top_liiiab3_gamma_step(const parameters_t *parameters, const options_t
     work->t = start_time(parameters);
     return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
-
-/* Where a run stores its rows; NULL where they are not wanted. */
-typedef struct {
-    real *q, *p, *multipliers;
-    int *iterations;
-    real *work;
-} rows_t;
 
 /* A run begins: its record, in which the start counts once, and what its steps keep. */
 static void begin(work_t *work, const options_t *options, real dt, const real q[N],
@@ -3978,19 +4037,7 @@ static int run_on(const options_t *options, real start, real dt, long steps, lon
             most = taken;
         if (k % every != 0)
             continue;
-        if (out.multipliers != NULL)
-            multipliers_of_run(work, options, forces);
-        const long row = k/every - 1;
-        for (int a = 0; a < N && out.q != NULL; ++a)
-            out.q[row*N + a] = q[a];
-        for (int a = 0; a < N && out.p != NULL; ++a)
-            out.p[row*N + a] = p[a];
-        for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
-            out.multipliers[row*MULTIPLIERS + l] = forces[l];
-        if (out.iterations != NULL)
-            out.iterations[row] = most;
-        if (out.work != NULL)
-            out.work[row] = work_so_far(report);
+        store(out, k/every - 1, q, p, work, options, forces, most, report);
         most = 0;
     }
     return OK;
@@ -4180,8 +4227,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
             if (calls_for_look(&progress[i], change))
                 look(&progress[i], part(&run->noise, i));
-            const enum verdict verdict = judge(&progress[i], change, defect, options->tolerance,
-                options->max_iterations);
+            const enum verdict verdict = judge(&progress[i], change, defect,
+                part(&run->moved, i), options->tolerance, options->max_iterations);
             ++sweeps[i];
             if (predicted && round == 1)
                 run->predictor.first[i] = change;

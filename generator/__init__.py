@@ -10,6 +10,7 @@ rooms above it alone.
     tableaux/     nodes and coefficients, derived; what they satisfy
     spelling/     any spelling of H, g and F to its one canonical form
     bodies/       quaternion bodies, joints, models
+    urdf/         robots of ROS to bodies and joints
     symmetry/     momentum maps
     model_files/  TOML to a model
     kernels/      expressions with inputs and outputs, and C text of them

@@ -13,6 +13,7 @@ from ..naming import choose, listed, shown, whole
 from ..real import REALS, RealName
 from .emission.profiles import PROFILES, ProfileName
 from .schemes.scheme import MAX_STAGES, SCHEMES, Scheme, scheme_named
+from .text.text_file import MODEL_FILES
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
 
@@ -139,7 +140,7 @@ def _system(system: str | None, rep: Any) -> tuple[str, Path | None, str]:
     if system is not None and is_model_file(system):
         return system, Path(system), chosen
     named = choose("system", (system or "heavy_top").replace("-", "_"), [*SYSTEMS, *MODELS],
-                   " or a model file ending in .toml")
+                   " or a model file ending in .toml or .urdf")
     return named, None, chosen or ("gamma" if named in SYSTEMS else "")
 
 
@@ -171,7 +172,7 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
 
 def is_model_file(system: str) -> bool:
     """Whether the name of a system is a path of a model file."""
-    return system.endswith(".toml")
+    return system.endswith((*MODEL_FILES,))
 
 
 #: The steppers of the paper, whose output is checked in.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from calls import PARAMETERS, RUN, TOP, equal
+from calls import LATE, PARAMETERS, RUN, TOP, equal
 from gyrospark.runtime.call.binding import REASONS
 
 
@@ -17,7 +17,7 @@ def test_failed_step_carries_everything_before_it(failures):
     """Bit for bit what a shorter run returns; step, time and reason are told."""
     for step, options, failure in failures:
         before = failure.step - 1
-        shorter = step.integrate(TOP.q0, TOP.p0, steps=before, **options)
+        shorter = step.integrate(*LATE, steps=before, **options)
         assert equal(failure.trajectory, shorter)
         assert failure.trajectory.report == shorter.report
         assert failure.t == before * options["dt"]
@@ -31,7 +31,7 @@ def test_failed_step_between_stored_ones(every, failures):
     """The rows that were complete are there; the report knows the last good state."""
     for step, options, failure in failures:
         with pytest.raises(gs.StepFailed) as caught:
-            step.integrate(TOP.q0, TOP.p0, steps=200, every=every, **options)
+            step.integrate(*LATE, steps=200, every=every, **options)
         assert caught.value.step == failure.step
         made, whole = caught.value.trajectory, failure.trajectory
         assert made.report == whole.report
@@ -44,7 +44,7 @@ def test_failed_step_between_stored_ones(every, failures):
 def test_failed_step_by_python(failures):
     for step, options, _ in failures:
         with pytest.raises(gs.StepFailed) as caught:
-            step.integrate(TOP.q0, TOP.p0, steps=200, solver="python", **options)
+            step.integrate(*LATE, steps=200, solver="python", **options)
         assert caught.value.reason in REASONS.values()
         assert len(caught.value.trajectory) == caught.value.step
 

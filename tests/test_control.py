@@ -245,7 +245,7 @@ def test_an_impulse_and_other_parameters_between_steps(small):
 
 
 @pytest.mark.parametrize(("options", "said"), [
-    (["--profile", "contrl"], "Unknown profile 'contrl'; choose control or full"),
+    (["--profile", "contrl"], "Unknown profile 'contrl'; choose control, run or full"),
     (["--profile", "control", "--real", "long-double"], "Profile control is for float and double"),
     (["--all", "--profile", "control"], "--all takes every stepper"),
 ])

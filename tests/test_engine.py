@@ -20,7 +20,7 @@ import gyrospark as gs
 from compilers import MAIN, compiler
 from gyrospark.generator.emission import emit
 from gyrospark.generator.emission.c_lines import WIDTH
-from gyrospark.generator.emission.emit_control import control_files
+from gyrospark.generator.emission.emit_control import control_files, work_files
 from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of, with_times
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.tableau import FIELDS
@@ -82,7 +82,8 @@ def test_every_file_is_put_in_somewhere():
                     lists = files.values() if isinstance(files, dict) else [files]
                     named |= {file for some in lists for file in some}
             named |= {*control_files(stages=stages, bound=m > 0, constant=constant, scalar=scalar,
-                                     separable=separable)}
+                                     separable=separable),
+                      *work_files(stages=stages, bound=m > 0, forced=forced)}
     templates = "".join(path.read_text(encoding="utf-8")
                         for path in (ROOT / "templates").glob("*.jinja"))
     calls = "".join(re.findall(r"engine\(.*?\)", templates))
@@ -320,8 +321,8 @@ class Toy:
             lines += as_run(run, run == one, sweeps["sweep_files"][run])
         lines += as_run(one, True, sweeps["one_files"])
         lines += ["enum { SWEEP_COST = 10*U };"]
-        return "\n".join([*lines, *includes(["sweeps", "run_by_sweeps", "single", "integrate",
-                                             *sweeps["batch_files"], "many"]), ""])
+        return "\n".join([*lines, *includes(["sweeps", "run_by_sweeps", "rows", "single",
+                                             "integrate", *sweeps["batch_files"], "many"]), ""])
 
     def tables(self):
         numeric = self.tableau.numeric(20)

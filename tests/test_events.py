@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+
 import mpmath
 import numpy as np
 import pytest
 import sympy as sp
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
 import gyrospark as gs
+from gyrospark.commands import gyrospark
 from gyrospark.runtime.events.event import event_of_text
 from gyrospark.runtime.events.roots import zeros
 
@@ -222,3 +226,51 @@ def test_zeros_of_smooth_flat_and_jumping_functions(root: float, power: int, kin
     best = min(abs(x - root) for x in last)
     flat = 1e-300 ** (1 / power) if kind == "power" else 0.0  # the power is 0 in doubles
     assert best <= 2e-14 + flat
+
+
+def test_a_section_of_many_starts(tmp_path) -> None:
+    """The points are the members' crossings; a picture is drawn by any two names."""
+    step = pendulum()
+    angles = np.linspace(0.2, 2.0, 7)
+    q0 = np.column_stack([np.sin(angles), -np.cos(angles)])
+    found = gs.section(step, q0, np.zeros((7, 2)), event=gs.Event("side", direction=1), dt=0.05,
+                       steps=1000, parameters={"g": 1.0})
+    times = [0.75 * float(period(angle)) for angle in angles]
+    first = [found.t[found.trajectory == i][0] for i in range(7)]
+    assert np.abs(np.array(first) / times - 1).max() < 1e-12
+    assert np.abs(found.values("side")).max() < 1e-14
+    assert np.array_equal(found.values("height"), found.q[:, 1])
+    assert np.array_equal(found.values("u"), found.p[:, 0])
+    speed = np.sqrt(2 * (1 - np.cos(angles)))  # at the bottom, by the energy
+    assert np.abs(found.values("u") - speed[found.trajectory]).max() < 1e-12
+    found.plot("height", "u", tmp_path / "section.png")
+    assert (tmp_path / "section.png").stat().st_size > 5000
+    with pytest.raises(gs.InputError, match="Unknown quantity of a section 'w'"):
+        found.values("w")
+    with pytest.raises(gs.InputError, match=r'event = .side. is none; give gs.Event'):
+        gs.section(step, q0, np.zeros((7, 2)), event="side", dt=0.05, steps=10,
+                   parameters={"g": 1.0})
+
+
+@pytest.mark.parametrize("real", ["double", "float128"])
+def test_a_file_keeps_events(tmp_path, real: str) -> None:
+    run = pendulum(real, stages=8 if real == "float128" else 5).integrate(
+        [1, 0], [0, 0], dt=0.05, steps=40, parameters={"g": 1.0}, events=gs.Event("side"))
+    read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).events["side"]
+    for name in ("t", "q", "p", "steps", "rising"):
+        assert np.array_equal(getattr(read, name), getattr(run.events["side"], name)), name
+
+
+def test_events_of_the_command() -> None:
+    """``--event`` prints times; a store has no place for events."""
+    command = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3",
+               "--steps", "300", "--event", "q1=0.2 down"]
+    done = CliRunner().invoke(gyrospark, [*command, "--json"], standalone_mode=False)
+    assert done.exception is None, done.output
+    found = json.loads(done.output)["events"]["q1"]
+    assert len(found["t"]) == len(found["rising"]) >= 1
+    assert not any(found["rising"])
+    assert "event q1" in CliRunner().invoke(gyrospark, command, standalone_mode=False).output
+    refused = CliRunner().invoke(gyrospark, [*command, "--out", "x.zarr"], standalone_mode=False)
+    assert isinstance(refused.exception, gs.InputError)
+    assert "which has no place for events" in str(refused.exception)

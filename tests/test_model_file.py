@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.errors import InputError
-from gyrospark.generator.bodies.attitude import from_euler
 from gyrospark.generator.bodies.rigid_body import left_matrix
+from gyrospark.generator.model_files.attitude import from_euler
 from gyrospark.generator.model_files.model_file import parse_model
 from gyrospark.runtime.body import quaternion
 from processes import ROOT

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import os
 import pickle
+import signal
 import threading
 
 import numpy as np
@@ -12,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from calls import PARAMETERS, RUN, TOP, refused
+from calls import LATE, PARAMETERS, RUN, TOP, refused
 from gyrospark.runtime.run import simulation
 from test_forces import PARAMETERS as DRAG
 from test_forces import start as start_of
@@ -193,8 +195,8 @@ def test_a_failed_step_leaves_the_last_good_state(solver, failures):
     for step, options, _ in failures:
         options = options | {"solver": solver}
         with pytest.raises(gs.StepFailed) as of_run:
-            step.integrate(TOP.q0, TOP.p0, steps=200, **options)
-        sim = step.start(TOP.q0, TOP.p0, **options)
+            step.integrate(*LATE, steps=200, **options)
+        sim = step.start(*LATE, **options)
         with pytest.raises(gs.StepFailed) as found:
             in_pieces(sim, 40, 5)
         done = of_run.value.trajectory
@@ -207,7 +209,8 @@ def test_a_failed_step_leaves_the_last_good_state(solver, failures):
         with pytest.raises(gs.StepFailed):  # it stays there
             sim.advance()
         assert np.array_equal(sim.q, done.q[-1])
-        again = step.start(sim.q, sim.p, dt=1e-4, parameters=PARAMETERS, t0=sim.t)
+        q, p = step.project(sim.q, sim.p, parameters=PARAMETERS)
+        again = step.start(q, p, dt=1e-4, parameters=PARAMETERS, t0=sim.t)
         again.advance(3)
         assert again.report.constraint_max < 1e-15
 
@@ -257,6 +260,24 @@ def test_one_thread_at_a_time(gl3):
     long.join()
     assert any(said)
     assert sim.steps == 300_000
+
+
+def test_ctrl_c_ends_a_long_call_at_a_step(gl3):
+    """The simulation stands where it was ended, and goes on from there to the bit."""
+    sim = begun(gl3)
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(gs.Stopped, match=r"Stopped at step [\d,]+ of 100,000,000") as stopped:
+        sim.advance(100_000_000)
+    timer.join()
+    assert stopped.value.signal == signal.SIGINT
+    other = begun(gl3)
+    other.advance(sim.steps)
+    for one in (sim, other):
+        one.advance(3)
+    assert sim.steps > 3
+    assert np.array_equal(sim.q, other.q)
+    assert sim.report == other.report
 
 
 def test_what_it_says_of_itself(gl3):

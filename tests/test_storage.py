@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from calls import PARAMETERS, TOP
+from calls import LATE, PARAMETERS, TOP
 from gyrospark.storage.layout import block_rows, fields_of
 from stores import START, assert_same, recorded, small_blocks
 from test_forces import PARAMETERS as FORCED
@@ -132,7 +132,7 @@ def test_failed_step(failures, tmp_path, monkeypatch):
         out = tmp_path / f"{number}.zarr"
         for resume in (False, True):  # a run that has failed fails again at once
             with pytest.raises(gs.StepFailed) as again:
-                gs.record(step, TOP.q0, TOP.p0, out=out, steps=200, resume=resume, **options)
+                gs.record(step, *LATE, out=out, steps=200, resume=resume, **options)
             assert (again.value.step, again.value.t) == (failure.step, failure.t)
             assert again.value.reason == failure.reason
             assert_same(again.value.trajectory, failure.trajectory)

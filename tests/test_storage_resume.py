@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from calls import PARAMETERS, TOP
+from calls import LATE, PARAMETERS, TOP
 from gyrospark.storage import layout, record
 from stores import (
     START,
@@ -111,7 +111,7 @@ def test_runs_that_fail(failures, every, tmp_path, monkeypatch):
     monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 3)
     small_blocks(monkeypatch, 4)
     for step, options, _ in failures:
-        check(step, tmp_path, [1] * 60, q=TOP.q0, p=TOP.p0, steps=200, every=every, **options)
+        check(step, tmp_path, [1] * 60, q=LATE[0], p=LATE[1], steps=200, every=every, **options)
         assert gs.open_recording(tmp_path / "pieces.zarr").status.startswith("failed: ")
 
 

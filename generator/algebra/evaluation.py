@@ -61,6 +61,8 @@ class Evaluator:
             return self._power(e)
         if e.func in _FUNCTIONS:
             return self._function(_FUNCTIONS[e.func])(self(e.args[0]))
+        if e.func is sp.atan2:
+            return self._angle(*map(self, e.args))
         if isinstance(e, Switch):
             return self._switch(e)
         if e.func in (sp.Abs, sp.sign, sp.floor):
@@ -88,6 +90,15 @@ class Evaluator:
         if self._mp is not None:
             return self(below) if a.real < b.real else self(above)
         return np.where(np.real(a) < np.real(b), self(below), self(above))[()]
+
+    def _angle(self, y: Any, x: Any) -> Any:
+        """Return atan2(y, x); of complex numbers, analytically, beside that of their real parts."""
+        functions = np if self._mp is None else self._mp
+        start = (np.arctan2 if self._mp is None else self._mp.atan2)(np.real(y), np.real(x))
+        if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
+            return start
+        c, s = functions.cos(start), functions.sin(start)
+        return start + self._function("arctan atan")((y * c - x * s) / (x * c + y * s))
 
     def _of_sign(self, function: type[sp.Function], u: Any) -> Any:
         """Return |u|, sign u or floor u; of complex u by its real part, so that |u| is analytic."""

@@ -33,9 +33,11 @@ from .rigid_body import (
     tensor_symbols,
 )
 
-__all__ = ["GROUND", "Body", "Frame", "Vector", "three_expressions"]
+__all__ = ["GROUND", "Body", "Frame", "Push", "Vector", "three_expressions"]
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
+#: Momenta, and the generalised force on each.
+Push = tuple[Sequence[sp.Symbol], Sequence[sp.Expr]]
 
 _AXES = "xyz"
 
@@ -53,6 +55,28 @@ class Frame:
     def point(self, r: Sequence[object]) -> Vector:
         """Return where in space a point of the frame is."""
         return self.direction(r)
+
+    @property
+    def attitude(self) -> tuple[sp.Expr, ...]:
+        """Its quaternion."""
+        return (sp.Integer(1), *[sp.Integer(0)] * 3)
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """Angular velocity in its own axes."""
+        return _vector([sp.Integer(0)] * 3)
+
+    def point_velocity(self, r: Sequence[object]) -> Vector:
+        """Return the velocity in space of a point of the frame."""
+        return _vector([sp.Integer(0)] * 3)
+
+    def pushed(self, r: Sequence[object], force: Vector) -> list[Push]:
+        """Return what a force, in space axes, at a point of the frame does: nothing to space."""
+        return []
+
+    def turned(self, torque: Sequence[object]) -> list[Push]:
+        """Return what a torque in the axes of the frame does."""
+        return []
 
 
 #: Space itself.
@@ -140,6 +164,11 @@ class Body(Frame):
         """Its part of p of the system."""
         return (*self.p, *self.p_x)
 
+    @property
+    def attitude(self) -> tuple[sp.Expr, ...]:
+        """Its quaternion."""
+        return self.q
+
     @cached_property
     def rotation(self) -> sp.Matrix:
         """R(q), 3 × 3, from body to space axes."""
@@ -204,6 +233,15 @@ class Body(Frame):
         Its power is that of the torque: Ω = 2 L q̇ gives τ·Ω = (2 Lᵀτ)·q̇.
         """
         return [2 * e for e in _times(left_matrix(self.q).T.tolist(), torque)]
+
+    def pushed(self, r: Sequence[object], force: Vector) -> list[Push]:
+        """Return what a force, in space axes, at the point r of the body does."""
+        moment = cross(r, _times(self.rotation.T.tolist(), force))
+        return [(self.p_x, force if self.p_x else ()), *self.turned(moment)]
+
+    def turned(self, torque: Sequence[object]) -> list[Push]:
+        """Return what a torque in body axes does."""
+        return [(self.p, self.torque_force(torque))] if any(torque) else []
 
 
 def cross(a: Sequence[object], b: Sequence[object]) -> Vector:

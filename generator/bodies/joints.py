@@ -6,25 +6,33 @@
     rod        |x_a + R(q_a) r_a − x_b − R(q_b) r_b|² − l² = 0               one
 
 n₁ and n₂ are two directions of a that are perpendicular to the axis, e is the axis in b. All are
-polynomials of the coordinates. A component that is 0 stays 0: it takes no arithmetic.
+polynomials of the coordinates. A component that is 0 stays 0: it takes no arithmetic. Joints with
+an axis tell how far b has turned about it against a, and how fast:
+
+    angle      θ = 2 atan2(v, w),  (w, v e) = q̄_a q_b c,  smooth for |θ| < 2π
+    rate       e · Ω_b − e · Ω_a
+
+with c such that θ is at the start what is said of it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from ...errors import InputError
 from ..systems.places import Pull
-from .bodies import Body, Frame, Vector, dot
-from .poses import Pose
+from .bodies import Body, Frame, Push, Vector, dot
+from .poses import Pose, clean, conjugate, direction, normals, product
 
 __all__ = ["Align", "Connection", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring",
-           "direction", "named_vector"]
+           "apart", "copies", "named_number", "named_vector", "perpendicular", "unit_vector"]
 
 Array = NDArray[Any]
 #: Where the frames are at the start.
@@ -32,8 +40,7 @@ Poses = Mapping[Frame, Pose]
 #: The values of a model's parameters by name.
 Store = dict[str, float]
 
-#: Components smaller than this beside the vector, or its distance to walk, are rounding: zero.
-_ROUNDING = 2.0**-49
+UNIT = (0.0, 1.0, -1.0)  # components of unit vectors that stay numbers
 
 
 @dataclass(frozen=True)
@@ -49,14 +56,8 @@ def named_vector(
     prefix: str, values: Sequence[float], store: Store, plain: Sequence[float] = (0.0,)
 ) -> Vector:
     """Return symbols prefix_x, … for a vector and store their values; plain ones stay numbers."""
-    entries = []
-    for axis, value in zip("xyz", values, strict=True):
-        if value in plain:
-            entries.append(sp.Integer(int(value)))
-        else:
-            entries.append(sp.Symbol(f"{prefix}_{axis}", real=True))
-            store[f"{prefix}_{axis}"] = float(value)
-    x, y, z = entries
+    x, y, z = (named_number(f"{prefix}_{axis}", value, store, plain)
+               for axis, value in zip("xyz", values, strict=True))
     return x, y, z
 
 
@@ -85,9 +86,18 @@ class Connection:
     name: str
     a: Frame
     b: Frame
+    #: Those it acts on, as a motor does.
+    joints: tuple[Connection, ...] = field(default=(), kw_only=True)
+    #: What it can measure.
+    MEASURES: ClassVar[tuple[str, ...]] = ()
 
     def __repr__(self) -> str:
         return _shown(self)
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """All that it acts on."""
+        return (self.a, self.b, *(frame for joint in self.joints for frame in joint.frames))
 
     def turn(self, poses: Poses) -> bool:
         """Hand on angular velocity where one of the two lacks it; return whether it did."""
@@ -108,6 +118,18 @@ class Connection:
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
         """Return n₁ and n₂ in a's axes and n₁ × n₂ in b's, where such an axis is in common."""
         return (), ()
+
+    def forces(self, poses: Poses, store: Store) -> Iterator[Push]:
+        """Yield forces, none; values of their parameters go into ``store``."""
+        yield from ()
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return one of its ``MEASURES`` as an expression."""
+        raise InputError(f"{self.name!r} has no {what}.")
+
+    def push(self, what: str, effort: sp.Expr, poses: Poses, store: Store) -> Iterator[Push]:
+        """Yield what a torque, or force, does that drives a measure: it acts on b and back on a."""
+        raise InputError(f"{self.name!r} has no {what}.")
 
 
 @dataclass(eq=False, repr=False)
@@ -180,8 +202,15 @@ class Joint(Link):
         assert a.spin is not None
         assert b.spin is not None
         arm_a, arm_b = a.R @ self.on_a, b.R @ self.on_b
-        turning = np.cross(a.spin, arm_a) - np.cross(b.spin, arm_b)
-        return hand_on("v", a, b, turning)
+        assert a.x is not None
+        assert b.x is not None
+        apart = b.x + arm_b - a.x - arm_a
+        turning = np.cross(a.spin, arm_a + apart) - np.cross(b.spin, arm_b)
+        return hand_on("v", a, b, turning + self.hand_over())
+
+    def hand_over(self) -> Array:
+        """Return the velocity of the point of b past that of a at the start, 0."""
+        return np.zeros(3)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
@@ -198,6 +227,8 @@ class Align(Connection):
 
     axis: Array
     rate: float = 0.0
+    angle: float = 0.0
+    MEASURES = ("angle", "rate")
 
     def turn(self, poses: Poses) -> bool:
         """Hand on the angular velocity: that of b is that of a and the rate about the axis."""
@@ -217,12 +248,49 @@ class Align(Connection):
                   for k, normal in enumerate(normals(in_a), start=1))
         return (*n1, *n2), axis
 
+    def ends(self, poses: Poses, store: Store) -> tuple[Vector, Vector]:
+        """Return the axis in the axes of a and in those of b."""
+        in_a, in_b = (direction(poses[frame].R.T @ self.axis) for frame in (self.a, self.b))
+        return (unit_vector(f"{self.name}_axis_a", in_a, store),
+                unit_vector(f"{self.name}_axis", in_b, store))
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return the angle or the rate."""
+        in_a, in_b = self.ends(poses, store)
+        if what == "rate":
+            return dot(in_b, self.b.angular_velocity) - dot(in_a, self.a.angular_velocity)
+        w, *v = self._turned(poses, store)
+        turns = named_number(f"{self.name}_turns", self._full_turns, store)
+        return turns + 2 * sp.atan2(dot(in_a, (v[0], v[1], v[2])), w)
+
+    def push(self, what: str, effort: sp.Expr, poses: Poses, store: Store) -> Iterator[Push]:
+        """Yield what a torque about the axis does."""
+        in_a, in_b = self.ends(poses, store)
+        yield from self.b.turned([effort * e for e in in_b])
+        yield from self.a.turned([-effort * e for e in in_a])
+
+    @property
+    def _full_turns(self) -> float:
+        """The multiple of 2π next to the angle at the start."""
+        return 2 * math.pi * round(self.angle / (2 * math.pi))
+
+    def _turned(self, poses: Poses, store: Store) -> list[sp.Expr]:
+        """Return q̄_a q_b c: how b has turned, in the axes of a."""
+        pose_a, pose_b = poses[self.a], poses[self.b]
+        half = (self.angle - self._full_turns) / 2
+        start = [math.cos(half), *(math.sin(half) * (pose_a.R.T @ self.axis))]
+        before = direction(np.array(product(product(conjugate(pose_b.q), pose_a.q), start)))
+        back = [named_number(f"{self.name}_before{k}", x, store, UNIT)
+                for k, x in enumerate(before.tolist())]
+        return product(conjugate(self.a.attitude), product(self.b.attitude, back))
+
 
 @dataclass(eq=False, repr=False)
 class Revolute(Joint):
     """A hinge: a ball joint whose bodies keep an axis in common."""
 
     hinge: Align = field(kw_only=True)
+    MEASURES = Align.MEASURES
 
     def turn(self, poses: Poses) -> bool:
         """Hand on the angular velocity as ``Align`` does."""
@@ -236,6 +304,14 @@ class Revolute(Joint):
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
         """Return those of the hinge."""
         return self.hinge.axes(poses, store)
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return the angle or the rate."""
+        return self.hinge.measure(what, poses, store)
+
+    def push(self, what: str, effort: sp.Expr, poses: Poses, store: Store) -> Iterator[Push]:
+        """Yield what a torque about the axis does."""
+        return self.hinge.push(what, effort, poses, store)
 
 
 @dataclass(eq=False, repr=False)
@@ -253,10 +329,11 @@ class Rod(Link):
 
 @dataclass(eq=False, repr=False)
 class Spring(Link):
-    """V = ½ k (|d| − l)² between two points; V = ½ k d·d for l = 0."""
+    """V = ½ k (|d| − l)² between two points; V = ½ k d·d for l = 0; a damper pulls by c d|d|/dt."""
 
     stiffness: float = 0.0
     length: float = 0.0
+    damping: float = 0.0
 
     def energy(self, store: Store) -> sp.Expr:
         """Return V; values of its parameters go into ``store``."""
@@ -268,10 +345,46 @@ class Spring(Link):
         store[str(length)] = self.length
         return k * (sp.sqrt(self.square(store)) - length) ** 2 / 2
 
+    def forces(self, poses: Poses, store: Store) -> Iterator[Push]:
+        """Yield c d (d·ḋ)/|d|² on a, and the same back on b."""
+        if not self.damping:
+            return
+        c = named_number(f"{self.name}_damping", self.damping, store)
+        on_a, on_b = self.places(store)
+        d = apart(self.b.point(on_b), self.a.point(on_a))
+        speed = apart(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
+        x, y, z = (c * dot(d, speed) / dot(d, d) * e for e in d)
+        yield from self.a.pushed(on_a, (x, y, z))
+        yield from self.b.pushed(on_b, (-x, -y, -z))
+
+
+def copies(links: Sequence[Connection]) -> dict[Connection, Connection]:
+    """Return link → a copy that may be completed; copies act on each other as the links do."""
+    made = {link: replace(link) for link in links}
+    for copy in made.values():
+        copy.joints = tuple(made[joint] for joint in copy.joints)
+    return made
+
+
+def apart(to: Vector, start: Vector) -> Vector:
+    """Return the difference of two vectors."""
+    x, y, z = (a - b for a, b in zip(to, start, strict=True))
+    return x, y, z
+
+
+def named_number(
+    name: str, value: float, store: Store, plain: Sequence[float] = (0.0,)
+) -> sp.Expr:
+    """Return a symbol for a number and store its value; a plain one stays a number."""
+    if value in plain:
+        return sp.Integer(int(value))
+    store[name] = float(value)
+    return sp.Symbol(name, real=True)
+
 
 def unit_vector(name: str, unit: Array, store: Store) -> Vector:
     """Return symbols for a unit vector, in which 0, 1 and −1 stay numbers; see named_vector."""
-    return named_vector(name, unit.tolist(), store, (0.0, 1.0, -1.0))
+    return named_vector(name, unit.tolist(), store, UNIT)
 
 
 def unit_entries(k: int) -> tuple[float, ...]:
@@ -284,23 +397,3 @@ def perpendicular(
 ) -> Equation:
     """Return the constraint that a direction of a stays perpendicular to one of b."""
     return Equation(name, dot(a.direction(n), b.direction(e)), Pull("torque", tuple(n), tuple(e)))
-
-
-def normals(axis: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that are perpendicular to a unit vector and to each other."""
-    k = int(np.argmax(np.abs(axis)))
-    first = np.cross(np.roll(np.eye(3)[k], -1), axis)  # coordinate axes where the axis is one
-    first = direction(first / np.linalg.norm(first))
-    return first, direction(np.cross(axis, first))
-
-
-def clean(v: Array, *sizes: Array) -> Array:
-    """Return a vector whose components that are rounding, beside it or ``sizes``, are 0."""
-    size = max(float(np.abs(x).max()) for x in (v, *sizes))
-    return np.where(np.abs(v) <= _ROUNDING * size, 0.0, v)
-
-
-def direction(v: Array) -> Array:
-    """Return a unit vector without what is rounding: along an axis it has 1 or −1 there."""
-    v = clean(v)
-    return np.sign(v) if np.count_nonzero(v) == 1 else v

@@ -15,6 +15,7 @@ from ...errors import InputError
 from ...naming import proposal, shown
 from .bodies import GROUND, Body, Frame
 from .joints import Align, Connection, Joint, Revolute, Rod, Spring
+from .pairs import Cylindrical, Planar, Prismatic, Screw, Universal
 from .poses import Start, finite, positive, three, three_or_none, unit
 
 __all__ = ["JOINTS", "Linkage"]
@@ -22,7 +23,8 @@ __all__ = ["JOINTS", "Linkage"]
 Array = NDArray[Any]
 Joined = TypeVar("Joined", bound=Connection)
 
-JOINTS = ("ball", "fixed_point", "revolute", "align", "rod")
+JOINTS = ("ball", "fixed_point", "revolute", "align", "rod", "prismatic", "cylindrical", "planar",
+          "screw", "universal")
 
 
 class Linkage:
@@ -52,10 +54,7 @@ class Linkage:
             enough; a position that is not given follows from them. ``at`` alone is enough for
             bodies in known places.
         """
-        return self._join(Joint(
-            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-            at=three_or_none(f"at of {name!r}", at),
-        ))
+        return self._join(Joint(name, **self._pair(name, a, b, at, on_a, on_b)))
 
     def fixed_point(
         self, name: str, body: Frame | str, *, at: ArrayLike | None = None,
@@ -70,28 +69,107 @@ class Linkage:
     def revolute(
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
-        on_b: ArrayLike | None = None, rate: float = 0.0,
+        on_b: ArrayLike | None = None, rate: float = 0.0, angle: float = 0.0,
     ) -> Revolute:
         """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
 
         ``axis`` is its direction in space at the start, of any length; ``rate`` the angular
         velocity of b against a about it in rad/s, from which an angular velocity that is not
-        given follows. All else as for ``ball``.
+        given follows; ``angle`` what its measure is at the start, in rad. All else as for
+        ``ball``.
         """
-        return self._join(Revolute(
-            name, *self._two(name, a, b), *self._points(name, on_a, on_b),
-            at=three_or_none(f"at of {name!r}", at), hinge=self._hinge(name, a, b, axis, rate),
-        ))
+        return self._join(Revolute(name, **self._pair(name, a, b, at, on_a, on_b),
+                                   hinge=self._hinge(name, a, b, axis, rate, angle)))
 
     def align(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, rate: float = 0.0
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, rate: float = 0.0,
+        angle: float = 0.0,
     ) -> Align:
         """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
 
         For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
-        ``axis`` and ``rate`` are those of ``revolute``.
+        ``axis``, ``rate`` and ``angle`` are those of ``revolute``.
         """
-        return self._join(self._hinge(name, a, b, axis, rate))
+        return self._join(self._hinge(name, a, b, axis, rate, angle))
+
+    def prismatic(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, speed: float = 0.0, travel: float = 0.0,
+    ) -> Prismatic:
+        """Let b slide along an axis of a without turning: five constraints.
+
+        ``axis`` is its direction in space at the start, along which b moves at ``speed`` in m/s;
+        ``at`` any point of it; ``travel`` what its measure is at the start, in m. All else as for
+        ``ball``. Constraints: ``name: axis 1``, ``axis 2``, ``across 1``, ``across 2``, ``turn``.
+        """
+        return self._join(Prismatic(
+            name, **self._pair(name, a, b, at, on_a, on_b), hinge=self._hinge(name, a, b, axis),
+            speed=float(finite(f"speed of {name!r}", speed, ())),
+            travel=float(finite(f"travel of {name!r}", travel, ()))))
+
+    def cylindrical(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0, speed: float = 0.0,
+        angle: float = 0.0, travel: float = 0.0,
+    ) -> Cylindrical:
+        """Let b slide along an axis of a and turn about it: four constraints, as ``prismatic``."""
+        return self._join(Cylindrical(
+            name, **self._pair(name, a, b, at, on_a, on_b),
+            hinge=self._hinge(name, a, b, axis, rate, angle),
+            speed=float(finite(f"speed of {name!r}", speed, ())),
+            travel=float(finite(f"travel of {name!r}", travel, ()))))
+
+    def planar(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0, angle: float = 0.0,
+    ) -> Planar:
+        """Keep a plane of b on one of a: three constraints.
+
+        ``axis`` is the normal in space at the start, ``at`` a point of both planes. All else as
+        for ``revolute``. Constraints: ``name: axis 1``, ``axis 2``, ``distance``.
+        """
+        return self._join(Planar(name, **self._pair(name, a, b, at, on_a, on_b),
+                                 hinge=self._hinge(name, a, b, axis, rate, angle)))
+
+    def screw(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, lead: float,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0, travel: float = 0.0,
+    ) -> Screw:
+        """Let b turn about an axis of a and move along it by ``lead`` (m) a turn: five constraints.
+
+        A lead below 0 is a left-handed thread. All else as for ``prismatic``, with ``thread`` in
+        place of ``turn``.
+        """
+        pitch = float(finite(f"lead of {name!r}", lead, ()))
+        if not pitch:
+            raise InputError(f"The lead of {name!r} is 0, and a screw moves; take a revolute.")
+        return self._join(Screw(
+            name, **self._pair(name, a, b, at, on_a, on_b), lead=pitch,
+            hinge=self._hinge(name, a, b, axis, rate),
+            travel=float(finite(f"travel of {name!r}", travel, ()))))
+
+    def universal(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis_a: ArrayLike,
+        axis_b: ArrayLike, at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate_a: float = 0.0, rate_b: float = 0.0,
+    ) -> Universal:
+        """Join a and b by a cross with an axis in each, Cardan's joint: four constraints.
+
+        ``axis_a`` and ``axis_b`` are the directions of its arms in space at the start, at right
+        angles; b turns about them at ``rate_a`` and ``rate_b``. All else as for ``ball``.
+        """
+        arms = _direction(name, "axis_a", axis_a), _direction(name, "axis_b", axis_b)
+        if abs(float(arms[0] @ arms[1])) > 1e-6:
+            raise InputError(f"The axes of {name!r} are not at right angles: {shown(axis_a)} and "
+                             f"{shown(axis_b)}; correct one of them.")
+        rates = (float(finite(f"rate_a of {name!r}", rate_a, ())),
+                 float(finite(f"rate_b of {name!r}", rate_b, ())))
+        return self._join(Universal(name, **self._pair(name, a, b, at, on_a, on_b),
+                                    arms=arms, rates=rates))
 
     def rod(
         self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
@@ -106,23 +184,39 @@ class Linkage:
     def spring(
         self, name: str, a: Frame | str, b: Frame | str, *, stiffness: float, length: float = 0.0,
         on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
+        damping: float = 0.0,
     ) -> Spring:
-        """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m)."""
+        """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m).
+
+        With ``damping`` c, in N s/m, a damper beside it pulls by c d|d|/dt.
+        """
         rest = float(finite(f"length of {name!r}", length, ()))
         if rest < 0:
             raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
         return self._join(Spring(
             name, *self._two(name, a, b), *self._points(name, on_a, on_b),
             stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
+            damping=float(finite(f"damping of {name!r}", damping, ())),
         ))
 
     # ------------------------------------------------------------ inside
 
     def _hinge(
-        self, name: str, a: Frame | str, b: Frame | str, axis: ArrayLike, rate: float
+        self, name: str, a: Frame | str, b: Frame | str, axis: ArrayLike, rate: float = 0.0,
+        angle: float = 0.0,
     ) -> Align:
         return Align(name, *self._two(name, a, b), _direction(name, "axis", axis),
-                     float(finite(f"rate of {name!r}", rate, ())))
+                     float(finite(f"rate of {name!r}", rate, ())),
+                     float(finite(f"angle of {name!r}", angle, ())))
+
+    def _pair(
+        self, name: str, a: Frame | str, b: Frame | str, at: Any, on_a: Any, on_b: Any
+    ) -> dict[str, Any]:
+        """Return what all joints with a common point are made of."""
+        (first, second), (on_first, on_second) = self._two(name, a, b), self._points(
+            name, on_a, on_b)
+        return {"a": first, "b": second, "on_a": on_first, "on_b": on_second,
+                "at": three_or_none(f"at of {name!r}", at)}
 
     def _join(self, link: Joined) -> Joined:
         self._claim(link.name)

@@ -1,20 +1,72 @@
-"""What acts on bodies: potentials, forces and torques, and what is computed along the way."""
+"""What acts on bodies and joints, and what is computed along the way.
+
+    motor      a torque about the axis of a joint, or a force along it
+    spring     V = ½ k (c − c₀)² of the angle or travel c of a joint, and a damper −k_d ċ
+
+Measures of joints are symbols until the model is made.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike
 
 from ...arguments import as_flag, as_text
+from ...errors import InputError
+from ...naming import listed, proposal, shown, whole
 from ..systems.given import as_expression
-from .bodies import Body, cross, dot, three_expressions
+from .bodies import Body, Push, three_expressions
+from .joints import Connection, Poses, Store, named_number
 from .linkage import Linkage
+from .pairs import Coupling, Gear
 from .poses import finite, three_or_none
 
-__all__ = ["Loads"]
+__all__ = ["Loads", "Machine"]
+
+#: Coordinate of a joint → its rate.
+RATE_OF = {"angle": "rate", "travel": "speed"}
+
+
+@dataclass(eq=False, repr=False)
+class Motor(Connection):
+    """A torque, or a force, on the coordinate of a joint; ``effort`` an expression."""
+
+    what: str = field(kw_only=True)
+    effort: sp.Expr = field(kw_only=True)
+
+    def forces(self, poses: Poses, store: Store) -> Iterator[Push]:
+        """Yield what it does to both bodies."""
+        yield from self.joints[0].push(self.what, self.effort, poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class JointSpring(Connection):
+    """V = ½ k (c − c₀)² of the coordinate of a joint, and a damper."""
+
+    what: str = field(kw_only=True)
+    coordinate: sp.Symbol = field(kw_only=True)
+    rate: sp.Symbol = field(kw_only=True)
+    stiffness: float = 0.0
+    damping: float = 0.0
+    rest: float = 0.0
+
+    def energy(self, store: Store) -> sp.Expr:
+        """Return V; values of its parameters go into ``store``."""
+        k = named_number(f"{self.name}_stiffness", self.stiffness, store)
+        rest = named_number(f"{self.name}_rest", self.rest, store)
+        return k * (self.coordinate - rest) ** 2 / 2
+
+    def forces(self, poses: Poses, store: Store) -> Iterator[Push]:
+        """Yield what the damper does to both bodies."""
+        if self.damping:
+            c = named_number(f"{self.name}_damping", self.damping, store)
+            yield from self.joints[0].push(self.what, -c * self.rate, poses, store)
 
 
 class Loads(Linkage):
@@ -25,7 +77,7 @@ class Loads(Linkage):
         self.time = sp.Symbol("t", real=True)
         self._values: dict[str, float] = {}
         self._potential: list[sp.Expr] = []
-        self._forces: dict[sp.Symbol, sp.Expr] = {}
+        self._pushes: list[Push] = []
         self._quantities: dict[str, sp.Expr] = {}
 
     def potential(self, expression: Any) -> None:
@@ -54,10 +106,7 @@ class Loads(Linkage):
         pushed = self._body(body, "A force")
         F = three_expressions(f"force on {pushed.name!r}", force)
         r = three_or_none(f"point of the force on {pushed.name!r}", on_body)
-        self._push(pushed.p_x, F)
-        if r is not None:
-            in_body = [dot(row, F) for row in pushed.rotation.T.tolist()]
-            self.torque(pushed, cross(r.tolist(), in_body))
+        self._pushes += pushed.pushed([0, 0, 0] if r is None else r.tolist(), F)
 
     def torque(self, body: Body | str, torque: Sequence[Any]) -> None:
         """Let a torque (in body axes, N m) act on a body, as expressions like a force's.
@@ -65,13 +114,150 @@ class Loads(Linkage):
         For a top it is taken about the fixed point.
         """
         turned = self._body(body, "A torque")
-        self._push(turned.p, turned.torque_force(
-            three_expressions(f"torque on {turned.name!r}", torque)))
+        self._pushes += turned.turned(three_expressions(f"torque on {turned.name!r}", torque))
 
     def quantity(self, name: str, expression: Any) -> None:
         """Have an expression computed along trajectories under a name."""
         self._quantities[as_text("name of a quantity", name)] = as_expression(expression)
 
-    def _push(self, momenta: Sequence[sp.Symbol], force: Sequence[sp.Expr]) -> None:
-        for symbol, e in zip(momenta, force, strict=bool(momenta)):
-            self._forces[symbol] = self._forces.get(symbol, sp.Integer(0)) + e
+
+class Machine(Loads):
+    """Bodies, what joins them, and what acts on them and on their joints."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        #: What stands for a measure of a joint → the joint, and which measure.
+        self._measures: dict[sp.Symbol, tuple[Connection, str]] = {}
+
+    def angle(self, joint: Connection | str) -> sp.Symbol:
+        """Return what stands for the angle of a joint in forces, potentials and quantities, in rad.
+
+        It is followed for two turns to either side of the start.
+        """
+        return self._measure(joint, "angle")
+
+    def rate(self, joint: Connection | str) -> sp.Symbol:
+        """Return what stands for the rate of a joint's angle, in rad/s."""
+        return self._measure(joint, "rate")
+
+    def travel(self, joint: Connection | str) -> sp.Symbol:
+        """Return what stands for the travel along a joint's axis, in m."""
+        return self._measure(joint, "travel")
+
+    def speed(self, joint: Connection | str) -> sp.Symbol:
+        """Return what stands for the speed along a joint's axis, in m/s."""
+        return self._measure(joint, "speed")
+
+    def measured(self, taken: Collection[str] = ()) -> dict[str, dict[str, sp.Symbol]]:
+        """Return measure → name → symbol of all measures of all joints, but for names taken."""
+        found: dict[str, dict[str, sp.Symbol]] = {}
+        for link in self._links:
+            for what in link.MEASURES:
+                if f"{link.name}_{what}" not in taken:
+                    found.setdefault(what, {})[f"{link.name}_{what}"] = self._measure(link, what)
+        return found
+
+    def gear(
+        self, name: str, first: Connection | str, second: Connection | str, *,
+        teeth: tuple[int, int],
+    ) -> Gear:
+        """Let two joints turn as gears in mesh: one constraint, ``name: mesh``.
+
+        z₁ θ₁ + z₂ θ₂ stays what it is at the start, for any number of turns. ``teeth`` are z₁ and
+        z₂; for a ring gear, whose teeth are inside, with a minus.
+        """
+        counts = [whole(z) for z in np.ravel(np.asarray(teeth, dtype=object)).tolist()]
+        if len(counts) != 2 or not all(counts):
+            raise InputError(f"The teeth of {name!r} are {shown(teeth)}; give two whole numbers "
+                             "other than 0.")
+        z1, z2 = (int(z or 0) // math.gcd(*(int(z or 0) for z in counts)) for z in counts)
+        one, two = (self._turning(name, joint) for joint in (first, second))
+        return self._join(Gear(name, one.b, two.b, joints=(one, two), teeth=(z1, z2)))
+
+    def couple(
+        self, name: str, first: Connection | str, second: Connection | str, *,
+        ratio: float = 1.0, offset: float = 0.0,
+    ) -> Coupling:
+        """Let the second joint's coordinate be ratio × the first's + offset: one constraint.
+
+        Coordinates are the angle of a joint that turns and the travel of one that slides (rad, m).
+        Angles in a ratio of small whole numbers are coupled over any number of turns, others as
+        far as ``angle`` is followed.
+        """
+        one, two = (self._joint(joint, f"{name!r}") for joint in (first, second))
+        return self._join(Coupling(
+            name, one.b, two.b, joints=(one, two), what=(_coordinate(one), _coordinate(two)),
+            ratio=float(finite(f"ratio of {name!r}", ratio, ())),
+            offset=float(finite(f"offset of {name!r}", offset, ()))))
+
+    def motor(
+        self, name: str, joint: Connection | str, *, torque: Any = None, force: Any = None
+    ) -> Motor:
+        """Drive a joint by a torque about its axis (N m), or a force along it (N).
+
+        A number, or an expression of ``time``, parameters, symbols of bodies, and ``angle(joint)``,
+        ``rate(joint)``, …. It acts on the joint's second body and back on its first.
+        """
+        what, effort = ("travel", force) if torque is None else ("angle", torque)
+        if effort is None or (torque is not None and force is not None):
+            raise InputError(f"Motor {name!r} needs a torque or a force, one of them.")
+        driven = self._joint(joint, f"Motor {name!r}")
+        self._refuse_measure(driven, what)
+        return self._join(Motor(name, driven.a, driven.b, joints=(driven,), what=what,
+                                effort=as_expression(effort)))
+
+    def joint_spring(
+        self, name: str, joint: Connection | str, *, stiffness: float = 0.0,
+        damping: float = 0.0, rest: float = 0.0,
+    ) -> JointSpring:
+        """Add V = ½ k (c − rest)² of a joint's coordinate c, its angle or travel, and a damper.
+
+        In N m/rad and N m s/rad about an axis, N/m and N s/m along one.
+        """
+        held = self._joint(joint, f"Spring {name!r}")
+        what = _coordinate(held)
+        return self._join(JointSpring(
+            name, held.a, held.b, joints=(held,), what=what,
+            coordinate=self._measure(held, what), rate=self._measure(held, RATE_OF[what]),
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())),
+            damping=float(finite(f"damping of {name!r}", damping, ())),
+            rest=float(finite(f"rest of {name!r}", rest, ()))))
+
+    def _measure(self, joint: Connection | str, what: str) -> sp.Symbol:
+        """Return the symbol of a measure."""
+        measured = self._joint(joint, f"The {what}")
+        self._refuse_measure(measured, what)
+        symbol = sp.Symbol(f"{measured.name}_{what}", real=True)
+        if symbol not in self._measures:
+            self._claim(str(symbol))
+            self._symbols[str(symbol)] = symbol
+            self._measures[symbol] = measured, what
+        return symbol
+
+    def _refuse_measure(self, joint: Connection, what: str) -> None:
+        if what not in joint.MEASURES:
+            raise InputError(f"Joint {joint.name!r} has no {what}; it has "
+                             f"{listed(joint.MEASURES) if joint.MEASURES else 'no coordinate'}.")
+
+    def _joint(self, joint: Any, what: str) -> Connection:
+        """Return a joint of this builder: itself, or that of a name."""
+        names = {link.name: link for link in self._links}
+        if isinstance(joint, str) and joint in names:
+            return names[joint]
+        if isinstance(joint, Connection) and joint in self._links:
+            return joint
+        raise InputError(f"{what} holds on to {shown(joint)}, which is no joint of Multibody "
+                         f"{self.name!r}; pass a joint, or a name: "
+                         f"{', '.join(names) or 'there is none yet'}{proposal(joint, names)}.")
+
+    def _turning(self, name: str, joint: Connection | str) -> Connection:
+        found = self._joint(joint, f"Gear {name!r}")
+        self._refuse_measure(found, "angle")
+        return found
+
+
+def _coordinate(joint: Connection) -> str:
+    """Return which measure of a joint is its coordinate: its travel where it slides."""
+    if not joint.MEASURES:
+        raise InputError(f"Joint {joint.name!r} has no coordinate, neither an angle nor a travel.")
+    return "travel" if "travel" in joint.MEASURES else "angle"

@@ -10,8 +10,7 @@ Lengths, masses and moments are parameters, not numbers, so that equal joints ha
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
@@ -27,19 +26,19 @@ from ...body_values import (
     moments_of,
 )
 from ...errors import InputError
+from ...naming import choose
 from ...projection import Projection, project
 from ..systems.given import few
 from ..systems.numeric_system import NumericConstraints, NumericSystem
-from ..systems.redundancy import refuse_redundant
+from ..systems.redundancy import Redundancy, find_redundant
 from ..systems.system import System
-from .bodies import GROUND, Body, Frame, dot
-from .joints import Connection, Equation, Joint, named_vector
-from .loads import Loads
+from .bodies import GROUND, Body, Frame, Push, dot
+from .joints import Connection, Equation, Joint, copies, named_vector
+from .loads import Machine
 from .model import Model
 from .poses import (
     Pose,
     Start,
-    attitude,
     check_rep,
     count,
     finite,
@@ -47,8 +46,8 @@ from .poses import (
     nonzero,
     positive,
     settle,
+    start_of,
     three,
-    three_or_none,
 )
 from .records import body_at, joint_at
 
@@ -57,7 +56,7 @@ __all__ = ["Multibody"]
 Array = NDArray[Any]
 
 
-class Multibody(Loads):
+class Multibody(Machine):
     """A builder of models: add bodies, joints and forces, then ask for ``model()``.
 
     Attributes
@@ -70,6 +69,8 @@ class Multibody(Loads):
         t, for forces, torques and quantities.
     start : Projection or None
         After ``model()``: what its start was moved by to be consistent.
+    redundancy : Redundancy or None
+        After ``model(redundant="leave out")``: what was left out, and what it depends on.
 
     Examples
     --------
@@ -90,6 +91,7 @@ class Multibody(Loads):
     ) -> None:
         super().__init__(name)
         self.start: Projection | None = None
+        self.redundancy: Redundancy | None = None
         self._gravity = named_vector("gravity", three("gravity", gravity).tolist(), self._values)
         self._about: dict[str, Any] = {
             "dt": None if dt is None else float(finite("time step", dt, ())),
@@ -147,7 +149,7 @@ class Multibody(Loads):
         self._claim(name)
         check_rep(name, rep)
         given = as_inertia(inertia, f"inertia of {name!r}")
-        start = self._start(name, quaternion, rotation, position, velocity, angular_velocity)
+        start = start_of(name, quaternion, rotation, position, velocity, angular_velocity)
         body = Body.free(name, rep, tensor=is_tensor(given))
         return self._add(body, start, mass, given, weight)
 
@@ -172,18 +174,22 @@ class Multibody(Loads):
             named_vector(f"{name}_centre", middle.tolist(), self._values),
             tensor=is_tensor(given),
         )
-        start = self._start(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
+        start = start_of(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
         return self._add(body, start, mass, given, weight)
 
     # ------------------------------------------------------------ the model
 
-    def model(self, *, without: Iterable[str] = ()) -> Model:
+    def model(
+        self, *, without: Iterable[str] = (), redundant: Literal["refuse", "leave out"] = "refuse"
+    ) -> Model:
         """Return the model: system, parameters, and a consistent state at t = 0.
 
         Parameters
         ----------
         without : iterable of str
             Names of constraints to leave out because others imply them, such as ``"hinge: z"``.
+        redundant : {"refuse", "leave out"}
+            What to do with constraints that others imply; ``redundancy`` tells which they are.
 
         Raises
         ------
@@ -193,20 +199,29 @@ class Multibody(Loads):
         """
         if not self._bodies:
             raise InputError(f"Multibody {self.name!r} has no body; add one with body(...).")
+        choose("redundant", redundant, ("refuse", "leave out"))
         left_out = {without} if isinstance(without, str) else {
             as_text("a constraint to leave out", name)
             for name in as_items("without", without, "constraints' names")}
-        links = [replace(link) for link in self._links]  # placing completes them
+        links = copies(self._links)  # placing completes them
         store = dict(self._values)
         store |= self._body_values()
         with in_range(f"Multibody {self.name!r}"):
-            poses = self._poses(links)
-            equations = self._equations(links, poses, store, left_out)
+            poses = self._poses([*links.values()])
+            equations = self._equations([*links.values()], poses, store, left_out)
             q0, p0 = self._state(poses)
         coordinates = [x for body in self._bodies for x in body.coordinates]
-        refuse_redundant(self.name, NumericConstraints(
+        self.redundancy = find_redundant(self.name, NumericConstraints(
             coordinates, [e.expression for e in equations], [e.name for e in equations], store), q0)
-        system = self._system(self._hamiltonian(links, store), equations, store, links, poses)
+        if redundant == "refuse":
+            self.redundancy.refuse()
+        equations = [e for e in equations if e.name not in self.redundancy.left_out]
+        pushes = [*self._pushes, *(push for link in links.values()
+                                   for push in link.forces(poses, store))]
+        H = self._hamiltonian([*links.values()], store)
+        measures = {symbol: links[joint].measure(what, poses, store)
+                    for symbol, (joint, what) in self._measures.items()}
+        system = self._system(H, equations, pushes, measures, store, [*links.values()], poses)
         self.start = project(NumericSystem(system, store), q0, p0)
         bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
@@ -233,7 +248,7 @@ class Multibody(Loads):
         rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)]
                 for body in self._bodies}
         for link in links:
-            own = [frame for frame in (link.a, link.b) if isinstance(frame, Body)]
+            own = [frame for frame in link.frames if isinstance(frame, Body)]
             rows[max(own, key=order.__getitem__)] += link.equations(poses, store)
         found = [equation for body in self._bodies for equation in rows[body]]
         unknown = without - {equation.name for equation in found}
@@ -253,16 +268,23 @@ class Multibody(Loads):
         return sp.Add(*terms, *self._potential)
 
     def _system(
-        self, H: sp.Expr, equations: Sequence[Equation], store: dict[str, float],
+        self, H: sp.Expr, equations: Sequence[Equation], pushes: Sequence[Push],
+        measures: Mapping[sp.Symbol, sp.Expr], store: dict[str, float],
         links: Sequence[Connection], poses: Mapping[Frame, Pose],
     ) -> System:
         """Return the system; parameters that nothing uses are dropped from it and the store."""
+        acting: dict[sp.Symbol, list[sp.Expr]] = {x: [] for xs, _ in pushes for x in xs}
+        for xs, force in pushes:
+            for x, e in zip(xs, force, strict=True):
+                acting[x].append(e)
+        H = H.xreplace(measures)
+        quantities = {name: e.xreplace(measures) for name, e in self._quantities.items()}
         q = tuple(x for body in self._bodies for x in body.coordinates)
         p = tuple(x for body in self._bodies for x in body.momenta)
-        forces = tuple(self._forces.get(x, sp.Integer(0)) for x in p) if self._forces else ()
+        forces = tuple(sp.Add(*acting.get(x, ())).xreplace(measures) for x in p) if acting else ()
         constraints = tuple(equation.expression for equation in equations)
         used: set[sp.Symbol] = set().union(*(
-            e.free_symbols for e in (H, *constraints, *forces, *self._quantities.values())))
+            e.free_symbols for e in (H, *constraints, *forces, *quantities.values())))
         parameters = tuple(sorted(used - {*q, *p, self.time}, key=_by_first_use(store)))
         unknown = [s for s in parameters if str(s) not in store]
         if unknown:
@@ -274,7 +296,7 @@ class Multibody(Loads):
         return System(
             q, p, parameters, H, constraints, name=self.name, forces=forces,
             constraint_names=tuple(equation.name for equation in equations),
-            time=self.time if self.time in used else None, quantities=self._quantities,
+            time=self.time if self.time in used else None, quantities=quantities,
             bodies=tuple(body_at(body, kept, values) for body in self._bodies),
             joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values)
                          for link in links),
@@ -315,16 +337,6 @@ class Multibody(Loads):
         self._inertia[body] = inertia
         self._bodies[body] = start
         return body
-
-    def _start(
-        self, name: str, quaternion: Any, rotation: Any, position: Any, velocity: Any, omega: Any
-    ) -> Start:
-        return Start(
-            attitude(f"body {name!r}", quaternion, rotation),
-            three_or_none(f"position of {name!r}", position),
-            three_or_none(f"velocity of {name!r}", velocity),
-            three_or_none(f"angular velocity of {name!r}", omega),
-        )
 
 
 def _by_first_use(store: Mapping[str, float]) -> Any:

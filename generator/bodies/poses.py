@@ -23,10 +23,14 @@ from ...errors import InputError
 from ...naming import shown, unknown, whole
 from .rigid_body import left_matrix, rotation_matrix
 
-__all__ = ["Attitude", "Pose", "Start", "attitude", "check_rep", "count", "finite", "in_range",
-           "nonzero", "positive", "rotation", "settle", "three", "three_or_none", "unit"]
+__all__ = ["Attitude", "Pose", "Start", "attitude", "check_rep", "clean", "conjugate", "count",
+           "direction", "finite", "in_range", "nonzero", "normals", "positive", "product",
+           "rotation", "settle", "start_of", "three", "three_or_none", "unit"]
 
 Array = NDArray[Any]
+
+#: Components smaller than this beside the vector, or its distance to walk, are rounding: zero.
+_ROUNDING = 2.0**-49
 
 
 @dataclass(eq=False)
@@ -84,6 +88,18 @@ class Start:
         """Return the pose, unknown where nothing was said."""
         R = rotation(self.q)
         return Pose(self.q, R, self.x, self.v, None if self.omega is None else R @ self.omega)
+
+
+def start_of(
+    name: str, quaternion: Any, rotation: Any, position: Any, velocity: Any, omega: Any
+) -> Start:
+    """Return what a caller says of the start of a body."""
+    return Start(
+        attitude(f"body {name!r}", quaternion, rotation),
+        three_or_none(f"position of {name!r}", position),
+        three_or_none(f"velocity of {name!r}", velocity),
+        three_or_none(f"angular velocity of {name!r}", omega),
+    )
 
 
 def numbers(matrix: Any) -> Array:
@@ -219,3 +235,36 @@ def nonzero(what: str, value: Any) -> float:
         raise InputError(f"The {what} is 0, and the kinetic energy divides by it; give another "
                          "number.")
     return number
+
+
+def product(x: Any, y: Any) -> list[Any]:
+    """Return the product of two quaternions, scalar first: R(xy) = R(x) R(y)."""
+    (a, *u), (b, *v) = x, y
+    cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    return [a * b - sum(i * j for i, j in zip(u, v, strict=True)),
+            *(a * j + b * i + k for i, j, k in zip(u, v, cross, strict=True))]
+
+
+def conjugate(q: Any) -> list[Any]:
+    """Return the quaternion of the turn back."""
+    return [q[0], *(-x for x in q[1:])]
+
+
+def normals(axis: Array) -> tuple[Array, Array]:
+    """Return two unit vectors that are perpendicular to a unit vector and to each other."""
+    k = int(np.argmax(np.abs(axis)))
+    first = np.cross(np.roll(np.eye(3)[k], -1), axis)  # coordinate axes where the axis is one
+    first = direction(first / np.linalg.norm(first))
+    return first, direction(np.cross(axis, first))
+
+
+def clean(v: Array, *sizes: Array) -> Array:
+    """Return a vector whose components that are rounding, beside it or ``sizes``, are 0."""
+    size = max(float(np.abs(x).max()) for x in (v, *sizes))
+    return np.where(np.abs(v) <= _ROUNDING * size, 0.0, v)
+
+
+def direction(v: Array) -> Array:
+    """Return a unit vector without what is rounding: along an axis it has 1 or −1 there."""
+    v = clean(v)
+    return np.sign(v) if np.count_nonzero(v) == 1 else v

@@ -3,11 +3,12 @@
     emit            the three files of a stepper
     emit_manifest   what is promised, for those who call it
     profiles        how much of a stepper is written: for Python, for a controller
-    emit_control    what the templates are told of profile control
+    emit_control    what they are told of sweeps on plain numbers: profiles control and run
     emit_fast       what the templates are told of the fast path
     emit_structure  what they are told of a structured system
     bytecode        templates as Python's bytecode, kept beside them
     engine          which files of ``engine/`` a stepper has, and how they are put in
+    reachable       what the functions of a header come to
     c_lines         lines of C that fit on a screen
     solver_costs    what a sweep and a Newton iteration cost, counted
 """

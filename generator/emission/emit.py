@@ -26,12 +26,13 @@ from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from .bytecode import Bytecode
 from .c_lines import fitted
-from .emit_control import control_context
+from .emit_control import beside, control_context, work_files
 from .emit_fast import fast_context, structured_fast_context
 from .emit_manifest import frame_manifest, hidden_constraints, manifest_text
 from .emit_structure import structure_context
 from .engine import Proved, engine_of
 from .profiles import ProfileName
+from .reachable import reachable
 from .solver_costs import solver_costs
 
 __all__ = ["Source", "emit"]
@@ -77,6 +78,8 @@ def emit(
     """
     if profile == "control":
         return _emit_control(name, method, scheme, system, constants, real)
+    if profile == "run":
+        return _emit_run(name, method, scheme, system, constants, real)
     structure = Structure(scheme.system)
     if structured is None:
         structured = structure.is_worthwhile
@@ -91,7 +94,8 @@ def emit(
         fast = fast_context(scheme, constants, real)
     known = [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())]
     context = _context(name, method, scheme, system, constants, real, known, forms) | fast | {
-        "kernels": kernels, "costs": solver_costs(scheme, known, forms)}
+        "kernels": kernels, "costs": solver_costs(scheme, known, forms), "full": True,
+        "run_constants": []}
     context |= _frame_context(frame, name, system, real)
     context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""),
                                   timed=system.is_timed, fed=bool(system.inputs),
@@ -126,7 +130,7 @@ def _emit_control(
     real: Real,
 ) -> Source:
     """Return the C and the manifest of profile ``control``."""
-    own = control_context(scheme, constants, real)
+    own = control_context(scheme, constants, real, "control")
     forms: dict[str, Any] = {"structured": False}
     context = _context(name, method, scheme, system, constants, real, own["known"], forms) | own
     context["engine"] = engine_of(name, real)
@@ -140,6 +144,45 @@ def _emit_control(
         fitted(environment.get_template("control.c.jinja").render(context)),
         manifest_text(name, method, scheme, system, constants, real, own["kernels"],
                       own["proved"], forms, "control"),
+    )
+
+
+def _emit_run(
+    name: str,
+    method: str,
+    scheme: SparkScheme | MeanScheme,
+    system: System,
+    constants: Constants,
+    real: Real,
+) -> Source:
+    """Return the C and the manifest of profile ``run``: the sweeps of ``control``, and Newton."""
+    own = control_context(scheme, constants, real, "run")
+    forms: dict[str, Any] = {"structured": False}
+    kernels = [emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
+                                                         *scheme.kernels()]]
+    beside_them, renamed = beside(kernels, own["kernels"])
+    context = _context(name, method, scheme, system, constants, real, [*kernels, *own["known"]],
+                       forms) | own
+    spark = isinstance(scheme, SparkScheme)
+    proved = Proved(system.n, system.m, spark, structured=False, forced=bool(system.forces))
+    context |= proved.scheme_files() | proved.solver_files(fast=False) | {
+        "full": False, "fast": True, "inputs": [], "kernels": kernels, "sweep_kernels": beside_them,
+        "costs": solver_costs(scheme, kernels, forms), "batch_files": [],
+        "run_constants": [*own["folded"].items(), *own["run_constants"]],
+        "work_files": work_files(stages=spark, bound=system.m > 0, forced=bool(system.forces)),
+        "engine": engine_of(name, real, own=renamed)}
+    quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
+    if quantities is not None:
+        context["own_switches"] |= quantities.functions & SWITCHES
+    environment = _environment()
+    header, text = (environment.get_template(f"stepper.{kind}.jinja").render(context)
+                    for kind in "hc")
+    return Source(
+        name,
+        fitted(header),
+        fitted(reachable(text, header)),
+        manifest_text(name, method, scheme, system, constants, real, kernels, own["proved"], forms,
+                      "run"),
     )
 
 
@@ -191,6 +234,7 @@ def _context(
         "forces": [comment(f) for f in system.forces],
         "time": str(system.time) if system.is_driven else "",
         "timed": system.is_timed,
+        "framed": False,
         "inputs": [str(u) for u in system.inputs],
         "input_places": [list(constants_c).index(str(u)) for u in system.inputs
                          if str(u) in constants_c],

@@ -1,23 +1,26 @@
-"""What the templates of profile ``control`` are told: kernels on numbers, and files of the engine.
+"""What templates are told of sweeps on plain numbers, of profiles ``control`` and ``run``.
 
 The same identities and the same scaled unknowns as those of the full stepper's sweeps, but for one
-trajectory at a time on plain numbers, with no other solver behind them.
+trajectory at a time. Profile ``run`` has Newton behind them, on kernels of its own.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from ...errors import InputError
 from ...real import Real
 from ..kernels.c_printer import CPrinter
-from ..kernels.kernel import Constants, Target, emit_kernel
+from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel
 from ..schemes.fast_path import FastSystem
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme
+from .profiles import ProfileName
 
-__all__ = ["control_context", "control_files"]
+__all__ = ["beside", "control_context", "control_files", "work_files"]
 
 #: Differences of the past that starting values are made of.
 _ORDERS = 8
@@ -26,7 +29,7 @@ _LARGEST = 28
 
 
 def control_context(
-    scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
+    scheme: SparkScheme | MeanScheme, constants: Constants, real: Real, profile: ProfileName
 ) -> dict[str, Any]:
     """Return what the templates need beside what all steppers have.
 
@@ -35,7 +38,7 @@ def control_context(
     InputError
         For what this profile does not take: other types, other tableaux, large systems.
     """
-    _refuse(scheme, real)
+    _refuse(scheme, real, profile)
     system, spark = FastSystem(scheme.system), isinstance(scheme, SparkScheme)
     own = (system.spark_kernels(apart=True) if isinstance(scheme, SparkScheme)
            else system.mean_kernels(scheme))
@@ -78,25 +81,25 @@ def control_context(
         "proved": {"fast": True, "constant_schur": m and constant, "correction": m and scalar,
                    "separable": system.is_separable, "lane_kernels": []},
         "eliminates": bool(m) and (spark or not constant),
-        "files": control_files(stages=spark, bound=m > 0, constant=constant, scalar=scalar,
+        "plain_files": control_files(stages=spark, bound=m > 0, constant=constant, scalar=scalar,
                                separable=system.is_separable),
     }
 
 
-def _refuse(scheme: SparkScheme | MeanScheme, real: Real) -> None:
-    if real.name not in ("float", "double"):
+def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) -> None:
+    if profile == "control" and real.name not in ("float", "double"):
         raise InputError(f"Profile control is for float and double, not for {real.name}; choose "
-                         "one of these, or profile full.")
+                         "one of these, or profile run or full.")
     if scheme.system.n > _LARGEST:
-        raise InputError(f"Profile control writes a system out in full, up to {_LARGEST} "
+        raise InputError(f"Profile {profile} writes a system out in full, up to {_LARGEST} "
                          f"coordinates; {scheme.system.name} has {scheme.system.n}: choose profile "
                          "full.")
     if scheme.system.is_timed:
-        raise InputError(f"Profile control takes time in forces, not in H or constraints; "
+        raise InputError(f"Profile {profile} takes time in forces, not in H or constraints; "
                          f"{scheme.system.name} has it there: choose profile full.")
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None
     if refusal is not None:
-        raise InputError(f"Profile control solves by sweeps, which this tableau does not allow: "
+        raise InputError(f"Profile {profile} solves by sweeps, which this tableau does not allow: "
                          f"{refusal}; choose profile full.")
 
 
@@ -119,4 +122,37 @@ def control_files(
                "control_mean_bound"]
         files = ["control_mean", *(own if bound else ["control_free", "control_mean_free"]),
                  "control_mean_sweep"]
-    return [*files, "control_predict", "control_judge", "control_advance"]
+    return [*files, "control_predict", "control_judge", "control_solve"]
+
+
+def work_files(*, stages: bool, bound: bool, forced: bool) -> list[str]:
+    """Return the files by which sweeps tell the work of the forces, of profile ``run``."""
+    if not forced:
+        return ["run_no_work"]
+    unscale = f"control_unscale{'' if bound else '_free'}" if stages else "control_mean_unscale"
+    return [unscale, "run_work"]
+
+
+def beside(
+    of_newton: Sequence[EmittedKernel], of_sweeps: Sequence[EmittedKernel]
+) -> tuple[list[EmittedKernel], dict[str, str]]:
+    """Return the kernels that sweeps have and Newton has not, and new names of some of these.
+
+    What both call by one name is one function where it is the same, else there are two.
+    """
+    known = {kernel.name: kernel for kernel in of_newton}
+    own, names = [], {}
+    for kernel in of_sweeps:
+        other = known.get(kernel.name)
+        if other is None:
+            own.append(kernel)
+        elif _text(other) != _text(kernel):
+            names[kernel.name] = f"sweep_{kernel.name}"
+            own.append(replace(kernel, name=names[kernel.name]))
+    return own, names
+
+
+def _text(kernel: EmittedKernel) -> str:
+    """Return what a kernel does; the type has a name of its own where sweeps call it."""
+    return re.sub(r"\b(double|float|long double|_Float\d+)\b", "real",
+                  "\n".join([kernel.returns, kernel.signature, *kernel.lines]))

@@ -144,7 +144,7 @@ def _memory(
     constants += 3 + 2 * nodes if scheme.system.is_timed else 0
     ring = (_history(scheme) + 1) * x
     lessons = 2 * (s + 24) * blocks + 2 * x + 24 if scheme.tableau else 0
-    vectors = (forced + blocks + constants + 41
+    vectors = (forced + blocks + constants + 42
                + 5 * n + 2 * blocks + tables + 2 * iterate + ring + lessons + 4 * m + m * m
                + 3 * (16 + 17 * 17))
     return vectors * lanes * real.bytes + 512

@@ -27,7 +27,7 @@ Where t stands in H or g, kernels find it among the constants, and whoever calls
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -51,12 +51,13 @@ _TIMED = re.compile(r"\b((?:LANES_)?(?:AT|BETWEEN)|TIMED|INPUT)\(")
 
 def engine_of(
     name: str, real: Real, one: str = "", many: str = "", *, timed: bool = False,
-    fed: bool = False, framed: bool = False,
+    fed: bool = False, own: Mapping[str, str] | None = None, framed: bool = False,
 ) -> Callable[..., str]:
     """Return the function by which a template puts in a file of the engine.
 
     Its arguments are the file's name without ending, ``on`` ("" or "lanes_") for a file that is
     written for numbers and for lanes, and ``run`` for one that serves one trajectory or many.
+    ``own`` are kernels that sweeps have under another name than Newton.
     """
 
     def put(file: str, on: str = "", run: str = "") -> str:
@@ -64,7 +65,7 @@ def engine_of(
             "NAME": f"{name}_{{}}".format,
             "MATH": f"{{}}{real.suffix.lower()}".format,
             "LIMIT": f"{real.limits}_{{}}".format,
-            "ON": f"{on}{{}}".format,
+            "ON": lambda kernel: (own or {}).get(kernel, f"{on}{kernel}"),
             "ONE": f"{one}_{{}}".format,
             "MANY": f"{many}_{{}}".format,
             "RUN": f"{run}_{{}}".format,

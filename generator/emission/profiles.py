@@ -7,10 +7,11 @@ from typing import Literal
 __all__ = ["PROFILES", "ProfileName"]
 
 #: What ``profile`` may be; the keys of ``PROFILES``, for editors and type checkers.
-ProfileName = Literal["control", "full"]
+ProfileName = Literal["control", "run", "full"]
 
 #: Each with the one it is for.
 PROFILES: dict[ProfileName, str] = {
     "control": "one trajectory, a bounded number of sweeps a step: for a controller",
-    "full": "runs, batches, Newton, reports: for Python and for programs in C",
+    "run": "one trajectory, steps and whole runs, Newton behind the sweeps: for programs in C",
+    "full": "batches, lanes, what a step solves: for Python",
 }

@@ -4,6 +4,7 @@
     model_table        tables of TOML; every refusal names file and key
     model_expressions  formulas in named symbols
     model_parts        parameters, quantities, run length: what all kinds share
+    attitude           the start of a body in numbers, to 50 digits
     model_body         a body with a fixed point
     model_bodies       several bodies with joints
     model_system       any Hamiltonian system

@@ -25,25 +25,38 @@
 
 What the keys mean is told by ``multibody``. Formulas know, for a body named a, a_q0..a_q3, a_x,
 a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_omega3 (body axes)
-and t, beside the file's parameters.
+and t, beside the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
+What acts on joints has ``joints`` in place of bodies:
+
+    [[joints]]
+    name = "mesh"
+    type = "gear"
+    joints = ["first", "second"]
+    teeth = [17, 43]
+    [[forces]]
+    name = "drive"
+    type = "motor"
+    joints = ["first"]
+    torque = "2 - 0.1*first_rate"
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, cast
 
 import sympy as sp
 
 from ...body_values import REPS, RepName
 from ...errors import InputError
+from ...remarks import remark
 from ..bodies.bodies import Body, Frame
 from ..bodies.linkage import JOINTS as KINDS
 from ..bodies.model import Model
 from ..bodies.multibody import Multibody
 from ..bodies.poses import Attitude
-from ..text.grammar import RATES
+from ..text.grammar import ANGLES, RATES
 from .model_body import ATTITUDES, inertia_numbers, read_attitude
 from .model_parts import Formulas, run_length
 from .model_table import Table
@@ -54,13 +67,20 @@ MAX_BODIES = 100
 POINTS = ("on_a", "on_b")
 
 #: Type of a joint → all arguments of the method that makes it.
-JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters for kind in KINDS}
-#: Type of a force → the keys it takes beside name, type and bodies.
+JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters
+          for kind in (*KINDS, "gear", "couple")}
+#: Type of a force → the keys it takes beside name, type and bodies, or joints.
 FORCES = {
-    "spring": ("stiffness", "length", *POINTS),
+    "spring": ("stiffness", "length", "damping", *POINTS),
     "force": ("force", "on_body"),
     "torque": ("torque",),
+    "joint_spring": ("stiffness", "damping", "rest"),
+    "motor": ("torque", "force"),
 }
+#: Types that act on so many joints.
+ON_JOINTS = {"gear": 2, "couple": 2, "joint_spring": 1, "motor": 1}
+#: Keys whose text may have a unit.
+WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "angle": ANGLES}
 
 
 def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
@@ -72,13 +92,14 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
         With file, key and cure; for redundant constraints with a smallest set to leave out.
     """
     content.allow("name", "description", "frame", "bodies", "joints", "forces", "gravity",
-                  "potential", "without", "parameters", "inputs", "run", "quantities")
+                  "potential", "without", "redundant", "parameters", "inputs", "run",
+                  "quantities")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)
-    place, motion = _names(builder, bodies)
     for table in content.tables("joints"):
         _telling(table, lambda table: _join(builder, bodies, table), table)
+    place, motion = _names(builder, bodies, formulas.parameters)
     for parameter, value in formulas.numbers.values.items():
         builder.parameter(parameter, value)
     for table in content.tables("forces"):
@@ -87,7 +108,11 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
         builder.potential(formulas.read(content, "potential", content.formula("potential"), place))
     for key, e in formulas.quantities(motion).items():
         builder.quantity(key, e)
-    return builder.model(without=content.strings("without"))
+    redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
+    model = builder.model(without=content.strings("without"), redundant=cast("Any", redundant))
+    if builder.redundancy and builder.redundancy.left_out:
+        remark(f"{builder.redundancy} They are left out, as the file asks.")
+    return model
 
 
 def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Frame]:
@@ -128,7 +153,7 @@ def _telling(table: Table, build: Callable[[Table], Any], argument: Table) -> An
 
 
 def _names(
-    builder: Multibody, bodies: Mapping[str, Frame]
+    builder: Multibody, bodies: Mapping[str, Frame], taken: Collection[str]
 ) -> tuple[dict[str, sp.Expr], dict[str, sp.Expr]]:
     """Return what formulas of the place know, and those of the motion."""
     place: dict[str, sp.Expr] = {}
@@ -140,6 +165,8 @@ def _names(
             place |= {f"{name}_R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
             motion |= {str(x): x for x in (*body.p, *body.p_x)}
             motion |= {f"{name}_omega{i}": e for i, e in enumerate(body.angular_velocity, 1)}
+    for what, symbols in builder.measured(taken).items():
+        (place if what in ("angle", "travel") else motion).update(symbols)
     return place, place | motion
 
 
@@ -149,11 +176,14 @@ def _join(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> None
             for kind, parameters in JOINTS.items()}
     kind = _kind(table, {kind: tuple(found) for kind, found in keys.items()})
     table.require("name", *(key for key, one in keys[kind].items() if one.default is one.empty))
-    frames = _frames(table, bodies, 2 if "b" in JOINTS[kind] else 1)
+    ends: Sequence[Frame | str] = (
+        _joints(table, kind) if kind in ON_JOINTS else
+        _frames(table, bodies, 2 if "b" in JOINTS[kind] else 1))
     values = {key: table.vector(key, 3) if "ArrayLike" in str(one.annotation) else
-              table.number(key, RATES if key == "rate" else {})
+              table.vector(key, 2) if "tuple" in str(one.annotation) else
+              table.number(key, WITH_UNITS.get(key, {}))
               for key, one in keys[kind].items() if key in table}
-    getattr(builder, kind)(table.symbol("name", table.text("name")), *frames, **values)
+    getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **values)
 
 
 def _force(
@@ -162,11 +192,20 @@ def _force(
 ) -> None:
     kind = _kind(table, FORCES)
     points = {key: table.vector(key, 3) for key in ("on_body", *POINTS) if key in table}
-    if kind == "spring":
-        table.require("name", "stiffness")
-        numbers = {key: table.number(key) for key in ("stiffness", "length") if key in table}
-        builder.spring(table.symbol("name", table.text("name")), *_frames(table, bodies, 2),
-                       **cast("dict[str, Any]", numbers | points))
+    if kind == "motor":
+        table.require("name")
+        efforts = {key: formulas.read(table, key, table.formula(key), motion)
+                   for key in FORCES[kind] if key in table}
+        builder.motor(table.symbol("name", table.text("name")), *_joints(table, kind), **efforts)
+        return
+    if kind in ("spring", "joint_spring"):
+        table.require("name", *(["stiffness"] if kind == "spring" else []))
+        numbers = {key: table.number(key) for key in FORCES[kind] if key in table
+                   and key not in POINTS}
+        ends: Sequence[Frame | str] = (
+            _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
+        getattr(builder, kind)(table.symbol("name", table.text("name")), *ends,
+                               **numbers, **points)
         return
     table.require(kind)
     (body,) = _frames(table, bodies, 1)
@@ -178,10 +217,20 @@ def _force(
 
 def _kind(table: Table, kinds: Mapping[str, tuple[str, ...]]) -> str:
     """Return the type of a joint or force, its keys checked."""
-    table.require("type", "bodies")
+    table.require("type")
     kind = table.choice("type", tuple(kinds), "")
-    table.allow("name", "type", "bodies", *kinds[kind])
+    ends = "joints" if kind in ON_JOINTS else "bodies"
+    table.require(ends)
+    table.allow("name", "type", ends, *kinds[kind])
     return kind
+
+
+def _joints(table: Table, kind: str) -> list[str]:
+    """Return the names of the joints that something acts on."""
+    names = table.strings("joints")
+    if len(names) != ON_JOINTS[kind]:
+        raise table.error("joints", f"has {len(names)} names; write {ON_JOINTS[kind]}.")
+    return names
 
 
 def _frames(table: Table, bodies: Mapping[str, Frame], count: int) -> list[Frame]:

@@ -26,10 +26,11 @@ from ...body_values import (
 )
 from ...errors import InputError
 from ...remarks import remark
-from ..bodies import attitude, poses, rigid_body
+from ..bodies import poses, rigid_body
 from ..bodies.model import Model, whole_array
 from ..bodies.rigid_body import INVERSE, Rep, body_system, moments, p, q
 from ..text.grammar import ANGLES, RATES
+from . import attitude
 from .model_parts import Formulas, run_length
 from .model_table import Table
 

@@ -1,4 +1,4 @@
-"""A user's own model, read from a TOML file.
+"""A user's own model, read from a TOML file, or a robot from URDF (``urdf``).
 
 A body with a fixed point, ``model_body``:
 
@@ -56,7 +56,8 @@ from ...naming import choose, listed, proposal, shown
 from ...remarks import listening, remark
 from ..bodies.model import Model
 from ..text.c_names import KEYWORDS
-from ..text.text_file import model_text
+from ..text.text_file import is_urdf, model_text
+from ..urdf.urdf import read_settings
 from .model_bodies import read_bodies
 from .model_body import read_body
 from .model_parts import Formulas, Numbers
@@ -93,12 +94,12 @@ class ModelFile:
 
 
 def load_model(path: str | Path, rep: RepName | None = None) -> Model:
-    """Return the model of a TOML file.
+    """Return the model of a TOML file, or of a URDF file.
 
     Parameters
     ----------
     path : path
-        The file, at most 256 KiB of UTF-8.
+        The file, at most 256 KiB of UTF-8; URDF 1 MiB.
     rep : {"gamma", "alpha"}, optional
         Takes the place of the file's ``[body] rep``.
 
@@ -141,6 +142,8 @@ def read_model(
 def _read(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> ModelFile:
+    if is_urdf(path):
+        return ModelFile(read_settings(text, path, rep, settings).model(), [])
     content = load_toml(text, Path(path))
     for key, value in settings.items():
         _set(content, key, value)

@@ -1,4 +1,4 @@
-"""Constraints that others imply are found before a stepper is made, and refused by name.
+"""Constraints that others imply are found before a stepper is made: refused by name, or left out.
 
 Where g_q has not full rank on g = 0, multipliers are not determined. A model is looked at where it
 starts; a system without numbers at random ones, at points that Gauss-Newton steps find on g = 0.
@@ -7,6 +7,7 @@ starts; a system without numbers at random ones, at points that Gauss-Newton ste
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from ...projection import dependent_rows
 from .numeric_system import NumericConstraints
 from .system import System
 
-__all__ = ["refuse_redundant", "refuse_redundant_anywhere"]
+__all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere"]
 
 Array = NDArray[Any]
 EPS = float(np.finfo(float).eps)
@@ -28,8 +29,57 @@ _LARGEST_SEARCH = 20_000
 _TRIES = 12
 
 
-def refuse_redundant(what: str, constraints: NumericConstraints, q: Array) -> None:
-    """Refuse constraints that others imply at q, and a q where they happen to depend.
+@dataclass(frozen=True)
+class Redundancy:
+    """Which constraints of a model others imply; printed it is a sentence.
+
+    Attributes
+    ----------
+    model : str
+        Name of the model.
+    constraints : tuple of str
+        All of its constraints.
+    involved : tuple of str
+        Those that depend on each other.
+    left_out : tuple of str
+        A smallest set of them without which the others are independent.
+    """
+
+    model: str
+    constraints: tuple[str, ...]
+    involved: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, model: str, names: Sequence[str], involved: Sequence[int], left_out: Sequence[int]
+    ) -> Redundancy:
+        """Return it of the rows of constraints."""
+        return cls(model, tuple(names), *(tuple(names[i] for i in rows)
+                                          for rows in (involved, left_out)))
+
+    def __str__(self) -> str:
+        if not self.left_out:
+            return f"The {len(self.constraints)} constraints of {self.model!r} are independent."
+        verb = "is" if len(self.left_out) == 1 else "are"
+        return (f"{len(self.left_out)} of the {len(self.constraints)} constraints of "
+                f"{self.model!r} {verb} redundant. Leave out {_quoted(self.left_out)}; these "
+                f"depend on each other: {_quoted(self.involved)}.")
+
+    def refuse(self) -> None:
+        """Refuse constraints that others imply.
+
+        Raises
+        ------
+        InputError
+            With the names of all that take part, and of a smallest set to leave out.
+        """
+        if self.left_out:
+            raise InputError(str(self))
+
+
+def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redundancy:
+    """Return which constraints others imply at q; refuse a q where they happen to depend.
 
     Parameters
     ----------
@@ -41,7 +91,8 @@ def refuse_redundant(what: str, constraints: NumericConstraints, q: Array) -> No
     Raises
     ------
     InputError
-        With the names of all that take part, and of a smallest set to leave out.
+        For constraints that contradict each other, and in a position where more of them depend
+        on each other than elsewhere.
     """
     refuse_constant(what, constraints.expressions, constraints.constraint_names)
     found = nearest_point(constraints, q)
@@ -55,20 +106,20 @@ def refuse_redundant(what: str, constraints: NumericConstraints, q: Array) -> No
         )
     involved, left_out = dependent_rows(slopes)
     if not involved:
-        return
+        return Redundancy(what, tuple(names))
     if found is None:
         raise InputError(
             f"The constraints {_listed(names, involved)} of {what!r} contradict each other near "
             "the start: no state meets them all. Check their points, axes and lengths, or leave "
             f"out {_listed(names, left_out)}."
         )
-    if _is_isolated(constraints, found):
+    if _is_singular(constraints, found, len(left_out)):
         raise InputError(
             f"{what!r} starts in a singular position, where its constraints "
             f"{_listed(names, involved)} depend on each other although they do not elsewhere; "
             "start in another position."
         )
-    raise InputError(_sentence(what, names, involved, left_out))
+    return Redundancy.of(what, names, involved, left_out)
 
 
 def refuse_redundant_anywhere(system: System) -> None:
@@ -80,7 +131,7 @@ def refuse_redundant_anywhere(system: System) -> None:
     Raises
     ------
     InputError
-        As ``refuse_redundant``; also for constraints without q.
+        With the names of all that take part; also for constraints without q.
     """
     names = system.constraint_names
     refuse_constant(system.name, system.constraints, names)
@@ -105,7 +156,7 @@ def refuse_redundant_anywhere(system: System) -> None:
     except (InputError, TypeError, ArithmeticError, np.linalg.LinAlgError):
         return  # a function that NumPy does not know, or not off the real axis
     if on:
-        raise InputError(_sentence(system.name, names, *on[-1]))
+        Redundancy.of(system.name, names, *on[-1]).refuse()
     if all(involved for involved, _ in off):
         raise InputError(
             f"The constraints {_listed(names, off[-1][0])} of {system.name!r} depend on each other "
@@ -147,15 +198,19 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
     return None
 
 
-def _is_isolated(constraints: NumericConstraints, q: Array) -> bool:
-    """Whether the constraints are independent at a point nearby."""
+def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> bool:
+    """Whether fewer constraints depend on others at a point nearby than here."""
     rng = np.random.default_rng(21)
     largest = np.abs(q).max() or 1.0  # taken out of the root of squares, which may be beyond 1e308
     mean_size = largest * np.linalg.norm(q / largest) / np.sqrt(len(q))
+    slopes = constraints.G(q)
     for _ in range(3):
-        near = nearest_point(constraints, q + 0.05 * mean_size * rng.standard_normal(len(q)))
-        if near is not None and not dependent_rows(constraints.G(near))[0]:
-            return True
+        way = rng.standard_normal(len(q))
+        way -= np.linalg.lstsq(slopes, slopes @ way, rcond=1e-10)[0]  # along g = 0
+        way *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(way), EPS)
+        near = nearest_point(constraints, q + way)
+        if near is not None:
+            return len(dependent_rows(constraints.G(near))[1]) < dependent
     return False
 
 
@@ -168,15 +223,9 @@ def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
     return values
 
 
-def _sentence(
-    what: str, names: Sequence[str], involved: Sequence[int], left_out: Sequence[int]
-) -> str:
-    verb = "is" if len(left_out) == 1 else "are"
-    return (
-        f"{len(left_out)} of the {len(names)} constraints of {what!r} {verb} redundant. Leave out "
-        f"{_listed(names, left_out)}; these depend on each other: {_listed(names, involved)}."
-    )
-
-
 def _listed(names: Sequence[str], chosen: Sequence[int]) -> str:
-    return ", ".join(repr(names[i]) for i in chosen)
+    return _quoted([names[i] for i in chosen])
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(map(repr, names))

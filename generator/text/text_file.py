@@ -7,9 +7,10 @@ from pathlib import Path
 
 from ...errors import InputError
 
-__all__ = ["UnusableFileError", "model_text", "read_text"]
+__all__ = ["MODEL_FILES", "UnusableFileError", "is_urdf", "model_text", "read_text"]
 
-MAX_MODEL_BYTES = 2**18
+#: Ending of a model file → the most bytes it may have.
+MODEL_FILES = {".toml": 2**18, ".urdf": 2**20}
 #: Has the examples in it, wherever it is installed.
 _PACKAGE = Path(__file__).resolve().parents[2]
 
@@ -56,8 +57,13 @@ def _own_example(path: Path) -> Path | None:
     return own if own.is_file() else None
 
 
+def is_urdf(path: str | Path) -> bool:
+    """Whether a model file describes a robot in URDF."""
+    return str(path).endswith(".urdf")
+
+
 def model_text(path: str | Path) -> str:
-    """Return the text of a model file.
+    """Return the text of a model file, TOML or URDF.
 
     Raises
     ------
@@ -65,6 +71,7 @@ def model_text(path: str | Path) -> str:
         With file and cure.
     """
     try:
-        return read_text(Path(path), MAX_MODEL_BYTES)
+        ending = ".urdf" if is_urdf(path) else ".toml"
+        return read_text(Path(path), MODEL_FILES[ending])
     except UnusableFileError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None

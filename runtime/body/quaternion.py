@@ -230,6 +230,7 @@ def _scipy_rotation() -> Any:
         from scipy.spatial.transform import Rotation
     except ImportError as error:
         raise MissingDependencyError(
-            "A SciPy Rotation is asked for and SciPy is not installed; pip install scipy cures it."
+            "A SciPy Rotation is asked for and SciPy is not installed; `pip install scipy` or "
+            "`pip install gyrospark[rotation]` cures it."
         ) from error
     return Rotation

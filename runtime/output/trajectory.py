@@ -265,7 +265,7 @@ class Trajectory(Shown):
         """Write the states to a file, which appears complete or not at all; return its path.
 
         - .npz (also where the name has no ending): all arrays with all their digits, the names of
-          their columns, parameters, report and manifest: what ``load`` reads.
+          their columns, parameters, report, events and manifest: what ``load`` reads.
         - .csv: a column a number, under the names of coordinates, momenta and quantities.
         - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (``pip install gyrospark[netcdf]``).
 

@@ -18,6 +18,7 @@ from ...real import REALS
 from ..build.manifest import sizes_of
 from ..call.memory import without_padding
 from ..call.reals import from_text
+from ..events.event import Crossings
 from .outputs import OUTPUTS, Output, absent
 from .report import Report, known_fields
 from .states import finished
@@ -29,6 +30,8 @@ __all__ = ["read_npz", "write_npz"]
 
 Array = NDArray[Any]
 _FORMAT = 2
+#: The arrays of an event.
+_CROSSING = ("t", "q", "p", "steps", "rising")
 #: Arrays of names, for other readers of the file.
 _LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
 
@@ -42,12 +45,16 @@ def write_npz(trajectory: Trajectory, target: Path) -> None:
         "parameters": {name: digits_of(x) for name, x in trajectory.parameters.items()},
         "report": asdict(trajectory.report),
         "manifest": trajectory.manifest,
+        "events": list(trajectory.events),
     }
+    crossings = {f"event{i}_{name}": getattr(found, name)
+                 for i, found in enumerate(trajectory.events.values()) for name in _CROSSING}
     with finished(target) as part, part.open("wb") as file:
         np.savez_compressed(
             file, allow_pickle=False, about=np.array(json.dumps(about)),
             **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
-            **{one.attribute: _storable(getattr(trajectory, one.attribute)) for one in OUTPUTS})
+            **{one.attribute: _storable(getattr(trajectory, one.attribute)) for one in OUTPUTS},
+            **{name: _storable(array) for name, array in crossings.items()})
 
 
 def read_npz(path: Path) -> dict[str, Any]:
@@ -76,7 +83,9 @@ def read_npz(path: Path) -> dict[str, Any]:
                     "damaged. Run it again, or read it with numpy.load.")
             arrays = {name: file[name] for name in wanted}
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
-        return _fields(about, arrays, labels)
+            crossings = {name: [file[f"event{i}_{part}"] for part in _CROSSING]
+                         for i, name in enumerate(about.get("events", ()))}
+        return _fields(about, arrays, labels) | {"events": _events(about, crossings)}
     except InputError:
         raise
     except OSError as error:
@@ -103,6 +112,21 @@ def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, .
     if any(_names(manifest, name) != kept for name, kept in labels.items()):
         raise ValueError("a column has two names")
     return arrays | found
+
+
+def _events(about: Any, crossings: dict[str, list[Array]]) -> dict[str, Crossings]:
+    """Return the events; raise whatever is found wrong with them."""
+    wide = REALS[about["manifest"]["real"]].in_mpmath
+    n, found = len(about["manifest"]["system"]["coordinates"]), {}
+    for name, (t, q, p, steps, rising) in crossings.items():
+        t, q, p = (_from_bytes(x) if wide else x for x in (t, q, p))
+        shapes = [x.shape for x in (t, q, p, steps, rising)]
+        if shapes != [(len(t),), (len(t), n), (len(t), n), (len(t),), (len(t),)]:
+            raise ValueError("an event has parts of several lengths")
+        if not isinstance(name, str) or steps.dtype.kind != "i" or rising.dtype.kind != "b":
+            raise ValueError("an event has parts of another type")
+        found[name] = Crossings(t, q, p, steps, rising)
+    return found
 
 
 def _refuse_unless_sound(arrays: dict[str, Array], found: dict[str, Any]) -> None:

@@ -9,4 +9,5 @@
     ensemble     many trajectories on threads
     between      states of a run between its steps
     crossings    where events happen, by short real steps
+    section      Poincaré sections of many starts
 """

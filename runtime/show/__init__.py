@@ -3,6 +3,7 @@
     endings       .npz, .csv, .nc, .zarr, .png, ...
     picture       a figure that Jupyter shows
     plots         pictures of a trajectory
+    section_plot  pictures of Poincaré sections
     motion_plots  pictures of a body, a joint, phase portraits
     scene         its bodies and joints in space
     animation     a film

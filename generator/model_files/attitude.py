@@ -13,7 +13,8 @@ from mpmath import mp
 
 from ...body_values import Inertia, inertia_rows
 from ...exact import Rounded, exact
-from .rigid_body import left_matrix
+from ..bodies.poses import product
+from ..bodies.rigid_body import left_matrix
 
 __all__ = ["from_euler", "momentum", "unit"]
 
@@ -25,7 +26,7 @@ def from_euler(phi: float, theta: float, psi: float) -> list[float]:
     with mp.workdps(_DIGITS):
         (a, b), (c, d), (e, f) = ((mp.cos(x), mp.sin(x)) for x in
                                   (_mpf(angle) / 2 for angle in (phi, theta, psi)))
-        return _rounded(_times(_times([a, 0, 0, b], [c, d, 0, 0]), [e, 0, 0, f]))
+        return _rounded(product(product([a, 0, 0, b], [c, d, 0, 0]), [e, 0, 0, f]))
 
 
 def unit(quaternion: Sequence[float]) -> list[float]:
@@ -46,14 +47,6 @@ def _mpf(value: float) -> Any:
 def _rounded(values: Sequence[Any]) -> list[float]:
     """Return doubles that know all digits of mpmath's numbers."""
     return [Rounded(x) for x in map(exact, values) if isinstance(x, Fraction)]
-
-
-def _times(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-    """Return the product of two quaternions, scalar first: R(xy) = R(x) R(y)."""
-    (a, *u), (b, *v) = x, y
-    cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-    return [a * b - sum(i * j for i, j in zip(u, v, strict=True)),
-            *(a * j + b * i + k for i, j, k in zip(u, v, cross, strict=True))]
 
 
 def momentum(q: Sequence[float], omega: Sequence[float], inertia: Inertia) -> list[float]:

@@ -1,0 +1,308 @@
+"""Joints and what acts on them: each against a closed form, by a stepper that all of them share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+
+BOX = {"mass": 2.0, "inertia": (0.3, 0.4, 0.5)}
+EPS = np.finfo(float).eps
+
+
+def run(build, *, seconds=1.0, steps=200, scheme=("G-L", 4), **model):
+    made = build.model(**model)
+    step = gs.stepper(*scheme, system=made.system)
+    return step.integrate(made.q0, made.p0, dt=seconds / steps, steps=steps,
+                          parameters=made.parameters)
+
+
+def quantity(trajectory, name):
+    return np.asarray(trajectory.quantity(name))
+
+
+def builder(name="one", gravity=(0, 0, -9.81)):
+    return gs.Multibody(name, gravity=gravity)
+
+
+def test_a_box_on_a_slope_with_spring_and_motor():
+    """Prismatic: s'' = −k s/m + (F + m g·e)/m has a cosine."""
+    build = builder()
+    e = np.array([3.0, 0, -4.0]) / 5
+    build.body("box", **BOX, position=(1, 2, 3), quaternion=(0.1, 0.7, -0.5, 0.5))
+    slope = build.prismatic("slope", "ground", "box", axis=e, at=(1, 2, 3), speed=0.7, travel=0.2)
+    build.joint_spring("coil", slope, stiffness=50.0, rest=0.05)
+    build.motor("push", slope, force=4.0)
+    build.quantity("s", build.travel(slope))
+    build.quantity("v", build.speed(slope))
+    done = run(build)
+    w, rest = 5.0, 0.05 + (4.0 + 2 * 9.81 * 0.8) / 50
+    s = rest + (0.2 - rest) * np.cos(w * done.t) + 0.7 / w * np.sin(w * done.t)
+    v = -(0.2 - rest) * w * np.sin(w * done.t) + 0.7 * np.cos(w * done.t)
+    assert np.abs(quantity(done, "s") - s).max() <= 1e-12
+    assert np.abs(quantity(done, "v") - v).max() <= 1e-12
+    assert np.abs(done.q[:, :4] - done.q[0, :4]).max() <= 1e-14  # it does not turn
+
+
+def test_a_damped_pair_on_a_line():
+    """Spring with damper between two points: relative motion is a damped cosine."""
+    build = builder(gravity=(0, 0, 0))
+    build.body("one", **BOX, position=(0, 0, 0))
+    build.body("two", **BOX, position=(2.0, 0, 0), velocity=(0.5, 0, 0))
+    build.spring("line", "one", "two", stiffness=40.0, length=1.5, damping=3.0)
+    build.quantity("apart", sp.Symbol("two_x", real=True) - sp.Symbol("one_x", real=True))
+    done = run(build)
+    mu, c, k = 1.0, 3.0, 40.0
+    w = math.sqrt(k / mu - (c / mu / 2) ** 2)
+    decay = np.exp(-c / mu / 2 * done.t)
+    a, b = 0.5, (0.5 + c / mu / 2 * 0.5) / w
+    apart = 1.5 + decay * (a * np.cos(w * done.t) + b * np.sin(w * done.t))
+    assert np.abs(quantity(done, "apart") - apart).max() <= 1e-12
+
+
+def test_cylinder_on_a_pole():
+    """Cylindrical: falls along the pole and turns about it, each by itself."""
+    build = builder()
+    build.body("ring", **BOX)
+    pole = build.cylindrical("pole", "ground", "ring", axis=(0, 0, 1), at=(0, 0, 0),
+                             on_b=(0, 0, 0), rate=3.0, speed=1.0)
+    build.motor("brake", pole, torque=-0.2 * build.rate(pole))
+    build.quantity("s", build.travel(pole))
+    build.quantity("theta", build.angle(pole))
+    done = run(build)
+    assert np.abs(quantity(done, "s") - (done.t - 9.81 * done.t**2 / 2)).max() <= 1e-13 * 20
+    theta = 3.0 * 0.5 / 0.2 * (1 - np.exp(-0.2 / 0.5 * done.t))
+    assert np.abs(quantity(done, "theta") - theta).max() <= 1e-12
+
+
+def test_a_nut_runs_down_its_screw():
+    """s'' = −g/(1 + I k²/m), k = 2π/h; 60 turns and more."""
+    build = builder()
+    build.body("nut", **BOX)
+    build.screw("thread", "ground", "nut", axis=(0, 0, 1), at=(0, 0, 0), on_b=(0, 0, 0), lead=0.05,
+                rate=400.0)
+    build.quantity("s", build.travel("thread"))
+    done = run(build, steps=1000)
+    k = 2 * math.pi / 0.05
+    s = 400.0 / k * done.t - 9.81 / (1 + 0.5 * k**2 / 2.0) * done.t**2 / 2
+    assert s[-1] / 0.05 > 60
+    assert np.abs(quantity(done, "s") - s).max() <= 1e-11
+    turns = np.unwrap(2 * np.arctan2(done.q[:, 3], done.q[:, 0]), period=2 * math.pi)
+    assert np.abs(turns - k * s).max() <= 1e-9
+
+
+def test_a_puck_on_a_slope():
+    """Planar: a parabola in the plane, and a steady turn about its normal."""
+    build = builder()
+    n = np.array([0, 0.6, 0.8])
+    build.body("puck", mass=1.0, inertia=(0.1, 0.1, 0.2), velocity=(1.0, 0.8, -0.6),
+               rotation=np.array([[1, 0, 0], [0, 0.8, 0.6], [0, -0.6, 0.8]]))
+    build.planar("plane", "ground", "puck", axis=n, at=(0, 0, 0), on_b=(0, 0, 0), rate=2.0)
+    build.quantity("theta", build.angle("plane"))
+    done = run(build)
+    down = np.array([0, 0, -9.81]) + 9.81 * 0.8 * n
+    x = done.t[:, None] * [1.0, 0.8, -0.6] + done.t[:, None] ** 2 / 2 * down
+    assert np.abs(done.q[:, 4:7] - x).max() <= 1e-13
+    assert np.abs(quantity(done, "theta") - 2.0 * done.t).max() <= 1e-12
+
+
+def cardan(bend=0.6):
+    """Return two shafts in bearings that a universal joint couples: two equations are redundant."""
+    build = builder("cardan", (0, 0, 0))
+    along = np.array([math.cos(bend), math.sin(bend), 0.0])
+    turned = np.array([[along[0], -along[1], 0], [along[1], along[0], 0], [0, 0, 1]])
+    build.body("one", mass=1.0, inertia=(0.2, 0.1, 0.1), position=(-1, 0, 0))
+    build.body("two", mass=1.0, inertia=(0.3, 0.2, 0.2), position=along, rotation=turned)
+    build.revolute("in", "ground", "one", axis=(1, 0, 0), at=(-1, 0, 0), rate=2.0)
+    build.universal("cross", "one", "two", axis_a=(0, 0, 1), axis_b=(-along[1], along[0], 0),
+                    at=(0, 0, 0), rate_a=0.0, rate_b=0.0)
+    build.revolute("out", "ground", "two", axis=along, at=along)
+    build.quantity("one", build.angle("in"))
+    build.quantity("two", build.angle("out"))
+    build.quantity("rate", build.rate("in"))
+    return build
+
+
+def test_universal_joint_between_shafts():
+    """tan θ₁ = cos β tan θ₂, and ½ I₁ θ₁'² + ½ I₂ θ₂'² is kept: θ₁ by quadrature."""
+    build = cardan()
+    with pytest.raises(gs.InputError, match=r"of the 16 constraints of 'cardan' are redundant"):
+        build.model()
+    model = build.model(redundant="leave out")
+    assert model.system.m == 13  # 14 coordinates, one freedom
+    assert len(build.redundancy.left_out) == 3
+    done = run(build, seconds=1.5, steps=300, redundant="leave out")
+    one, two = quantity(done, "one"), quantity(done, "two")
+    defect = np.sin(two) * np.cos(one) - np.cos(0.6) * np.sin(one) * np.cos(two)
+    assert one[-1] > math.pi / 4
+    assert np.abs(defect).max() <= 1e-13
+    slope = np.cos(0.6) / (1 - (np.sin(0.6) * np.sin(one)) ** 2)  # dθ₂/dθ₁
+    kinetic = (0.2 + 0.3 * slope**2) * quantity(done, "rate") ** 2
+    assert np.abs(kinetic / kinetic[0] - 1).max() <= 1e-11
+
+
+def test_gears_turn_as_often_as_they_like():
+    """A motor on one of two wheels: θ₁'' = τ/(I₁ + I₂ (z₁/z₂)²), over tens of turns."""
+    build = builder("gears", (0, 0, 0))
+    for name, x in (("small", 0.0), ("large", 1.0)):
+        build.body(name, mass=1.0, inertia=(0.1, 0.1, 0.05 if name == "small" else 0.15))
+        build.revolute(f"axle_{name}", "ground", name, axis=(0, 0, 1), at=(x, 0, 0),
+                       on_b=(0, 0, 0), rate=20.0 if name == "small" else -20.0 * 34 / 86)
+    build.gear("mesh", "axle_small", "axle_large", teeth=(34, 86))
+    build.motor("drive", "axle_small", torque=5.0 + build.parameter("more", 1.0))
+    for name in ("small", "large"):
+        build.quantity(name, build.rate(f"axle_{name}"))
+    done = run(build, seconds=2.0, steps=1600)
+    alpha = 6.0 / (0.05 + 0.15 * (17 / 43) ** 2)
+    assert (20 * 2 + alpha * 2) / (2 * math.pi) > 30
+    assert np.abs(quantity(done, "small") - (20 + alpha * done.t)).max() <= 1e-10
+    assert np.abs(quantity(done, "large") + 17 / 43 * quantity(done, "small")).max() <= 1e-10
+    assert done.report.constraint_max <= (17 + 43) * math.pi * EPS
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.3137])
+def test_a_rack_an_elevator_and_a_finger(ratio):
+    """Travel to travel, angle to travel and angle to angle: c₂ = ratio c₁ + offset."""
+    build = builder("coupled", (0, 0, 0))
+    for name in ("a", "b", "c", "d"):
+        build.body(name, mass=1.0, inertia=(0.1, 0.1, 0.1))
+    for name, speed in (("a", 0.8), ("b", 0.8 * ratio)):
+        build.prismatic(f"s{name}", "ground", name, axis=(1, 0, 0), at=(0, 0, 0), on_b=(0, 0, 0),
+                        speed=speed, travel=0.0 if name == "a" else 0.25)
+    for name, rate in (("c", 0.8 * ratio / 2), ("d", 0.8 * ratio**2 / 2)):
+        build.revolute(f"s{name}", "ground", name, axis=(0, 0, 1), at=(0, 0, 0), on_b=(0, 0, 0),
+                       rate=rate, angle=0.0 if name == "c" else -0.1)
+    build.couple("ab", "sa", "sb", ratio=ratio, offset=0.25)
+    build.couple("bc", "sb", "sc", ratio=0.5, offset=-0.125)
+    build.couple("cd", "sc", "sd", ratio=ratio, offset=-0.1)
+    for name in ("sa", "sb"):
+        build.quantity(name, build.travel(name))
+    for name in ("sc", "sd"):
+        build.quantity(name, build.angle(name))
+    build.motor("push", "sa", force=3.0 * sp.cos(build.time))
+    done = run(build, steps=100)
+    mass = 1 + ratio**2 + 0.1 * (ratio / 2) ** 2 + 0.1 * (ratio**2 / 2) ** 2
+    a = 0.8 * done.t + 3.0 / mass * (1 - np.cos(done.t))
+    for name, wanted in (("sa", a), ("sb", ratio * a + 0.25), ("sc", ratio * a / 2),
+                         ("sd", ratio**2 * a / 2 - 0.1)):
+        assert np.abs(quantity(done, name) - wanted).max() <= 1e-12, name
+
+
+@pytest.mark.parametrize("scheme", [("IMS", None), ("EMS", None), ("LIIIA-B", 3)], ids=str)
+def test_every_scheme_takes_every_joint(scheme):
+    """Energy of a screw with a spring, coupled to a hinge; EMS keeps it to round-off."""
+    build = builder()
+    build.body("nut", **BOX)
+    build.body("arm", **BOX)
+    build.screw("thread", "ground", "nut", axis=(0, 0, 1), at=(0, 0, 0), on_b=(0, 0, 0), lead=0.5,
+                rate=2.0)
+    build.revolute("hinge", "nut", "arm", axis=(1, 0, 0), at=(0, 0, 0), on_b=(0, 0.2, 0.1),
+                   rate=1.0)
+    build.joint_spring("up", "thread", stiffness=200.0)
+    build.joint_spring("coil", "hinge", stiffness=3.0, rest=0.2)
+    done = run(build, seconds=0.2, steps=40, scheme=scheme)
+    energy = done.energies
+    bound = 1e-13 if scheme[0] == "EMS" else 1e-3
+    assert np.abs(energy - energy[0]).max() <= bound * np.abs(energy).max()
+
+
+def test_wrong_joints_are_told_in_a_sentence():
+    build = builder()
+    build.body("a", **BOX)
+    build.body("b", **BOX)
+    build.ball("ball", "a", "b", at=(0, 0, 0))
+    build.revolute("hinge", "ground", "a", axis=(0, 0, 1), at=(0, 0, 0))
+    for call, said in [
+        (lambda: build.screw("s", "a", "b", axis=(0, 0, 1), lead=0.0), "lead of 's' is 0"),
+        (lambda: build.universal("u", "a", "b", axis_a=(1, 0, 0), axis_b=(1, 1, 0)),
+         "not at right angles"),
+        (lambda: build.angle("ball"), "Joint 'ball' has no angle; it has no coordinate"),
+        (lambda: build.travel("hinge"), "Joint 'hinge' has no travel; it has angle or rate"),
+        (lambda: build.angle("hing"), "holds on to 'hing', which is no joint"),
+        (lambda: build.gear("g", "hinge", "ball", teeth=(1, 2)), "'ball' has no angle"),
+        (lambda: build.gear("g", "hinge", "hinge", teeth=(1, 0)), r"teeth of 'g' are \(1, 0\)"),
+        (lambda: build.motor("m", "hinge"), "needs a torque or a force"),
+        (lambda: build.motor("m", "hinge", force=1.0), "has no travel"),
+        (lambda: build.prismatic("p", "a", "b", axis=(0, 0, 0)), "axis of 'p' is zero"),
+        (lambda: build.couple("c", "ball", "hinge"), "'ball' has no coordinate"),
+        (lambda: build.model(redundant="maybe"), "redundant 'maybe'"),
+    ]:
+        with pytest.raises(gs.InputError, match=said):
+            call()
+
+
+def test_files_have_what_acts_on_joints(tmp_path):
+    """Gear, coupling, spring, motor and measures in TOML: the same system as from Python."""
+    (tmp_path / "wheels.toml").write_text(WHEELS, encoding="utf-8")
+    found = gs.load_model(tmp_path / "wheels.toml")
+    build = builder("wheels", (0, 0, 0))
+    for name, x in (("one", 0.0), ("two", 1.0)):
+        build.body(name, mass=1.0, inertia=(0.1, 0.1, 0.2), position=(x, 0, 0))
+        build.revolute(f"axle_{name}", "ground", name, axis=(0, 0, 1), at=(x, 0, 0),
+                       angle=math.pi / 6 if name == "one" else 0.0)
+    build.gear("mesh", "axle_one", "axle_two", teeth=(1, 2))
+    build.joint_spring("coil", "axle_one", damping=0.1)
+    build.motor("drive", "axle_two", torque=sp.Rational(1, 4) - build.angle("axle_one"))
+    build.quantity("turned", build.angle("axle_one"))
+    made = build.model()
+    assert found.system == made.system
+    assert found.parameters == pytest.approx(made.parameters)
+    for old, new, said in [
+        ('joints = ["axle_one"]', 'joints = []', "joints has 0 names; write 1"),
+        ("teeth = [1, 2]", "teeth = [1, 2, 3]", "teeth"),
+        ("axle_one_angle", "axle_one_travel", "axle_one_travel"),
+    ]:
+        assert old in WHEELS
+        (tmp_path / "wheels.toml").write_text(WHEELS.replace(old, new), encoding="utf-8")
+        with pytest.raises(gs.InputError, match=said):
+            gs.load_model(tmp_path / "wheels.toml")
+
+
+WHEELS = """
+name = "wheels"
+gravity = [0, 0, 0]
+[[bodies]]
+name = "one"
+mass = 1
+inertia = [0.1, 0.1, 0.2]
+position = [0, 0, 0]
+[[bodies]]
+name = "two"
+mass = 1
+inertia = [0.1, 0.1, 0.2]
+position = [1, 0, 0]
+[[joints]]
+name = "axle_one"
+type = "revolute"
+bodies = ["ground", "one"]
+axis = [0, 0, 1]
+at = [0, 0, 0]
+angle = "30 deg"
+[[joints]]
+name = "axle_two"
+type = "revolute"
+bodies = ["ground", "two"]
+axis = [0, 0, 1]
+at = [1, 0, 0]
+[[joints]]
+name = "mesh"
+type = "gear"
+joints = ["axle_one", "axle_two"]
+teeth = [1, 2]
+[[forces]]
+name = "coil"
+type = "joint_spring"
+joints = ["axle_one"]
+damping = 0.1
+[[forces]]
+name = "drive"
+type = "motor"
+joints = ["axle_two"]
+torque = "1/4 - axle_one_angle"
+[quantities]
+turned = "axle_one_angle"
+"""
