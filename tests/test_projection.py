@@ -118,3 +118,13 @@ def test_dependent_rows():
     assert dependent_rows(rows) == ([0, 1, 3, 5, 6], [5, 6])
     assert dependent_rows(free) == ([], [])
     assert dependent_rows(np.zeros((1, 3))) == ([0], [0])
+
+
+def test_an_angle_may_be_a_constraint():
+    """atan2 has a slope off the real axis too: a point is moved onto the ray at 1/2 rad."""
+    x, y, a, b = sp.symbols("x y a b", real=True)
+    ray = gs.System((x, y), (a, b), (), (a**2 + b**2) / 2, (sp.atan2(y, x) - sp.Rational(1, 2),),
+                    name="ray")
+    found = gs.consistent(ray, [1.0, 0.5], [0.1, 0.2], {})
+    assert abs(np.arctan2(found.q[1], found.q[0]) - 0.5) <= 4 * np.finfo(float).eps
+    assert abs(found.q[0] * found.p[1] - found.q[1] * found.p[0]) <= 1e-16

@@ -61,6 +61,22 @@ def test_singular_position_is_told_from_redundancy():
         four_bar(stretched).model(without=["hinge3: z", "hinge3: axis 1", "hinge3: axis 2"])
 
 
+def test_what_is_redundant_is_left_out_when_asked():
+    """The same as by name; and a singular position is told although equations are redundant too."""
+    build = four_bar(SQUARE)
+    model = build.model(redundant="leave out")
+    assert (model.system.n, model.system.m) == (21, 20)
+    assert build.redundancy.left_out == ("hinge3: z", "hinge3: axis 1", "hinge3: axis 2")
+    assert "hinge0: x" not in build.redundancy.involved
+    again = four_bar(SQUARE, closed=False)
+    assert again.model(redundant="leave out").system.m == 18
+    assert str(again.redundancy) == "The 18 constraints of 'linkage' are independent."
+    stretched = four_bar([(0, 0), (0.5, 0), (1.5, 0), (1.0, 0)])
+    for redundant in ("refuse", "leave out"):
+        with pytest.raises(gs.InputError, match="singular position"):
+            stretched.model(redundant=redundant)
+
+
 @pytest.mark.parametrize("factor", [1, -3, k])
 def test_a_constraint_twice(factor):
     twice = system(SPHERE, factor * SPHERE, parameters=(k,), names=("ball", "again"))
