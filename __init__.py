@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from .runtime.body import problems
     from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
     from .runtime.body.quaternion import momentum, state_from_rotation
+    from .runtime.choice.frame_choice import choose_frame
+    from .runtime.choice.frame_search import FrameChoice
     from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
     from .runtime.events.event import Crossings, Event
     from .runtime.output.trajectory import Trajectory
@@ -82,6 +84,8 @@ _HOMES = {
     "Crossings": "runtime.events.event",
     "Ensemble": "runtime.run.ensemble",
     "Event": "runtime.events.event",
+    "FrameChoice": "runtime.choice.frame_search",
+    "choose_frame": "runtime.choice.frame_choice",
     "GammaChoice": "runtime.choice.gamma_choice",
     "choose_gamma": "runtime.choice.gamma_choice",
     "gamma_fast": "runtime.body.inertia",
@@ -115,6 +119,7 @@ __all__ = [
     "Crossings",
     "Ensemble",
     "Event",
+    "FrameChoice",
     "GammaChoice",
     "GyrosparkError",
     "InputError",
@@ -136,6 +141,7 @@ __all__ = [
     "__version__",
     "body_system",
     "certify",
+    "choose_frame",
     "choose_gamma",
     "consistent",
     "from_mechanics",

@@ -18,7 +18,10 @@ from typing import Any, Literal
 from .errors import InputError
 from .naming import listed, proposal, shown
 
-__all__ = ["MODELS", "PROBLEMS", "SYSTEMS", "Entry", "entry_named"]
+__all__ = ["FRAMES", "MODELS", "PROBLEMS", "SYSTEMS", "Entry", "entry_named"]
+
+#: What ``frame`` may be: co-moving frames along the symmetries of a system (docs/frames.md).
+FRAMES = ("symmetries",)
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ def stepper(
     system: str | Path | System | Model | None = None,
     tableau: str | Path | Tableau | None = None,
     real: RealName = "double",
+    frame: str | None = None,
     allow_invalid: bool = False,
 ) -> Stepper:
     """Return a compiled stepper, generated and compiled on first use, from the cache after.
@@ -72,6 +73,9 @@ def stepper(
     real : RealName
         ``"double"``, ``"float"``, ``"long-double"``, ``"float128"``: floating-point type of the
         compiled code. Arrays of float128 hold mpmath numbers of 113 bits.
+    frame : {"symmetries"}, optional
+        Derive co-moving frames along the system's symmetries: a parameter omega for each of
+        ``Stepper.symmetries``, 0 where it is not given (docs/frames.md).
     allow_invalid : bool
         Use a tableau although it violates required conditions, and a system although some of its
         constraints follow from others.
@@ -89,7 +93,9 @@ def stepper(
     --------
     >>> step = gyrospark.stepper("G-L", stages=3, rep="gamma")  # doctest: +SKIP
     """
-    system = getattr(system, "system", system)  # of a Model
+    if frame is None:
+        frame = getattr(system, "frame", None) or None  # of a Model
+    system = getattr(system, "system", system)
     as_flag("allow_invalid", allow_invalid)
     if isinstance(system, Path):
         system = str(system)
@@ -103,6 +109,7 @@ def stepper(
         spec = Spec.of_tableau(rep, named, real)
     else:
         spec = Spec.checked(scheme, stages, rep, named, real, file)
+    spec = spec.with_frame(frame)
     if named is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
     return stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)

@@ -97,10 +97,11 @@ def certify(
     rep: RepName | None = None,
     tableau: str | Path | Tableau | None = None,
     allow_invalid: bool = False,
+    frame: str | None = None,
     real: RealName = "double",
     dt: float | None = None,
     steps: int | None = None,
-    parameters: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
 ) -> Certificate:
     """Integrate a model and check what the scheme promises to keep.
 
@@ -108,7 +109,7 @@ def certify(
     ----------
     model : Model or Problem
         A system with its numbers, or one of ``gyrospark.problems``.
-    scheme, stages, tableau, allow_invalid
+    scheme, stages, tableau, allow_invalid, frame
         As for ``gyrospark.stepper``; G-L with 3 stages if neither scheme nor tableau is given.
     real : {"double", "float"}
         Floating-point type of the stepper; what is measured of its states is in doubles.
@@ -117,7 +118,8 @@ def certify(
     dt, steps : float, int
         Step in s and number of steps; by default the model's own.
     parameters : mapping, optional
-        Values in place of the model's. An inertia parameter of a body without a value is γ_m.
+        Values in place of the model's. An inertia parameter of a body without a value is γ_m. With
+        co-moving frames the rates too, or ``"frame"`` as ``Stepper.integrate`` takes it.
 
     Returns
     -------
@@ -137,7 +139,7 @@ def certify(
     if choose("real", real, REALS) not in ("double", "float"):
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
-    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, real)
+    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real)
     if "velocity_names" in step.manifest["system"]:
         raise InputError(f"System {known.system.name!r} is from a Lagrangian, and its H is not "
                          "written out: promises are not proved for it. Certify a model with the "
@@ -147,7 +149,7 @@ def certify(
     if dt is None:
         raise InputError(f"Model {known.name!r} names no time step; give dt.")
     count = as_positive_count("steps", (known.steps or STEPS) if steps is None else steps, least=2)
-    values = _parameters(known, {} if parameters is None else as_mapping(
+    values = _parameters(known, step, {} if parameters is None else as_mapping(
         "parameters", parameters, '{"mgl": 0.4}'))
     run = step.integrate(known.q0, known.p0, dt=as_step(dt), steps=count, parameters=values)
     values = dict(run.parameters)  # with a number where a rule was given
@@ -159,13 +161,14 @@ def certify(
 
 def compiled(
     model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
-    tableau: str | Path | Tableau | None, allow_invalid: bool, real: RealName = "double",
+    tableau: str | Path | Tableau | None, allow_invalid: bool, frame: str | None = None,
+    real: RealName = "double",
 ) -> tuple[Model, Stepper]:
     """Return the model and its stepper; a named problem has its stepper checked in."""
     if isinstance(model, Problem):
         rep = "gamma" if rep is None else rep
         made = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
-                            real=real, allow_invalid=allow_invalid)
+                            frame=frame, real=real, allow_invalid=allow_invalid)
         system = SYSTEMS[model.system].make(rep)
         known = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
@@ -176,7 +179,8 @@ def compiled(
     if rep is not None:
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
     return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
-                               real=real, allow_invalid=allow_invalid)
+                               frame=frame or model.frame or None, real=real,
+                               allow_invalid=allow_invalid)
 
 
 def _promises(
@@ -193,12 +197,14 @@ def _promises(
     return SparkPromises(model.system, numbers, exact)
 
 
-def _parameters(model: Model, changes: Mapping[str, float]) -> dict[str, float]:
+def _parameters(model: Model, step: Stepper, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return a value for every parameter, γ_m for inertia parameters without value and rule."""
+    allowed = {*map(str, model.system.parameters), *(s.name for s in step.symmetries)}
+    allowed |= {"frame"} if step.symmetries else set()
     chosen = {name: gamma_m(inertia) for name, inertia in model.bodies.items()}
     values: dict[str, Any] = chosen | dict(model.rules) | dict(model.parameters) | dict(changes)
     for name in changes:
-        if name not in {str(s) for s in model.system.parameters}:
+        if name not in allowed:
             raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "
                              f"are {', '.join(map(str, model.system.parameters)) or 'none'}.")
     return values

@@ -13,7 +13,12 @@ from ..errors import InputError
 from ..generator.algebra.derivatives import derivative
 from ..generator.algebra.evaluation import evaluate
 from ..generator.bodies.model import Model
-from ..generator.symmetry.momentum_maps import MAX_COORDINATES, momentum_maps
+from ..generator.symmetry.momentum_maps import (
+    MAX_COORDINATES,
+    MomentumMap,
+    momentum_map_of,
+    momentum_maps,
+)
 from ..generator.systems.smoothness import Switching
 from ..runtime.output.trajectory import Trajectory
 from ..runtime.run.stepper import Stepper
@@ -113,7 +118,7 @@ class Examination:
         yield self._reversal()
         if self.step.m:
             yield from self._constraints()
-        yield self._energy()
+        yield from self._energies()
         yield from self._momentum_maps()
         yield self._order()
         yield from self._quantities()
@@ -218,8 +223,35 @@ class Examination:
         yield judged(quantity, f"{f:.1e}", f"≤ {unit * f_size:.1e}",
                      Promise(True, "T2 projects p in every step"), f, unit * f_size)
 
-    def _energy(self) -> Line:
+    @cached_property
+    def moving(self) -> list[tuple[float, MomentumMap]]:
+        """The rates of the co-moving frame that are not 0, each with its momentum map."""
+        return [(rate, momentum_map_of(symmetry.A, symmetry.meaning, self.model.system,
+                                       any_parameters=not symmetry.condition))
+                for symmetry in self.step.symmetries
+                if (rate := float(self.parameters[symmetry.name]))]
+
+    def _energies(self) -> Iterator[Line]:
+        """Yield the line of H; in a co-moving frame a scheme's promise is one for H − Σ ω_i J_i."""
         promise = self.promises.energy()
+        lost = [J.name for _, J in self.moving if not self.promises.momentum(J).made]
+        if not (promise.made and lost):
+            yield self._energy(promise)
+            return
+        yield self._energy(Promise(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
+                                          f"{', '.join(lost)}"))
+        q, p, rounded = self.run.q, self.run.p, self.round_off
+        values = self.run.energy_error().astype(float)
+        bound = rounded.walk * rounded.energy
+        for rate, J in self.moving:
+            moved = J.values(q, p)
+            values = values - rate * (moved - moved[0])
+            bound += rounded.walk * abs(rate) * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
+        value = float(np.abs(values).max())
+        yield judged("energy in the frame, H − Σ ω_i J_i", f"largest error {value:.1e}",
+                     f"≤ {bound:.1e}", promise, value, bound)
+
+    def _energy(self, promise: Promise) -> Line:
         works = self.model.system.forces or self.model.system.is_timed
         quantity = "energy H less work" if works else "energy H"
         error = self.run.energy_error().astype(float)
@@ -248,7 +280,7 @@ class Examination:
             yield told("momentum maps", "none", "-",
                        f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
         for J in found:
-            values, promise = J.values(run.q, run.p), self.promises.momentum(J)
+            values, promise = J.values(run.q, run.p), self._in_frame(J, self.promises.momentum(J))
             value = float(np.abs(values - values[0]).max())
             bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
             text = f"{float(values[0]):.6g}, drift {value:.1e}"
@@ -256,6 +288,15 @@ class Examination:
                 yield judged(J.name, text, f"drift ≤ {bound:.1e}", promise, value, bound)
             else:
                 yield told(J.name, text, "not promised", promise.why, value)
+
+    def _in_frame(self, J: MomentumMap, promise: Promise) -> Promise:
+        """Return a promise for J as it is in the frame, where J turns unless it commutes."""
+        A = sum((rate * other.A for rate, other in self.moving), np.zeros_like(J.A))
+        size = np.abs(A).max() * np.abs(J.A).max()
+        if not promise.made or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
+                                and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
+            return promise
+        return Promise(False, f"it turns in the frame: kept to O(Δt^{self.step.order})")
 
     # ------------------------------------------------------------ order, quantities
 

@@ -18,7 +18,14 @@ from ..generator.spec import PAPER_SPECS, Spec
 from ..naming import listed
 from ..runtime.build.manifest import remarks_of
 from ..runtime.notices import doing
-from .options import check_no_file, completing, spec_from, stepper_options, with_default_scheme
+from .options import (
+    check_no_file,
+    completing,
+    frame_option,
+    spec_from,
+    stepper_options,
+    with_default_scheme,
+)
 
 if TYPE_CHECKING:
     from ..generator.pipeline import Generated
@@ -28,6 +35,7 @@ __all__ = ["generate"]
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @stepper_options
+@frame_option
 @click.option("--profile", metavar="NAME", shell_complete=completing(PROFILES),
               help=f"How much is written: {listed(PROFILES)} (default: full, which Python needs).")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("generated"),
@@ -50,6 +58,7 @@ def generate(
     generate --scheme G-L --stages 2 --system examples/pendulum.toml
     generate --tableau examples/tableaux/gauss_lobatto_2.json
     generate --scheme G-L --stages 2 --real float --profile control
+    generate --scheme G-L --stages 3 --frame symmetries
     generate --check --all
     """
     chosen = any([*choice.values(), profile])

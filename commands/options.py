@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from ..body_values import REPS
-from ..catalogue import MODELS, SYSTEMS
+from ..catalogue import FRAMES, MODELS, SYSTEMS
 from ..errors import InputError
 from ..exact import Rounded, decimal
 from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
@@ -23,8 +23,8 @@ from ..runtime.notices import hush
 from ..runtime.show.endings import PICTURES, ending_of
 
 __all__ = ["DEFAULT", "check_ending", "check_folder", "check_no_file", "check_picture",
-           "check_writable", "completing", "json_option", "real_number", "spec_from",
-           "stepper_options", "whole_number", "with_default_scheme"]
+           "check_writable", "completing", "frame_option", "json_option", "real_number",
+           "spec_from", "stepper_options", "whole_number", "with_default_scheme"]
 
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
@@ -56,6 +56,13 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+def frame_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --frame, of commands that make steppers."""
+    return click.option("--frame", metavar="NAME", shell_complete=completing(FRAMES),
+                        help="symmetries: with co-moving frames along the system's symmetries, a "
+                             "parameter omega for each.")(function)
+
+
 def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add --json, with which nothing is said on the way."""
 
@@ -75,10 +82,11 @@ def spec_from(
     system: str | None,
     tableau: Path | None,
     real: str | None,
+    frame: str | None = None,
 ) -> Spec:
     """Return the checked spec of these options."""
     count = None if stages is None else whole_number("--stages", stages)
-    return Spec.checked(scheme, count, rep, system, real, tableau)
+    return Spec.checked(scheme, count, rep, system, real, tableau).with_frame(frame)
 
 
 def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:

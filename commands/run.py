@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,6 @@ import click
 
 from ..catalogue import MODELS, PROBLEMS, Entry, entry_named
 from ..errors import GyrosparkError, InputError, Stopped
-from ..exact import Rounded, decimal
 from ..generator.spec import is_model_file
 from ..naming import listed, proposal
 from ..real import REALS
@@ -33,13 +31,12 @@ from .options import (
     whole_number,
     with_default_scheme,
 )
+from .run_choices import frame_for, gamma_for, parameters_for
 from .run_outputs import check_targets, events_of, integrate_to, where_it_is
 from .run_report import about_choice, as_text, axis_errors, json_text, result_of
 
 if TYPE_CHECKING:
-    from ..runtime.body.inertia import Aim
     from ..runtime.body.problems import Problem
-    from ..runtime.choice.gamma_choice import GammaChoice
     from ..runtime.run.stepper import Stepper
 
 __all__ = ["run"]
@@ -58,6 +55,10 @@ _BAR_FROM = 20_000
                    "on.")
 @click.option("--alpha", metavar="{m,h,mt,ht,auto,auto-energy,NUMBER}",
               help="The same for --rep alpha.")
+@click.option("--frame", "frames", metavar="{auto,start,NAME=RATE,...}", multiple=True,
+              help="Integrate in a co-moving frame along the system's symmetries: auto searches "
+                   "for its rates in short pilot runs (with --gamma auto for both at once), start "
+                   "takes the least squares of the start; or rates in rad/s, omega_body=75.4.")
 @click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
 @click.option("--t0", metavar="T", default="0", show_default=True,
               help="Time at the start in seconds, for forces that depend on it.")
@@ -90,8 +91,9 @@ _BAR_FROM = 20_000
               help="Write a page that moves, of bodies, joints and energy (.html).")
 @json_option
 def run(
-    problem: str, gamma: str | None, alpha: str | None, dt: str | None, t0: str,
-    steps: str | None, every: str, solver: str, tolerance: str | None, max_iterations: str,
+    problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
+    dt: str | None, t0: str, steps: str | None, every: str, solver: str,
+    tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
     resume: bool, seed: str | None, plot: Path | None, page: Path | None, as_json: bool,
     **choice: Any,
@@ -103,6 +105,7 @@ def run(
     gyrospark run double_pendulum --view pendulum.html
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
     gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --steps 10000
+    gyrospark run fast-top --scheme G-L --stages 3 --frame auto --dt 1e-2 --steps 1000
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
     gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
         --set radius_ratio=0.5 --json
@@ -119,6 +122,7 @@ def run(
     chosen = entry.make(**options) if entry is not None and entry.kind == "problem" else None
     check_targets(out, plot, page, resume=resume)
     choice, note = with_default_scheme(choice)
+    choice["frame"] = "symmetries" if frames else None
     if chosen is not None:
         step, start = _stepper(chosen, choice), Start.of_problem(chosen)
     else:
@@ -128,7 +132,7 @@ def run(
     if not as_json:  # before a step is taken
         for said in (*note, *(f"{part}: {said}" for part, said in remarks_of(step.manifest))):
             click.echo(said)
-    parameters = _parameters(step, start, gamma, alpha)
+    parameters = parameters_for(step, start, gamma, alpha)
     step_size, begin = _step_size(dt, start), real_number("--t0", t0)
     count = _step_count(steps, start)
     (q0, p0), moved = start.state, 0.0
@@ -137,7 +141,11 @@ def run(
         q0, p0, moved = _projected(step, start, parameters, begin)
     rules = (gamma, alpha) if gamma or alpha else tuple(start.rules.values())
     aim = next((AIMS[rule] for rule in rules if rule in AIMS), None)
-    made_choice = _choice(step, start, (q0, p0, begin), step_size, count, parameters, aim)
+    state = q0, p0, begin
+    frame = frame_for(step, start, state, step_size, count, parameters, frames, aim)
+    parameters |= {} if frame is None else frame.values
+    made_choice = None if frame is not None and frame.has_gamma else gamma_for(
+        step, start, state, step_size, count, parameters, aim)
     if made_choice is not None:
         parameters |= made_choice.values
     arguments: dict[str, Any] = {
@@ -160,6 +168,8 @@ def run(
                 result["start_moved"] = moved
             if made_choice is not None:
                 result |= about_choice(made_choice)
+            if frame is not None:
+                result |= frame.about
             if chosen is not None and (reference or chosen.exact is not None):
                 with suppress(Stopped):  # a reference is a run as well
                     result |= axis_errors(chosen, step, done.trajectory)
@@ -269,83 +279,6 @@ def _projected(
                                                             strict=True)), default=0.0)
     size = max(map(abs, (*start.q0, *start.p0)))
     return q, p, moved if moved > 1e-12 * size else 0.0
-
-
-def _parameters(
-    step: Stepper, start: Start, gamma: str | None, alpha: str | None
-) -> dict[str, float]:
-    """Return the parameters, with γ and α of every body as the options say; auto starts from m.
-
-    Without an option the model's own value or rule counts, and m where it has none.
-    """
-    given = {"gamma": gamma, "alpha": alpha}
-    bodies = {name: inertia for name, inertia in start.bodies.items()
-              if name in step.parameter_domains}
-    kinds = {name: "alpha" if "alpha" in name else "gamma" for name in bodies}
-    for kind, other in (("gamma", "alpha"), ("alpha", "gamma")):
-        if given[kind] is not None and kind not in kinds.values():
-            raise InputError(
-                f"--{kind} does not go with --rep {other}; give --{other} instead." if kinds else
-                f"--{kind} is given, and {start.name} has no body with a {kind}; leave it out."
-            )
-    known = {name: value for name, value in start.parameters.items()
-             if name in step.parameter_domains}
-    for name, inertia in bodies.items():
-        option = given[kinds[name]]
-        if option == "fast":
-            known[name] = _fast_gamma(step, start)
-        elif option is not None or name not in known:
-            rule = option or start.rules.get(name, "m")
-            known[name] = inertia_parameter(kinds[name], "m" if rule in AIMS else rule, inertia)
-    return known
-
-
-def _choice(
-    step: Stepper, start: Start, state: tuple[Any, Any, float], dt: float, steps: int,
-    parameters: dict[str, float], aim: Aim | None,
-) -> GammaChoice | None:
-    """Return the choice of γ or α with this aim, made on pilot runs no longer than the run."""
-    from ..runtime.choice.gamma_choice import PILOT_STEPS, choose_gamma
-
-    if aim is None:
-        return None
-    bodies = {name: inertia for name, inertia in start.bodies.items() if name in parameters}
-    q0, p0, t0 = state
-    return choose_gamma(step, q0, p0, dt=dt, t0=t0, parameters=parameters, bodies=bodies, aim=aim,
-                        steps=min(max(steps, 2), PILOT_STEPS), run_steps=steps)
-
-
-def _fast_gamma(step: Stepper, start: Start) -> float:
-    """Return the γ with the fewest sweeps; refuse it where γ would change the solution."""
-    from ..runtime.body.inertia import gamma_fast
-    from ..runtime.body.quaternion import angular_velocity
-
-    stages = step.manifest["scheme"]["stages"] or 0
-    if stages < 6:
-        raise InputError(f"--gamma fast is for 6 stages or more, where the solution does not "
-                         f"depend on gamma, not for {step.name}; take m, h, mt, ht or a number.")
-    if len(start.bodies) == 0 or len(start.q0) != 4:
-        raise InputError(f"--gamma fast is for one body, not for {start.name}; take m, h, mt, ht "
-                         "or a number.")
-    inertia = next(iter(start.bodies.values()))
-    omega = angular_velocity(start.q0, start.p0, inertia)
-    return gamma_fast(inertia, omega.tolist())
-
-
-def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
-    """Return γ or α from m, h, mt, ht or a number."""
-    from ..runtime.body.inertia import MEANS
-
-    if text in MEANS:
-        return MEANS[text](inertia)
-    value = decimal(text)
-    if value is None:
-        choices = listed([*MEANS, *AIMS, "a number"])
-        raise InputError(f"--{name} {text!r} is none of {choices}.")
-    value = value if isinstance(value, float) else Rounded(value)
-    if not math.isfinite(value) or value == 0:
-        raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")
-    return value
 
 
 @contextmanager

@@ -160,6 +160,8 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
                      f"{result['start_moved']:.2e}")
     lines += [_choice_line(result, name) for name in ("gamma", "alpha")
               if f"{name}_reason" in result]
+    if "frame" in result:
+        lines.append(_frame_line(result))
     if "axis_reference" in result:
         lines.append(
             f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "
@@ -171,6 +173,16 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
                      f"{failed['reason']}")
     lines += [f"  wrote {result[key]}" for key in ("out", "plot", "view") if key in result]
     return "\n".join(lines)
+
+
+def _frame_line(result: dict[str, Any]) -> str:
+    """Return the line on the co-moving frame."""
+    rates = ", ".join(f"{name} = {rate:.8g}" for name, rate in result["frame"].items())
+    chosen = "" if "frame_reason" not in result else (
+        f", {result['frame_reason']}; error {result['frame_measured_gain']:.3g} times smaller than "
+        f"without (expected {result['frame_expected_gain']:.3g})")
+    gamma = f", gamma = {result['gamma']:.6g}" if chosen and "gamma" in result else ""
+    return f"  co-moving frame         {rates} rad/s{gamma}{chosen}"
 
 
 def _event_line(name: str, found: dict[str, Any]) -> str:

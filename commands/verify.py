@@ -42,6 +42,8 @@ __all__ = ["verify"]
               help="Check what a run of this model keeps: a problem such as fast-top, or a TOML "
                    "file.")
 @stepper_options
+@click.option("--frame", "moving", is_flag=True,
+              help="With --model: in the co-moving frame of the start's least squares.")
 @click.option("--dt", metavar="DT", help="With --model: time step in seconds (default: its own).")
 @click.option("--steps", metavar="N",
               help="With --model: number of steps (default: its own, or 1000).")
@@ -50,9 +52,8 @@ __all__ = ["verify"]
                    ".pdf).")
 @json_option
 def verify(
-    target: str | None, model: str | None, dt: str | None, steps: str | None, plot: Path | None,
-    as_json: bool,
-    **choice: Any,
+    target: str | None, model: str | None, moving: bool, dt: str | None, steps: str | None,
+    plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
     """Check every condition of a tableau exactly, its order, and the compiled coefficients.
 
@@ -72,8 +73,9 @@ def verify(
     gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000 --plot order.png
     """
     if model is not None:
-        return _certify(model, target, dt, steps, plot, choice, as_json=as_json)
-    for option, value in (("--dt", dt), ("--steps", steps), ("--plot", plot)):
+        return _certify(model, target, dt, steps, plot, choice, moving=moving, as_json=as_json)
+    for option, value in (("--dt", dt), ("--steps", steps), ("--plot", plot),
+                          ("--frame", moving or None)):
         if value is not None:
             raise InputError(f"{option} belongs to --model; name the model, or leave it out.")
     specs = _specs(target, choice)
@@ -137,7 +139,7 @@ def spec_of_name(name: str) -> Spec:
 
 def _certify(
     name: str, target: str | None, dt: str | None, steps: str | None, plot: Path | None,
-    choice: dict[str, Any], *, as_json: bool,
+    choice: dict[str, Any], *, moving: bool, as_json: bool,
 ) -> int:
     """Print the certificate of a model; 0 if no promise is broken."""
     if target is not None:
@@ -162,6 +164,8 @@ def _certify(
         found = certify(
             model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
+            frame="symmetries" if moving else None,
+            parameters={"frame": "start"} if moving else None,
             dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
         )
     drawn = {}

@@ -22,6 +22,7 @@ void NAME(begin)(work_t *w, const parameters_t *parameters, const options_t *opt
         w->held.q[a] = q[a];
         w->held.p[a] = p[a];
     }
+    TURNED(begin_frame(w, parameters));
 }
 
 void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
@@ -32,6 +33,7 @@ void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
     w->held.report.energy_start += hamiltonian(AT(&w->constants,
         w->t), w->held.q, w->held.p) - before;
     w->held.is_new = 1;
+    TURNED(change_frame(w, parameters));
 }
 
 int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
@@ -48,12 +50,14 @@ int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
     if (moved) /* by the caller: that is no error */
         jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
     w->held.report.energy_start += jump;
+    TURNED(into_frame(w, q, p));
     if (sweeps && (moved || w->held.is_new))
         take_over(w, q, p);
     w->held.is_new = 0;
     const int status = run_on(&w->held.options, INPUT(
         kept,) w->held.start, w->held.dt, steps, 1, q, p, none,
         &w->held.report, w);
+    TURNED(out_of_frame(w, q, p));
     for (int a = 0; a < N; ++a) {
         old_q[a] = q[a];
         old_p[a] = p[a];

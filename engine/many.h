@@ -21,4 +21,5 @@ void NAME(integrate_many)(long count, const parameters_t *parameters, const opti
                 dt + i, steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch,
                 work);
     }
+    TURNED(turn_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports));
 }

@@ -15,4 +15,5 @@ void NAME(integrate_many)(long count, const parameters_t *parameters, const opti
                 own,) dt[i], steps, every, q + i*N, p + i*N, out,
             reports + i, work);
     }
+    TURNED(turn_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports));
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..body_values import REPS
 from ..catalogue import MODELS, SYSTEMS
-from ..errors import TableauError
+from ..errors import InputError, TableauError
 from ..real import REALS
 from .bodies.model import Model
 from .emission.emit import Source, emit
@@ -16,6 +16,7 @@ from .schemes.scheme import scheme_named
 from .schemes.schemes import MeanScheme, SparkScheme, hoisted, with_drive
 from .spec import Spec, join_name
 from .spelling.canonical import canonical
+from .symmetry.frames import frame_of
 from .systems.redundancy import refuse_redundant_anywhere
 from .systems.smoothness import refuse_kinks
 from .systems.system import System
@@ -72,11 +73,21 @@ def generate(
         If the tableau violates required conditions.
     """
     given = system is not None or spec.model is not None
+    if system is None and spec.model is not None:
+        model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
+    framed = spec.frame or ("" if system is not None or model is None else model.frame)
+    if framed and spec.profile != "full":
+        raise InputError(f"Profile {spec.profile!r} has no co-moving frame; leave out frame, or "
+                         "take profile 'full'.")
     system, rep = _system(spec, system, model)
     if given and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
-    system = with_drive(canonical(system))
+    system = canonical(system)
+    frame = frame_of(system) if framed else None
+    if frame is not None:
+        system = frame.moving(system)
+    system = with_drive(system)
     reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)
     scheme: SparkScheme | MeanScheme
@@ -89,9 +100,9 @@ def generate(
         scheme = SparkScheme(reduced, coefficients)
         method = spec.title if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name
-    name = join_name(system.name, method_name, rep, spec.real)
+    name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
     source = emit(name, method, scheme, system, constants, REALS[spec.real], structured,
-                  spec.profile)
+                  spec.profile, frame)
     return Generated(source, scheme, system, coefficients)
 
 
@@ -99,8 +110,7 @@ def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[Sys
     """Return the system to generate for, and the representation that belongs into its name."""
     if system is not None:
         return system, ""
-    if spec.model is not None:
-        model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
+    if spec.model is not None and model is not None:
         return model.system, next((rep for rep in REPS if rep in model.bodies), "")
     if spec.system in SYSTEMS:
         made: System = SYSTEMS[spec.system].make(spec.rep)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..body_values import REPS
-from ..catalogue import MODELS, SYSTEMS
+from ..catalogue import FRAMES, MODELS, SYSTEMS
 from ..errors import InputError
 from ..naming import choose, listed, shown, whole
 from ..real import REALS, RealName
@@ -39,6 +39,17 @@ class Spec:
     tableau: Path | None = None
     model: Path | None = None
     profile: ProfileName = "full"
+    frame: str = ""
+
+    def with_frame(self, frame: Any) -> Spec:
+        """Return the spec with a co-moving frame, along the system's symmetries, or none.
+
+        Raises
+        ------
+        InputError
+            Naming the value and the allowed ones.
+        """
+        return self if frame is None else replace(self, frame=choose("frame", frame, FRAMES))
 
     def with_profile(self, profile: Any) -> Spec:
         """Return the spec with a profile: how much of the stepper is written.
@@ -112,12 +123,13 @@ class Spec:
     @property
     def name(self) -> str:
         """Name of the generated files, e.g. ``heavy_top_gl3_gamma``; not of a model file's."""
-        return join_name(self.system, self.method, self.rep, self.real)
+        return join_name(self.system, self.method, self.rep, self.real, framed=bool(self.frame))
 
 
-def join_name(system: str, method: str, rep: str, real: str) -> str:
+def join_name(system: str, method: str, rep: str, real: str, *, framed: bool = False) -> str:
     """Return the name of a stepper; double is not mentioned."""
-    parts = [system, method, rep, "" if real == "double" else real.replace("-", "_")]
+    parts = [system, method, rep, "frame" if framed else "",
+             "" if real == "double" else real.replace("-", "_")]
     return "_".join(part for part in parts if part)
 
 

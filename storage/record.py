@@ -24,7 +24,7 @@ from ..exact import Number
 from ..naming import shown, whole
 from ..runtime.call.binding import REASONS, SolverName
 from ..runtime.call.checks import as_callback
-from ..runtime.choice.gamma_choice import with_choice
+from ..runtime.choice.frame_choice import chosen
 from ..runtime.interrupts import Interrupts, watched
 from ..runtime.output.report import Report
 from ..runtime.run.stepper import Stepper
@@ -115,7 +115,7 @@ def record(
         raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
                          "gyrospark.stepper.")
     as_flag("resume", resume)
-    parameters = with_choice(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
+    parameters = chosen(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
     run = stepper.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
     path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)

@@ -30,7 +30,7 @@ Array = NDArray[Any]
 
 def resolve(
     model: Any, schemes: list[str], rep: str | None, real: str | None,
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | None = None, frame: str | None = None,
 ) -> tuple[list[Stepper], Start]:
     """Return a stepper for each scheme ("EMS", "G-L 3") and the model's own numbers.
 
@@ -46,7 +46,7 @@ def resolve(
     elif settings:
         raise InputError("Settings belong to problems and models with names; change the model "
                          "itself.")
-    made = [_stepper(model, scheme, rep, real) for scheme in schemes]
+    made = [_stepper(model, scheme, rep, real, frame) for scheme in schemes]
     return [stepper for stepper, _ in made], made[0][1]
 
 
@@ -66,22 +66,24 @@ def _named(
 
 
 def _stepper(
-    model: Any, label: str, rep: str | None, real: str | None
+    model: Any, label: str, rep: str | None, real: str | None, frame: str | None
 ) -> tuple[Stepper, Start]:
     from ..facade import model_stepper, stepper_of
 
     scheme, stages = _scheme(label)
     if isinstance(model, (str, Path)):
-        return model_stepper(Spec.checked(scheme, stages, rep, str(model), real))
+        return model_stepper(Spec.checked(scheme, stages, rep, str(model), real).with_frame(frame))
     if isinstance(model, Problem):
-        made = stepper_of(Spec.checked(scheme, stages, rep, model.system, real))
+        spec = Spec.checked(scheme, stages, rep, model.system, real).with_frame(frame)
+        made = stepper_of(spec)
         return made, Start.of_problem(model)
     if not hasattr(model, "system") or not hasattr(model, "q0"):
         raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a model or a "
                          "file.")
     if rep is not None:
         raise InputError(f"rep = {rep!r} belongs to names and files; a Model brings its own H.")
-    return stepper_of(Spec.checked(scheme, stages, real=real), model.system), Start.of(model)
+    spec = Spec.checked(scheme, stages, real=real).with_frame(frame or model.frame or None)
+    return stepper_of(spec, model.system), Start.of(model)
 
 
 def _scheme(label: str) -> tuple[str, int | None]:
@@ -98,9 +100,11 @@ def base_parameters(
 ) -> dict[str, float]:
     """Return the parameters that all cells have in common.
 
-    γ and α may be named m, h, mt or ht, and are m where nothing is said.
+    γ and α may be named m, h, mt or ht, and are m where nothing is said; a frame is at rest.
     """
-    found: dict[str, Any] = {name: value for name, value in start.parameters.items()
+    found: dict[str, Any] = {symmetry.name: 0.0 for symmetry in stepper.symmetries
+                             if symmetry.name not in varied}
+    found |= {name: value for name, value in start.parameters.items()
                              if name in stepper.parameter_domains}
     for name, inertia in start.bodies.items():
         if name in stepper.parameter_domains and name not in found and name not in varied:

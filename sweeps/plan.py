@@ -23,7 +23,8 @@ __all__ = ["plan"]
 
 def plan(
     model: Any, over: Mapping[str, Any], *, scheme: str | None = None, stages: int | None = None,
-    rep: str | None = None, real: str | None = None, name: str | None = None,
+    rep: str | None = None, real: str | None = None, frame: str | None = None,
+    name: str | None = None,
     parameters: Mapping[str, Any] | None = None, dt: float | None = None,
     settings: Mapping[str, Any] | None = None, **options: Any,
 ) -> Study:
@@ -42,7 +43,7 @@ def plan(
         if stages is not None and count is None:
             raise InputError(f"stages = {shown(stages)} is not a whole number.")
         labels = [str(scheme) if stages is None else f"{scheme} {count}"]
-    steppers, start = resolve(model, labels, rep, real, settings)
+    steppers, start = resolve(model, labels, rep, real, settings, frame)
     names = {*steppers[0].parameter_domains, "dt", SCHEME}
     varied = {key for key in over if key in names} | {
         column for key, table in over.items() if key not in names and isinstance(table, Mapping)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..naming import choose, listed, proposal
 from ..real import REALS
 from ..runtime.call.binding import SOLVERS, SolverName
 from ..runtime.call.checks import as_positive_count, as_real, as_step
+from ..runtime.choice.symmetries import refuse_broken
 from ..runtime.steps.parameters import as_parameters
 from .axes import SCHEME, START, Axis
 
@@ -125,7 +127,8 @@ def checked_study(study: Study) -> Study:
     fixed = {name: value for name, value in study.parameters.items() if not study.varied(name)}
     trial = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
                      for name in axis.columns if name in names}
-    doubles = as_parameters(trial, stepper.parameter_domains)
+    doubles = as_parameters(trial, stepper.parameter_domains, symmetries=stepper.symmetries)
+    _refuse_broken_frames(study, doubles)
     if (study.steps is None) == (study.duration is None):
         raise InputError("Give a sweep either steps, the number for every cell, or duration, the "
                          "seconds of every cell.")
@@ -150,6 +153,20 @@ def checked_study(study: Study) -> Study:
             raise InputError(f"{one.name} has no solver fixed-point: "
                              f"{one.manifest['fast_path']['reason']}; choose auto or newton.")
     return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt)
+
+
+def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
+    """Refuse cells whose frame moves along what is no symmetry for their parameters."""
+    for symmetry in study.steppers[0].symmetries:
+        if not symmetry.condition:
+            continue
+        names = {symmetry.name, *symmetry.mentioned}
+        axes = [[{name: float(column[i]) for name, column in axis.columns.items() if name in names}
+                 for i in range(len(axis))]
+                for axis in study.axes if names & axis.columns.keys()]
+        for parts in product(*axes):
+            refuse_broken([symmetry], {**fixed, **{k: v for part in parts
+                                                   for k, v in part.items()}})
 
 
 def _refuse_repetition(study: Study) -> None:

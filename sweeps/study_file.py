@@ -16,7 +16,7 @@
     point = { I1 = [2e-3, 3e-3], mgl = [0.4, 0.5] }            # vary together
     drawn = { count = 50, seed = 7, I3 = { from = 5e-4, to = 9e-4 } }
 
-Also: stages, rep, real, dt, every, solver, tolerance, max_iterations.
+Also: stages, rep, real, frame, dt, every, solver, tolerance, max_iterations.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ __all__ = ["StudyFile", "load_study", "parse_study"]
 
 _MOST_BYTES = 2**24
 _OPTIONS: dict[str, tuple[type, ...]] = {
-    "scheme": (str,), "stages": (int,), "rep": (str,), "real": (str,), "dt": (int, float),
-    "steps": (int,), "duration": (int, float), "every": (int,), "solver": (str,),
-    "tolerance": (int, float), "max_iterations": (int,),
+    "scheme": (str,), "stages": (int,), "rep": (str,), "real": (str,), "frame": (str,),
+    "dt": (int, float), "steps": (int,), "duration": (int, float), "every": (int,),
+    "solver": (str,), "tolerance": (int, float), "max_iterations": (int,),
 }
 _KEYS = {"name", "model", "keep", "settings", "parameters", "grid", *_OPTIONS}
 

@@ -61,6 +61,7 @@ def sweep(
     stages: int | None = None,
     rep: RepName | None = None,
     real: RealName | None = None,
+    frame: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     dt: float | None = None,
     steps: int | None = None,
@@ -89,7 +90,7 @@ def sweep(
         "spacing": "linear" or "log"}. Any other key is a list of points, a dict of equally long
         columns: {"gamma": […], "dt": […]}; with "count" and "seed" the columns are ranges to draw
         from at random.
-    scheme, stages, rep, real
+    scheme, stages, rep, real, frame
         As for ``gyrospark.stepper``, where no axis varies them.
     parameters : mapping, optional
         Beside the model's own; γ or α may be "m", "h", "mt", "ht" (default "m").
@@ -130,8 +131,8 @@ def sweep(
         After a signal, with every finished cell in the store, or in the error's ``dataset``.
     """
     study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
-                 parameters=parameters, dt=dt, steps=steps, duration=duration, every=every,
-                 solver=solver, tolerance=tolerance, max_iterations=max_iterations)
+                 frame=frame, parameters=parameters, dt=dt, steps=steps, duration=duration,
+                 every=every, solver=solver, tolerance=tolerance, max_iterations=max_iterations)
     return run_study(study, keep=keep, out=out, resume=resume, workers=workers, dask=dask,
                      progress=progress)
 

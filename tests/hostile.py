@@ -88,7 +88,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
 
     found = [
         plain("stepper", gs.stepper, scheme="G-L", stages=3, rep="gamma", system="heavy_top",
-              tableau=None, real="double", allow_invalid=False),
+              tableau=None, real="double", frame=None, allow_invalid=False),
         plain("tableau", gs.tableau, scheme="G-L", stages=2),
         plain("gamma_m", gs.gamma_m, inertia=TOP.inertia),
         plain("gamma_h", gs.gamma_h, inertia=TOP.inertia),
@@ -105,6 +105,9 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("choose_gamma", gs.choose_gamma, stepper=step, **state, dt=1e-2,
               parameters=TOP.parameters, bodies={"gamma": TOP.inertia}, steps=4, aim="energy",
               t0=0.0, run_steps=4),
+        plain("choose_frame", gs.choose_frame, stepper=gs.stepper("G-L", 2, frame="symmetries"),
+              **state, dt=1e-2, parameters=TOP.parameters | {"gamma": 0.001},
+              bodies={"gamma": TOP.inertia}, steps=8, t0=0.0),
         plain("load_model", gs.load_model, path=str(tmp_path / "none.toml"), rep="gamma",
               real="double"),
         plain("open_recording", gs.open_recording, path=str(tmp_path / "none.zarr")),
@@ -163,7 +166,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("animate", made.animate, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
-              quantities={"z": x}, rigid_body=False, bodies=()),
+              quantities={"z": x}, rigid_body=False, bodies=(), energy=None),
         Call("from_mechanics", lambda: (gs.from_mechanics, {
             "method": free_particle(), "name": "a"})),
         plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),
@@ -172,7 +175,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
               description=""),
         Call("certify", lambda: (gs.certify, {
             "model": gs.problems.fast_top(), "scheme": "IMS", "stages": None, "rep": "gamma",
-            "tableau": None, "allow_invalid": False, "dt": 1e-3, "steps": 2, "parameters": {}}),
+            "tableau": None, "allow_invalid": False, "frame": None, "dt": 1e-3, "steps": 2,
+            "parameters": {}}),
             kept=("allow_invalid",), spared=("half", "none", "zero", "empty text", "fraction",
                                              "dict", "pi")),
         Call("record", lambda: (gs.record, {
@@ -181,8 +185,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
             "resume": True, "seed": 1, "progress": None})),
         Call("sweep", lambda: (gs.sweep, {
             "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
-            "rep": "gamma", "real": "double", "parameters": {}, "dt": 1e-3, "steps": 2,
-            "duration": None, "every": None, "solver": "auto", "tolerance": 1e-12,
+            "rep": "gamma", "real": "double", "frame": None, "parameters": {}, "dt": 1e-3,
+            "steps": 2, "duration": None, "every": None, "solver": "auto", "tolerance": 1e-12,
             "max_iterations": 50, "keep": None, "out": None, "resume": False, "workers": 1,
             "dask": None, "progress": None})),
     ]
@@ -207,7 +211,7 @@ def model_calls() -> Iterator[Call]:
 
     def model() -> tuple[Callable[..., Any], dict[str, Any]]:
         return gs.Model, {"system": system, "parameters": {}, "q0": [1.0], "p0": [1.0],
-                          "bodies": {}, "dt": 0.1, "steps": 3, "description": ""}
+                          "bodies": {}, "dt": 0.1, "steps": 3, "description": "", "frame": ""}
 
     yield Call("Model", model)
 

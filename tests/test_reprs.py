@@ -38,10 +38,13 @@ def shown(gl3, tmp_path_factory):
     chain, tableau = gs.models.chain(10), gs.tableau("G-L", stages=3)
     choice = gs.choose_gamma(gl3, TOP.q0, TOP.p0, dt=1e-3, parameters=TOP.parameters, steps=20,
                              bodies={"gamma": TOP.inertia})
+    framed = gs.stepper("G-L", 2, frame="symmetries")
+    frame = gs.choose_frame(framed, TOP.q0, TOP.p0, dt=1e-2, parameters=RUN["parameters"], steps=8)
     certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
     many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
+        framed, frame, *framed.symmetries,
         gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, Start.of_problem(TOP), run, run.report, many,
         tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
         choice, *choice.pilots,

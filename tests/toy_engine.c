@@ -15,6 +15,7 @@
 #define NUMBER real
 #define ONE(name) ONE_(name)
 #define MANY(name) MANY_(name)
+#define TURNED(call)
 #define AT(c, t) (c)
 #define BETWEEN(c, t, late) (c)
 #define LANES_AT(c, t) (c)

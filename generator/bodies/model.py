@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_mapping, as_text
 from ...body_values import RULES, Inertia, as_moments_or_tensor, real_array
+from ...catalogue import FRAMES
 from ...errors import InputError
 from ...exact import exact
 from ...markup import card, table
@@ -49,6 +50,8 @@ class Model:
         A time step in s and a number of steps that suit the model, where it names them.
     description : str
         One sentence for people.
+    frame : str
+        "symmetries" where its steppers shall have co-moving frames.
     """
 
     system: System
@@ -59,12 +62,15 @@ class Model:
     dt: float | None = None
     steps: int | None = None
     description: str = ""
+    frame: str = ""
     rules: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):
             raise InputError(f"system = {shown(self.system)} is no gyrospark.System.")
         as_text("description", self.description)
+        if not isinstance(self.frame, str) or self.frame:
+            choose("frame", self.frame, FRAMES)
         for name in ("q0", "p0"):
             object.__setattr__(self, name, self._state(name, getattr(self, name)))
         values = {name: self._number(f"parameter {name!r}", value) for name, value in as_mapping(

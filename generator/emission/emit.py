@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import jinja2
+import mpmath as mp
 import sympy as sp
 
 from ..._version import __version__
-from ...real import Real
+from ...real import REALS, Real, round_binary
 from ..algebra.cardinal import c_names_with_needs
 from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
+from ..schemes.frame_kernels import Turning
 from ..schemes.schemes import MeanScheme, SparkScheme, common_kernels
+from ..symmetry.frames import Frame
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.structure import Structure
 from ..systems.system import System
@@ -25,7 +29,7 @@ from .bytecode import Bytecode
 from .c_lines import fitted
 from .emit_control import beside, control_context, work_files
 from .emit_fast import fast_context, structured_fast_context
-from .emit_manifest import hidden_constraints, manifest_text
+from .emit_manifest import frame_manifest, hidden_constraints, manifest_text
 from .emit_mass import mass_context
 from .emit_structure import structure_context
 from .engine import Proved, engine_of
@@ -65,6 +69,7 @@ def emit(
     real: Real,
     structured: bool | None = None,
     profile: ProfileName = "full",
+    frame: Frame | None = None,
 ) -> Source:
     """Return the C and the manifest.
 
@@ -96,13 +101,15 @@ def emit(
     context = _context(name, method, scheme, system, constants, real, known, forms) | fast | {
         "kernels": kernels, "costs": solver_costs(scheme, known, forms), "full": True,
         "run_constants": []}
+    context |= _frame_context(frame, name, system, real)
     context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""),
-                                  timed=system.is_timed, fed=bool(system.inputs))
+                                  timed=system.is_timed, fed=bool(system.inputs),
+                                  framed=frame is not None)
     constant, scalar, separable = (bool(fast.get(name)) for name in (
         "constant_schur", "correction", "separable"))
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
                     bool(system.forces), constant, scalar, separable, system.is_timed,
-                    bool(system.inputs), lagrangian)
+                    bool(system.inputs), lagrangian, frame is not None)
     context["system_lane_files"] = proved.legendre_lane_files()
     context |= proved.scheme_files() | proved.solver_files(fast["fast"])
     context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {
@@ -115,7 +122,8 @@ def emit(
         name,
         fitted(environment.get_template("stepper.h.jinja").render(context)),
         fitted(environment.get_template("stepper.c.jinja").render(context)),
-        manifest_text(name, method, scheme, system, constants, real, kernels, fast, forms, profile),
+        manifest_text(name, method, scheme, system, constants, real, kernels, fast, forms, profile,
+                      frame),
     )
 
 
@@ -229,11 +237,13 @@ def _context(
         "version": __version__,
         "title": f"{method} for {system.name.replace('_', ' ')}",
         "hamiltonian": "" if forms["structured"] else comment(
-            legendre.texts()[0] if legendre else system.H),
+            legendre.texts()[0] if legendre else
+            system.H if system.energy is None else system.energy),
         "lagrangian": comment(legendre.texts()[1]) if legendre else "",
         "forces": [comment(f) for f in system.forces],
         "time": str(system.time) if system.is_driven else "",
         "timed": system.is_timed,
+        "framed": False,
         "inputs": [str(u) for u in system.inputs],
         "input_places": [list(constants_c).index(str(u)) for u in system.inputs
                          if str(u) in constants_c],
@@ -266,6 +276,45 @@ def _context(
         "tableau_shapes": _tableau_shapes(tableau) if tableau else {},
         "tableau_doc": _tableau_doc(tableau) if tableau else [],
     }
+
+
+def _frame_context(frame: Frame | None, name: str, system: System, real: Real) -> dict[str, Any]:
+    """Return what the templates need of a co-moving frame; ``framed`` is False without one."""
+    if frame is None:
+        return {"framed": False}
+    wide = REALS["double"] if real.name == "float" else real  # 24 bits count no 10⁹ steps
+    turning = Turning(frame, system)
+    target = Target(real.c_type, "parameters_t", "")
+    rates = [f"product_of({wide.literal(a)}, par->{frame.groups[g][0].name})"
+             if turning.axes[g] is None else
+             f"times((twofold){{ {wide.literal(a)}, 0 }}, omega{turning.axes[g]})"
+             for g, a in turning.angles]
+    return {
+        "framed": True,
+        "turning": wide.c_type,
+        "turning_engine": engine_of(name, wide),
+        "frame_quarter": _quarter(wide),
+        "frame_groups": [{"names": [symmetry.name for symmetry in group], "axis": axis}
+                         for group, axis in zip(frame.groups, turning.axes, strict=True)],
+        "frame_axes": turning.components,
+        "frame_angles": rates,
+        "frame_kernels": [emit_kernel(kernel, Constants(system.parameters), real, target)
+                          for kernel in turning.kernels()],
+        "frame_turns_multipliers": turning.turns_multipliers,
+        "frame_symmetries": frame_manifest(frame, system)["symmetries"],
+    }
+
+
+def _quarter(wide: Real) -> list[str]:
+    """Return π/2 as three numbers of the type, each the rounded rest."""
+    bits = 4 * wide.bits
+    with mp.workprec(bits + 64):
+        rest = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)
+    parts = []
+    for _ in range(3):
+        parts.append(wide.literal(rest))
+        rest -= round_binary(rest, wide.bits)
+    return parts
 
 
 def _quantity_kernel(system: System, real: Real) -> EmittedKernel | None:

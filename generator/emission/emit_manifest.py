@@ -13,6 +13,7 @@ from ...real import Real
 from ..kernels.kernel import Constants, EmittedKernel
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme
+from ..symmetry.frames import Frame
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.places import BodyAt, Entry, JointAt, Pull
 from ..systems.smoothness import Switching
@@ -23,7 +24,7 @@ from .emit_fast import fast_manifest
 from .emit_structure import operations_of
 from .profiles import ProfileName
 
-__all__ = ["SCHEMA", "hidden_constraints", "manifest_text"]
+__all__ = ["SCHEMA", "frame_manifest", "hidden_constraints", "manifest_text"]
 
 SCHEMA = 2  # of the manifest; part of the cache key
 
@@ -48,6 +49,7 @@ def manifest_text(
     fast: dict[str, Any],
     forms: dict[str, Any],
     profile: ProfileName,
+    frame: Frame | None = None,
 ) -> str:
     """Return the manifest as JSON."""
     tableau = scheme.tableau
@@ -84,6 +86,7 @@ def manifest_text(
             "multipliers": scheme.multipliers,
             "keeps_momentum_constraint": tableau is not None,
         },
+        **({} if frame is None else {"frame": frame_manifest(frame, system)}),
         **_given_tableau(tableau),
         "fast_path": fast_manifest(fast),
         "real": real.name,
@@ -114,7 +117,8 @@ def _start_parameters(system: System, forms: dict[str, Any]) -> list[str]:
     """
     if not system.constraints:
         return []
-    deciding = (system.H, *system.constraints) if forms["structured"] else (
+    energy = system.H if system.energy is None else system.energy
+    deciding = (energy, *system.constraints) if forms["structured"] else (
         *system.constraints, *system.hidden)
     if isinstance(system, LagrangianSystem):
         deciding = (system.L, *system.constraints)
@@ -127,7 +131,7 @@ def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
     if isinstance(system, LagrangianSystem):
         return system.texts()[0]
     if not forms["structured"]:
-        return str(system.H)
+        return str(system.H if system.energy is None else system.energy)
     return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
 
 
@@ -206,3 +210,33 @@ def _domain(parameter: sp.Symbol) -> str:
         return "positive"
     return "nonzero" if parameter.is_nonzero else "real"
 
+
+# ---------------------------------------------------------------- co-moving frames
+
+
+def frame_manifest(frame: Frame, system: System) -> dict[str, Any]:
+    """Return the symmetries as JSON: A by its entries, conditions as polynomials that vanish."""
+    return {"symmetries": [{
+        "name": symmetry.name,
+        "group": group,
+        "meaning": symmetry.field.name,
+        "A": [[i, j, str(x)] for (i, j), x in sorted(symmetry.field.weights.items())],
+        "J": str(symmetry.momentum(system)),
+        "conditions": [_equation(e) for e in symmetry.conditions],
+        "vanishing": [_terms(e) for e in symmetry.conditions],
+    } for group, together in enumerate(frame.groups) for symmetry in together]}
+
+
+def _equation(e: sp.Expr) -> str:
+    """Return e = 0 as a sentence has it: I1 = I2."""
+    terms = sp.Add.make_args(e)
+    left = [t for t in terms if not t.could_extract_minus_sign()]
+    right = [-t for t in terms if t.could_extract_minus_sign()]
+    return f"{sp.Add(*left)} = {sp.Add(*right)}"
+
+
+def _terms(e: sp.Expr) -> list[list[Any]]:
+    """Return a polynomial as its terms: [coefficient, {parameter: power}]."""
+    symbols = sorted(e.free_symbols, key=str)
+    return [[str(x), {str(s): n for s, n in zip(symbols, powers, strict=True) if n}]
+            for powers, x in sp.Poly(e, *symbols).terms()]

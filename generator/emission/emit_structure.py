@@ -143,7 +143,7 @@ def term_kernels(form: Form, *, between: bool, constrained: bool) -> list[Placed
     if form.p:
         gradients = {"H_p": part.H_p} | gradients
     kernels = [
-        (Kernel("energy", f"H of {_short(part.H)}", at, {"H": part.H}), BOTH),
+        (Kernel("energy", f"H of {_short(part.H)}", at, {"H": form.expressions[-1]}), BOTH),
         (Kernel("gradient", "derivatives of H", at, gradients), NUMBERS if between else BOTH),
     ]
     second: dict[str, Any] = {"H_qq": part.H_qq} if form.q else {}

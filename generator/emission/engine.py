@@ -14,6 +14,7 @@ spelled with macros, which are written out here so that the C of a stepper has n
     MANY(sweep)       of W of them             trajectories_sweep, mean_sweep
     RUN(sweep)        of either                as the file is put in for the one or the other
     TABLE(mu)         a table of the tableau   w->mu in lanes, &fast_mu[0][0] as numbers
+    TURNED(call);     a line of its own        the call in a co-moving frame, else left out
 
 Where t stands in H or g, kernels find it among the constants, and whoever calls them says when:
 
@@ -39,6 +40,7 @@ __all__ = ["ENGINE", "Proved", "engine_of", "with_times"]
 
 ENGINE = Path(__file__).resolve().parents[2] / "engine"
 _COMMENT = re.compile(r"^/\*(?! -).*?\*/\n", re.MULTILINE | re.DOTALL)
+_TURNED = re.compile(r"^( *)TURNED\((.*)\);\n", re.MULTILINE)
 _MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\b(?:NUMBER|HELD)\b")
 
 
@@ -50,7 +52,7 @@ _TIMED = re.compile(r"\b((?:LANES_)?(?:AT|BETWEEN)|TIMED|INPUT)\(")
 
 def engine_of(
     name: str, real: Real, one: str = "", many: str = "", *, timed: bool = False,
-    fed: bool = False, own: Mapping[str, str] | None = None,
+    fed: bool = False, own: Mapping[str, str] | None = None, framed: bool = False,
 ) -> Callable[..., str]:
     """Return the function by which a template puts in a file of the engine.
 
@@ -78,7 +80,7 @@ def engine_of(
                 return "lanes" if on else "real"
             return spelled[found[1]](found[2])
 
-        text = _text(file, timed, fed)
+        text = _TURNED.sub(r"\1\2;\n" if framed else "", _text(file, timed, fed))
         if run == many != one:  # the same again, told once
             text = _COMMENT.sub("", text)
         return _MACRO.sub(spell, text).rstrip("\n")
@@ -128,6 +130,7 @@ class Proved:
     timed: bool = False
     fed: bool = False
     lagrangian: bool = False
+    framed: bool = False
 
     @property
     def _suits(self) -> str:
@@ -149,6 +152,7 @@ class Proved:
                 *(["simplified_newton"] if fast else []),
                 "work" if self.forced else "work_free",
                 "observe", f"observe_{self._suits}",
+                "halves_turned" if self.framed else "halves",
                 "step",
             ],
         }

@@ -91,9 +91,9 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
     InputError
         With file, key and cure; for redundant constraints with a smallest set to leave out.
     """
-    content.allow("name", "description", "bodies", "joints", "forces", "gravity", "potential",
-                  "without", "redundant", "parameters", "inputs", "run", "quantities", "points",
-                  "drives")
+    content.allow("name", "description", "frame", "bodies", "joints", "forces", "gravity",
+                  "potential", "without", "redundant", "parameters", "inputs", "run",
+                  "quantities", "points", "drives")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)

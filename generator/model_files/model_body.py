@@ -47,8 +47,8 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
     InputError
         With file, key and cure.
     """
-    content.allow("name", "description", "potential", "body", "parameters", "inputs", "start",
-                  "run", "quantities", "forces")
+    content.allow("name", "description", "frame", "potential", "body", "parameters", "inputs",
+                  "start", "run", "quantities", "forces")
     body, forces = content.table("body"), content.table("forces")
     body.allow("inertia", "mass", "rep", *REPS)
     body.require("inertia")

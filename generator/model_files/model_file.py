@@ -32,7 +32,8 @@ or any holonomic Hamiltonian system, ``model_system``:
     q = [0.5, 0]
     p = [0, 0]
 
-or several bodies with joints, ``model_bodies``. Formulas are read by ``model_expressions``;
+or several bodies with joints, ``model_bodies``. With ``frame = "symmetries"`` its steppers have
+co-moving frames. Formulas are read by ``model_expressions``;
 wherever a number stands, a text such as "pi/6" may stand too, and an angle or a rate in text may
 have a unit. ``description``, ``[run]``, ``[quantities]`` and forces may be left out.
 """
@@ -49,7 +50,7 @@ from typing import Any
 
 from ...arguments import as_path
 from ...body_values import REPS, RepName
-from ...catalogue import SYSTEMS
+from ...catalogue import FRAMES, SYSTEMS
 from ...errors import InputError
 from ...naming import choose, listed, proposal, shown
 from ...remarks import listening, remark
@@ -156,6 +157,8 @@ def _read(
     formulas = Formulas(content, Numbers(content))
     try:
         model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
+        if "frame" in content:
+            model = replace(model, frame=content.choice("frame", FRAMES, ""))
         formulas.remark_on_unused()
         mentioned = formulas.numbers.values.mentioned
         return ModelFile(model, [name for name in model.parameters if name in content.table(

@@ -23,7 +23,7 @@ def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) 
     InputError
         With file, key and cure.
     """
-    content.allow("name", "description", "system", "parameters", "inputs", "start",
+    content.allow("name", "description", "frame", "system", "parameters", "inputs", "start",
                   "run", "quantities")
     table, start = content.table("system"), content.table("start")
     if rep is not None:

@@ -6,6 +6,7 @@
     differences      H and g between two states, and between two times
     legendre         kernels of a system from its Lagrangian
     mean_conditions  what IMS and EMS satisfy
+    frame_kernels    back from a co-moving frame
     fast_path        what sweeps may use of a system, found by algebra
     fast_tableau     the coefficients of sweeps, scaled and rounded
 """

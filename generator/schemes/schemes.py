@@ -58,7 +58,8 @@ def common_kernels(system: System) -> list[Kernel]:
         return [*state_kernels(system),
                 *(place_kernels(system) if system.m else [])]
     at_state = {"q": list(system.q), "p": list(system.p)}
-    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": system.H})]
+    energy = system.H if system.energy is None else system.energy
+    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy})]
     if system.forces:
         kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
                               at_state | time_input(system), {"F": list(system.forces)}))
@@ -355,7 +356,8 @@ def hoisted(system: System) -> tuple[System, Constants]:
     defining = {name: constants.hoist(e) for name, e in system.defining.items()}
     g = tuple(constants.hoist(e) for e in system.constraints)
     forces = tuple(constants.hoist(e) for e in system.forces)
+    energy = None if system.energy is None else constants.hoist(system.energy)
     symbols = tuple(constants.definitions.values())
     made: System = replace(system, parameters=symbols, constraints=g, forces=forces,
-                           quantities={}, **defining)
+                           quantities={}, energy=energy, **defining)
     return made, constants

@@ -1,7 +1,9 @@
 """Symmetries: vector fields that leave H, g and forces alone, and the momentum maps they give.
 
     linear_fields        fields A q + a that are likely symmetries, with names for people
+    rotations            fields whose flow is known in closed form
     symmetry_conditions  what a symmetry must satisfy, in exact arithmetic
     near_symmetries      how far a field is from being one
     momentum_maps        what is conserved, and how it was proved
+    frames               co-moving frames along symmetries
 """

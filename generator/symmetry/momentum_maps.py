@@ -36,7 +36,7 @@ from .linear_fields import Field, known_fields, motions_of_space
 from .near_symmetries import NEAR, RandomPoints
 from .symmetry_conditions import SymmetrySpace
 
-__all__ = ["MAX_COORDINATES", "MomentumMap", "momentum_maps"]
+__all__ = ["MAX_COORDINATES", "MomentumMap", "momentum_map_of", "momentum_maps"]
 
 Array = NDArray[np.float64]
 
@@ -136,6 +136,18 @@ def momentum_maps(
             if chosen.accepts(field, 1e-9):
                 found.append(_exact_map(field, system, {} if any_parameters else numbers))
     return found + list(_near_maps(points, named, chosen, full))
+
+
+def momentum_map_of(
+    A: ArrayLike, name: str, system: System, *, any_parameters: bool
+) -> MomentumMap:
+    """Return the map of a generator A of small fractions that is known to be a symmetry."""
+    entries = {(int(i), int(j)): Fraction(float(np.asarray(A)[i, j])).limit_denominator(1000)
+               for i, j in np.argwhere(np.asarray(A))}
+    field = Field(name, system.n, entries)
+    return MomentumMap(
+        name, field.momentum(system.q, system.p), field.A, field.a, any_parameters=any_parameters,
+        everywhere=True, turns_constraints=True, proof="proved with the frame")
 
 
 def _exact_map(

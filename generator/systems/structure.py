@@ -46,7 +46,8 @@ class Instance:
 class Form:
     """Expressions in local symbols, and the instances that share them.
 
-    A form of H has one expression; a form of constraints or forces has one for each of its rows.
+    A form of H has one expression, and in a co-moving frame its energy as a second; a form of
+    constraints or forces has one for each of its rows.
     """
 
     q: tuple[sp.Symbol, ...]
@@ -87,7 +88,17 @@ class Structure:
     def forms(self) -> list[Form]:
         """The forms of H: those with momenta first."""
         groups = [*self._kinetic_groups.values(), *self._potential_groups]
-        return self._forms_of([((sp.Add(*terms),), ()) for terms in groups])
+        return self._forms_of([(self._with_energy(terms), ()) for terms in groups])
+
+    def _with_energy(self, terms: list[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """Return the sum of terms of H, and in a co-moving frame of those that are energy."""
+        if self.system.energy is None:
+            return (sp.Add(*terms),)
+        return sp.Add(*terms), sp.Add(*(term for term in terms if term in self._energy))
+
+    @cached_property
+    def _energy(self) -> frozenset[sp.Expr]:
+        return frozenset(sp.Add.make_args(self.system.energy))
 
     @cached_property
     def _terms(self) -> list[tuple[sp.Expr, frozenset[int], frozenset[int]]]:

@@ -18,6 +18,7 @@ from .places import bodies_of, joints_of
 __all__ = ["read_manifest", "remarks_of", "sizes_of"]
 
 _DOMAINS = ("positive", "nonzero", "real")
+_FRACTION = re.compile(r"-?\d{1,40}(/[1-9]\d{0,39})?")
 
 
 def read_manifest(name: str, files: Mapping[str, str]) -> dict[str, Any]:
@@ -90,7 +91,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
         and (fast["available"] or "reason" in fast)
         and (not system["rigid_body"] or len(system["coordinates"]) == 4)
     )
-    if not sound:
+    if not sound or not _is_sound_frame(content.get("frame", {"symmetries": []}), system):
         raise ValueError("the manifest holds something of another type")
     time = [system["time"]] if "time" in system else []
     return {
@@ -109,6 +110,21 @@ def sizes_of(content: Any) -> dict[str, Any]:
         "quantities in time": bool(system.get("quantities"))
         and system.get("quantities_take_time", False),
     }
+
+
+def _is_sound_frame(frame: Mapping[str, Any], system: Mapping[str, Any]) -> bool:
+    """Whether the symmetries of a co-moving frame are said as ``Symmetry.of`` reads them."""
+    n, names = len(system["coordinates"]), {*system["parameters"]}
+    return isinstance(frame["symmetries"], list) and all(
+        symmetry["name"] in names and type(symmetry["group"]) is int
+        and all(isinstance(x, str) for x in (symmetry["meaning"], symmetry["J"],
+                                             *symmetry["conditions"]))
+        and all(type(i) is type(j) is int and 0 <= min(i, j) <= max(i, j) < n
+                and _FRACTION.fullmatch(x) for i, j, x in symmetry["A"])
+        and all(_FRACTION.fullmatch(x) and {*powers} <= names
+                and all(type(power) is int and 0 < power < 100 for power in powers.values())
+                for terms in symmetry["vanishing"] for x, powers in terms)
+        for symmetry in frame["symmetries"])
 
 
 def _declared(name: str, header: str) -> dict[str, Any]:

@@ -16,13 +16,14 @@ from ...markup import card, table
 from ...naming import shown
 from ..call.checks import as_numbers
 from ..call.inputs import as_inputs
+from ..choice.frame_choice import asks_for_frame, start_frame
 from ..events.event import Crossings, CrossingsOfMany, as_events
 from ..events.watch import Levels
 from ..interrupts import ctrl_c
 from ..output.trajectory import Trajectory
 from ..steps.failure import Diagnosis
 from ..steps.integration import failure_of, trajectory_of
-from ..steps.parameters import refuse_auto
+from ..steps.parameters import refuse_auto, refuse_choice
 from .crossings import crossings_of, watches_of
 from .lanes import Course, fill_course, threads_of
 from .runs import Given, checked_runs
@@ -117,6 +118,7 @@ def integrate_members(
     given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
                   _each_parameters(stepper.fed(parameters, inputs), size))
+    given = _with_frames(stepper, given)
     runs = checked_runs(stepper, given, options)
     runs = replace(runs, inputs=as_inputs(inputs, stepper.binding, runs.first.steps, hold, size))
     levels = _levels(stepper, events)
@@ -176,6 +178,30 @@ def _ensemble(
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 
+def _with_frames(stepper: Stepper, given: Given) -> Given:
+    """Return what is given with each start's own least squares where a frame is asked for."""
+    def rates(i: int) -> dict[str, float]:
+        own = given.parameters_of(i)
+        if own["frame"] != "start":
+            refuse_choice(own["frame"])
+        others = {name: value for name, value in own.items() if name != "frame"}
+        return others | start_frame(stepper, given.q[i], given.p[i], others)
+
+    if isinstance(given.parameters, list):
+        if not any(asks_for_frame(stepper, one) for one in given.parameters):
+            return given
+        return replace(given, parameters=[rates(i) if asks_for_frame(stepper, one) else one
+                                          for i, one in enumerate(given.parameters)])
+    shared, columns = given.parameters
+    if not asks_for_frame(stepper, shared):
+        return given
+    found = [rates(i) for i in range(len(given.q))]
+    others = {name: value for name, value in shared.items() if name != "frame"}
+    return replace(given, parameters=(others, columns | {
+        symmetry.name: np.array([one[symmetry.name] for one in found])
+        for symmetry in stepper.symmetries}))
+
+
 def _each(name: str, value: Any, size: int) -> Array:
     array = as_numbers(name, value)
     if array.shape not in ((), (size,)):
@@ -195,7 +221,8 @@ def _each_parameters(
 ) -> list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]:
     if isinstance(parameters, Mapping):
         for name, value in parameters.items():
-            refuse_auto(name, value)
+            if name != "frame":
+                refuse_auto(name, value)
         rules = {name: value for name, value in parameters.items() if isinstance(value, str)}
         columns = {name: _each(f"Parameter {name}", value, size)
                    for name, value in parameters.items() if name not in rules}

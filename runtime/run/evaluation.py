@@ -17,6 +17,7 @@ from ..build.module import load_module
 from ..call.binding import REASONS, Binding
 from ..call.checks import as_real, as_step
 from ..call.compiled_constraints import CompiledConstraints
+from ..choice.symmetries import symmetries_of
 from ..steps.parameters import as_parameters
 
 __all__ = ["Evaluation"]
@@ -36,6 +37,7 @@ class Evaluation:
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns
         self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
+        self.symmetries = symmetries_of(self.manifest)
 
     @property
     def binding_of_many(self) -> Binding:
@@ -232,8 +234,8 @@ class Evaluation:
 
     def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
         number = self.binding.number
-        return self.binding.parameters(as_parameters(given, self.parameter_domains, number),
-                                       as_real("t", t, number))
+        values = as_parameters(given, self.parameter_domains, number, self.symmetries)
+        return self.binding.parameters(values, as_real("t", t, number))
 
     def _at(
         self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: Number,

@@ -8,7 +8,7 @@ looked at one by one, by what checks a single run: that says what is wrong, and 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -142,31 +142,41 @@ def _parameters(stepper: Stepper, given: Given, first: Run, size: int) -> dict[s
     """Return a column for each parameter; None if one of them needs a look."""
     found: dict[str, Array] = {}
     number = stepper.binding.number_type
+    rates = {symmetry.name for symmetry in stepper.symmetries}
     if isinstance(given.parameters, tuple):
         columns: Mapping[str, Any] = given.parameters[1]
         if not columns:  # the first are those of all
             return {name: np.full(size, value, number)
                     for name, value in first.parameters.items()}
-    elif any(run.keys() != first.parameters.keys() for run in given.parameters):
+    elif any({*run, *rates} != first.parameters.keys() for run in given.parameters):
         return None
     for name, domain in stepper.parameter_domains.items():
-        column = _numbers(_given(given, name, first, size), number)
+        column = _numbers(_given(given, name, first, size, rates), number)
         if column is None or not _in_domain(column, domain):
             return None
         if column.min() < 0 and has_inertia(name, first.parameters):
             return None  # a remark is due
         found[name] = column
+    if not all(symmetry.holds_plainly(found) for symmetry in stepper.symmetries):
+        return None  # a look at each, in exact arithmetic
     return found
 
 
-def _given(given: Given, name: str, first: Run, size: int) -> Array | list[Any]:
-    """Return what is given for a parameter; γ and α by their rules, where they can be told."""
+def _given(
+    given: Given, name: str, first: Run, size: int, rates: Collection[str]
+) -> Array | list[Any]:
+    """Return what is given for a parameter; γ and α by their rules, where they can be told.
+
+    The rates of a co-moving frame are 0 where they are left out.
+    """
     if isinstance(given.parameters, list):
-        values = [run[name] for run in given.parameters]
+        values = [run.get(name, 0.0) if name in rates else run[name] for run in given.parameters]
     else:
         shared, columns = given.parameters
         if name in columns:
             return columns[name]
+        if name in rates and name not in shared:
+            return np.zeros(size)
         inertia = itertools.chain(*inertia_names(name))
         if not isinstance(shared[name], str) or columns.keys().isdisjoint(inertia):
             return np.full(size, first.parameters[name])

@@ -266,7 +266,8 @@ class Simulation:
     @parameters.setter
     def parameters(self, parameters: Mapping[str, Number]) -> None:
         held, stepper = self._held, self._stepper
-        made = as_parameters(parameters, stepper.parameter_domains, held.binding.number)
+        made = as_parameters(parameters, stepper.parameter_domains, held.binding.number,
+                             stepper.symmetries)
         deciding = stepper.manifest["system"]["start_parameters"]
         if any(made[name] != held.run.parameters[name] for name in deciding):
             stepper.refuse_inconsistent(replace(held.run, q=held.q, p=held.p, parameters=made))

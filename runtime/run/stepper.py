@@ -20,7 +20,7 @@ from ..build.module import provenance
 from ..call.binding import SOLVERS, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real
 from ..call.inputs import as_inputs
-from ..choice.gamma_choice import with_choice
+from ..choice.frame_choice import chosen
 from ..events.event import Event, as_events
 from ..output.trajectory import Trajectory
 from ..steps.consistency import defects_of_starts
@@ -56,6 +56,8 @@ class Stepper(Evaluation):
         Order of convergence, as derived by the generator.
     manifest : dict
         All that the generator says of the stepper.
+    symmetries : tuple of Symmetry, with name, A, J and condition
+        What a co-moving frame may move along.
     remarks : list of str
         What a tableau of your own lacks: symplecticity, symmetry, sweeps, the order its weights
         would allow; and where H or forces switch, as |x| does at 0. Empty for what lacks nothing.
@@ -187,11 +189,11 @@ class Stepper(Evaluation):
         steps : int
             Number of steps, 0 or more.
         parameters : mapping
-            Exactly the parameters in ``parameter_domains``. For ``gamma`` or ``alpha``, ``"m"``,
-            ``"h"``, ``"mt"`` and ``"ht"`` are the means of the moments beside it; ``"auto"`` is
-            replaced by what ``gyrospark.choose_gamma`` finds for this start and dt,
-            ``"auto-energy"`` by the same with its aim at the energy. ``Trajectory.parameters`` has
-            the number.
+            Those of ``parameter_domains``, rates of ``symmetries`` if wanted. For ``gamma`` or
+            ``alpha``, ``"m"``, ``"h"``, ``"mt"``, ``"ht"`` are the means of the moments beside it,
+            ``"auto"`` what ``choose_gamma`` finds for this start and dt, ``"auto-energy"`` the same
+            aimed at the energy; ``"frame"`` is "start", the start's least squares, or "auto", what
+            ``choose_frame`` finds. ``Trajectory.parameters`` has the numbers.
         t0 : float
             Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
             counted, not summed up.
@@ -232,8 +234,8 @@ class Stepper(Evaluation):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        parameters = with_choice(self, q, p, dt=dt, steps=steps,
-                                 parameters=self.fed(parameters, inputs), t0=t0)
+        parameters = chosen(self, q, p, dt=dt, steps=steps,
+                            parameters=self.fed(parameters, inputs), t0=t0)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                                solver=solver, tolerance=tolerance, max_iterations=max_iterations)
         run = run.fed(as_inputs(inputs, self.binding, run.steps, hold))
@@ -362,7 +364,7 @@ class Stepper(Evaluation):
             self._step(dt),
             as_positive_count("steps", steps),
             as_positive_count("every", every, least=1),
-            as_parameters(parameters, self.parameter_domains, number),
+            as_parameters(parameters, self.parameter_domains, number, self.symmetries),
             solver,
             bound,
             as_positive_count("max_iterations", max_iterations, least=1),

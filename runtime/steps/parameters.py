@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -12,14 +12,18 @@ from ...naming import proposal, shown
 from ...remarks import remark
 from ..body.inertia import AIMS, has_inertia, is_weight, ruled
 from ..call.checks import as_real
+from ..choice.symmetries import Symmetry, refuse_broken
 
-__all__ = ["as_parameters", "refuse_auto"]
+__all__ = ["as_parameters", "refuse_auto", "refuse_choice"]
 
 
 def as_parameters(
-    given: Any, domains: Mapping[str, str], number: Callable[[Fraction], Any] = as_double
+    given: Any, domains: Mapping[str, str], number: Callable[[Fraction], Any] = as_double,
+    symmetries: Sequence[Symmetry] = (),
 ) -> dict[str, Any]:
     """Return the parameters a stepper needs, each checked against its domain.
+
+    The rates of a co-moving frame, those of ``symmetries``, are 0 where they are not given.
 
     Raises
     ------
@@ -28,19 +32,32 @@ def as_parameters(
     """
     if not isinstance(given, Mapping):
         raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
-    missing = [name for name in domains if name not in given]
+    frame = {symmetry.name: 0 for symmetry in symmetries}
+    needed = [name for name in domains if name not in frame]
+    missing = [name for name in needed if name not in given]
     if missing:
         raise InputError(
-            f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(domains)}."
+            f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(needed)}."
         )
+    if frame and "frame" in given and "frame" not in domains:
+        refuse_choice(given["frame"])
     unknown = [str(name) for name in given if name not in domains]
     if unknown:
         raise InputError(
             f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}"
             f"{proposal(unknown[0], domains)}."
         )
-    return {name: _as_parameter(name, domain, given, number)
-            for name, domain in domains.items()}
+    whole = {**frame, **given}
+    made = {name: _as_parameter(name, domain, whole, number) for name, domain in domains.items()}
+    refuse_broken(symmetries, made)
+    return made
+
+
+def refuse_choice(value: Any) -> None:
+    """Refuse ``"frame"`` among the parameters where nothing chooses."""
+    raise InputError(f"Parameter frame = {shown(value)} is for runs, which look at their start: "
+                     "'start' or, for integrate alone, 'auto'; here give rates, those of "
+                     "choose_frame for example.")
 
 
 def refuse_auto(name: str, value: Any) -> None:

@@ -1,0 +1,156 @@
+"""What a run is to choose: γ and α of ``--gamma`` and ``--alpha``, the rates of ``--frame``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from ..exact import Rounded, decimal
+from ..naming import listed, proposal
+from ..runtime.body.inertia import AIMS
+from .options import real_number
+
+if TYPE_CHECKING:
+    from ..runtime.body.inertia import Aim
+    from ..runtime.choice.gamma_choice import GammaChoice
+    from ..runtime.run.start import Start
+    from ..runtime.run.stepper import Stepper
+
+__all__ = ["Frame", "frame_for", "gamma_for", "parameters_for"]
+
+
+def parameters_for(
+    step: Stepper, start: Start, gamma: str | None, alpha: str | None
+) -> dict[str, float]:
+    """Return the parameters, with γ and α of every body as the options say; auto starts from m.
+
+    Without an option the model's own value or rule counts, and m where it has none.
+    """
+    given = {"gamma": gamma, "alpha": alpha}
+    bodies = {name: inertia for name, inertia in start.bodies.items()
+              if name in step.parameter_domains}
+    kinds = {name: "alpha" if "alpha" in name else "gamma" for name in bodies}
+    for kind, other in (("gamma", "alpha"), ("alpha", "gamma")):
+        if given[kind] is not None and kind not in kinds.values():
+            raise InputError(
+                f"--{kind} does not go with --rep {other}; give --{other} instead." if kinds else
+                f"--{kind} is given, and {start.name} has no body with a {kind}; leave it out."
+            )
+    known = {name: value for name, value in start.parameters.items()
+             if name in step.parameter_domains}
+    for name, inertia in bodies.items():
+        option = given[kinds[name]]
+        if option == "fast":
+            known[name] = _fast_gamma(step, start)
+        elif option is not None or name not in known:
+            rule = option or start.rules.get(name, "m")
+            known[name] = inertia_parameter(kinds[name], "m" if rule in AIMS else rule, inertia)
+    return known
+
+
+def gamma_for(
+    step: Stepper, start: Start, state: tuple[Any, Any, float], dt: float, steps: int,
+    parameters: dict[str, float], aim: Aim | None,
+) -> GammaChoice | None:
+    """Return the choice of γ or α with this aim, made on pilot runs no longer than the run."""
+    from ..runtime.choice.gamma_choice import PILOT_STEPS, choose_gamma
+
+    if aim is None:
+        return None
+    bodies = {name: inertia for name, inertia in start.bodies.items() if name in parameters}
+    q0, p0, t0 = state
+    return choose_gamma(step, q0, p0, dt=dt, t0=t0, parameters=parameters, bodies=bodies, aim=aim,
+                        steps=min(max(steps, 2), PILOT_STEPS), run_steps=steps)
+
+
+def _fast_gamma(step: Stepper, start: Start) -> float:
+    """Return the γ with the fewest sweeps; refuse it where γ would change the solution."""
+    from ..runtime.body.inertia import gamma_fast
+    from ..runtime.body.quaternion import angular_velocity
+
+    stages = step.manifest["scheme"]["stages"] or 0
+    if stages < 6:
+        raise InputError(f"--gamma fast is for 6 stages or more, where the solution does not "
+                         f"depend on gamma, not for {step.name}; take m, h, mt, ht or a number.")
+    if len(start.bodies) == 0 or len(start.q0) != 4:
+        raise InputError(f"--gamma fast is for one body, not for {start.name}; take m, h, mt, ht "
+                         "or a number.")
+    inertia = next(iter(start.bodies.values()))
+    omega = angular_velocity(start.q0, start.p0, inertia)
+    return gamma_fast(inertia, omega.tolist())
+
+
+def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
+    """Return γ or α from m, h, mt, ht or a number."""
+    from ..runtime.body.inertia import MEANS
+
+    if text in MEANS:
+        return MEANS[text](inertia)
+    value = decimal(text)
+    if value is None:
+        choices = listed([*MEANS, *AIMS, "a number"])
+        raise InputError(f"--{name} {text!r} is none of {choices}.")
+    value = value if isinstance(value, float) else Rounded(value)
+    if not math.isfinite(value) or value == 0:
+        raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")
+    return value
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The rates of a run, γ where it was searched for with them, and what is reported."""
+
+    values: dict[str, float]
+    about: dict[str, Any]
+    has_gamma: bool = False
+
+
+def frame_for(
+    step: Stepper, start: Start, state: tuple[Any, Any, float], dt: float, steps: int,
+    parameters: dict[str, float], options: tuple[str, ...], aim: Aim | None,
+) -> Frame | None:
+    """Return the frame that the options ask for, or a model file without any.
+
+    Raises
+    ------
+    InputError
+        For what is no frame of the stepper.
+    """
+    if not step.symmetries:
+        return None
+    mode = options[0] if len(options) == 1 else "start" if not options else ""
+    if mode not in ("auto", "start"):
+        values = _rates(step, options)
+        return Frame(values, {"frame": values})
+    from ..runtime.choice.frame_choice import choose_frame, start_frame
+    from ..runtime.choice.gamma_choice import PILOT_STEPS
+
+    q0, p0, t0 = state
+    if mode == "start":
+        values = start_frame(step, q0, p0, parameters)
+        return Frame(values, {"frame": values})
+    bodies = {name: inertia for name, inertia in start.bodies.items()
+              if name in parameters} if aim == "motion" else {}
+    found = choose_frame(step, q0, p0, dt=dt, t0=t0, parameters=parameters, bodies=bodies,
+                         steps=min(max(steps, 8), PILOT_STEPS))
+    return Frame(found.values, {
+        "frame": found.frame, "frame_expected_gain": found.expected_gain,
+        "frame_measured_gain": found.measured_gain, "frame_reason": found.reason, **found.gammas,
+    }, has_gamma=bool(found.gammas))
+
+
+def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
+    """Return the rates that options name."""
+    names = [symmetry.name for symmetry in step.symmetries]
+    found = {}
+    for option in (part for text in options for part in text.split(",")):
+        name, sign, value = option.partition("=")
+        if not sign or name.strip() not in names:
+            raise InputError(f"--frame {option!r} is no frame of {step.name}; write auto, start or "
+                             f"NAME=RATE with NAME among {listed(names)}"
+                             f"{proposal(name.strip(), names)}.")
+        found[name.strip()] = real_number(f"--frame {name.strip()}", value.strip())
+    return found

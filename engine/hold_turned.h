@@ -1,0 +1,54 @@
+/* What a trajectory that is held has of its frame. */
+static void begin_frame(work_t *w, const parameters_t *parameters)
+{
+    w->held.moving = *parameters;
+    w->held.since = w->held.report.steps;
+    for (int a = 0; a < N; ++a) {
+        w->frame_q[a] = w->held.q[a];
+        w->frame_p[a] = w->held.p[a];
+    }
+}
+
+/* At another rate it begins anew where the trajectory is; what was past is of the old one. */
+static void change_frame(work_t *w, const parameters_t *parameters)
+{
+    const frame_t old = frame_of(&w->held.moving), new = frame_of(parameters);
+    int same = 1;
+    for (int i = 0; i < ANGLES; ++i)
+        same &= old.rate[i].high == new.rate[i].high && old.rate[i].low == new.rate[i].low;
+    for (int i = 0; i < AXES; ++i)
+        same &= old.axis[i] == new.axis[i];
+    w->held.moving = *parameters;
+    if (same)
+        return;
+    begin_frame(w, parameters);
+    if (w->held.options.solver != NEWTON)
+        recover(w);
+}
+
+/* A state as the caller has it, in the frame: to the bit where it left it. */
+static void into_frame(const work_t *w, real q[N], real p[N])
+{
+    const frame_t frame = frame_of(&w->held.moving);
+    int same_q = 1, same_p = 1;
+    for (int a = 0; a < N; ++a) {
+        same_q &= q[a] == w->held.q[a];
+        same_p &= p[a] == w->held.p[a];
+    }
+    turn_state(&frame, w->held.dt, w->held.since - w->held.report.steps, q, p);
+    for (int a = 0; a < N; ++a) {
+        q[a] = same_q ? w->frame_q[a] : q[a];
+        p[a] = same_p ? w->frame_p[a] : p[a];
+    }
+}
+
+/* The state that the caller sees. */
+static void out_of_frame(work_t *w, real q[N], real p[N])
+{
+    const frame_t frame = frame_of(&w->held.moving);
+    for (int a = 0; a < N; ++a) {
+        w->frame_q[a] = q[a];
+        w->frame_p[a] = p[a];
+    }
+    turn_state(&frame, w->held.dt, w->held.report.steps - w->held.since, q, p);
+}

@@ -1,0 +1,107 @@
+"""The rates of a co-moving frame from a state alone: least squares, no run.
+
+    min_ω (H_p − Σ ω_i A_i q)ᵀ H_pp⁻¹ (H_p − Σ ω_i A_i q)
+
+in the metric of the kinetic energy, which knows no units: ω = 𝕀⁻¹J with the locked inertia
+𝕀_ij = (A_i q)ᵀ H_pp⁻¹ A_j q. On a relative equilibrium nothing is left over, and ω is its rate.
+
+Three rotations of space do not commute: a frame about another axis than that of the angular
+momentum l would lose l. So they go together, about l.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .symmetries import Symmetry
+
+if TYPE_CHECKING:
+    from ..run.stepper import Stepper
+
+__all__ = ["Direction", "Velocities", "directions_of", "least_squares"]
+
+Array = NDArray[Any]
+
+
+class Direction:
+    """A rate that may be chosen: of one symmetry, or of three rotations of space about l.
+
+    Attributes
+    ----------
+    weights : dict of str to float
+        Name of each parameter → its part of the rate.
+    A : ndarray, shape (n, n)
+        The generator.
+    """
+
+    def __init__(self, symmetries: list[Symmetry], weights: Array) -> None:
+        self.weights = {s.name: float(w) for s, w in zip(symmetries, weights, strict=True)}
+        self.A: Array = sum((w * s.A for s, w in zip(symmetries, weights, strict=True)),
+                            np.zeros_like(symmetries[0].A))
+
+
+def directions_of(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Any]
+) -> list[Direction]:
+    """Return the rates that may be chosen for a start: of what are symmetries there."""
+    place, momenta = (np.array(x, dtype=float) for x in (q, p))
+    found = []
+    for _, group in groupby(stepper.symmetries, key=lambda symmetry: symmetry.group):
+        together = list(group)
+        if not all(symmetry.holds(parameters) for symmetry in together):
+            continue
+        weights = np.ones(1)
+        if len(together) > 1:
+            weights = np.array([symmetry.momentum(place, momenta) for symmetry in together])
+            size = float(np.linalg.norm(weights))
+            if size == 0:
+                continue
+            weights = weights / size
+        found.append(Direction(together, weights))
+    return found
+
+
+class Velocities:
+    """H_p of states in doubles, from the residual of no step, and its derivative by p."""
+
+    def __init__(self, stepper: Stepper, parameters: Mapping[str, Any], t0: Any = 0.0) -> None:
+        self._stepper, self._t = stepper, t0
+        rates = {symmetry.name for symmetry in stepper.symmetries}
+        self._parameters = {name: x for name, x in parameters.items() if name not in rates}
+        self._ends = bool(stepper.manifest["scheme"]["unknowns_are_state"])
+
+    def __call__(self, q: Array, p: Array) -> Array:
+        """Return H_p, shape (n,)."""
+        n, x = self._stepper.n, np.zeros(self._stepper.unknowns)
+        if self._ends:
+            x[: 2 * n] = [*q, *p]
+        found = self._stepper.residual(x, q, p, dt=1.0, parameters=self._parameters, t=self._t)
+        return -np.array(found[:n], dtype=float)
+
+    def root_of_mass(self, q: Array, p: Array) -> Array:
+        """Return W with WᵀW = H_pp⁻¹, H_pp by differences: exact where H is quadratic in p."""
+        size = float(np.abs(p).max()) or 1.0
+        steps = size * np.eye(len(p))
+        H_pp = np.array([self(q, p + e) - self(q, p - e) for e in steps]) / (2 * size)
+        values, vectors = np.linalg.eigh((H_pp + H_pp.T) / 2)
+        usable = values > 1e-12 * max(values.max(), 0.0)
+        return np.asarray((vectors[:, usable] / np.sqrt(values[usable])).T)
+
+
+def least_squares(
+    velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike
+) -> Array:
+    """Return the rates for which least is left over of H_p, over all rows of q and p."""
+    rows, wanted = [], []
+    for place, momenta in zip(np.atleast_2d(np.array(q, dtype=float)),
+                              np.atleast_2d(np.array(p, dtype=float)), strict=True):
+        root = velocities.root_of_mass(place, momenta)
+        rows.append(root @ np.stack([d.A @ place for d in directions], axis=1))
+        wanted.append(root @ velocities(place, momenta))
+    found, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=1e-9)
+    return np.asarray(found)

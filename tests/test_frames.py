@@ -1,0 +1,387 @@
+"""Co-moving frames: symmetries found and proved, motions turned back, what is kept and what is won.
+
+A stepper with ``frame="symmetries"`` integrates H − Σ ω_i J_i and turns back. The second ways here:
+closed forms, the same motion without a frame by a method of more stages, mpmath.
+"""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from functools import cache
+
+import mpmath as mp
+import numpy as np
+import pytest
+import sympy as sp
+from numpy.testing import assert_array_equal
+
+import gyrospark as gs
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from processes import ROOT
+
+TOP = gs.problems.fast_top()
+CONE = gs.problems.regular_precession()
+EPS = np.finfo(float).eps
+
+
+def with_gamma(problem):
+    return problem.parameters | {"gamma": gs.gamma_m(problem.inertia)}
+
+
+@cache
+def framed(scheme="G-L", stages=2, **more):
+    return gs.stepper(scheme, stages, frame="symmetries", **more)
+
+
+@cache
+def model():
+    """Two tops on each other, symmetric both; g turns with the vertical."""
+    return gs.models.double_top()
+
+
+@cache
+def tops():
+    """The model's stepper with a frame, and a start on the constraints."""
+    found = model()
+    numbers = {name: float(x) for name, x in found.parameters.items()}
+    numbers |= {name: gs.gamma_m(x) for name, x in found.bodies.items()}
+    numbers |= {"a_I2": numbers["a_I1"], "b_I2": numbers["b_I1"]}
+    step = gs.stepper("G-L", 2, system=found, frame="symmetries")
+    return step, numbers, step.project(found.q0, found.p0, parameters=numbers)
+
+
+def height(q):
+    """R33, the height of the body's axis."""
+    return q[:, 0] ** 2 - q[:, 1] ** 2 - q[:, 2] ** 2 + q[:, 3] ** 2
+
+
+def names_of(system):
+    """Return name → condition of the symmetries that are derived for a system."""
+    made = generate(Spec.checked("G-L", 1).with_frame("symmetries"), system=system)
+    return {s["name"]: s["conditions"] for s in json.loads(made.source.manifest)["frame"][
+        "symmetries"]}
+
+
+def plane_system(H, q, p, *parameters, g=(), **more):
+    return gs.System(q, p, parameters, H, g, name="plane", **more)
+
+
+X, Y, Z, PX, PY, PZ = sp.symbols("x y z p_x p_y p_z", real=True)
+A1, A2, K = sp.symbols("a1 a2 k", real=True)
+
+
+# ---------------------------------------------------------------- what is found
+
+
+def test_a_top_has_its_own_axis_and_the_vertical():
+    body, space = framed().symmetries
+    assert (body.name, body.condition, space.name, space.condition) == (
+        "omega_body", "I1 = I2", "omega_space", "")
+    q, p = TOP.q0, TOP.p0
+    p0, p1, p2, p3 = p
+    q0, q1, q2, q3 = q
+    assert body.momentum(q, p) == pytest.approx((p3 * q0 - p0 * q3 + p1 * q2 - p2 * q1) / 2)
+    assert space.momentum(q, p) == pytest.approx((p3 * q0 - p0 * q3 - p1 * q2 + p2 * q1) / 2)
+    assert body.J == "-p0*q3/2 + p1*q2/2 - p2*q1/2 + p3*q0/2"
+
+
+def test_a_free_body_turns_about_any_axis_of_space():
+    found = generate(Spec.checked("G-L", 1, "gamma", "free_body").with_frame("symmetries"))
+    said = json.loads(found.source.manifest)["frame"]["symmetries"]
+    assert [s["name"] for s in said] == ["omega_body", "omega_space_1", "omega_space_2",
+                                         "omega_space_3"]
+    assert [s["conditions"] for s in said] == [["I1 = I2"], [], [], []]
+
+
+def test_several_bodies_have_an_axis_each_and_the_vertical_together():
+    step, _, _ = tops()
+    assert [s.name for s in step.symmetries] == ["omega_a", "omega_b", "omega_space"]
+    assert [s.condition for s in step.symmetries] == ["a_I1 = a_I2", "b_I1 = b_I2", ""]
+
+
+@pytest.mark.parametrize(("system", "expected"), [
+    (plane_system((PX**2 + PY**2) / 2 - K / sp.sqrt(X**2 + Y**2), (X, Y), (PX, PY), K),
+     {"omega_space": []}),
+    (plane_system((PX**2 + PY**2) / 2 + A1 * X**2 + A2 * Y**2, (X, Y), (PX, PY), A1, A2),
+     {"omega_space": ["a1 = a2"]}),
+    (plane_system((PX**2 + PY**2 + PZ**2) / 2 + A1 * X**2 + A2 * Y**2 + K * Z**2, (X, Y, Z),
+                  (PX, PY, PZ), A1, A2, K, g=(X**2 + Y**2 + Z**2 - 1,)),
+     {"omega_space": ["a1 = a2"]}),
+], ids=["Kepler", "oscillator", "Neumann"])
+def test_symmetries_of_any_system(system, expected):
+    assert names_of(system) == expected
+
+
+@pytest.mark.parametrize("system", [
+    plane_system((PX**2 + PY**2) / 2 + X**4 + 2 * Y**4, (X, Y), (PX, PY)),
+    plane_system((PX**2 + PY**2) / 2 + X * Y, (X, Y), (PX, PY)),  # a squeeze, no rotation
+    plane_system((PX**2 + PY**2) / 2 + X, (X, Y), (PX, PY)),  # a shift
+    plane_system((PX**2 + PY**2) / 2 + X**2 + Y**2, (X, Y), (PX, PY), forces=(0, X)),
+], ids=["none", "squeeze", "shift", "forces"])
+def test_a_system_without_a_rotation_is_refused(system):
+    with pytest.raises(gs.InputError, match="has no co-moving frame"):
+        names_of(system)
+
+
+# ---------------------------------------------------------------- relative equilibria
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [
+    ("G-L", 2), ("EMS", None), *(pytest.param(*other, marks=pytest.mark.slow) for other in
+                                 [("G-L", 1), ("G-L", 3), ("LIIIA-B", 3), ("IMS", None)])])
+@pytest.mark.parametrize("ratio", [0.5, 1.5])
+def test_regular_precession_has_no_error(scheme, stages, ratio):
+    """In the frame of both rates q~ stands still, whatever the method and the step."""
+    cone = gs.problems.regular_precession(radius_ratio=ratio)
+    step, numbers = framed(scheme, stages), with_gamma(cone)
+    rates = rates_of(step, cone.q0, cone.p0, numbers)
+    run = step.integrate(cone.q0, cone.p0, dt=1e-2, steps=2000, parameters=numbers | rates)
+    assert np.ptp(height(run.q)) < 1e-13
+    assert abs(run.energy_error()).max() <= 32 * EPS * abs(run.energies).max()
+    exact = cone.exact.attitude(run.t[-1])
+    # Rates are least squares of rounded numbers: the angle of 20 s of them is off by 20 ω ε.
+    bound = 20 * sum(map(abs, rates.values())) * 8 * EPS
+    assert min(abs(run.q[-1] - exact).max(), abs(run.q[-1] + exact).max()) < bound
+
+
+def rates_of(step, q, p, numbers):
+    """Return ω with H_p = Σ ω_i A_i q, by least squares; H_p from the residual of no step."""
+    x = np.zeros(step.unknowns)
+    if step.manifest["scheme"]["unknowns_are_state"]:
+        x[: 2 * step.n] = [*q, *p]
+    H_p = -step.residual(x, q, p, dt=1.0, parameters=numbers)[: step.n]
+    moves = np.stack([s.A @ np.asarray(q, float) for s in step.symmetries], axis=1)
+    found = np.linalg.lstsq(moves, H_p, rcond=None)[0]
+    return {s.name: float(w) for s, w in zip(step.symmetries, found, strict=True)}
+
+
+# ---------------------------------------------------------------- what stays
+
+
+def test_at_rest_a_frame_changes_nothing():
+    numbers = with_gamma(TOP)
+    runs = [step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=300, parameters=numbers)
+            for step in (framed(), gs.stepper("G-L", 2, rep="gamma"))]
+    assert abs(runs[0].q - runs[1].q).max() < 1e-13
+    assert abs(runs[0].multipliers - runs[1].multipliers).max() < 1e-9
+
+
+@pytest.mark.parametrize(("scheme", "stages", "order"), [("G-L", 2, 4), ("EMS", None, 2)])
+def test_the_order_is_kept_and_the_error_is_smaller(scheme, stages, order):
+    numbers = with_gamma(TOP)
+    exact = gs.stepper("G-L", 4, rep="gamma").integrate(
+        TOP.q0, TOP.p0, dt=5e-4, steps=200, parameters=numbers).q[-1]
+    errors = [abs(framed(scheme, stages).integrate(
+        TOP.q0, TOP.p0, dt=dt, steps=round(0.1 / dt),
+        parameters=numbers | {"omega_body": w}).q[-1] - exact).max()
+        for w in (0.0, 75.4) for dt in (4e-3, 2e-3)]
+    for coarse, fine in (errors[:2], errors[2:]):
+        assert 0.8 * 2**order < coarse / fine < 1.25 * 2**order
+    assert errors[3] < errors[1] / 5
+
+
+def test_a_run_in_a_frame_is_one_autonomous_map():
+    """S_(ωkh) Φ^k = (S_(ωh) Φ)^k: it is the same where a run is cut and its frame begins anew."""
+    step, rates = framed(), {"omega_body": 75.4, "omega_space": -3.0}
+    numbers = with_gamma(TOP) | rates
+    whole = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=100, parameters=numbers)
+    first = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=37, parameters=numbers)
+    rest = step.integrate(first.q[-1], first.p[-1], dt=2e-3, steps=63, parameters=numbers)
+    assert abs(rest.q[-1] - whole.q[-1]).max() < 1e-12
+    back = step.integrate(whole.q[-1], whole.p[-1], dt=-2e-3, steps=100, parameters=numbers)
+    assert abs(back.q[-1] - TOP.q0).max() < 1e-12
+
+
+def test_momentum_maps_are_kept():
+    step, numbers = framed(), with_gamma(TOP) | {"omega_body": 75.4, "omega_space": 5.0}
+    run = step.integrate(TOP.q0, TOP.p0, dt=5e-3, steps=1000, parameters=numbers)
+    for symmetry in step.symmetries:
+        J = symmetry.momentum(run.q, run.p)
+        assert np.ptp(J) < 1e-13 * abs(J).max()
+
+
+def test_the_map_is_symplectic():
+    """MᵀJM = J of the whole run's derivative, by differences in 113 bits, without constraints."""
+    system = plane_system((PX**2 + PY**2) / 2 + (X**2 + Y**2) ** 2 / 4, (X, Y), (PX, PY))
+    step = gs.stepper("G-L", 1, system=system, frame="symmetries", real="float128")
+    start, h = [1, 0, mp.mpf(1) / 3, 1], mp.mpf(2) ** -38
+
+    def end(z):
+        run = step.integrate(z[:2], z[2:], dt=0.25, steps=5, parameters={"omega_space": 1.25})
+        return [*run.q[-1], *run.p[-1]]
+
+    with mp.workprec(113):
+        columns = []
+        for i in range(4):
+            ends = [end([x + sign * h * (k == i) for k, x in enumerate(start)])
+                    for sign in (1, -1)]
+            columns.append([(a - b) / (2 * h) for a, b in zip(*ends, strict=True)])
+        M = mp.matrix(columns).T
+        J = mp.matrix([[0, 0, 1, 0], [0, 0, 0, 1], [-1, 0, 0, 0], [0, -1, 0, 0]])
+        assert mp.norm(M.T * J * M - J, mp.inf) < mp.mpf(10) ** -18  # h² of the differences
+
+
+# ---------------------------------------------------------------- multipliers, and where g turns
+
+
+def test_multipliers_turn_with_the_constraints():
+    """Those of joints are given in axes of space: with ω_space they must be turned at each node."""
+    step, numbers, (q, p) = tops()
+    still = step.integrate(q, p, dt=1e-3, steps=40, parameters=numbers, every=4)
+    moved = step.integrate(q, p, dt=1e-3, steps=40, every=4, parameters=numbers | {
+        "omega_a": 39.0, "omega_b": 70.0, "omega_space": 20.0})
+    assert abs(moved.q - still.q).max() < 1e-7
+    assert abs(moved.multipliers - still.multipliers).max() < 1e-3 * abs(still.multipliers).max()
+    for solver in ("newton", "python"):
+        other = step.integrate(q, p, dt=1e-3, steps=8, every=4, solver=solver,
+                               parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
+        same = step.integrate(q, p, dt=1e-3, steps=8, every=4,
+                              parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
+        assert abs(other.q - same.q).max() < 1e-13
+        assert abs(other.multipliers - same.multipliers).max() < 1e-8
+
+
+# ---------------------------------------------------------------- bits
+
+
+def test_a_loop_of_steps_and_pieces_of_a_run_give_its_bits(tmp_path):
+    step, numbers = framed(), with_gamma(TOP) | {"omega_body": 75.4, "omega_space": 1.0}
+    whole = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=60, parameters=numbers)
+    q, p = TOP.q0, TOP.p0
+    for k in range(60):
+        q, p = step.step(q, p, dt=2e-3, parameters=numbers)
+        assert_array_equal(q, whole.q[k + 1])
+    thin = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=60, every=7, parameters=numbers)
+    assert_array_equal(thin.q, whole.q[[*range(0, 60, 7), 60]])
+    for steps in (23, 60):
+        stored = gs.record(step, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", dt=2e-3, steps=steps,
+                           parameters=numbers, resume=steps == 60)
+    kept = stored.trajectory()
+    assert_array_equal(kept.q, whole.q)
+    assert_array_equal(kept.p, whole.p)
+
+
+def test_a_simulation_moves_with_its_frame():
+    """Bits of integrate; an impulse is in the caller's coordinates, and so is a new rate."""
+    step, numbers = framed(), with_gamma(TOP) | {"omega_body": 75.4, "omega_space": 1.0}
+    whole = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=40, parameters=numbers)
+    held = step.start(TOP.q0, TOP.p0, dt=2e-3, parameters=numbers)
+    for k in range(1, 21):
+        held.advance()
+        assert_array_equal(held.q, whole.q[k])
+    copy = held.copy()
+    held.advance(20)
+    assert_array_equal(held.q, whole.q[-1])
+    assert_array_equal(held.p, whole.p[-1])
+    copy.parameters = numbers | {"omega_body": 60.0, "omega_space": -2.0}
+    kick = np.array([0.0, 0.0, 0.0, 1e-3])
+    kicked = step.project(copy.q, copy.p + kick, parameters=numbers)
+    copy._held.p[:] = kicked[1]  # as a caller in C does
+    copy.advance(20)
+    fresh = step.integrate(*kicked, dt=2e-3, steps=20, parameters=copy.parameters)
+    assert abs(fresh.q[-1] - copy.q).max() < 1e-12
+    assert abs(fresh.p[-1] - copy.p).max() < 1e-12 * abs(TOP.p0).max()
+    assert copy.report.energy_error_max < 1e-6
+
+
+def test_members_of_an_ensemble_have_their_own_frame_and_bits():
+    step, numbers = framed(), with_gamma(TOP)
+    rates = [0.0, 60.0, 75.4, 80.0, 90.0]
+    many = step.integrate_ensemble([TOP.q0] * 5, [TOP.p0] * 5, dt=2e-3, steps=50,
+                                   parameters=numbers | {"omega_body": rates})
+    for i, w in enumerate(rates):
+        alone = step.integrate_ensemble([TOP.q0], [TOP.p0], dt=2e-3, steps=50,
+                                        parameters=[numbers | {"omega_body": w}])
+        assert_array_equal(alone.q[0], many.q[i])
+        one = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=50,
+                             parameters=numbers | {"omega_body": w})
+        assert abs(one.q - many.q[i]).max() < 1e-12
+
+
+def test_a_sweep_takes_rates_as_an_axis():
+    found = gs.sweep(TOP, {"omega_body": [0.0, 75.4], "gamma": [4e-4, 8e-4]}, scheme="G-L",
+                     stages=2, frame="symmetries", dt=2e-3, steps=50)
+    for i, w in enumerate((0.0, 75.4)):
+        for j, gamma in enumerate((4e-4, 8e-4)):
+            one = framed().integrate(TOP.q0, TOP.p0, dt=2e-3, steps=50, parameters=(
+                TOP.parameters | {"gamma": gamma, "omega_body": w}))
+            assert abs(found.q.values[i, j] - one.q[-1]).max() < 1e-12
+
+
+@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
+def test_every_type_turns_back(real):
+    step, cone = framed(real=real), with_gamma(CONE)
+    rates = rates_of(framed(), CONE.q0, CONE.p0, cone)
+    q, p = step.project(CONE.q0, CONE.p0, parameters=cone)
+    run = step.integrate(q, p, dt=1e-2, steps=20, parameters=cone | rates)
+    exact = CONE.exact.attitude(0.2)
+    bound = 2e-4 if real == "float" else 2e-13
+    assert abs(np.array(run.q[-1], float) - exact).max() < bound
+
+
+# ---------------------------------------------------------------- files and commands
+
+
+def test_a_model_file_may_ask_for_frames(tmp_path):
+    text = (ROOT / "examples" / "satellite.toml").read_text(encoding="utf-8")
+    file = tmp_path / "moving.toml"
+    file.write_text('frame = "symmetries"\n' + text, encoding="utf-8")
+    step = gs.stepper("G-L", 1, system=str(file))
+    assert [s.name for s in step.symmetries][:1] == ["omega_body"]
+    assert gs.load_model(file).frame == "symmetries"
+    file.write_text('frame = "moving"\n' + text, encoding="utf-8")
+    with pytest.raises(gs.InputError, match=r"frame .*choose symmetries"):
+        gs.load_model(file)
+
+
+def test_generate_writes_steppers_with_frames(gyrospark, tmp_path):
+    choice = ["generate", "--scheme", "G-L", "--stages", "1", "--frame", "symmetries"]
+    done = gyrospark(*choice, "--no-compile", "--out", tmp_path)
+    assert "heavy_top_gl1_gamma_frame: order 2" in done.stdout
+    header = (tmp_path / "heavy_top_gl1_gamma_frame.h").read_text(encoding="utf-8")
+    assert "omega_body: J = -p0*q3/2 + p1*q2/2 - p2*q1/2 + p3*q0/2, where I1 = I2" in header
+    refused = gyrospark(*choice, "--profile", "control", "--out", tmp_path)
+    assert refused.code == 2
+    assert "Profile 'control' has no co-moving frame" in refused.stderr
+
+
+# ---------------------------------------------------------------- wrong uses
+
+
+def test_a_frame_along_what_is_no_symmetry_is_refused_with_its_condition():
+    step, numbers = framed(), with_gamma(TOP)
+    off = numbers | {"I1": np.nextafter(numbers["I1"], 1), "omega_body": 75.4}
+    expected = r"omega_body = 75\.4 moves along .* only where I1 = I2 exactly, but I1 = 0\.002"
+    with pytest.raises(gs.InputError, match=expected):
+        step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=off)
+    with pytest.raises(gs.InputError, match="I1 = I2"):
+        step.step(TOP.q0, TOP.p0, dt=1e-3, parameters=off)
+    with pytest.raises(gs.InputError, match=r"Trajectory 1: .*I1 = I2"):
+        step.integrate_ensemble([TOP.q0] * 2, [TOP.p0] * 2, dt=1e-3, steps=1,
+                                parameters=[numbers, off])
+    with pytest.raises(gs.InputError, match="I1 = I2"):
+        gs.sweep(TOP, {"omega_body": [0.0, 1.0], "I1": [2e-3, 3e-3]}, scheme="G-L", stages=2,
+                 frame="symmetries", dt=1e-3, steps=1)
+    at_rest = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=off | {"omega_body": 0})
+    assert at_rest.report.steps == 1
+
+
+def test_a_rate_of_no_symmetry_is_unknown():
+    with pytest.raises(gs.InputError, match=r"'omega_bdy' is unknown.*did you mean omega_body"):
+        framed().integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1,
+                           parameters=with_gamma(TOP) | {"omega_bdy": 1.0})
+    with pytest.raises(gs.InputError, match="'omega_body' is unknown"):
+        gs.stepper("G-L", 2).integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1,
+                                       parameters=with_gamma(TOP) | {"omega_body": 1.0})
+    with pytest.raises(gs.InputError, match="frame 'moving'"):
+        gs.stepper("G-L", 2, frame="moving")
+
+
+def test_exact_conditions_know_fractions():
+    """1/10 and the double 0.1 are two numbers."""
+    step = framed(real="float128")
+    numbers = with_gamma(TOP) | {"I1": Fraction(1, 500), "I2": 0.002, "omega_body": 1.0}
+    with pytest.raises(gs.InputError, match="I1 = I2"):
+        step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=numbers)
