@@ -41,6 +41,9 @@ def shown(gl3, tmp_path_factory):
     framed = gs.stepper("G-L", 2, frame="symmetries")
     frame = gs.choose_frame(framed, TOP.q0, TOP.p0, dt=1e-2, parameters=RUN["parameters"], steps=8)
     certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
+    dip = gs.Event("q1", level=0.2)
+    section = gs.section(gl3, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
+    swung = gl3.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
     many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
@@ -51,6 +54,7 @@ def shown(gl3, tmp_path_factory):
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
         chain.system, small_system(), *built(),
         gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
+        dip, section, swung.events["q1"],
         gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
     ]
 

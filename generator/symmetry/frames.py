@@ -32,6 +32,7 @@ from ..algebra.bounded_algebra import is_small
 from ..algebra.derivatives import derivative
 from ..algebra.residues import exactly, identically_zero
 from ..algebra.sharing import substitute
+from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .linear_fields import Field, known_fields, motions_of_space
 from .rotations import Rotation, commute, rotation_of
@@ -114,6 +115,10 @@ def frame_of(system: System) -> Frame:
     if system.is_timed:
         raise InputError(f"System {system.name!r} has time in H or in a constraint, which a "
                          "co-moving frame does not know; leave out frame, or time.")
+    if isinstance(system, LagrangianSystem):
+        raise InputError(f"System {system.name!r} is from a Lagrangian, and its H is not written "
+                         "out, in which symmetries are sought; leave out frame, or take the system "
+                         "that its legendre() returns.")
     search = _Search(system)
     groups = [*search.bodies(), *search.space(), *search.others()]
     if not groups:

@@ -13,7 +13,7 @@ from ...markup import formula
 from ...naming import shown
 from ..algebra.switches import as_switches
 
-__all__ = ["as_expression", "as_sequence", "few", "shown_formula"]
+__all__ = ["as_expression", "as_sequence", "few", "refuse_unless_symbols", "shown_formula"]
 
 #: Names that are shown of a list.
 _FEW = 6
@@ -33,6 +33,14 @@ def as_sequence(name: str, value: object) -> Sequence[object]:
     if isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
         raise InputError(f"{name} = {shown(value)} is no sequence; write it as a list.")
     return tuple(value)
+
+
+def refuse_unless_symbols(system: str, what: str, values: Iterable[object]) -> None:
+    """Refuse what is no symbol among a system's coordinates, momenta, parameters, …"""
+    for value in values:
+        if not isinstance(value, sp.Symbol):
+            raise InputError(f"System {system!r} has {shown(value)} in {what}, which is no "
+                             "symbol; make it with sympy.Symbol.")
 
 
 def as_expression(value: object) -> sp.Expr:

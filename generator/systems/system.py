@@ -24,7 +24,7 @@ from ...errors import InputError
 from ...markup import card, table
 from ...naming import shown
 from ..text.c_names import is_taken
-from .given import as_expression, as_sequence, few, shown_formula
+from .given import as_expression, as_sequence, few, refuse_unless_symbols, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
 from .places import BodyAt, JointAt
 
@@ -119,9 +119,9 @@ class System:
         object.__setattr__(self, "constraint_names",
                            names or tuple(f"g{i}" for i in range(self.m)))
         for what in ("q", "p", "inputs", "parameters"):
-            self._refuse_unless_symbols(what, getattr(self, what))
+            refuse_unless_symbols(self.name, what, getattr(self, what))
         if self.time is not None:
-            self._refuse_unless_symbols("time", (self.time,))
+            refuse_unless_symbols(self.name, "time", (self.time,))
         if not self.name.isidentifier() or not self.name.isascii():
             raise InputError(
                 f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
@@ -184,12 +184,6 @@ class System:
         rows += [("coordinates", few(self.q)), ("momenta", few(self.p)),
                  ("parameters", few(self.parameters)), ("constraints", str(self.m))]
         return card(f"System {self.name}", table(rows))
-
-    def _refuse_unless_symbols(self, what: str, values: Sequence[object]) -> None:
-        for value in values:
-            if not isinstance(value, sp.Symbol):
-                raise InputError(f"System {self.name!r} has {shown(value)} in {what}, which is no "
-                                 "symbol; make it with sympy.Symbol.")
 
     def _refuse_unknown_symbols(self) -> None:
         time = () if self.time is None else (self.time,)
