@@ -161,13 +161,13 @@ def consistent(
     """
     if isinstance(system, Stepper):
         return system.consistent(q, p, parameters=parameters, t=t)
-    from .generator.systems.numeric_system import NumericSystem
+    from .generator.systems.numeric_system import numeric
     from .generator.systems.system import System as AnySystem
 
     if not isinstance(system, AnySystem):
         raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
     state = (as_array("q", q, (system.n,), np.float64), as_array("p", p, (system.n,), np.float64))
-    return project(NumericSystem(system, parameters, float(as_real("t", t))), *state)
+    return project(numeric(system, parameters, float(as_real("t", t))), *state)
 
 
 def load_model(

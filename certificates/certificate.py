@@ -140,6 +140,10 @@ def certify(
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
     known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real)
+    if "velocity_names" in step.manifest["system"]:
+        raise InputError(f"System {known.system.name!r} is from a Lagrangian, and its H is not "
+                         "written out: promises are not proved for it. Certify a model with the "
+                         "system that its legendre() returns.")
     if dt is None:
         dt = known.dt
     if dt is None:

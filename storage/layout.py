@@ -98,7 +98,7 @@ def fields_of(manifest: dict[str, Any]) -> list[Field]:
     found = []
     for one in OUTPUTS:
         said: dict[str, Any] = {}
-        if one.labels and not one.split:
+        if one.labels in system and not one.split:
             said["components"] = list(system[one.labels])
         found += [Field(name, one.inner(manifest) or (), about(one, manifest, name) | said,
                         one.dtype or real.stored, real.wide and not one.whole)

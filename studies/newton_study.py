@@ -124,7 +124,7 @@ def march(
 
 
 class _Run:
-    """Buffers and pointers of one march: each iteration is one compiled call and one solution."""
+    """Buffers and pointers of one march: each iteration is two compiled calls and one solution."""
 
     def __init__(
         self, stepper: Stepper, parameters: Mapping[str, float], dt: float, rule: Rule
@@ -135,12 +135,13 @@ class _Run:
         self.is_state = bool(stepper.manifest["scheme"]["unknowns_are_state"])
         self.q, self.p = b.new(b.n), b.new(b.n)
         self.x, self.J = b.new(b.unknowns), b.new(b.unknowns, b.unknowns)
-        self.r = np.frombuffer(b.ffi.buffer(self.work.r), dtype=b.dtype)
+        self.r = b.new(b.unknowns)
         self.constraints = b.unknowns if not b.m else self._first_constraint()
-        self.D = None if self.is_state else np.frombuffer(
-            b.ffi.buffer(self.work.D), dtype=b.dtype).reshape(-1, b.n)[1:]
+        self.A_bar = None if self.is_state else np.frombuffer(
+            b.ffi.buffer(b.function("coefficients")().A_bar), dtype=b.dtype).reshape(
+                -1, stepper.manifest["scheme"]["stages"])
         self.before: Array | None = None  # unknowns of the step before
-        self.pointers = [b.pointer(a) for a in (self.q, self.p, self.x, self.J)]
+        self.pointers = [b.pointer(a) for a in (self.q, self.p, self.x, self.r, self.J)]
 
     def _first_constraint(self) -> int:
         """Return the row of the first constraint: p of them in T1 of SPARK, 1 in IMS and EMS."""
@@ -150,13 +151,15 @@ class _Run:
     def solve(self) -> tuple[int, float, str]:
         """Return iterations, last error and why the step failed, if it did; y is left in x."""
         rule, rows = self.rule, self.constraints
-        call, (q, p, x, J) = self.b.function("jacobian"), self.pointers
+        jacobian, residual = (self.b.function(name) for name in ("jacobian", "residual"))
+        q, p, x, r, J = self.pointers
         origin = self._origin()
         y = self._start(origin)
         error = math.inf
         for taken in range(1, rule.most + 1):
             np.subtract(y, origin, out=self.x)
-            call(self.parameters, self.dt, q, p, x, J, self.work)  # leaves r in work
+            residual(self.parameters, self.dt, q, p, x, r, self.work)
+            jacobian(self.parameters, self.dt, q, p, x, J, self.work)
             if rule.plain:
                 self._plain_constraint(y)
             if rule.stops_on == "r":
@@ -200,7 +203,9 @@ class _Run:
 
     def _plain_constraint(self, y: Array) -> None:
         """Put g = Q̃ᵀQ̃ − 1 into its rows of r."""
-        Q = y[None, : self.b.n] if self.D is None else self.q + self.D
+        n = self.b.n
+        Q = y[None, :n] if self.A_bar is None else self.q + self.dt * self.A_bar[1:] @ (
+            y[: self.A_bar.shape[1] * n].reshape(-1, n))
         self.r[self.constraints :] = np.einsum("ij,ij->i", Q, Q) - 1
 
     def _size(self, v: Array) -> float:

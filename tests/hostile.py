@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import sympy as sp
+import sympy.physics.mechanics as me
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
@@ -165,7 +166,9 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("animate", made.animate, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
-              quantities={"z": x}, rigid_body=False, bodies=(), energy=None),
+              quantities={"z": x}, rigid_body=False, bodies=()),
+        Call("from_mechanics", lambda: (gs.from_mechanics, {
+            "method": free_particle(), "name": "a"})),
         plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),
               parameters=(), torque=(), quantities={}, tensor=False),
         plain("Multibody", gs.Multibody, name="a", gravity=(0, 0, -9.81), dt=0.1, steps=3,
@@ -211,6 +214,12 @@ def model_calls() -> Iterator[Call]:
                           "bodies": {}, "dt": 0.1, "steps": 3, "description": "", "frame": ""}
 
     yield Call("Model", model)
+
+
+def free_particle() -> me.LagrangesMethod:
+    """Return the method of a particle on a line."""
+    x = me.dynamicsymbols("x")
+    return me.LagrangesMethod(x.diff(me.dynamicsymbols._t) ** 2, [x])
 
 
 def multibody_calls() -> Iterator[Call]:

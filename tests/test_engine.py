@@ -73,8 +73,11 @@ def test_every_file_is_put_in_somewhere():
         for bits in range(512):
             stages, structured, forced, constant, scalar, separable, timed, fed, framed = (
                 bool(bits >> i & 1) for i in range(9))
-            proved = Proved(4, m, stages, structured, forced, constant, scalar, separable, timed,
-                            fed, framed)
+            for lagrangian in (True, False):
+                proved = Proved(4, m, stages, structured, forced, constant, scalar, separable,
+                                timed, fed, lagrangian, framed)
+                named |= {*proved.solver_files(fast=True)["files"],
+                          *proved.legendre_lane_files(), *proved.scheme_files()["stage_files"]}
             for found in (proved.solver_files(fast=True), proved.scheme_files(),
                           proved.sweep_files(*("stages", "trajectories") if stages
                                              else ("mean", "mean"))):
@@ -98,7 +101,8 @@ def test_what_is_spelled_is_written_out():
         for run in ("stages", "trajectories"):
             for text in (put(path.stem, run=run), timed(path.stem, run=run)):
                 assert not re.search(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE|(LANES_)?AT"
-                                     r"|(LANES_)?BETWEEN|TIMED|INPUT|TURNED)\(|\bNUMBER\b", text)
+                                     r"|(LANES_)?BETWEEN|TIMED|INPUT|TURNED)\(|\b(NUMBER|HELD)\b",
+                                     text)
             if not path.stem.endswith(("drive", "drive_free", "inputs", "inputs_lanes")):
                 assert not re.search("at_time|between\\(|span|_drive|inputs",
                                      put(path.stem, run=run))
@@ -113,6 +117,7 @@ def test_what_is_spelled_is_written_out():
     assert with_times("f(TIMED(\n  real *t,) int n)", timed=False) == "f(int n)"
     assert "static void factor(real W" in put("elimination")
     assert "static void lanes_factor(lanes W" in put("elimination", "lanes_")
+    assert "lanes_factor_mass(const lane_constants *c, const lanes q" in put("mass", "lanes_")
 
 
 # ---------------------------------------------------------------- angles of a frame

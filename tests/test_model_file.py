@@ -198,7 +198,7 @@ MISTAKES: list[tuple[str, str, str, list[str]]] = [
     (BODY, 'name = "thing"', 'name = "thing"\ndescription = "a\\nb"', ["description", "one line"]),
     (BODY, "a*R33**2", "a*R44**2", ["potential", "R44 is unknown", "R33"]),
     (BODY, "a*R33**2", "a*p0**2", ["potential", "p0 is unknown"]),
-    (BODY, "a*R33**2", "a*t", ["potential", "t is unknown"]),
+    (BODY, "a*R33**2", "a*s", ["potential", "s is unknown"]),
     (BODY, "a*R33**2", "1/b + 1/(a - a)", ["potential", "divides by zero"]),
     (BODY, "mass = 2.5", "mass = 0", ["[body] mass", "above 0"]),
     (BODY, "mass = 2.5", "height = 0", ["'height'", "allowed are inertia, mass"]),

@@ -26,6 +26,7 @@ from gyrospark.generator.schemes.mean_conditions import check_mean_scheme
 from gyrospark.generator.schemes.schemes import MeanScheme
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.run.stepper import Stepper
+from processes import ROOT
 from strategies import EPS
 
 t = sp.Symbol("t", real=True)
@@ -137,30 +138,11 @@ CAR_AXIS = {  # at t = 3, [ours, 900 and 1200 steps]
           0.77034104377960106312],
     "lambda": [0.0047368865908533265153, 0.0011046803312595658399],
 }
-CAR_AXIS_FILE = """
-name = "car_axis"
-[system]
-coordinates = ["xl", "yl", "xr", "yr"]
-momenta = ["pxl", "pyl", "pxr", "pyr"]
-hamiltonian = '''1000*(pxl**2 + pyl**2 + pxr**2 + pyr**2) + (yl + yr)/2000
-  + (sqrt(xl**2 + yl**2) - 1/2)**2/2
-  + (sqrt((xr - sqrt(1 - sin(10*t)**2/100))**2 + (yr - sin(10*t)/10)**2) - 1/2)**2/2'''
-constraints = ["sqrt(1 - sin(10*t)**2/100)*xl + sin(10*t)/10*yl", "(xl - xr)**2 + (yl - yr)**2 - 1"]
-[start]
-q = [0, 0.5, 1, 0.5]
-p = [-2.5e-4, 0, -2.5e-4, 0]
-[run]
-dt = 0.003
-steps = 1000
-"""
-
-
 @pytest.mark.parametrize("source", ["system", "file"])
 @pytest.mark.parametrize("solver", ["auto", "newton"])
-def test_car_axis_has_the_digits_of_the_test_set(source, solver, tmp_path):
-    path = tmp_path / "car_axis.toml"
-    path.write_text(CAR_AXIS_FILE, encoding="utf-8")
-    step = gs.stepper("G-L", 5, system=path if source == "file" else car_axis())
+def test_car_axis_has_the_digits_of_the_test_set(source, solver):
+    file = ROOT / "examples" / "car_axis.toml"
+    step = gs.stepper("G-L", 5, system=file if source == "file" else car_axis())
     run = step.integrate([0, 0.5, 1, 0.5], [-2.5e-4, 0, -2.5e-4, 0], dt=0.003, steps=1000,
                          parameters={}, solver=solver)
     assert np.abs(run.q[-1] - CAR_AXIS["q"]).max() < 1e-14

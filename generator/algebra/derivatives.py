@@ -8,14 +8,15 @@ Dirac's delta.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import sympy as sp
 
-from .sharing import Shared, share
+from .sharing import Shared, parts_of, share, substitute
 from .switches import Switch, Where, has_sides
 
-__all__ = ["derivative"]
+__all__ = ["along", "derivative", "slopes"]
 
 
 @lru_cache(maxsize=2**14)
@@ -51,3 +52,36 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
 def _product_terms(factors: tuple[sp.Expr, ...], x: sp.Symbol) -> list[sp.Expr]:
     inner = [derivative(factor, x) for factor in factors]
     return [sp.Mul(*factors[:i], d, *factors[i + 1 :]) for i, d in enumerate(inner) if d != 0]
+
+
+def along(
+    expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol], way: Sequence[sp.Symbol]
+) -> list[sp.Expr]:
+    """Return the derivatives along a direction, forward: what is shared has one derivative."""
+    step = sp.Symbol("_step", real=True)
+    moved = substitute(expressions, {x: x + step * d for x, d in zip(symbols, way, strict=True)})
+    return substitute([derivative(e, step) for e in moved], {step: sp.Integer(0)})
+
+
+@lru_cache(maxsize=16)
+def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
+    """Return the derivatives by each symbol, backward: what is shared is gone through once.
+
+    They are together a few times as long as e, however many symbols there are.
+    """
+    shared = [part for part in parts_of([e]) if isinstance(part, Shared)]
+    names = {part: sp.Symbol(f"_r{i}", real=True) for i, part in enumerate(shared)}
+    *bodies, whole = substitute([*(part.args[0] for part in shared), e], names)
+    terms: dict[sp.Symbol, list[sp.Expr]] = {}
+
+    def pass_on(weight: sp.Expr, body: sp.Expr) -> None:
+        for term in sp.Add.make_args(body):
+            for x in sorted(term.free_symbols, key=str):
+                terms.setdefault(x, []).append(weight * derivative(term, x))
+
+    pass_on(sp.Integer(1), whole)
+    for part, body in zip(reversed(shared), reversed(bodies), strict=True):
+        if names[part] in terms:
+            pass_on(share(sp.Add(*terms[names[part]])), body)
+    back = {symbol: part for part, symbol in names.items()}
+    return substitute([sp.Add(*terms.get(x, ())) for x in symbols], back)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...exact import exact
+from .sharing import Shared
 from .switches import Switch
 
 __all__ = ["Evaluator", "as_rational"]
@@ -65,6 +66,8 @@ class Evaluator:
             return self._angle(*map(self, e.args))
         if isinstance(e, Switch):
             return self._switch(e)
+        if isinstance(e, Shared):
+            return self(e.args[0])
         if e.func in (sp.Abs, sp.sign, sp.floor):
             return self._of_sign(e.func, self(e.args[0]))
         raise InputError(f"{e} cannot be computed: no value is known for "

@@ -12,8 +12,8 @@ from typing import Any
 
 import sympy as sp
 
-__all__ = ["Shared", "parts_of", "share", "spelled_out", "substitute", "symbols_of",
-           "tree_size"]
+__all__ = ["Shared", "parts_of", "share", "share_repeated", "spelled_out", "substitute",
+           "symbols_of", "tree_size"]
 
 
 class Shared(sp.Function):  # type: ignore[misc]
@@ -46,6 +46,23 @@ def share(e: sp.Expr) -> sp.Expr:
     """Return e as a shared part, but for its numerical factor."""
     number, rest = e.as_coeff_Mul()
     return e if rest.is_Atom or isinstance(rest, Shared) else number * Shared(rest)
+
+
+def share_repeated(expressions: Sequence[sp.Expr], size: int = 8) -> list[sp.Expr]:
+    """Return the expressions with every part of more than ``size`` nodes shared that recurs."""
+    parts = list(parts_of(expressions))
+    sizes: dict[sp.Basic, int] = {}
+    uses: dict[sp.Basic, int] = {}
+    for e in parts:
+        sizes[e] = 1 + sum(sizes[a] for a in e.args)
+        for a in e.args:
+            uses[a] = uses.get(a, 0) + 1
+    known: dict[sp.Basic, sp.Basic] = {}
+    for e in parts:
+        made = e.func(*(known[a] for a in e.args)) if e.args else e
+        recurs = uses.get(e, 0) > 1 and sizes[e] > size and isinstance(e, sp.Expr)
+        known[e] = share(made) if recurs else made
+    return [known[e] for e in expressions]
 
 
 def spelled_out(e: sp.Expr) -> sp.Expr:

@@ -33,7 +33,7 @@ from .rigid_body import (
     tensor_symbols,
 )
 
-__all__ = ["GROUND", "Body", "Frame", "Push", "Vector", "three_expressions"]
+__all__ = ["GROUND", "Body", "Frame", "Moving", "Push", "Vector", "three_expressions"]
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 #: Momenta, and the generalised force on each.
@@ -81,6 +81,21 @@ class Frame:
 
 #: Space itself.
 GROUND = Frame()
+
+
+@dataclass(frozen=True, eq=False)
+class Moving(Frame):
+    """A point of the ground that moves by a law of t, with axes parallel to those of space."""
+
+    name: str
+    path: Vector
+
+    def __repr__(self) -> str:
+        return f"<Moving {self.name}>"
+
+    def point(self, r: Sequence[object]) -> Vector:
+        """Return where in space a point is that moves along."""
+        return _vector([x + d for x, d in zip(self.path, self.direction(r), strict=True)])
 
 
 @dataclass(frozen=True, eq=False)

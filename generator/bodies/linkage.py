@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import as_text
 from ...errors import InputError
 from ...naming import proposal, shown
-from .bodies import GROUND, Body, Frame
+from .bodies import GROUND, Body, Frame, Moving
 from .joints import Align, Connection, Joint, Revolute, Rod, Spring
 from .pairs import Cylindrical, Planar, Prismatic, Screw, Universal
 from .poses import Start, finite, positive, three, three_or_none, unit
@@ -34,6 +34,7 @@ class Linkage:
         self.name = as_text("name of a Multibody", name)
         self.ground: Frame = GROUND
         self._bodies: dict[Body, Start] = {}
+        self._moving: list[Moving] = []
         self._links: list[Connection] = []
         self._symbols: dict[str, sp.Symbol] = {}
 
@@ -225,8 +226,8 @@ class Linkage:
 
     def _claim(self, name: str) -> None:
         as_text(f"a name in Multibody {self.name!r}", name)
-        taken = {*(b.name for b in self._bodies), *(link.name for link in self._links),
-                 *self._symbols}
+        taken = {*(b.name for b in self._bodies), *(point.name for point in self._moving),
+                 *(link.name for link in self._links), *self._symbols}
         if name in taken or name in ("ground", "gravity"):
             raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; bodies, joints, "
                              "springs and parameters need names of their own.")
@@ -235,11 +236,20 @@ class Linkage:
                              "letters, digits and '_', a letter first.")
 
     def _two(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
-        found = [frame if frame is GROUND else GROUND if isinstance(frame, str) and
-                 frame == "ground" else self._body(frame, shown(name)) for frame in (a, b)]
-        if found[0] is found[1]:
+        found = [self._frame(frame, shown(name)) for frame in (a, b)]
+        if found[0] is found[1] or not any(isinstance(frame, Body) for frame in found):
             raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
         return found[0], found[1]
+
+    def _frame(self, frame: Any, what: str) -> Frame:
+        """Return the ground, a point of it that moves, or a body: itself, or that of a name."""
+        if frame is GROUND or (isinstance(frame, str) and frame == "ground"):
+            return GROUND
+        moving = {one.name: one for one in self._moving}
+        if isinstance(frame, str) and frame in moving:
+            return moving[frame]
+        return frame if isinstance(frame, Moving) and frame in self._moving else self._body(
+            frame, what)
 
     def _body(self, body: Any, what: str) -> Body:
         """Return a body of this builder: itself, or that of a name."""

@@ -20,11 +20,13 @@ from numpy.typing import ArrayLike
 from ...arguments import as_flag, as_text
 from ...errors import InputError
 from ...naming import listed, proposal, shown, whole
+from ..algebra.derivatives import derivative
+from ..algebra.evaluation import evaluate
 from ..systems.given import as_expression
-from .bodies import Body, Push, three_expressions
+from .bodies import Body, Moving, Push, three_expressions
 from .joints import Connection, Poses, Store, named_number
 from .linkage import Linkage
-from .pairs import Coupling, Gear
+from .pairs import Coupling, Drive, Gear, hinge_of
 from .poses import finite, three_or_none
 
 __all__ = ["Loads", "Machine"]
@@ -116,6 +118,51 @@ class Loads(Linkage):
         turned = self._body(body, "A torque")
         self._pushes += turned.turned(three_expressions(f"torque on {turned.name!r}", torque))
 
+    def moving_point(self, name: str, path: Sequence[Any]) -> Moving:
+        """Return a point of the ground that moves, for joints, rods and springs to hold on to.
+
+        Parameters
+        ----------
+        name : str
+            Joints may name it.
+        path : three expressions
+            Where in space it is, m: of ``time`` and parameters. At t = 0 bodies that follow from
+            it begin there, with its velocity.
+        """
+        self._claim(name)
+        x, y, z = (self._law(f"path of {name!r}", e) for e in three_expressions(
+            f"path of {name!r}", path))
+        made = Moving(name, (x, y, z))
+        self.beginning(made)
+        self._moving.append(made)
+        return made
+
+    def beginning(self, point: Moving) -> list[tuple[float, float]]:
+        """Return place and velocity of a point that moves, at t = 0 and axis by axis."""
+        return [self._begin(f"path of {point.name!r}", e) for e in point.path]
+
+    def _law(self, what: str, given: Any) -> sp.Expr:
+        """Return an expression of time and parameters."""
+        law = as_expression(given)
+        strange = law.free_symbols - {self.time} - {
+            symbol for name, symbol in self._symbols.items() if name in self._values}
+        if strange:
+            raise InputError(f"The {what} contains {min(map(str, strange))!r}; it may contain time "
+                             "and parameters.")
+        return law
+
+    def _begin(self, what: str, law: sp.Expr) -> tuple[float, float]:
+        """Return the value and the rate of a law at t = 0."""
+        at = {symbol: self._values[name] for name, symbol in self._symbols.items()
+              if name in self._values}
+        with np.errstate(all="ignore"):
+            value, rate = map(float, evaluate([law, derivative(law, self.time)],
+                                              at | {self.time: 0.0}))
+        if not (math.isfinite(value) and math.isfinite(rate)):
+            raise InputError(f"The {what} has no finite value and rate at t = 0, so that no start "
+                             "satisfies it; write a law that begins smoothly.")
+        return value, rate
+
     def quantity(self, name: str, expression: Any) -> None:
         """Have an expression computed along trajectories under a name."""
         self._quantities[as_text("name of a quantity", name)] = as_expression(expression)
@@ -189,6 +236,31 @@ class Machine(Loads):
             name, one.b, two.b, joints=(one, two), what=(_coordinate(one), _coordinate(two)),
             ratio=float(finite(f"ratio of {name!r}", ratio, ())),
             offset=float(finite(f"offset of {name!r}", offset, ()))))
+
+    def drive(self, name: str, joint: Connection | str, *, angle: Any) -> Drive:
+        """Have the angle of a hinge be a law of t: one constraint, ``name: angle``.
+
+        Parameters
+        ----------
+        joint : what ``revolute`` or ``align`` returned, or its name
+        angle : expression of ``time`` and parameters
+            φ of the second body against the first about the axis, rad: f(0) is where the bodies
+            start, and f'(0) the rate that the joint hands on. Its multiplier is the torque, N m.
+
+        Raises
+        ------
+        InputError
+            If the law has no finite value or rate at t = 0, or the joint starts at another rate.
+        """
+        driven, law = self._turning(name, joint), self._law(f"angle of {name!r}", angle)
+        begin, rate = self._begin(f"angle of {name!r}", law)
+        hinge = hinge_of(driven)
+        if hinge.rate not in (0.0, rate):
+            raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
+                             f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
+                             "rate.")
+        hinge.rate = rate
+        return self._join(Drive(name, driven.a, driven.b, joints=(driven,), law=law, begin=begin))
 
     def motor(
         self, name: str, joint: Connection | str, *, torque: Any = None, force: Any = None

@@ -32,7 +32,7 @@ from ..systems.given import few
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from ..systems.redundancy import Redundancy, find_redundant
 from ..systems.system import System
-from .bodies import GROUND, Body, Frame, Push, dot
+from .bodies import GROUND, Body, Frame, Moving, Push, dot
 from .joints import Connection, Equation, Joint, copies, named_vector
 from .loads import Machine
 from .model import Model
@@ -212,7 +212,8 @@ class Multibody(Machine):
             q0, p0 = self._state(poses)
         coordinates = [x for body in self._bodies for x in body.coordinates]
         self.redundancy = find_redundant(self.name, NumericConstraints(
-            coordinates, [e.expression for e in equations], [e.name for e in equations], store), q0)
+            coordinates, [e.expression for e in equations], [e.name for e in equations],
+            store | {str(self.time): 0.0}), q0)
         if redundant == "refuse":
             self.redundancy.refuse()
         equations = [e for e in equations if e.name not in self.redundancy.left_out]
@@ -229,6 +230,10 @@ class Multibody(Machine):
     def _poses(self, links: Sequence[Connection]) -> dict[Frame, Pose]:
         poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
         poses |= {body: start.pose() for body, start in self._bodies.items()}
+        for point in self._moving:
+            poses[point] = Pose.ground()
+            poses[point].x, poses[point].v = (
+                np.array(part) for part in zip(*self.beginning(point), strict=True))
         joints = [link for link in links if isinstance(link, Joint)]
         settle(poses, "spin", [link.turn for link in links])
         settle(poses, "x", [joint.place for joint in joints])
@@ -299,7 +304,8 @@ class Multibody(Machine):
             time=self.time if self.time in used else None, quantities=quantities,
             bodies=tuple(body_at(body, kept, values) for body in self._bodies),
             joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values)
-                         for link in links),
+                         for link in links
+                         if not any(isinstance(frame, Moving) for frame in link.frames)),
         )
 
     def _state(self, poses: Mapping[Frame, Pose]) -> tuple[Array, Array]:

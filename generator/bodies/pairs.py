@@ -211,6 +211,23 @@ class Gear(Connection):
 
 
 @dataclass(eq=False, repr=False)
+class Drive(Connection):
+    """The angle of a hinge is a law of t: sin(φ − f(t)) = 0, and f(0) is where it starts.
+
+    The multiplier is the torque of the drive on the first body of the joint.
+    """
+
+    law: sp.Expr = field(kw_only=True)
+    begin: float = field(kw_only=True)  # f(0)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraint; values of its parameters go into ``store``."""
+        c, s = cosine_and_sine(hinge_of(self.joints[0]), poses, store)
+        since = self.law - named_number(f"{self.name}_begin", self.begin, store)
+        yield Equation(f"{self.name}: angle", s * sp.cos(since) - c * sp.sin(since))
+
+
+@dataclass(eq=False, repr=False)
 class Coupling(Connection):
     """The coordinate of the second joint is ``ratio`` times that of the first, and ``offset``."""
 

@@ -219,7 +219,7 @@ def body_system(
         (sum(x**2 for x in q) - 1,),
         name=name,
         forces=tuple(body_force(torques)) if torques else (),
-        time=time if torques or quantities else None,
+        time=time if torques or quantities or as_expression(potential).has(time) else None,
         quantities=quantities,
         rigid_body=True,
     )

@@ -5,6 +5,7 @@
     profiles        how much of a stepper is written: for Python, for a controller
     emit_control    what they are told of sweeps on plain numbers: profiles control and run
     emit_fast       what the templates are told of the fast path
+    emit_mass       M(q) of a Lagrangian: how it is eliminated, what that costs
     emit_structure  what they are told of a structured system
     bytecode        templates as Python's bytecode, kept beside them
     engine          which files of ``engine/`` a stepper has, and how they are put in

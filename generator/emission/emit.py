@@ -21,6 +21,8 @@ from ..kernels.statements import Kernel
 from ..schemes.frame_kernels import Turning
 from ..schemes.schemes import MeanScheme, SparkScheme, common_kernels
 from ..symmetry.frames import Frame
+from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving import energy_of
 from ..systems.structure import Structure
 from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
@@ -29,6 +31,7 @@ from .c_lines import fitted
 from .emit_control import beside, control_context, work_files
 from .emit_fast import fast_context, structured_fast_context
 from .emit_manifest import frame_manifest, hidden_constraints, manifest_text
+from .emit_mass import mass_context
 from .emit_structure import structure_context
 from .engine import Proved, engine_of
 from .profiles import ProfileName
@@ -81,6 +84,9 @@ def emit(
     if profile == "run":
         return _emit_run(name, method, scheme, system, constants, real)
     structure = Structure(scheme.system)
+    lagrangian = isinstance(scheme.system, LagrangianSystem)
+    if lagrangian:
+        structured = False  # M couples all of it
     if structured is None:
         structured = structure.is_worthwhile
     forms: dict[str, Any] = {"structured": False}
@@ -104,7 +110,8 @@ def emit(
         "constant_schur", "correction", "separable"))
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
                     bool(system.forces), constant, scalar, separable, system.is_timed,
-                    bool(system.inputs), frame is not None)
+                    bool(system.inputs), lagrangian, frame is not None)
+    context["system_lane_files"] = proved.legendre_lane_files()
     context |= proved.scheme_files() | proved.solver_files(fast["fast"])
     context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {
         "batch_files": []}
@@ -217,6 +224,7 @@ def _context(
     forms: dict[str, Any],
 ) -> dict[str, Any]:
     tableau = scheme.tableau
+    legendre = system if isinstance(system, LagrangianSystem) else None
     parameter_names = {p: f"par->{p}" for p in constants.parameters}
     printer = CPrinter(real, parameter_names)
     hidden = hidden_constraints(scheme, constants, forms)
@@ -230,7 +238,9 @@ def _context(
         "version": __version__,
         "title": f"{method} for {system.name.replace('_', ' ')}",
         "hamiltonian": "" if forms["structured"] else comment(
-            system.H if system.energy is None else system.energy),
+            legendre.texts()[0] if legendre else
+            energy_of(system)),
+        "lagrangian": comment(legendre.texts()[1]) if legendre else "",
         "forces": [comment(f) for f in system.forces],
         "time": str(system.time) if system.is_driven else "",
         "timed": system.is_timed,
@@ -240,6 +250,7 @@ def _context(
                          if str(u) in constants_c],
         "quantities": {name: comment(e) for name, e in system.quantities.items()},
         "quantity_time": bool(system.quantities) and system.time is not None,
+        "mass": mass_context(legendre) if legendre else None,
         "constraints": [] if forms["structured"] else [comment(g) for g in system.constraints],
         "hidden_text": ", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden))
                        or "no constraint",

@@ -18,6 +18,7 @@ from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel
 from ..schemes.fast_path import FastSystem
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme
+from ..systems.lagrangian import LagrangianSystem
 from .profiles import ProfileName
 
 __all__ = ["beside", "control_context", "control_files", "work_files"]
@@ -87,6 +88,9 @@ def control_context(
 
 
 def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) -> None:
+    if isinstance(scheme.system, LagrangianSystem):
+        raise InputError(f"Profile {profile} takes systems with an H, not yet those from a "
+                         "Lagrangian; choose profile full.")
     if profile == "control" and real.name not in ("float", "double"):
         raise InputError(f"Profile control is for float and double, not for {real.name}; choose "
                          "one of these, or profile run or full.")

@@ -8,7 +8,7 @@ from typing import Any
 from ...real import Real
 from ..kernels.c_printer import ON_LANES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
-from ..schemes.fast_path import FastSystem
+from ..schemes.fast_path import fast_system
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme
 from ..systems.structure import Structure
@@ -20,7 +20,7 @@ def fast_context(
     scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
 ) -> dict[str, Any]:
     """Return what the templates of the fast path need; ``fast`` is False where there is none."""
-    system, tables, spark = FastSystem(scheme.system), {}, isinstance(scheme, SparkScheme)
+    system, tables, spark = fast_system(scheme.system), {}, isinstance(scheme, SparkScheme)
     if isinstance(scheme, SparkScheme):
         tableau = FastTableau(scheme.tableau)
         if tableau.refusal is not None:

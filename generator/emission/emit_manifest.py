@@ -14,6 +14,8 @@ from ..kernels.kernel import Constants, EmittedKernel
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme
 from ..symmetry.frames import Frame
+from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving import energy_of
 from ..systems.places import BodyAt, Entry, JointAt, Pull
 from ..systems.smoothness import Switching
 from ..systems.system import System
@@ -63,6 +65,7 @@ def manifest_text(
             "momenta": [str(x) for x in system.p],
             "parameters": {str(x): _domain(x) for x in system.parameters},
             "hamiltonian": _hamiltonian(system, forms),
+            **_lagrangian(system),
             "constraints": [str(g) for g in system.constraints],
             "hidden": hidden_constraints(scheme, constants, forms),
             "start_parameters": _start_parameters(system, forms),
@@ -115,18 +118,28 @@ def _start_parameters(system: System, forms: dict[str, Any]) -> list[str]:
     """
     if not system.constraints:
         return []
-    energy = system.H if system.energy is None else system.energy
-    deciding = (energy, *system.constraints) if forms["structured"] else (
+    deciding = (energy_of(system), *system.constraints) if forms["structured"] else (
         *system.constraints, *system.hidden)
+    if isinstance(system, LagrangianSystem):
+        deciding = (system.L, *system.constraints)
     found = {x for e in deciding for x in e.free_symbols}
     return [str(x) for x in system.parameters if x in found]
 
 
 def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
     """Return H as text: in full, or as so many terms of each form."""
+    if isinstance(system, LagrangianSystem):
+        return system.texts()[0]
     if not forms["structured"]:
-        return str(system.H if system.energy is None else system.energy)
+        return str(energy_of(system))
     return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
+
+
+def _lagrangian(system: System) -> dict[str, Any]:
+    """Return L and its velocities, where H is made of one."""
+    if not isinstance(system, LagrangianSystem):
+        return {}
+    return {"lagrangian": system.texts()[1], "velocity_names": [str(v) for v in system.velocities]}
 
 
 def _forces_and_quantities(system: System) -> dict[str, Any]:

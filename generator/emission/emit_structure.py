@@ -16,7 +16,8 @@ from ...real import Real
 from ..kernels.kernel import Constants, Target, emit_kernel
 from ..kernels.statements import Kernel
 from ..schemes.differences import increment_of, mean_gradient_of, mean_slopes_of, vector
-from ..schemes.schemes import MeanScheme, SparkScheme, time_input
+from ..schemes.inputs import time_input
+from ..schemes.schemes import MeanScheme, SparkScheme
 from ..systems.jacobians import gradient, jacobian, symmetric_jacobian
 from ..systems.structure import Form, Part, Structure
 

@@ -9,6 +9,7 @@ spelled with macros, which are written out here so that the C of a stepper has n
     LIMIT(MIN)        a limit of <float.h>     FLT_MIN
     ON(factor)        for numbers or lanes     factor, lanes_factor
     NUMBER            what these work on       real, lanes
+    HELD              constants of these       constants, lane_constants
     ONE(sweep)        of one trajectory        stages_sweep, mean_sweep
     MANY(sweep)       of W of them             trajectories_sweep, mean_sweep
     RUN(sweep)        of either                as the file is put in for the one or the other
@@ -40,7 +41,7 @@ __all__ = ["ENGINE", "Proved", "engine_of", "with_times"]
 ENGINE = Path(__file__).resolve().parents[2] / "engine"
 _COMMENT = re.compile(r"^/\*(?! -).*?\*/\n", re.MULTILINE | re.DOTALL)
 _TURNED = re.compile(r"^( *)TURNED\((.*)\);\n", re.MULTILINE)
-_MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\bNUMBER\b")
+_MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\b(?:NUMBER|HELD)\b")
 
 
 #: A macro with expressions in it → what takes its place where t stands in H or g.
@@ -73,6 +74,8 @@ def engine_of(
         }
 
         def spell(found: re.Match[str]) -> str:
+            if found[0] == "HELD":
+                return "lane_constants" if on else "constants"
             if found[1] is None:
                 return "lanes" if on else "real"
             return spelled[found[1]](found[2])
@@ -126,6 +129,7 @@ class Proved:
     separable: bool = False
     timed: bool = False
     fed: bool = False
+    lagrangian: bool = False
     framed: bool = False
 
     @property
@@ -141,7 +145,7 @@ class Proved:
         solve = [] if self.structured else ["solve"]
         projection = [*solve, f"constraints_{self._kind}", "project"]
         return {
-            "files": projection if self.m else [],
+            "files": [*self.legendre_files(), *(projection if self.m else [])],
             "solver_files": [
                 "lands" if self.m else "lands_free",
                 "newton",
@@ -153,21 +157,39 @@ class Proved:
             ],
         }
 
+    def legendre_files(self) -> list[str]:
+        """Return the files that make H of a Lagrangian, for numbers or for lanes."""
+        if not self.lagrangian:
+            return []
+        return ["mass", "legendre", *(["legendre_work"] if self.forced else []),
+                *(["legendre_bound"] if self.m else [])]
+
+    def legendre_lane_files(self) -> list[str]:
+        """Return the same on lanes, with the rates that sweeps ask for."""
+        if not self.lagrangian:
+            return []
+        rates = ["legendre_rates" if self.stages else "legendre_mean_rates"]
+        return [*self.legendre_files(), *(["legendre_schur"] if self.m else []), *rates]
+
     def scheme_files(self) -> dict[str, list[str]]:
         """Return the files of the scheme up to its Jacobian, and those behind it."""
         free = "" if self.m else "_free"
         dense = not self.structured
+        force = "legendre_force_change" if self.forced else "legendre_no_force"
+        made = ["legendre_gradient", force, "legendre_hessian"] if self.lagrangian else []
         if not self.stages:
+            made += ["legendre_mean"] if made else []
             pull = [f"mean_pull_{self._kind}"] if self.m else []
             rows = ["mean_constrained" if self.m else "mean_free"]
             jacobian = [f"mean_columns{free}", "mean_jacobian"] if dense else []
-            return {"stage_files": [*pull, *rows, "mean", *jacobian],
+            return {"stage_files": [*made, *pull, *rows, "mean", *jacobian],
                     "finish_files": ["mean_finish", *([f"mean_drive{free}"] if self.timed else []),
                                      *(["mean_work"] if self.forced else [])]}
-        hessian = "hessian_with_forces" if self.forced else "hessian_of_potential"
+        hessian = [] if made else [
+            "hessian_with_forces" if self.forced else "hessian_of_potential"]
         nodes = "spark_constrained" if self.m else "spark_free"
-        return {"stage_files": [nodes, "spark",
-                                *([hessian, f"spark_jacobian{free}"] if dense else [])],
+        return {"stage_files": [*made, nodes, "spark",
+                                *([*hessian, f"spark_jacobian{free}"] if dense else [])],
                 "finish_files": [f"spark_finish{free}",
                                  *([f"spark_drive{free}"] if self.timed else []),
                                  *(["spark_work"] if self.forced else [])]}

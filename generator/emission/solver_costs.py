@@ -14,6 +14,8 @@ from typing import Any
 
 from ..kernels.kernel import EmittedKernel
 from ..schemes.schemes import MeanScheme, SparkScheme
+from ..systems.lagrangian import LagrangianSystem
+from .emit_mass import composed_operations
 
 __all__ = ["Cost", "solver_costs"]
 
@@ -79,7 +81,11 @@ def solver_costs(
     """
     kind = "spark" if isinstance(scheme, SparkScheme) else "mean"
     recipe = (_FORMS if forms["structured"] else _DENSE)[kind]
-    of_stage, of_node = _forms_cost(forms) if forms["structured"] else _dense_cost(kernels)
+    kernels = list(kernels)
+    operations = {k.name.removeprefix("lanes_"): k.operations for k in kernels}  # lanes come last
+    if isinstance(scheme.system, LagrangianSystem):
+        operations |= composed_operations(scheme.system, kernels)
+    of_stage, of_node = _forms_cost(forms) if forms["structured"] else _dense_cost(operations)
     costs: dict[str, int] = {}
     for part, names in recipe.items():
         stage, node = (sum(map(cost, kernels_of), Cost())
@@ -94,13 +100,9 @@ def solver_costs(
     return costs
 
 
-def _dense_cost(kernels: Iterable[EmittedKernel]) -> tuple[Any, Any]:
-    found: dict[str, Cost] = {}
-    for kernel in kernels:  # those on lanes come last and count for both
-        found[kernel.name.removeprefix("lanes_")] = Cost.of(kernel.operations)
-
+def _dense_cost(operations: Mapping[str, Mapping[str, int]]) -> tuple[Any, Any]:
     def cost(name: str) -> Cost:
-        return found.get(name, Cost())
+        return Cost.of(operations.get(name, {}))
 
     return cost, cost
 

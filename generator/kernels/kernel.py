@@ -14,7 +14,7 @@ from ..algebra.bounded_algebra import is_small
 from ..algebra.sharing import symbols_of
 from ..algebra.switches import Where
 from .c_printer import ON_LANES, CPrinter
-from .statements import Kernel, Statements, entries, statements_of
+from .statements import Kernel, Statements, entries
 
 __all__ = ["Constants", "EmittedKernel", "Target", "emit_kernel"]
 
@@ -50,9 +50,15 @@ class Constants:
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
         # Made once: H of 100 bodies asks it for every term.
         self._known = frozenset(parameters) - {*inputs}
+        self._hoisted: dict[sp.Expr, sp.Expr] = {}
 
     def hoist(self, e: sp.Expr) -> sp.Expr:
         """Return e with every largest parameter-only subexpression replaced by a symbol."""
+        if e not in self._hoisted:
+            self._hoisted[e] = self._hoist(e)
+        return self._hoisted[e]
+
+    def _hoist(self, e: sp.Expr) -> sp.Expr:
         if not e.free_symbols or e.is_Symbol:
             return e
         if e.free_symbols <= self._known:
@@ -121,7 +127,7 @@ def emit_kernel(
         names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
     if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in entries(kernel)))):
         return _emit_compensated(kernel, entries(kernel), constants, real, names, target)
-    made = statements_of(kernel)
+    made = kernel.statements
     names |= {t: t.name.lstrip("_") for t, _ in made.shared}
     printer = CPrinter(real, names, target.prefix)
     lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};")

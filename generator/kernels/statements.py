@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import sympy as sp
+from sympy.simplify.cse_main import tree_cse
 
 from ..algebra.sharing import Shared, parts_of, tree_size
 
@@ -41,6 +43,13 @@ class Kernel:
     outputs: Mapping[str, Any]
     #: Add up the terms of polynomials in twice the working precision: for sums that nearly cancel.
     compensated: bool = False
+    #: Look for factors that several sums or products have in common: that takes as many squared.
+    factors: bool = True
+
+    @cached_property
+    def statements(self) -> Statements:
+        """The kernel in statements: the same for numbers and lanes."""
+        return statements_of(self)
 
 
 @dataclass(frozen=True)
@@ -66,7 +75,11 @@ def statements_of(kernel: Kernel) -> Statements:
     expressions = [*definitions.values(), *outputs]
     # SymPy compares whole trees to bring arguments into order: in deep ones that takes for ever.
     order = "canonical" if tree_size(expressions) <= _LARGEST_TREE else "none"
-    shared, reduced = sp.cse(expressions, symbols=sp.numbered_symbols("_t", real=True), order=order)
+    fresh = sp.numbered_symbols("_t", real=True)
+    if kernel.factors:
+        shared, reduced = sp.cse(expressions, symbols=fresh, order=order)
+    else:
+        shared, reduced = tree_cse(expressions, fresh, {}, order)
     named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
     shared = _in_order(shared, dict(zip(definitions, named, strict=True)))
     shared, reduced = _name_bases(shared, reduced)

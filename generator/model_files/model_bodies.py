@@ -93,19 +93,29 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
     """
     content.allow("name", "description", "frame", "bodies", "joints", "forces", "gravity",
                   "potential", "without", "redundant", "parameters", "inputs", "run",
-                  "quantities")
+                  "quantities", "points", "drives")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)
+    points = content.tables("points")
+    if points:
+        _parameters(builder, formulas)
+    for table in points:
+        bodies |= {table.text("name", ""): _telling(
+            table, lambda table: _point(builder, table, formulas), table)}
     for table in content.tables("joints"):
         _telling(table, lambda table: _join(builder, bodies, table), table)
     place, motion = _names(builder, bodies, formulas.parameters)
-    for parameter, value in formulas.numbers.values.items():
-        builder.parameter(parameter, value)
+    if not points:
+        _parameters(builder, formulas)
+    for table in content.tables("drives"):
+        _telling(table, lambda table: _drive(builder, table, formulas), table)
     for table in content.tables("forces"):
         _telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
     if "potential" in content:
-        builder.potential(formulas.read(content, "potential", content.formula("potential"), place))
+        time = {} if "t" in formulas.parameters else {"t": builder.time}
+        builder.potential(formulas.read(content, "potential", content.formula("potential"),
+                                        place | time))
     for key, e in formulas.quantities(motion).items():
         builder.quantity(key, e)
     redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
@@ -113,6 +123,27 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
     if builder.redundancy and builder.redundancy.left_out:
         remark(f"{builder.redundancy} They are left out, as the file asks.")
     return model
+
+
+def _parameters(builder: Multibody, formulas: Formulas) -> None:
+    for parameter, value in formulas.numbers.values.items():
+        builder.parameter(parameter, value)
+
+
+def _point(builder: Multibody, table: Table, formulas: Formulas) -> Frame:
+    """Return a point of the ground that moves."""
+    table.allow("name", "path")
+    table.require("name", "path")
+    path = formulas.read_all(table, "path", {"t": builder.time}, count=3)
+    return builder.moving_point(table.symbol("name", table.text("name")), path)
+
+
+def _drive(builder: Multibody, table: Table, formulas: Formulas) -> None:
+    """Add a drive, whose angle is a formula of t."""
+    table.allow("name", "joint", "angle")
+    table.require("name", "joint", "angle")
+    law = formulas.read(table, "angle", table.formula("angle"), {"t": builder.time})
+    builder.drive(table.symbol("name", table.text("name")), table.text("joint"), angle=law)
 
 
 def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Frame]:

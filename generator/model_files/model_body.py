@@ -62,7 +62,8 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
         _add_tensor(inertia, formulas)
     letters = () if tensor else moments
     place = _place(letters)
-    potential = formulas.read(content, "potential", content.formula("potential"), place, letters) \
+    known = place if "t" in formulas.parameters else place | {"t": rigid_body.time}
+    potential = formulas.read(content, "potential", content.formula("potential"), known, letters) \
         if "potential" in content else sp.Integer(0)
     motion = place | _motion(INVERSE if tensor else moments)
     forces.allow("torque")

@@ -30,11 +30,14 @@ from ..algebra.bounded_algebra import expanded, is_small
 from ..algebra.switches import depends_by_steps, switches_of
 from ..kernels.statements import Kernel
 from ..systems.jacobians import jacobian, shortest
+from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .differences import vector
-from .schemes import MeanScheme, common_kernels, drive_kernels, time_input
+from .inputs import time_input
+from .legendre import state_kernels
+from .schemes import MeanScheme, common_kernels, drive_kernels, place_kernels
 
-__all__ = ["FastSystem"]
+__all__ = ["FastLagrangian", "FastSystem", "fast_system"]
 
 #: A constant matrix W is inverted in symbols up to this size.
 _LARGEST_INVERSE = 3
@@ -207,11 +210,13 @@ class FastSystem:
             Kernel("mean_velocity", "D_p", inputs, {"D_p": D_p}),
             Kernel("mean_force", f"D_q{less}", inputs | time_input(self.system), {"D_q": D_q}),
         ]
-        if self.system.m:
-            kernels.append(Kernel("mean_constraint", "G between q0 and q1",
-                                  {"qm": scheme.means[0], "dq": scheme.differences[0]},
-                                  {"G": scheme.mean_constraint}))
-        return [*kernels, *scheme.drive_kernels(), *self._multiplier_kernels()]
+        return [*kernels, *self._mean_constraint(scheme), *scheme.drive_kernels(),
+                *self._multiplier_kernels()]
+
+    def _mean_constraint(self, scheme: MeanScheme) -> list[Kernel]:
+        return [Kernel("mean_constraint", "G between q0 and q1",
+                       {"qm": scheme.means[0], "dq": scheme.differences[0]},
+                       {"G": scheme.mean_constraint})] if self.system.m else []
 
     def _multiplier_kernels(self) -> list[Kernel]:
         """Return W, or what takes its place where that is constant."""
@@ -283,3 +288,33 @@ def is_power_of_two(number: sp.Expr) -> bool:
     if not number.is_Rational:
         return False
     return all(n & (n - 1) == 0 for n in (int(number.p), int(number.q)))
+
+
+@dataclass(frozen=True)
+class FastLagrangian(FastSystem):
+    """The same of a system from its Lagrangian: nothing is proved, M has factors at every stage."""
+
+    system: LagrangianSystem
+    schur_inverse = None
+    correction = None
+    is_affine = True
+    is_separable = False
+
+    @property
+    def shared(self) -> list[sp.Expr]:
+        """No expressions: the factors of M are shared as numbers."""
+        return []
+
+    def spark_kernels(self, *, apart: bool = False) -> list[Kernel]:
+        """Return M, b, V, L_q + F and the constraints on lanes: the engine makes rates of them."""
+        bound = place_kernels(self.system) if self.system.m else []
+        return [*state_kernels(self.system), *bound]
+
+    def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
+        """Return the same, and G between the ends."""
+        return [*self.spark_kernels(), *self._mean_constraint(scheme)]
+
+
+def fast_system(system: System) -> FastSystem:
+    """Return what sweeps may use of a system of either kind."""
+    return FastLagrangian(system) if isinstance(system, LagrangianSystem) else FastSystem(system)

@@ -28,11 +28,14 @@ from typing import Any
 
 import sympy as sp
 
+from ...errors import InputError
 from ..algebra.identities import Finding, compare
 from ..algebra.sharing import substitute
 from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
 from ..systems.jacobians import jacobian
+from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving import energy_of
 from ..systems.system import System
 from ..tableaux.tableau import Tableau
 from .differences import (
@@ -44,26 +47,19 @@ from .differences import (
     mean_slopes_of,
     vector,
 )
+from .inputs import time_input
+from .legendre import newton_kernels, state_kernels
 
 __all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
 
 
-def time_input(system: System) -> dict[str, list[sp.Symbol]]:
-    """Return the input of what may depend on time: an autonomous system ignores it.
-
-    So does one with time in H or g, whose kernels find it among the constants.
-    """
-    driven = system.time is not None and system.is_driven and not system.is_timed
-    return {"t": [system.time if driven else sp.Symbol("_time", real=True)]}
-
-
 def common_kernels(system: System) -> list[Kernel]:
     """Return the kernels that every scheme needs: H, F, g, and what projects onto them."""
-    q, p = list(system.q), list(system.p)
-    d = vector("d", system.n)
-    at_state = {"q": q, "p": p}
-    energy = system.H if system.energy is None else system.energy
-    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy})]
+    if isinstance(system, LagrangianSystem):
+        return [*state_kernels(system),
+                *(place_kernels(system) if system.m else [])]
+    at_state = {"q": list(system.q), "p": list(system.p)}
+    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy_of(system)})]
     if system.forces:
         kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
                               at_state | time_input(system), {"F": list(system.forces)}))
@@ -71,14 +67,7 @@ def common_kernels(system: System) -> list[Kernel]:
         return kernels
     return [
         *kernels,
-        Kernel("constraint", "g(q)", {"q": q}, {"g": list(system.constraints)}, compensated=True),
-        Kernel(
-            "constraint_increment",
-            "g(q + d) - g(q), by discrete differentiation: no digit is lost for small d",
-            {"q": q, "d": d},
-            {"dg": constraint_increment(system, d)},
-        ),
-        Kernel("constraint_jacobian", "G = dg/dq", {"q": q}, {"G": system.G}),
+        *place_kernels(system),
         Kernel(
             "hidden_constraint",
             "f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish",
@@ -91,6 +80,21 @@ def common_kernels(system: System) -> list[Kernel]:
             at_state,
             {"W": system.hidden_matrix},
         ),
+    ]
+
+
+def place_kernels(system: System) -> list[Kernel]:
+    """Return the kernels of the constraints as functions of q."""
+    q, d = list(system.q), vector("d", system.n)
+    return [
+        Kernel("constraint", "g(q)", {"q": q}, {"g": list(system.constraints)}, compensated=True),
+        Kernel(
+            "constraint_increment",
+            "g(q + d) - g(q), by discrete differentiation: no digit is lost for small d",
+            {"q": q, "d": d},
+            {"dg": constraint_increment(system, d)},
+        ),
+        Kernel("constraint_jacobian", "G = dg/dq", {"q": q}, {"G": system.G}),
     ]
 
 
@@ -122,6 +126,8 @@ class SparkScheme:
         """Return the derivative kernels that the stage loops call."""
         system = self.system
         state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
+        if isinstance(system, LagrangianSystem):
+            return [*newton_kernels(system), *self._curvature()]
         kernels = [
             Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
                    {"H_q": system.H_q, "H_p": system.H_p}),
@@ -136,14 +142,14 @@ class SparkScheme:
                        state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
                                "H_pq": system.H_pq, "H_pp": system.H_pp}),
             ]
-        kernels += drive_kernels(system)
-        if system.m:
-            lam = vector("lambda", system.m)
-            kernels.append(
-                Kernel("constraint_curvature", "K = d(G^T lambda)/dq",
+        return [*kernels, *drive_kernels(system), *self._curvature()]
+
+    def _curvature(self) -> list[Kernel]:
+        """Return the kernel of what constraints add to the derivatives."""
+        system, lam = self.system, vector("lambda", self.system.m)
+        return [Kernel("constraint_curvature", "K = d(G^T lambda)/dq",
                        {"q": list(system.q), "lambda": lam}, {"K": system.curvature(lam)})
-            )
-        return kernels
+                ] if system.m else []
 
 
 @dataclass(frozen=True)
@@ -154,6 +160,13 @@ class MeanScheme:
     discrete: bool  # EMS: the discrete gradient; IMS: the gradient at the midpoint
     tableau = None
     unknowns_are_state = True
+
+    def __post_init__(self) -> None:
+        if self.discrete and isinstance(self.system, LagrangianSystem):
+            raise InputError(
+                f"EMS asks for an exact difference of H, and that of (p - b)^T M(q)^-1 (p - b) is "
+                f"not made without M^-1 in symbols; take IMS or G-L for {self.system.name!r}, or "
+                "the system that its legendre() returns, for a few coordinates.")
 
     @property
     def size(self) -> int:
@@ -255,11 +268,13 @@ class MeanScheme:
     def kernels(self) -> list[Kernel]:
         """Return the mean gradient and its derivatives by Δq and Δp."""
         system = self.system
+        by_q, by_p = self._by_increments()
+        if isinstance(system, LagrangianSystem):
+            return [*newton_kernels(system), *self._constraint_kernels(by_q)]
         inputs = {"qm": self.means[0], "pm": self.means[1],
                   "dq": self.differences[0], "dp": self.differences[1]}
         inputs |= time_input(system)
         D_q, D_p = self.mean_rates
-        by_q, by_p = self._by_increments()
         kind = "discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly" \
             if self.discrete else "gradient at the midpoint"
         less = "; from D_q, F(qm, pm, t) is subtracted" if system.forces else ""
@@ -268,20 +283,24 @@ class MeanScheme:
             Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
                    {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
         ]
-        if system.m:
-            lam = vector("lambda", system.m)
-            force = [
-                sum((x * row[i] for x, row in zip(lam, self.mean_constraint, strict=True)),
-                    sp.Integer(0))
-                for i in range(system.n)
-            ]
-            at = {"qm": self.means[0], "dq": self.differences[0]}
-            kernels += [
-                Kernel("mean_constraint", "G between q0 and q1", at, {"G": self.mean_constraint}),
-                Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", at | {"lambda": lam},
-                       {"K": by_q(force)}),
-            ]
-        return [*kernels, *self.drive_kernels()]
+        return [*kernels, *self._constraint_kernels(by_q), *self.drive_kernels()]
+
+    def _constraint_kernels(self, by_q: Any) -> list[Kernel]:
+        """Return the kernels of the constraints: G between the ends, and its derivative."""
+        if not self.system.m:
+            return []
+        lam = vector("lambda", self.system.m)
+        force = [
+            sum((x * row[i] for x, row in zip(lam, self.mean_constraint, strict=True)),
+                sp.Integer(0))
+            for i in range(self.system.n)
+        ]
+        at = {"qm": self.means[0], "dq": self.differences[0]}
+        return [
+            Kernel("mean_constraint", "G between q0 and q1", at, {"G": self.mean_constraint}),
+            Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", at | {"lambda": lam},
+                   {"K": by_q(force)}),
+        ]
 
     def drive_kernels(self) -> list[Kernel]:
         """Return what drives H and what moves g between the ends, where time stands in them."""
@@ -334,10 +353,10 @@ def hoisted(system: System) -> tuple[System, Constants]:
     time = () if system.time is None else (system.time,)
     clock = {system.time: "_t", LATE: "_late"} if system.is_timed else {}
     constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
-    H = constants.hoist(system.H)
-    energy = None if system.energy is None else constants.hoist(system.energy)
+    defining = {name: constants.hoist(e) for name, e in system.defining.items()}
     g = tuple(constants.hoist(e) for e in system.constraints)
     forces = tuple(constants.hoist(e) for e in system.forces)
     symbols = tuple(constants.definitions.values())
-    return replace(system, parameters=symbols, H=H, constraints=g, forces=forces,
-                   quantities={}, energy=energy), constants
+    made: System = replace(system, parameters=symbols, constraints=g, forces=forces,
+                           quantities={}, **defining)
+    return made, constants

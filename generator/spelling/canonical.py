@@ -20,6 +20,7 @@ from functools import lru_cache
 
 import sympy as sp
 
+from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .forms import Forms
 from .pieces import ForcePieces, HamiltonianPieces
@@ -49,6 +50,8 @@ def canonical(system: System) -> System:
     def by_itself(e: sp.Expr) -> sp.Expr:
         return named(forms.expression(e.xreplace(stand_ins)), e)
 
+    if isinstance(system, LagrangianSystem):  # what is written is short: T of sums of velocities
+        return replace(system, constraints=tuple(map(by_itself, system.constraints)))
     q, p = ([stand_ins[x] for x in side] for side in (system.q, system.p))
     H = HamiltonianPieces(forms, q, p, system.H.xreplace(stand_ins))
     F = ForcePieces(forms, H.reach, [e.xreplace(stand_ins) for e in system.forces])

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import sympy as sp
 from sympy.core.sympify import _sympify
 from sympy.logic.boolalg import Boolean
 
 from ...errors import InputError
+from ...markup import formula
 from ...naming import shown
 from ..algebra.switches import as_switches
 
-__all__ = ["as_expression", "few"]
+__all__ = ["as_expression", "as_sequence", "few", "shown_formula"]
 
 #: Names that are shown of a list.
 _FEW = 6
+#: Parts of an expression that is shown as a formula.
+_LARGEST_FORMULA = 400
 
 
 def few(names: Iterable[object]) -> str:
@@ -23,6 +26,13 @@ def few(names: Iterable[object]) -> str:
     found = [str(name) for name in names]
     first = ", ".join(found[:_FEW]) or "none"
     return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
+
+
+def as_sequence(name: str, value: object) -> Sequence[object]:
+    """Return the entries of what must be a list or the like."""
+    if isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
+        raise InputError(f"{name} = {shown(value)} is no sequence; write it as a list.")
+    return tuple(value)
 
 
 def as_expression(value: object) -> sp.Expr:
@@ -43,3 +53,11 @@ def as_expression(value: object) -> sp.Expr:
     if made.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
         raise InputError(f"The expression {shown(made)} is not real and finite; write another.")
     return as_switches(made)
+
+
+def shown_formula(e: sp.Expr) -> str:
+    """Return an expression as a formula for notebooks, or how long it is."""
+    size = sum(1 for _ in sp.preorder_traversal(e))
+    if size > _LARGEST_FORMULA:
+        return f"{len(sp.Add.make_args(e))} terms with {size:,} parts"
+    return formula(sp.latex(e))

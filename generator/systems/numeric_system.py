@@ -19,9 +19,10 @@ from ...errors import InputError
 from ...naming import shown
 from ..algebra.derivatives import derivative
 from ..algebra.evaluation import evaluate
+from .lagrangian import LagrangianSystem
 from .system import System
 
-__all__ = ["NumericConstraints", "NumericSystem"]
+__all__ = ["NumericConstraints", "NumericSystem", "numeric"]
 
 Array = NDArray[Any]
 TINY = 1e-100  # ε of the complex step: its square vanishes beside 1
@@ -105,6 +106,41 @@ class NumericSystem(NumericConstraints):
 
     def _state(self, q: Array, p: Array) -> dict[sp.Symbol, Any]:
         return self._at(q) | dict(zip(self.system.p, p, strict=True))
+
+
+class NumericLagrangian(NumericSystem):
+    """The same of a system from its Lagrangian, with M(q) in numbers."""
+
+    system: LagrangianSystem
+
+    def H(self, q: Array, p: Array) -> float:
+        """Return H(q, p)."""
+        v = dict(zip(self.system.velocities, self.H_p(q, p), strict=True))
+        return float(evaluate([self.system.H], self._state(q, p) | v)[0])
+
+    def H_p(self, q: Array, p: Array) -> Array:
+        """Return the velocity, shape (n,)."""
+        b = evaluate(self.system.rest_momenta, self._at(q))
+        velocity: Array = np.linalg.solve(self._mass(q), p - b)
+        return velocity
+
+    def W(self, q: Array, p: Array, G: Array) -> Array:
+        """Return G M⁻¹ Gᵀ, shape (m, m)."""
+        matrix: Array = G @ np.linalg.solve(self._mass(q), G.T)
+        return matrix
+
+    def _mass(self, q: Array) -> Array:
+        entries = evaluate(self.system.mass_entries, self._at(q))
+        M = np.zeros((self.system.n, self.system.n))
+        for place, slot in self.system.elimination.slot_of.items():
+            M[place] = entries[slot]
+        return M
+
+
+def numeric(system: System, parameters: Mapping[str, float], t: float = 0.0) -> NumericSystem:
+    """Return a system of either kind with its numbers."""
+    kind = NumericLagrangian if isinstance(system, LagrangianSystem) else NumericSystem
+    return kind(system, parameters, t)
 
 
 def values_of(

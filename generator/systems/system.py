@@ -11,19 +11,20 @@ Nothing here knows of quaternions: a system is its symbols, its H and its g.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import sympy as sp
 
 from ...arguments import as_flag, as_items, as_mapping, as_text
 from ...errors import InputError
-from ...markup import card, formula, table
+from ...markup import card, table
 from ...naming import shown
 from ..text.c_names import is_taken
-from .given import as_expression, few
+from .given import as_expression, as_sequence, few, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
 from .places import BodyAt, JointAt
 
@@ -34,16 +35,6 @@ MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
 #: Constraints and forces that notebooks show.
 _SHOWN = 6
-#: Parts of an expression that is shown as a formula.
-_LARGEST_FORMULA = 400
-
-
-def shown_formula(e: sp.Expr) -> str:
-    """Return an expression as a formula for notebooks, or how long it is."""
-    size = sum(1 for _ in sp.preorder_traversal(e))
-    if size > _LARGEST_FORMULA:
-        return f"{len(sp.Add.make_args(e))} terms with {size:,} parts"
-    return formula(sp.latex(e))
 
 
 @dataclass(frozen=True)
@@ -82,8 +73,6 @@ class System:
         The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
     joints : sequence of JointAt
         What joins them.
-    energy : Expr, optional
-        What is reported as the energy where H is that of a co-moving frame; by default H.
 
     Notes
     -----
@@ -107,19 +96,16 @@ class System:
     rigid_body: bool = field(default=False, kw_only=True)
     bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
     joints: tuple[JointAt, ...] = field(default=(), kw_only=True)
-    energy: sp.Expr | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
-            values = self._sequence(name)
+            values = as_sequence(name, getattr(self, name))
             object.__setattr__(self, name, tuple(map(as_expression, values)))
         new = tuple(u for u in self.inputs if u not in self.parameters)
         object.__setattr__(self, "parameters", self.parameters + new)
         as_text("name of the system", self.name)
         as_flag("rigid_body", self.rigid_body)
         object.__setattr__(self, "H", as_expression(self.H))
-        if self.energy is not None:
-            object.__setattr__(self, "energy", as_expression(self.energy))
         quantities = as_mapping("quantities", self.quantities, "{'height': q[1]}")
         object.__setattr__(self, "quantities", MappingProxyType(
             {name: as_expression(e) for name, e in quantities.items()}))
@@ -140,7 +126,7 @@ class System:
                 f"System {self.name!r} has {len(self.q)} coordinates and {len(self.p)} momenta; "
                 "give one momentum for each of at least one coordinate."
             )
-        if len(self.constraints) >= len(self.q):
+        if len(self.constraints) > len(self.q) - (self.clock is None):
             raise InputError(
                 f"System {self.name!r} has {len(self.constraints)} constraints on {len(self.q)} "
                 "coordinates; fewer constraints than coordinates must remain."
@@ -194,12 +180,6 @@ class System:
                  ("parameters", few(self.parameters)), ("constraints", str(self.m))]
         return card(f"System {self.name}", table(rows))
 
-    def _sequence(self, name: str) -> Sequence[object]:
-        value = getattr(self, name)
-        if isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
-            raise InputError(f"{name} = {shown(value)} is no sequence; write it as a list.")
-        return tuple(value)
-
     def _refuse_unless_symbols(self, what: str, values: Sequence[object]) -> None:
         for value in values:
             if not isinstance(value, sp.Symbol):
@@ -208,7 +188,7 @@ class System:
 
     def _refuse_unknown_symbols(self) -> None:
         time = () if self.time is None else (self.time,)
-        names = [str(s) for s in (*self.q, *self.p, *self.parameters, *time)]
+        names = [str(s) for s in (*self.q, *self.p, *self._others, *self.parameters, *time)]
         for name in names:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(
@@ -225,15 +205,15 @@ class System:
             raise InputError(
                 f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
             )
-        allowed = {*self.q, *self.p, *self.parameters, *time}
-        unknown = (self.H.free_symbols | (self.energy or self.H).free_symbols) - allowed
+        allowed = {*self.q, *self.p, *self.parameters, *self._others, *time}
+        unknown = self.H.free_symbols - allowed
         if unknown:
             raise InputError(
                 f"H of system {self.name!r} contains the unknown symbol "
                 f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
             )
         for index, g in enumerate(self.constraints):
-            unknown = g.free_symbols - (allowed - set(self.p))
+            unknown = g.free_symbols - (allowed - {*self.p, *self._others})
             if unknown:
                 raise InputError(
                     f"Constraint {index} of system {self.name!r} contains "
@@ -269,6 +249,16 @@ class System:
     def _is_guard(self, name: str) -> bool:
         """Whether the header of a stepper of this system may have this include guard."""
         return re.fullmatch(f"{self.name.upper()}_[A-Z0-9_]+_H", name) is not None
+
+    @property
+    def _others(self) -> tuple[sp.Symbol, ...]:
+        """Symbols in H that are functions of q and p: none, but the velocities of a Lagrangian."""
+        return ()
+
+    @property
+    def defining(self) -> dict[str, sp.Expr]:
+        """What the equations of motion are derived from, by the name of its field."""
+        return {"H": self.H}
 
     @property
     def n(self) -> int:
@@ -323,6 +313,17 @@ class System:
         transposed = [list(column) for column in zip(*self.H_pq, strict=True)]
         return difference(transposed, jacobian(self.forces, self.p))
 
+    @staticmethod
+    def from_lagrangian(
+        L: sp.Expr, q: Sequence[sp.Symbol], velocities: Sequence[sp.Symbol],
+        parameters: Sequence[sp.Symbol], constraints: Sequence[sp.Expr] = (),
+        forces: Sequence[sp.Expr] | None = None, time: sp.Symbol | None = None, **named: Any,
+    ) -> System:
+        """Return the system of L(q, v), forces F(q, v, t): see ``lagrangian.from_lagrangian``."""
+        from .lagrangian import from_lagrangian
+
+        return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)
+
     @property
     def is_driven(self) -> bool:
         """Whether anything that moves it depends on time."""
@@ -366,14 +367,11 @@ class System:
     def hidden(self) -> list[sp.Expr]:
         """The constraint on the momenta, m entries: g_q H_p + g_t = 0 (12) in its shortest form.
 
-        In a co-moving frame it is that of the energy: the same where g = 0.
-
         Expanded, identically vanishing terms such as L(q)q cancel, and with them their
         round-off; factors that cannot vanish on g = 0 are dropped. For the quaternion both
         representations come out as qᵀp (17).
         """
-        H_p = self.H_p if self.energy is None else gradient(self.energy, self.p)
-        products = [sum(a * b for a, b in zip(row, H_p, strict=True)) for row in self.G]
+        products = [sum(a * b for a, b in zip(row, self.H_p, strict=True)) for row in self.G]
         return [self._without_units(shortest(e + rate))
                 for e, rate in zip(products, self.g_t, strict=True)]
 

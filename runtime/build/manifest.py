@@ -66,11 +66,13 @@ def sizes_of(content: Any) -> dict[str, Any]:
     system, scheme, fast = content["system"], content["scheme"], content["fast_path"]
     texts = (content["name"], system["name"], scheme["method"], *system["coordinates"],
              *system["momenta"], *system["constraints"], *system.get("constraint_names", ()),
-             *system["parameters"], *system.get("quantities", ()), system.get("time", ""),
+             *system["parameters"], *system.get("velocity_names", ()),
+             *system.get("quantities", ()), system.get("time", ""),
              *content.get("tableau", {}).get("remarks", ()), *system.get("remarks", ()),
              system.get("jumps", ""), fast.get("reason", ""))
     lists = (system["coordinates"], system["momenta"], system["constraints"],
              system.get("constraint_names", []), system.get("forces", []),
+             system.get("velocity_names", []),
              content.get("tableau", {}).get("remarks", []), system.get("remarks", []))
     flags = (system["rigid_body"], scheme["unknowns_are_state"],
              scheme["keeps_momentum_constraint"], fast["available"],
@@ -85,6 +87,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
         and isinstance(system.get("quantities", {}), dict)
         and len(system.get("constraint_names", [0] * m)) == m
         and len(system["coordinates"]) == len(system["momenta"])
+        and len(system.get("velocity_names", system["momenta"])) == len(system["momenta"])
         and (fast["available"] or "reason" in fast)
         and (not system["rigid_body"] or len(system["coordinates"]) == 4)
     )
@@ -101,6 +104,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
         "order": scheme["order"],
         "multipliers": scheme["multipliers"] * m,
         "forces": "forces" in system,
+        "velocities": "velocity_names" in system,
         "fast path": fast["available"],
         "quantities": len(system.get("quantities", ())),
         "quantities in time": bool(system.get("quantities"))
@@ -143,6 +147,7 @@ def _declared(name: str, header: str) -> dict[str, Any]:
         "order": int(sizes[3]),
         "multipliers": int(step[0]),
         "forces": f" {name}_step_work(" in header,
+        "velocities": f" {name}_momenta(" in header,
         "fast path": f" {name}_lanes(void)" in header,
         "quantities": int(rows[1]) if rows else 0,
         "quantities in time": re.search(rf" {name}_quantities\([^;]*\*t,", header) is not None,

@@ -125,6 +125,18 @@ class Binding(Compiled):
                                      self.pointer(p), self.pointer(H))
         return H
 
+    def velocities(self, parameters: Any, q: Array, p: Array) -> Array:
+        """Return the velocities of each row of q and p, of a system from its Lagrangian."""
+        v = self.new(len(q), self.n)
+        self.function("velocities")(parameters, len(q), *map(self.pointer, (q, p, v)))
+        return v
+
+    def momenta(self, parameters: Any, q: Array, v: Array) -> Array:
+        """Return the momenta of each row of q and velocities, of such a system."""
+        p = self.new(len(q), self.n)
+        self.function("momenta")(parameters, len(q), *map(self.pointer, (q, v, p)))
+        return p
+
     def _times(self, t: Array | None) -> list[Any]:
         """Return the argument with the times of states, where H or g has time."""
         if not self.is_timed:

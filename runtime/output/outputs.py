@@ -75,6 +75,11 @@ class States:
         return rows.reshape(len(rows), self.binding.multipliers // m, m) if m > 1 else rows
 
     @property
+    def velocities(self) -> Array:
+        """H_p of each state, of a system from its Lagrangian."""
+        return self.binding.velocities(self.parameters, self.q, self.p)
+
+    @property
     def quantities(self) -> Array:
         """The system's quantities, a column each."""
         return self.binding.quantities(self.parameters, self._times, self.q, self.p)
@@ -100,6 +105,11 @@ def _multipliers(manifest: Manifest) -> Inner | None:
 def _where_forces(manifest: Manifest) -> Inner | None:
     """A number a state, of a system with forces."""
     return () if "forces" in manifest["system"] else None
+
+
+def _where_lagrangian(manifest: Manifest) -> Inner | None:
+    """One for each coordinate, of a system from its Lagrangian."""
+    return _coordinates(manifest) if "velocity_names" in manifest["system"] else None
 
 
 @dataclass(frozen=True)
@@ -170,6 +180,8 @@ OUTPUTS = (
            lambda at: at.step_multipliers, _multipliers, of_steps=True, absent=(0,)),
     Output("work", "work", "work of the forces since the start", lambda at: at.work,
            _where_forces),
+    Output("velocities", "velocities", "velocities", lambda at: at.velocities, _where_lagrangian,
+           labels="velocity_names", absent=(0,)),
     Output("quantities", "quantity_values", "quantity {} of the system", lambda at: at.quantities,
            labels="quantities", split=True),
 )

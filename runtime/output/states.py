@@ -50,6 +50,7 @@ def headings(system: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -
     one of these.
     """
     own = {"q": ("q", system["coordinates"]), "p": ("p", system["momenta"])}
+    own |= {"velocities": ("velocity", system.get("velocity_names", ()))}
     own |= {QUANTITY + name: ("quantity", [name]) for name in system.get("quantities", ())}
     counted = {name: [name + "_".join(map(str, index)) for index in np.ndindex(*shape)]
                for name, shape in shapes.items()}

@@ -57,6 +57,8 @@ class Trajectory(Shown):
         Largest |g(q)| and largest momentum-constraint error (|qᵀp| for a body) of each state.
     work : array, shape (N+1,)
         Work W done by the system's forces since the start; 0 without forces.
+    velocities : array, shape (N+1, n)
+        Of each state, where the system is from its Lagrangian; else (N+1, 0).
     quantity_values : array, shape (N+1, number of quantities)
         The system's quantities of each state; see ``quantity``.
     dt, parameters : number, dict of str to number
@@ -82,6 +84,7 @@ class Trajectory(Shown):
     g_errors: Array
     f_errors: Array
     work: Array
+    velocities: Array
     quantity_values: Array
     #: Where its events happened, by their names; see ``gyrospark.Event``.
     events: dict[str, Crossings] = field(default_factory=dict, repr=False)

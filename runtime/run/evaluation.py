@@ -100,6 +100,38 @@ class Evaluation:
                                      self._times(t, shape))
         return H.reshape(shape)
 
+    def momenta(
+        self, q: ArrayLike, v: ArrayLike, *, parameters: Mapping[str, Number]
+    ) -> Array:
+        """Return the momenta p = L_v(q, v) of velocities, of a system from its Lagrangian.
+
+        Leading axes are kept. On constraints velocities have g_q v = 0: ``integrate`` says where
+        they have not, ``project`` moves the momenta to where they have.
+
+        Raises
+        ------
+        InputError
+            For a system that was given by its H.
+        """
+        self._refuse_unless_lagrangian("momenta")
+        shape, q_rows, v_rows = self._state_rows(q, v, "v")
+        p = self.binding.momenta(self._parameters(parameters), q_rows, v_rows)
+        return p.reshape(*shape, self.n)
+
+    def velocities(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
+    ) -> Array:
+        """Return the velocities v = H_p(q, p): the way back of ``momenta``, and raising as it."""
+        self._refuse_unless_lagrangian("velocities")
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        v = self.binding.velocities(self._parameters(parameters), q_rows, p_rows)
+        return v.reshape(*shape, self.n)
+
+    def _refuse_unless_lagrangian(self, what: str) -> None:
+        if "velocity_names" not in self.manifest["system"]:
+            raise InputError(f"{self.name} has no {what}: its system was given by its Hamiltonian; "
+                             "System.from_lagrangian makes one that knows them.")
+
     def quantities(
         self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
         t: Number | ArrayLike = 0.0,
@@ -175,13 +207,13 @@ class Evaluation:
         return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))
 
     def _state_rows(
-        self, q: ArrayLike, p: ArrayLike
+        self, q: ArrayLike, p: ArrayLike, second: str = "p"
     ) -> tuple[tuple[int, ...], Array, Array]:
         """Return the leading axes of q and p, and both as rows of the stepper's own type."""
-        q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers("p", p)
+        q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers(second, p)
         shape = q_rows.shape
         if shape[-1:] != (self.n,) or p_rows.shape != shape:
-            raise InputError(f"q and p have shapes {shape} and {p_rows.shape}; "
+            raise InputError(f"q and {second} have shapes {shape} and {p_rows.shape}; "
                              f"give (..., {self.n}) for both.")
         q_rows, p_rows = (self._cast(a).reshape(-1, self.n) for a in (q_rows, p_rows))
         return shape[:-1], q_rows, p_rows

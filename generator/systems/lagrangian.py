@@ -1,0 +1,307 @@
+"""A system from its Lagrangian: M(q) is factorised as numbers, never inverted in symbols.
+
+    L = ½ vᵀM(q)v + b(q)ᵀv − V(q),   p = M v + b,   H = ½ (p − b)ᵀM⁻¹(p − b) + V
+
+With v the solution of M v = p − b, all derivatives of H are derivatives of L at fixed v:
+
+    H_p = v,   H_q = −L_q,   H_pp = M⁻¹,   v_q = −M⁻¹ L_vq,   H_qq = −L_qq − L_qv v_q
+
+so that L is differentiated, and M⁻¹ is two substitutions with the factors of M at hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ...errors import InputError
+from ...naming import shown
+from ..algebra.derivatives import derivative, slopes
+from ..algebra.evaluation import evaluate
+from ..algebra.identities import compare
+from ..algebra.sharing import (
+    Shared,
+    parts_of,
+    share_repeated,
+    substitute,
+    symbols_of,
+    tree_size,
+)
+from ..algebra.switches import switches_of
+from ..text.tokens import shorten
+from .elimination import Elimination, eliminate
+from .given import as_expression, as_sequence
+from .system import System
+
+__all__ = ["LagrangianSystem", "from_lagrangian"]
+
+#: Nodes of an L that is differentiated as it is written; of a longer one, parts that recur once.
+_LARGEST_TREE = 2_000
+#: Points at which a mass matrix must be singular to be called so, and what is small there.
+_POINTS, _SMALL = 4, 1e-11
+
+
+@dataclass(frozen=True, repr=False)
+class LagrangianSystem(System):
+    """A system with L in place of H; ``from_lagrangian`` makes one, and checks it.
+
+    ``H`` is ½ (p − b)ᵀv + V in terms of q, p and the velocities, which are no symbols of their own
+    but M⁻¹(p − b). Forces are F(q, v, t).
+
+    Parameters
+    ----------
+    L : Expr
+        The Lagrangian L(q, v; parameters).
+    velocities : sequence of Symbol
+        v, one for each coordinate.
+    """
+
+    H: sp.Expr = field(init=False)
+    L: sp.Expr = field(kw_only=True)
+    velocities: tuple[sp.Symbol, ...] = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        kinetic = ((p - b) * v / 2
+                   for p, b, v in zip(self.p, self.rest_momenta, self.velocities, strict=True))
+        object.__setattr__(self, "H", sp.Add(*kinetic, self.potential))
+        super().__post_init__()
+
+    @property
+    def _others(self) -> tuple[sp.Symbol, ...]:
+        return self.velocities
+
+    @property
+    def defining(self) -> dict[str, sp.Expr]:
+        """The function that the equations of motion are derived from."""
+        return {"L": self.L}
+
+    @property
+    def _slopes(self) -> list[sp.Expr]:
+        """L_q, then L_v."""
+        return slopes(self.L, (*self.q, *self.velocities))
+
+    def _at_rest(self, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
+        return substitute(expressions, dict.fromkeys(self.velocities, sp.Integer(0)))
+
+    @cached_property
+    def L_v(self) -> list[sp.Expr]:
+        """∂L/∂v, n entries: the momenta."""
+        return self._slopes[self.n :]
+
+    @cached_property
+    def rest_momenta(self) -> list[sp.Expr]:
+        """b(q), the momenta of v = 0, n entries."""
+        return self._at_rest(self.L_v)
+
+    @cached_property
+    def potential(self) -> sp.Expr:
+        """V(q)."""
+        return -self._at_rest([self.L])[0]
+
+    @cached_property
+    def mass(self) -> dict[tuple[int, int], sp.Expr]:
+        """The entries of M = ∂²L/∂v∂v that are not 0, i ≥ j, before v = 0 is put in."""
+        entries = {(i, j): derivative(self.L_v[i], self.velocities[j])
+                   for i in range(self.n) for j in range(i + 1)}
+        return {place: e for place, e in entries.items() if e != 0}
+
+    @cached_property
+    def is_long(self) -> bool:
+        """Whether L is so long that parts of it are shared: what recurs has been found."""
+        return any(isinstance(part, Shared) for part in parts_of([self.L]))
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        """The order in which M = L D Lᵀ keeps its zeros."""
+        neighbours: dict[int, set[int]] = {i: set() for i in range(self.n)}
+        for i, j in self.mass:
+            if i != j:
+                neighbours[i].add(j)
+                neighbours[j].add(i)
+        return eliminate(neighbours)
+
+    @cached_property
+    def mass_entries(self) -> list[sp.Expr]:
+        """M(q) as ``elimination`` stores it: the diagonal, then what is below it."""
+        found = [sp.Integer(0)] * self.elimination.entries
+        for place, e in zip(self.mass, self._at_rest([*self.mass.values()]), strict=True):
+            found[self.elimination.slot_of[place]] = e
+        return found
+
+    @cached_property
+    def push(self) -> list[sp.Expr]:
+        """L_q + F, n entries: what moves p but for the constraint forces, at fixed v."""
+        return [-e for e in self.minus_p_rate]
+
+    @cached_property
+    def H_q(self) -> list[sp.Expr]:
+        """∂H/∂q = −∂L/∂q, n entries, in terms of q and v."""
+        return [-e for e in self._slopes[: self.n]]
+
+    @cached_property
+    def H_p(self) -> list[sp.Expr]:
+        """∂H/∂p, n entries: the velocities."""
+        return list(self.velocities)
+
+    @cached_property
+    def hidden(self) -> list[sp.Expr]:
+        """G v, m entries: the rates of the constraints."""
+        return [sp.Add(*(a * v for a, v in zip(row, self.velocities, strict=True)))
+                for row in self.G]
+
+    def texts(self) -> tuple[str, str]:
+        """Return H and L as text, in letters where they are long."""
+        if self.is_long:
+            return ("(p - b(q))^T M(q)^-1 (p - b(q))/2 + V(q)",
+                    f"v^T M(q) v/2 + b(q)^T v - V(q), n = {self.n}")
+        return str(self.H), str(self.L)
+
+    def legendre(self) -> System:
+        """Return the same system with H written out, M inverted in symbols: for a few coordinates.
+
+        The second way to everything: nothing of it is shared with the factors of M.
+        """
+        entries = dict(zip(self.mass, self._at_rest([*self.mass.values()]), strict=True))
+        M = sp.Matrix(self.n, self.n,
+                      lambda i, j: entries.get((max(i, j), min(i, j)), sp.Integer(0)))
+        momenta = [p - b for p, b in zip(self.p, self.rest_momenta, strict=True)]
+        velocities = list(M.inv() @ sp.Matrix(momenta))
+        put_in = dict(zip(self.velocities, velocities, strict=True))
+        return System(self.q, self.p, self.parameters, self.H.subs(put_in), self.constraints,
+                      name=self.name, constraint_names=self.constraint_names, time=self.time,
+                      forces=tuple(f.subs(put_in) for f in self.forces))
+
+
+def from_lagrangian(
+    L: Any, q: Any, velocities: Any, parameters: Any, constraints: Any = (), forces: Any = None,
+    time: sp.Symbol | None = None, *,
+    name: str = "system", constraint_names: Sequence[str] = (),
+) -> LagrangianSystem:
+    """Return the system of a Lagrangian L = ½ vᵀM(q)v + b(q)ᵀv − V(q), p = M v + b.
+
+    Parameters
+    ----------
+    L : Expr
+        L(q, v; parameters), in joules for SI input.
+    q, velocities : sequence of Symbol
+        Coordinates, and the symbols of their rates, n of each. The momenta are named p_…
+    parameters, constraints, name, constraint_names
+        As of ``System``.
+    forces : sequence of Expr, optional
+        F(q, v, t; parameters), n of them: d/dt L_v = L_q + F − g_qᵀλ.
+    time : Symbol, optional
+        The symbol of t in the forces.
+
+    Raises
+    ------
+    InputError
+        If L is not quadratic in the velocities, its mass matrix singular, or as ``System``.
+    """
+    coordinates, speeds, constants = (
+        _symbols(what, given, name) for what, given in (
+            ("q", q), ("velocities", velocities), ("parameters", parameters)))
+    L = as_expression(L)
+    if tree_size([L]) > _LARGEST_TREE:
+        (L,) = share_repeated([L])
+    if len(speeds) != len(coordinates):
+        raise InputError(f"System {name!r} has {len(coordinates)} coordinates and {len(speeds)} "
+                         "velocities; give the velocity of each coordinate, in the same order.")
+    pushes = tuple(map(as_expression, as_sequence("forces", () if forces is None else forces)))
+    bound = tuple(map(as_expression, as_sequence("constraints", constraints)))
+    _refuse_unknown(name, L, bound, pushes, {*coordinates, *speeds, *constants}, time)
+    taken = {str(s) for s in (*coordinates, *speeds, *constants, time)}
+    system = LagrangianSystem(
+        coordinates, tuple(_momentum(x, taken) for x in coordinates), constants,
+        bound, L=L, velocities=speeds, forces=pushes, time=time, name=name,
+        constraint_names=tuple(constraint_names))
+    _refuse_unless_quadratic(system)
+    _refuse_singular(system)
+    return system
+
+
+def _symbols(what: str, given: Any, name: str) -> tuple[sp.Symbol, ...]:
+    """Return a list of symbols, or say what in it is none."""
+    found = as_sequence(what, given)
+    for x in found:
+        if not isinstance(x, sp.Symbol):
+            raise InputError(f"System {name!r} has {shown(x)} in {what}, which is no symbol; make "
+                             "it with sympy.Symbol.")
+    return found  # type: ignore[return-value]
+
+
+def _momentum(x: sp.Symbol, taken: set[str]) -> sp.Symbol:
+    """Return the symbol of the momentum of a coordinate: p_ before its name."""
+    name = f"p_{x}"
+    while name in taken:
+        name += "_"
+    return sp.Symbol(name, real=True)
+
+
+def _refuse_unknown(
+    name: str, L: sp.Expr, bound: Sequence[sp.Expr], forces: Sequence[sp.Expr],
+    known: set[sp.Symbol], time: Any,
+) -> None:
+    """Refuse symbols that nobody declared, and time where it cannot be."""
+    timed = next((what for what, e in (("L", L), *(("A constraint", g) for g in bound))
+                  if time in e.free_symbols), None)
+    if timed is not None:
+        raise InputError(f"{timed} of system {name!r} contains the time {time}; take t for a "
+                         "coordinate with a momentum of its own, or put what depends on it into "
+                         "forces.")
+    for what, e, allowed in (("L", L, known),
+                             *((f"Force {i}", f, known | {time}) for i, f in enumerate(forces))):
+        unknown = symbols_of([e]) - allowed
+        if unknown:
+            raise InputError(f"{what} of system {name!r} contains the unknown symbol "
+                             f"{min(map(str, unknown))!r}; declare it in q, velocities or "
+                             "parameters" + (", or as time." if what != "L" else "."))
+
+
+def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
+    """Refuse an L whose second derivatives by v depend on v."""
+    moving = {place: e for place, e in system.mass.items()
+              if not symbols_of([e]).isdisjoint(system.velocities)}
+    for (i, j), e in moving.items():
+        if not compare([e], system._at_rest([e])).holds:
+            v = system.velocities
+            raise InputError(
+                f"L of system {system.name!r} is not quadratic in the velocities: its derivative "
+                f"by {v[j]} and {v[i]}, {shorten(str(e), 60)}, depends on them; give a "
+                "gyrospark.System with its H instead.")
+    switching = switches_of(system.mass_entries)
+    if switching:
+        raise InputError(f"The mass matrix of system {system.name!r} switches at "
+                         f"{shorten(str(switching[0]), 60)} = 0, where velocities would jump; "
+                         "let only V switch.")
+
+
+def _refuse_singular(system: LagrangianSystem) -> None:
+    """Refuse a mass matrix that is singular wherever it is looked at."""
+    rng = np.random.default_rng(17)
+    symbols = sorted(symbols_of(system.mass_entries), key=str)
+    slots = system.elimination.slot_of
+    for _ in range(_POINTS):
+        at = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
+        try:
+            with np.errstate(all="ignore"):
+                values = [float(x) for x in evaluate(system.mass_entries, at)]
+        except (InputError, TypeError, ArithmeticError):
+            return  # a function that NumPy does not know
+        M = np.zeros((system.n, system.n))
+        for (i, j), slot in slots.items():
+            M[i, j] = values[slot]
+        if not np.isfinite(M).all():
+            continue
+        _, sizes, directions = np.linalg.svd(M)
+        if sizes[-1] > _SMALL * sizes[0]:
+            return
+    still = [str(v) for v, x in zip(system.velocities, directions[-1], strict=True)
+             if abs(x) > np.sqrt(_SMALL)]
+    raise InputError(f"The mass matrix of system {system.name!r} is singular: motion with "
+                     f"{', '.join(still)} costs no kinetic energy, so that momenta do not tell "
+                     f"velocities; give every coordinate a mass, or leave {shown(still[-1])} out.")

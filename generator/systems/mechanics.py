@@ -1,0 +1,329 @@
+"""Systems of ``sympy.physics.mechanics``: its methods hold all that a Lagrangian needs.
+
+    LagrangesMethod  L, forces, holonomic constraints
+    KanesMethod      T of its bodies, loads, configuration constraints
+    System           T − V of its bodies, loads and actuators, holonomic constraints
+
+No equations of motion are formed. Coordinates q(t) become symbols of the same names; so do speeds
+u = q̇, other velocities are called q_t. A load that is constant in the inertial frame, at a point
+whose place is known from a fixed one, has a potential, which becomes a part of L; what else acts is
+a generalised force F_i = ∂v/∂q̇_i · load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from sympy.core.function import AppliedUndef
+from sympy.physics import mechanics as me
+
+from ...errors import InputError
+from ...naming import shown
+from ..algebra.derivatives import derivative
+from ..algebra.evaluation import evaluate
+from ..algebra.sharing import parts_of, share, substitute, symbols_of
+from ..text.tokens import shorten
+from .lagrangian import LagrangianSystem, from_lagrangian
+from .numeric_system import NumericConstraints
+from .redundancy import nearest_point
+
+__all__ = ["from_mechanics"]
+
+#: Of singular values, relative to the largest, that count as 0.
+_SMALL = 1e-9
+
+
+@dataclass
+class Mechanics:
+    """What a method holds, in functions of time: q(t), q̇(t).
+
+    Attributes
+    ----------
+    frame : ReferenceFrame
+        The inertial one.
+    q : list
+        Coordinates.
+    L : Expr
+        What is known of the Lagrangian before the loads.
+    loads : list
+        Pairs of a point and a force, or a frame and a torque.
+    constraints : list of Expr
+        g(q).
+    speeds : dict
+        Each generalised speed u(t) in terms of q and q̇.
+    rates : list of Expr
+        Constraints on the velocities; ones that are not those of g are refused.
+    fixed : Point, optional
+        A point that rests in the frame.
+    """
+
+    frame: Any
+    q: list[sp.Expr]
+    L: sp.Expr
+    loads: list[Any]
+    constraints: list[sp.Expr]
+    speeds: dict[sp.Expr, sp.Expr] = field(default_factory=dict)
+    rates: list[sp.Expr] = field(default_factory=list)
+    fixed: Any = None
+
+
+def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
+    """Return the system of a method of ``sympy.physics.mechanics``.
+
+    Parameters
+    ----------
+    method : LagrangesMethod, KanesMethod or System
+        With its bodies and loads; its equations of motion need not be formed. Of a ``System``
+        potential energies of bodies count as loads do: give each force once.
+    name : str
+        A C identifier; begins the names of the generated files.
+
+    Returns
+    -------
+    System
+        As of ``System.from_lagrangian``: coordinates, speeds and constants keep their names.
+
+    Raises
+    ------
+    InputError
+        For nonholonomic constraints, for time in L, and as ``System.from_lagrangian``.
+    """
+    readers = {me.LagrangesMethod: _of_lagrange, me.KanesMethod: _of_kane, me.System: _of_system}
+    reader = next((f for kind, f in readers.items() if isinstance(method, kind)), None)
+    if reader is None:
+        raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
+                         "of sympy.physics.mechanics.")
+    found = reader(method)
+    t = me.dynamicsymbols._t
+    rates = [x.diff(t) for x in found.q]
+    forces, potential = _generalised(found, rates)
+    names = _names(found, rates)
+    expressions = [*_in_rates(found, [found.L - potential, *found.constraints, *forces,
+                                      *found.rates])]
+    L, *rest = substitute(expressions, names)
+    m, n = len(found.constraints), len(found.q)
+    g, F, bound = rest[:m], rest[m : m + n], rest[m + n :]
+    q, v = [names[x] for x in found.q], [names[x] for x in rates]
+    _refuse_functions(name, [L, *g, *F], t)
+    parameters = sorted(symbols_of([L, *g, *F]) - {*q, *v, t}, key=str)
+    driven = any(t in symbols_of([f]) for f in F)
+    system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
+                             t if driven or t in symbols_of([L]) else None, name=name)
+    _refuse_nonholonomic(system, bound)
+    return system
+
+
+# ---------------------------------------------------------------- what a method holds
+
+
+def _of_lagrange(method: Any) -> Mechanics:
+    if len(method.coneqs) > len(method._hol_coneqs):
+        raise _nonholonomic("LagrangesMethod", method.coneqs[len(method._hol_coneqs)])
+    return Mechanics(method.inertial, list(method.q), method._L[0], [*(method.forcelist or ())],
+                     list(method._hol_coneqs))
+
+
+def _of_kane(method: Any) -> Mechanics:
+    if not method.bodies:
+        raise InputError("KanesMethod has no bodies as yet; give them as KanesMethod(..., "
+                         "bodies=[...]), or call its kanes_equations first.")
+    frame, u, rest = method._inertial, list(method.u), dict.fromkeys(method._uaux, sp.Integer(0))
+    kinematics = (method._k_ku_implicit * sp.Matrix(u)
+                  + method._k_kqdot_implicit * method._qdot + method._f_k_implicit)
+    speeds = _solved(list(kinematics), u)
+    rates = list(method._k_nh * sp.Matrix(u) + method._f_nh) if method._k_nh else []
+    T = _kinetic_energy(method.bodies, frame)
+    return Mechanics(frame, list(method.q), T, [*(method.loads or ())], list(method._f_h),
+                     speeds | rest, rates)
+
+
+def _of_system(method: Any) -> Mechanics:
+    if method.nonholonomic_constraints:
+        raise _nonholonomic("System", method.nonholonomic_constraints[0])
+    bodies = list(method.bodies)
+    if not bodies:
+        raise InputError("System has no bodies as yet; add them, or joints that have some.")
+    V = sp.Add(*(body.potential_energy for body in bodies))
+    loads = [*method.loads, *(load for actuator in method.actuators
+                              for load in actuator.to_loads())]
+    speeds = _solved(list(method.kdes), list(method.u)) if method.u else {}
+    rest = dict.fromkeys(method.u_aux, sp.Integer(0))
+    return Mechanics(method.frame, list(method.q), _kinetic_energy(bodies, method.frame) - V,
+                     loads, list(method.holonomic_constraints), speeds | rest,
+                     list(method.velocity_constraints), method.fixed_point)
+
+
+def _kinetic_energy(bodies: Iterable[Any], frame: Any) -> sp.Expr:
+    """Return T of bodies; one that rests has none, and need have no mass."""
+    def moves(body: Any) -> bool:
+        point = body.masscenter
+        turning = isinstance(body, me.RigidBody) and body.frame.ang_vel_in(frame) != 0
+        return bool(turning or point.vel(frame) != 0)
+
+    return sp.Add(*(_energy_of(body, frame) for body in bodies if moves(body)))
+
+
+def _energy_of(body: Any, frame: Any) -> sp.Expr:
+    """Return ½ m v·v + ½ Ω·J·Ω, in the axes of the body or, of a point, in those at hand."""
+    v = body.masscenter.vel(frame)
+    if not isinstance(body, me.RigidBody):
+        axes = max((own for _, own in v.args), key=lambda own: len(_path(own, frame)))
+        return body.mass * sum(e**2 for e in _components(v, axes, frame)) / 2
+    turning = sp.Matrix(_components(body.frame.ang_vel_in(frame), body.frame, frame))
+    J = body.central_inertia.to_matrix(body.frame)
+    moving = sum(e**2 for e in _components(v, body.frame, frame))
+    return (body.mass * moving + (turning.T * J * turning)[0]) / 2
+
+
+def _path(axes: Any, frame: Any) -> list[Any]:
+    """Return the frames from the inertial one to some axes."""
+    return list(reversed(axes._dict_list(frame, 0)))
+
+
+def _components(vector: Any, axes: Any, frame: Any) -> list[sp.Expr]:
+    """Return a vector's components, turned from frame to frame: parts that bodies share recur."""
+    own = {other: numbers for numbers, other in vector.args}
+    path = _path(axes, frame)
+    if not {*own} <= {*path}:
+        return list(vector.to_matrix(axes))
+    found, before = sp.zeros(3, 1), None
+    for turned in path:
+        if before is not None:
+            found = turned.dcm(before) * found
+        found = (found + own.get(turned, sp.zeros(3, 1))).applyfunc(share)
+        before = turned
+    return list(found)
+
+
+def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Expr]:
+    """Return each generalised speed in terms of q and q̇, from kinematic differential equations."""
+    slopes = sp.Matrix(equations).jacobian(u)
+    constant = sp.Matrix(equations).xreplace(dict.fromkeys(u, sp.Integer(0)))
+    left = slopes.LUsolve(-constant)
+    return dict(zip(u, left, strict=True))
+
+
+# ---------------------------------------------------------------- loads
+
+
+def _generalised(found: Mechanics, rates: Sequence[sp.Expr]) -> tuple[list[sp.Expr], sp.Expr]:
+    """Return the generalised forces of the loads, and the potential of those that have one."""
+    forces, potential = [sp.Integer(0)] * len(rates), sp.Integer(0)
+    for where, load in ((load[0], load[1]) for load in found.loads):
+        energy = _potential(found, where, load)
+        if energy is not None:
+            potential += energy
+            continue
+        is_frame = isinstance(where, me.ReferenceFrame)
+        motion = where.ang_vel_in(found.frame) if is_frame else where.vel(found.frame)
+        motion, load = (me.msubs(x, found.speeds) for x in (motion, load))
+        for i, rate in enumerate(rates):
+            forces[i] += motion.diff(rate, found.frame, var_in_dcm=False).dot(load)
+    return forces, potential
+
+
+def _potential(found: Mechanics, where: Any, load: Any) -> sp.Expr | None:
+    """Return V = −F·r of a constant force, where r is known from a point at rest."""
+    if not isinstance(where, me.Point):
+        return None
+    components = load.to_matrix(found.frame)
+    if me.find_dynamicsymbols(components) or me.dynamicsymbols._t in components.free_symbols:
+        return None
+    origin = _resting(where, found)
+    return None if origin is None else -load.dot(where.pos_from(origin))
+
+
+def _resting(where: Any, found: Mechanics) -> Any:
+    """Return a point at rest from which the place of another is known, or None."""
+    if found.fixed is not None:
+        return found.fixed
+    seen, waiting = {where}, [where]
+    for point in waiting:
+        if point._vel_dict.get(found.frame) == 0:
+            return point
+        fresh = [other for other in point._pos_dict if other not in seen]
+        seen.update(fresh)
+        waiting += fresh
+    return None
+
+
+# ---------------------------------------------------------------- names
+
+
+def _in_rates(found: Mechanics, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
+    """Return expressions with generalised speeds written in terms of q̇."""
+    return substitute(expressions, found.speeds)
+
+
+def _names(found: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
+    """Return a symbol for each coordinate and each velocity."""
+    for x in found.q:
+        if not isinstance(x, AppliedUndef):
+            raise InputError(f"Coordinate {shown(x)} is no function of time; make it with "
+                             "sympy.physics.mechanics.dynamicsymbols.")
+    called = {rate: u.func.__name__ for u, rate in found.speeds.items()}
+    names = {x: sp.Symbol(x.func.__name__, real=True) for x in found.q}
+    taken = {str(s) for s in names.values()} | {str(s) for s in symbols_of([found.L])}
+    for x, rate in zip(found.q, rates, strict=True):
+        name = called.get(rate, f"{x.func.__name__}_t")
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        names[rate] = sp.Symbol(name, real=True)
+    return names
+
+
+def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -> None:
+    """Refuse functions of time that are neither coordinates nor speeds."""
+    for part in parts_of(expressions):
+        if isinstance(part, (AppliedUndef, sp.Derivative)):
+            raise InputError(f"System {name!r} contains {part}, which is no coordinate and no "
+                             "speed; put an expression in its place, in t if it acts as a force.")
+
+
+# ---------------------------------------------------------------- constraints on velocities
+
+
+def _nonholonomic(what: str, constraint: sp.Expr) -> InputError:
+    return InputError(f"{what} has the nonholonomic constraint {shorten(str(constraint), 60)} = 0; "
+                      "a step solves holonomic ones, g(q) = 0: give its integral if it has one.")
+
+
+def _refuse_nonholonomic(system: LagrangianSystem, bound: Sequence[sp.Expr]) -> None:
+    """Refuse constraints on velocities that are not rates of g, seen at a random point of g = 0."""
+    if not bound:
+        return
+    rows = [[derivative(e, v) for v in system.velocities] for e in bound]
+    at_rest = substitute(bound, dict.fromkeys(system.velocities, sp.Integer(0)))
+    q, values = _somewhere(system, symbols_of([e for row in rows for e in row] + at_rest))
+    at: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
+    own = evaluate([e for row in system.G for e in row], at).reshape(system.m, system.n)
+    for e, row, constant in zip(bound, rows, at_rest, strict=True):
+        slope = evaluate(row, at)
+        left = slope - own.T @ np.linalg.lstsq(own.T, slope, rcond=None)[0] if system.m else slope
+        size = np.abs(slope).max()
+        if np.abs(left).max() > _SMALL * size or abs(evaluate([constant], at)[0]) > _SMALL * size:
+            raise _nonholonomic("The method", e)
+
+
+def _somewhere(
+    system: LagrangianSystem, more: set[sp.Symbol]
+) -> tuple[Any, dict[sp.Symbol, float]]:
+    """Return coordinates on g = 0, if any are found, and values of the parameters."""
+    rng = np.random.default_rng(23)
+    symbols = sorted({*system.parameters} | (more - {*system.q}), key=str)
+    for _ in range(12):
+        values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
+        q = rng.standard_normal(system.n)
+        if not system.m:
+            return q, values
+        numbers = NumericConstraints(system.q, system.constraints, system.constraint_names,
+                                     {str(s): x for s, x in values.items()})
+        found = nearest_point(numbers, q)
+        if found is not None:
+            return found, values
+    return q, values
