@@ -166,7 +166,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("animate", made.animate, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
-              quantities={"z": x}, rigid_body=False, bodies=(), energy=None),
+              quantities={"z": x}, rigid_body=False, bodies=()),
         Call("from_mechanics", lambda: (gs.from_mechanics, {
             "method": free_particle(), "name": "a"})),
         plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),

@@ -22,6 +22,7 @@ from ..schemes.frame_kernels import Turning
 from ..schemes.schemes import MeanScheme, SparkScheme, common_kernels
 from ..symmetry.frames import Frame
 from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving import energy_of
 from ..systems.structure import Structure
 from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
@@ -238,7 +239,7 @@ def _context(
         "title": f"{method} for {system.name.replace('_', ' ')}",
         "hamiltonian": "" if forms["structured"] else comment(
             legendre.texts()[0] if legendre else
-            system.H if system.energy is None else system.energy),
+            energy_of(system)),
         "lagrangian": comment(legendre.texts()[1]) if legendre else "",
         "forces": [comment(f) for f in system.forces],
         "time": str(system.time) if system.is_driven else "",

@@ -15,6 +15,7 @@ from ..schemes.fast_tableau import FastTableau
 from ..schemes.schemes import MeanScheme, SparkScheme
 from ..symmetry.frames import Frame
 from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving import energy_of
 from ..systems.places import BodyAt, Entry, JointAt, Pull
 from ..systems.smoothness import Switching
 from ..systems.system import System
@@ -117,8 +118,7 @@ def _start_parameters(system: System, forms: dict[str, Any]) -> list[str]:
     """
     if not system.constraints:
         return []
-    energy = system.H if system.energy is None else system.energy
-    deciding = (energy, *system.constraints) if forms["structured"] else (
+    deciding = (energy_of(system), *system.constraints) if forms["structured"] else (
         *system.constraints, *system.hidden)
     if isinstance(system, LagrangianSystem):
         deciding = (system.L, *system.constraints)
@@ -131,7 +131,7 @@ def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
     if isinstance(system, LagrangianSystem):
         return system.texts()[0]
     if not forms["structured"]:
-        return str(system.H if system.energy is None else system.energy)
+        return str(energy_of(system))
     return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
 
 

@@ -35,6 +35,7 @@ from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
 from ..systems.jacobians import jacobian
 from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving import energy_of
 from ..systems.system import System
 from ..tableaux.tableau import Tableau
 from .differences import (
@@ -58,8 +59,7 @@ def common_kernels(system: System) -> list[Kernel]:
         return [*state_kernels(system),
                 *(place_kernels(system) if system.m else [])]
     at_state = {"q": list(system.q), "p": list(system.p)}
-    energy = system.H if system.energy is None else system.energy
-    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy})]
+    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy_of(system)})]
     if system.forces:
         kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
                               at_state | time_input(system), {"F": list(system.forces)}))
@@ -356,8 +356,7 @@ def hoisted(system: System) -> tuple[System, Constants]:
     defining = {name: constants.hoist(e) for name, e in system.defining.items()}
     g = tuple(constants.hoist(e) for e in system.constraints)
     forces = tuple(constants.hoist(e) for e in system.forces)
-    energy = None if system.energy is None else constants.hoist(system.energy)
     symbols = tuple(constants.definitions.values())
     made: System = replace(system, parameters=symbols, constraints=g, forces=forces,
-                           quantities={}, energy=energy, **defining)
+                           quantities={}, **defining)
     return made, constants

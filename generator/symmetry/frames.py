@@ -20,6 +20,7 @@ whatever else has a name and commutes with all that were taken.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -33,6 +34,7 @@ from ..algebra.derivatives import derivative
 from ..algebra.residues import exactly, identically_zero
 from ..algebra.sharing import substitute
 from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving import MovingSystem
 from ..systems.system import System
 from .linear_fields import Field, known_fields, motions_of_space
 from .rotations import Rotation, commute, rotation_of
@@ -100,8 +102,10 @@ class Frame:
         rates = self.rates()
         lost = [sp.expand(rate * symmetry.momentum(system))
                 for rate, symmetry in zip(rates, self.symmetries, strict=True)]
-        return replace(system, parameters=(*system.parameters, *rates),
-                       H=sp.Add(system.H, *(-e for e in lost)), energy=system.H)
+        parts = {part.name: getattr(system, part.name) for part in dataclasses.fields(System)}
+        return MovingSystem(**parts | {
+            "parameters": (*system.parameters, *rates), "energy": system.H,
+            "H": sp.Add(system.H, *(-e for e in lost))})
 
 
 def frame_of(system: System) -> Frame:
@@ -117,8 +121,7 @@ def frame_of(system: System) -> Frame:
                          "co-moving frame does not know; leave out frame, or time.")
     if isinstance(system, LagrangianSystem):
         raise InputError(f"System {system.name!r} is from a Lagrangian, and its H is not written "
-                         "out, in which symmetries are sought; leave out frame, or take the system "
-                         "that its legendre() returns.")
+                         "out: leave out frame, or take the system that its legendre() returns.")
     search = _Search(system)
     groups = [*search.bodies(), *search.space(), *search.others()]
     if not groups:

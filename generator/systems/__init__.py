@@ -9,6 +9,7 @@
     numeric_system  the same with numbers, in NumPy
     redundancy      constraints that others imply
     jacobians       matrices of derivatives
+    moving          a system in a co-moving frame
     structure       the few forms that many terms have, and how they hang together
     elimination     orders of rows that leave zeros what they are
     smoothness      where sides do not meet smoothly

@@ -27,6 +27,7 @@ import sympy as sp
 
 from ..algebra.switches import depends_by_steps
 from .elimination import Elimination, Node, connected, eliminate, reverse_cuthill_mckee
+from .moving import MovingSystem, energy_of
 from .system import System
 
 __all__ = ["Form", "Instance", "Part", "Structure"]
@@ -92,13 +93,13 @@ class Structure:
 
     def _with_energy(self, terms: list[sp.Expr]) -> tuple[sp.Expr, ...]:
         """Return the sum of terms of H, and in a co-moving frame of those that are energy."""
-        if self.system.energy is None:
+        if not isinstance(self.system, MovingSystem):
             return (sp.Add(*terms),)
         return sp.Add(*terms), sp.Add(*(term for term in terms if term in self._energy))
 
     @cached_property
     def _energy(self) -> frozenset[sp.Expr]:
-        return frozenset(sp.Add.make_args(self.system.energy))
+        return frozenset(sp.Add.make_args(energy_of(self.system)))
 
     @cached_property
     def _terms(self) -> list[tuple[sp.Expr, frozenset[int], frozenset[int]]]:

@@ -73,8 +73,6 @@ class System:
         The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
     joints : sequence of JointAt
         What joins them.
-    energy : Expr, optional
-        What is reported as the energy where H is that of a co-moving frame; by default H.
 
     Notes
     -----
@@ -98,7 +96,6 @@ class System:
     rigid_body: bool = field(default=False, kw_only=True)
     bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
     joints: tuple[JointAt, ...] = field(default=(), kw_only=True)
-    energy: sp.Expr | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
@@ -109,8 +106,6 @@ class System:
         as_text("name of the system", self.name)
         as_flag("rigid_body", self.rigid_body)
         object.__setattr__(self, "H", as_expression(self.H))
-        if self.energy is not None:
-            object.__setattr__(self, "energy", as_expression(self.energy))
         quantities = as_mapping("quantities", self.quantities, "{'height': q[1]}")
         object.__setattr__(self, "quantities", MappingProxyType(
             {name: as_expression(e) for name, e in quantities.items()}))
@@ -205,7 +200,7 @@ class System:
                 f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
             )
         allowed = {*self.q, *self.p, *self.parameters, *self._others, *time}
-        unknown = (self.H.free_symbols | (self.energy or self.H).free_symbols) - allowed
+        unknown = self.H.free_symbols - allowed
         if unknown:
             raise InputError(
                 f"H of system {self.name!r} contains the unknown symbol "
@@ -366,14 +361,11 @@ class System:
     def hidden(self) -> list[sp.Expr]:
         """The constraint on the momenta, m entries: g_q H_p + g_t = 0 (12) in its shortest form.
 
-        In a co-moving frame it is that of the energy: the same where g = 0.
-
         Expanded, identically vanishing terms such as L(q)q cancel, and with them their
         round-off; factors that cannot vanish on g = 0 are dropped. For the quaternion both
         representations come out as qᵀp (17).
         """
-        H_p = self.H_p if self.energy is None else gradient(self.energy, self.p)
-        products = [sum(a * b for a, b in zip(row, H_p, strict=True)) for row in self.G]
+        products = [sum(a * b for a, b in zip(row, self.H_p, strict=True)) for row in self.G]
         return [self._without_units(shortest(e + rate))
                 for e, rate in zip(products, self.g_t, strict=True)]
 
