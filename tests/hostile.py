@@ -99,9 +99,9 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("rotation_matrix", gs.rotation_matrix, x=sp.symbols("q0:4")),
         plain("state_from_rotation", gs.state_from_rotation, rotation=np.eye(3),
               angular_velocity=(1, 2, 3), inertia=TOP.inertia),
-        plain("consistent", gs.consistent, system=step, **state, parameters=PARAMETERS),
+        plain("consistent", gs.consistent, system=step, **state, parameters=PARAMETERS, t=0.0),
         plain("consistent", gs.consistent, system=gs.System((x,), (y,), (m,), y**2 / (2 * m)),
-              q=[1.0], p=[1.0], parameters={"m": 1.0}),
+              q=[1.0], p=[1.0], parameters={"m": 1.0}, t=0.0),
         plain("choose_gamma", gs.choose_gamma, stepper=step, **state, dt=1e-2,
               parameters=TOP.parameters, bodies={"gamma": TOP.inertia}, steps=4, aim="energy",
               t0=0.0, run_steps=4),
@@ -128,19 +128,38 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("four_bar", gs.models.four_bar, rate=1.0),
         plain("chain", gs.models.chain, count=1, rep="gamma"),
         plain("step", step.step, **state, **run, t0=0.0, solver="auto", tolerance=1e-12,
-              max_iterations=50),
+              max_iterations=50, inputs=None),
         plain("integrate", step.integrate, **state, **run, steps=3, t0=0.0, every=1, solver="auto",
-              tolerance=1e-12, max_iterations=50, progress=None),
+              tolerance=1e-12, max_iterations=50, progress=None, events=gs.Event("q1"),
+              inputs=None, hold=1, t_eval=[0.001, 0.0025]),
         plain("integrate_ensemble", step.integrate_ensemble, q=[q, q], p=[p, p], **run, steps=3,
-              t0=0.0, every=1, solver="auto", tolerance=1e-12, max_iterations=50, workers=1),
+              t0=0.0, every=1, solver="auto", tolerance=1e-12, max_iterations=50, workers=1,
+              events=gs.Event("q1"), inputs=None, hold=1),
+        plain("at", step.at, trajectory=made, times=[0.0015], workers=1),
+        plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
+        plain("start", step.start, q0=q, p0=p, **run, t0=0.0, solver="auto", tolerance=1e-12,
+              max_iterations=50),
+        plain("advance", step.start(q, p, **run).advance, steps=2, inputs=None),
+        plain("Event", gs.Event, quantity="q1", level=0.0, direction=1, terminal=False, name="a"),
+        plain("section", gs.section, stepper=step, q=[q, q], p=[p, p], **run, steps=3,
+              event=gs.Event("q1"), t0=0.0, solver="auto", tolerance=1e-12, max_iterations=50,
+              workers=1),
+        plain("load_urdf", gs.load_urdf, path=str(tmp_path / "none.urdf"), base="fixed",
+              angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
+              position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,
+              rep="gamma"),
+        plain("read_urdf", gs.read_urdf, path=str(tmp_path / "none.urdf"), base="fixed",
+              angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
+              position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,
+              rep="gamma"),
         plain("residual", step.residual, x=np.zeros(step.unknowns), **state, **run, t=0.0),
         plain("jacobian", step.jacobian, x=np.zeros(step.unknowns), **state, **run, t=0.0),
         plain("guess", step.guess, **state, **run, t=0.0),
-        plain("energy", step.energy, **state, parameters=PARAMETERS),
+        plain("energy", step.energy, **state, parameters=PARAMETERS, t=0.0),
         plain("quantities", step.quantities, **state, parameters=PARAMETERS, t=0.0),
-        plain("defects", step.defects, **state, parameters=PARAMETERS),
-        plain("project", step.project, **state, parameters=PARAMETERS),
-        plain("Stepper.consistent", step.consistent, **state, parameters=PARAMETERS),
+        plain("defects", step.defects, **state, parameters=PARAMETERS, t=0.0),
+        plain("project", step.project, **state, parameters=PARAMETERS, t=0.0),
+        plain("Stepper.consistent", step.consistent, **state, parameters=PARAMETERS, t=0.0),
         plain("quantity", made.quantity, name="none"),
         plain("axis", made.axis, body=None),
         plain("rotation", made.rotation, body=None),
@@ -166,7 +185,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("animate", made.animate, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
-              quantities={"z": x}, rigid_body=False, bodies=()),
+              quantities={"z": x}, rigid_body=False, bodies=(), inputs=(), joints=()),
         Call("from_mechanics", lambda: (gs.from_mechanics, {
             "method": free_particle(), "name": "a"})),
         plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),
@@ -176,7 +195,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         Call("certify", lambda: (gs.certify, {
             "model": gs.problems.fast_top(), "scheme": "IMS", "stages": None, "rep": "gamma",
             "tableau": None, "allow_invalid": False, "frame": None, "dt": 1e-3, "steps": 2,
-            "parameters": {}}),
+            "parameters": {}, "real": "double"}),
             kept=("allow_invalid",), spared=("half", "none", "zero", "empty text", "fraction",
                                              "dict", "pi")),
         Call("record", lambda: (gs.record, {
@@ -211,7 +230,8 @@ def model_calls() -> Iterator[Call]:
 
     def model() -> tuple[Callable[..., Any], dict[str, Any]]:
         return gs.Model, {"system": system, "parameters": {}, "q0": [1.0], "p0": [1.0],
-                          "bodies": {}, "dt": 0.1, "steps": 3, "description": "", "frame": ""}
+                          "bodies": {}, "dt": 0.1, "steps": 3, "description": "", "frame": "",
+                          "rules": {}}
 
     yield Call("Model", model)
 
@@ -247,17 +267,17 @@ def multibody_calls() -> Iterator[Call]:
     yield of("ball", name="j", a="top", b="body", at=None, on_a=(0, 0, 1), on_b=(0, 0, 0))
     yield of("fixed_point", name="j", body="body", at=(0, 0, 0), on_body=(0, 0, 1))
     yield of("revolute", name="j", a="top", b="body", axis=(0, 0, 1), at=None, on_a=(0, 0, 1),
-             on_b=(0, 0, 0), rate=1.0)
-    yield of("align", name="j", a="top", b="body", axis=(0, 0, 1), rate=1.0)
+             on_b=(0, 0, 0), rate=1.0, angle=0.0)
+    yield of("align", name="j", a="top", b="body", axis=(0, 0, 1), rate=1.0, angle=0.0)
     yield of("rod", name="j", a="top", b="body", on_a=(0, 0, 1), on_b=(0, 0, 0), length=1.0)
     yield of("spring", name="j", a="top", b="body", stiffness=1.0, length=1.0, on_a=(0, 0, 1),
-             on_b=(0, 0, 0))
+             on_b=(0, 0, 0), damping=0.0)
     yield of("potential", expression=sp.Integer(1))
     yield of("parameter", name="k", value=1.0, positive=False)
     yield of("force", body="body", force=(0, 0, 1), on_body=(0, 0, 1))
     yield of("torque", body="body", torque=(0, 0, 1))
     yield of("quantity", name="k", expression=sp.Integer(1))
-    yield of("model", without=())
+    yield of("model", without=(), redundant="refuse")
     build = gs.Multibody("b")
     body = build.body("u", mass=1, inertia=inertia)
     for method, argument in (("point", "r"), ("direction", "v"), ("point_velocity", "r")):

@@ -57,11 +57,13 @@ class Event:
     def __post_init__(self) -> None:
         if not isinstance(self.quantity, str):
             raise InputError(f"An event's quantity is a name, not {shown(self.quantity)}.")
-        if self.direction not in (-1, 0, 1) or isinstance(self.direction, bool):
+        if type(self.direction) is not int or self.direction not in (-1, 0, 1):
             raise InputError(f"direction = {shown(self.direction)} is none; give -1 (falling), 1 "
                              "(rising) or 0 (both).")
         if not isinstance(self.terminal, bool):
             raise InputError(f"terminal = {shown(self.terminal)} is neither True nor False.")
+        if not isinstance(self.name, str):
+            raise InputError(f"An event's name is text, not {shown(self.name)}.")
         level = exact(self.level)
         if level is None or isinstance(level, float):
             raise InputError(f"level = {shown(self.level)} is no finite number.")

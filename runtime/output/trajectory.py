@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
-from ...naming import choose
+from ...naming import choose, shown
 from ..build.places import bodies_of, joints_of
 from ..events.event import Crossings
 from ..show.endings import ENDINGS, ending_of
@@ -252,6 +252,9 @@ class Trajectory(Shown):
                 f"This trajectory of {self.manifest['name']} does not know the stepper that made "
                 "it, for it was read from a file or belongs to an ensemble; give "
                 "at(times, stepper=...).")
+        if not callable(getattr(maker, "at", None)):
+            raise InputError(f"stepper = {shown(maker)} is none; give what gyrospark.stepper "
+                             "returned.")
         return maker.at(self, times)
 
     def made_by(self, stepper: Maker) -> Trajectory:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError, Stopped
+from ...naming import shown
 from ..call.checks import as_numbers, as_real
 from ..interrupts import ctrl_c
 from ..output.outputs import OUTPUTS, States, value_of
@@ -48,6 +49,8 @@ def between(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike, workers: int | None
 ) -> Trajectory:
     """Return the states of a trajectory at times; see ``Stepper.at``."""
+    if not isinstance(trajectory, Trajectory):
+        raise InputError(f"trajectory = {shown(trajectory)} is none; give what integrate returned.")
     threads = threads_of(workers)
     with ctrl_c() as interrupts:
         found = _states_at(stepper, trajectory, times,

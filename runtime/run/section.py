@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import InputError
 from ...exact import Number
 from ...naming import choose, shown
+from ..call.checks import as_positive_count
 from ..events.event import Event
 
 if TYPE_CHECKING:
@@ -115,10 +116,14 @@ def section(
     InputError
         For what ``integrate_ensemble`` refuses, and for what is no event.
     """
+    if not hasattr(stepper, "integrate_ensemble"):
+        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
+                         "returned.")
     if not isinstance(event, Event):
         raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
+    count = as_positive_count("steps", steps)
     found = stepper.integrate_ensemble(
-        q, p, dt=dt, steps=steps, every=max(steps, 1), parameters=parameters, t0=t0,
+        q, p, dt=dt, steps=count, every=max(count, 1), parameters=parameters, t0=t0,
         solver=solver, tolerance=tolerance,  # type: ignore[arg-type]
         max_iterations=max_iterations, workers=workers, events=event)
     own = [found.events[event.name][i] for i in range(len(found))]
