@@ -70,10 +70,11 @@ def exact(value: Any) -> Fraction | float | None:
     if isinstance(value, numbers.Rational):  # int among them, and SymPy's
         return _of_ratio(int(value.numerator), int(value.denominator))
     if isinstance(value, numbers.Real):
-        if value - value != 0:
+        ratio = getattr(value, "as_integer_ratio", None) or float(value).as_integer_ratio
+        try:
+            return Fraction(*ratio())  # of all floats, NumPy's among them, the method is there
+        except (OverflowError, ValueError):  # of infinity, of NaN
             return float(value)
-        ratio = getattr(value, "as_integer_ratio", float(value).as_integer_ratio)
-        return Fraction(*ratio())  # of all floats, NumPy's among them, the method is there
     if getattr(value, "is_number", False) and getattr(value, "is_finite", False) and getattr(
             value, "is_real", False):  # SymPy's pi/9, sqrt(2), ...
         return exact(value.evalf(80))
