@@ -168,8 +168,9 @@ def furnish(folder: Path) -> Path:
         few = re.sub(r"\bcount = 1000\b", "count = 2", block.text)
         name = tomllib.loads(block.text)["name"]
         (folder / ("few.toml" if "[grid]" in few else f"{name}.toml")).write_text(few, "utf-8")
-    (folder / "examples" / "plain_c").mkdir(parents=True)
-    shutil.copy(ROOT / "examples" / "plain_c" / "main.c", folder / "examples" / "plain_c")
+    for program in ("plain_c", "run_c"):
+        (folder / "examples" / program).mkdir(parents=True)
+        shutil.copy(ROOT / "examples" / program / "main.c", folder / "examples" / program)
     return folder
 
 

@@ -119,10 +119,11 @@ def test_gamma_fast_is_for_symmetric_bodies_that_spin_about_their_axis():
             gamma_fast(top, omega)
 
 
-def test_gamma_fast_saves_sweeps_and_changes_nothing_else():
+def test_gamma_fast_costs_no_sweeps_and_changes_nothing():
+    """It saved a tenth of them until starts were learnt from the motion; now they are the same."""
     top, step = gs.problems.fast_top(), gs.stepper("G-L", 8)
     run = {"dt": 0.02, "steps": 200}
     many, few = (step.integrate(top.q0, top.p0, parameters=top.parameters | {"gamma": g}, **run)
                  for g in (gamma_m(top.inertia), gs.gamma_fast(top.inertia, [0, 0, 126])))
-    assert few.iterations[1:60].mean() < many.iterations[1:60].mean()
+    assert few.iterations.mean() < 1.02 * many.iterations.mean()
     assert np.abs(few.q - many.q).max() < 1e-11

@@ -236,7 +236,9 @@ def test_lanes_take_their_own_sides():
         one = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], **options)
         assert np.array_equal(one.q[0], many.q[i])
         alone = step.integrate(q[i], p[i], **options)
-        assert np.abs(alone.q - many.q[i]).max() <= 1e-13
+        # other starting values end at other roundings, which kinks spread: ten times an ulp of q
+        # for each of the 60 steps
+        assert np.abs(alone.q - many.q[i]).max() <= 60 * 10 * 2.0**-52 * np.abs(alone.q).max()
 
 
 MAIN = r"""

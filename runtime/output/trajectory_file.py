@@ -19,7 +19,7 @@ from ..build.manifest import sizes_of
 from ..call.memory import without_padding
 from ..call.reals import from_text
 from ..events.event import Crossings
-from .outputs import OUTPUTS, Output, absent
+from .outputs import OUTPUTS, Output, absent, parts
 from .report import Report, known_fields
 from .states import finished
 
@@ -69,19 +69,21 @@ def read_npz(path: Path) -> dict[str, Any]:
         # Opened here because np.load leaves a damaged file open.
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             about = json.loads(str(file["about"]))
-            writer, wanted = about["manifest"]["generator"], [one.attribute for one in OUTPUTS]
+            writer = about["manifest"]["generator"]
             if about["format"] != _FORMAT:
                 raise InputError(
                     f"{str(path)!r} was written by gyrospark {writer} in format "
                     f"{about['format']}; this is gyrospark {__version__}, which reads format "
                     f"{_FORMAT}.")
-            missing = [name for name in wanted if name not in file]
+            missing = [one.attribute for one in OUTPUTS
+                       if one.attribute not in file and parts(one, about["manifest"])]
             if missing and "t" in file:
                 raise InputError(
                     f"{str(path)!r} has no {listed(missing)}: it was written by gyrospark "
                     f"{writer}, which knew other outputs than this gyrospark {__version__}, or is "
                     "damaged. Run it again, or read it with numpy.load.")
-            arrays = {name: file[name] for name in wanted}
+            arrays = {one.attribute: file[one.attribute] for one in OUTPUTS
+                      if one.attribute in file}
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
             crossings = {name: [file[f"event{i}_{part}"] for part in _CROSSING]
                          for i, name in enumerate(about.get("events", ()))}
@@ -102,7 +104,9 @@ def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, .
     if REALS[real].in_mpmath:
         in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
         arrays |= {one.attribute: _from_bytes(arrays[one.attribute]) for one in OUTPUTS
-                   if not one.whole and one.attribute not in in_double}
+                   if one.attribute in arrays and not one.whole and one.attribute not in in_double}
+    arrays = {one.attribute: absent(one, len(arrays["t"]), arrays["q"].dtype) for one in OUTPUTS
+              } | arrays  # of a version that did not know an output which this system lacks
     report = known_fields(Report, about["report"])
     report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
     found = {"dt": from_text(about["dt"], real), "every": about["every"],
