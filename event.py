@@ -86,7 +86,7 @@ def as_events(given: Any, system: Mapping[str, Any]) -> tuple[Event, ...]:
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(f"Two events are named {twice[0]!r}; give one of them another "
-                         'name, as in gs.Event(..., name="landing").')
+                         'name, as in gs.Event(..., name="landing") or --event "landing: x=0".')
     return tuple(events)
 
 

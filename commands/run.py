@@ -75,8 +75,8 @@ _BAR_FROM = 20_000
                    "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'.")
 @click.option("--event", "watched_for", metavar="TEXT", multiple=True,
               help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
-                   '"height=0 down", "x=1.5 up stop" (the run ends there); beside [events] of a '
-                   "model file.")
+                   '"height=0 down", "x=1.5 up stop" (the run ends there); with a name '
+                   '"landing: height=0". Beside [events] of a model file.')
 @click.option("--reference", is_flag=True,
               help="Integrate a reference for the axis errors if there is no closed form.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",

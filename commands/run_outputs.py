@@ -81,12 +81,24 @@ def events_of(
         if texts:
             raise InputError(f"--event is for runs in memory, not for --out {str(out)!r}, which "
                              "has no place for events; write .npz, or leave --out away.")
+        for one in own:
+            if one.terminal:
+                raise InputError(f"The model's event {one.name!r} ends its runs, and --out "
+                                 f"{str(out)!r} has no place for events; write .npz, or take stop "
+                                 f"from it: --set events.{one.name}="
+                                 f"'{one.quantity}={float(one.level):g}'.")
         if own:
             remark(f"--out {str(out)!r} has no place for events: those of the model are not looked "
                    "for. Write .npz, or leave --out away, to have them.")
         return {}
-    events = [*own, *map(event_of_text, texts)]
+    events = [*own, *map(_named, texts)]
     return {"events": as_events(events, step.manifest["system"])} if events else {}
+
+
+def _named(text: str) -> Event:
+    """Return the event that "height=0 down" says, or with a name "landing: height=0 down"."""
+    name, colon, rest = text.partition(":")
+    return event_of_text(rest, name.strip()) if colon else event_of_text(text)
 
 
 def _is_store(out: Path | None) -> bool:

@@ -299,13 +299,16 @@ def test_a_model_file_has_events(tmp_path) -> None:
     assert abs(run.events["half"].t[0] - np.sqrt(0.5)) < 1e-14
     command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--json"]
     for _ in range(2):  # the second time from what is kept of the file
-        done = CliRunner().invoke(gyrospark, [*command, "--event", "x=0.75"],
-                                  standalone_mode=False)
+        done = CliRunner().invoke(gyrospark, [*command, "--event", "x=0.75", "--event",
+                                              "second: x = 1.125 up"], standalone_mode=False)
         assert done.exception is None, done.output
         found = json.loads(done.output)["events"]
         assert {name: one["t"] for name, one in found.items()} == {
             "half": run.events["half"].t.tolist(), "landing": run.events["landing"].t.tolist(),
-            "x": [0.5]}
+            "x": [0.5], "second": [0.75]}
+    twice = CliRunner().invoke(gyrospark, [*command, "--event", "half: x=1"],
+                               standalone_mode=False)
+    assert "Two events are named 'half'; give one" in str(twice.exception)
     changed = CliRunner().invoke(gyrospark, [*command, "--set", "h=20"], standalone_mode=False)
     assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
 
@@ -313,10 +316,14 @@ def test_a_model_file_has_events(tmp_path) -> None:
 def test_a_store_leaves_a_files_events_out_with_a_word(tmp_path) -> None:
     path = tmp_path / "ball.toml"
     path.write_text(BALL.replace("1000", "9"), encoding="utf-8")
+    command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--json",
+               "--out", str(tmp_path / "run.zarr")]
+    refused = CliRunner().invoke(gyrospark, command, standalone_mode=False)
+    assert isinstance(refused.exception, gs.InputError)
+    assert "The model's event 'landing' ends its runs" in str(refused.exception)
+    command += ["--set", "events.landing=y=0"]
     with pytest.warns(gs.InputWarning, match="those of the model are not looked for"):
-        done = CliRunner().invoke(gyrospark, ["run", str(path), "--scheme", "G-L", "--stages", "2",
-                                              "--out", str(tmp_path / "run.zarr"), "--json"],
-                                  standalone_mode=False)
+        done = CliRunner().invoke(gyrospark, command, standalone_mode=False)
     assert done.exception is None, done.output
     assert "events" not in json.loads(done.output)
 
