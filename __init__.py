@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         StorageError,
         TableauError,
     )
+    from .event import Event
     from .facade import consistent, load_model, stepper, tableau
     from .generator.bodies import example_models as models
     from .generator.bodies import symbols
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from .runtime.choice.frame_choice import choose_frame
     from .runtime.choice.frame_search import FrameChoice
     from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
-    from .runtime.events.event import Crossings, Event
+    from .runtime.events.found import Crossings
     from .runtime.output.trajectory import Trajectory
     from .runtime.run.ensemble import Ensemble
     from .runtime.run.section import Section, section
@@ -81,9 +82,9 @@ _HOMES = {
     "read_urdf": "generator.urdf.urdf",
     "from_mechanics": "generator.systems.mechanics",
     "Projection": "projection",
-    "Crossings": "runtime.events.event",
+    "Crossings": "runtime.events.found",
     "Ensemble": "runtime.run.ensemble",
-    "Event": "runtime.events.event",
+    "Event": "event",
     "FrameChoice": "runtime.choice.frame_search",
     "choose_frame": "runtime.choice.frame_choice",
     "GammaChoice": "runtime.choice.gamma_choice",

@@ -75,7 +75,8 @@ _BAR_FROM = 20_000
                    "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'.")
 @click.option("--event", "watched_for", metavar="TEXT", multiple=True,
               help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
-                   '"height=0 down", "x=1.5 up stop" (the run ends there).')
+                   '"height=0 down", "x=1.5 up stop" (the run ends there); with a name '
+                   '"landing: height=0". Beside [events] of a model file.')
 @click.option("--reference", is_flag=True,
               help="Integrate a reference for the axis errors if there is no closed form.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
@@ -154,7 +155,7 @@ def run(
         "parameters": parameters, "solver": solver,
         "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
         "max_iterations": whole_number("--max-iterations", max_iterations),
-        **events_of(watched_for, step, out),
+        **events_of(watched_for, start.events, step, out),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
     with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
+from ..event import Event, as_events, event_of_text
+from ..remarks import remark
 from ..runtime.show.endings import ENDINGS, PAGES, ending_of
 from .options import check_ending, check_picture, check_writable
 
@@ -71,17 +73,32 @@ def check_targets(out: Path | None, plot: Path | None, page: Path | None, *, res
             check_export(out)
 
 
-def events_of(texts: tuple[str, ...], step: Stepper, out: Path | None) -> dict[str, Any]:
-    """Return the argument for what --event says, nothing without; stores have none."""
-    from ..runtime.events.event import as_events, event_of_text
-
-    if not texts:
-        return {}
+def events_of(
+    texts: tuple[str, ...], own: Sequence[Event], step: Stepper, out: Path | None
+) -> dict[str, Any]:
+    """Return the argument for the model's own events and what --event adds; stores have none."""
     if out is not None and ending_of(out) not in ("", ".npz"):
-        raise InputError(f"--event is for runs in memory, not for --out {str(out)!r}, which has no "
-                         "place for events; write .npz, or leave --out away.")
-    events = [event_of_text(text) for text in texts]
-    return {"events": as_events(events, step.manifest["system"])}
+        if texts:
+            raise InputError(f"--event is for runs in memory, not for --out {str(out)!r}, which "
+                             "has no place for events; write .npz, or leave --out away.")
+        for one in own:
+            if one.terminal:
+                raise InputError(f"The model's event {one.name!r} ends its runs, and --out "
+                                 f"{str(out)!r} has no place for events; write .npz, or take stop "
+                                 f"from it: --set events.{one.name}="
+                                 f"'{one.quantity}={float(one.level):g}'.")
+        if own:
+            remark(f"--out {str(out)!r} has no place for events: those of the model are not looked "
+                   "for. Write .npz, or leave --out away, to have them.")
+        return {}
+    events = [*own, *map(_named, texts)]
+    return {"events": as_events(events, step.manifest["system"])} if events else {}
+
+
+def _named(text: str) -> Event:
+    """Return the event that "height=0 down" says, or with a name "landing: height=0 down"."""
+    name, colon, rest = text.partition(":")
+    return event_of_text(rest, name.strip()) if colon else event_of_text(text)
 
 
 def _is_store(out: Path | None) -> bool:

@@ -6,6 +6,7 @@
     plan         from what is asked for to a checked study
     study_file   the same from TOML
     tiles        the cells in blocks, each a chunk of every array of the result
+    watched      cells whose events are looked for
     compute      the cells of a tile, side by side in the lanes of compiled code
     results      what is kept of a cell, in memory or in a store
     local        tiles on the threads of this process

@@ -14,6 +14,7 @@ from ..storage.layout import QUANTITY, Field
 from .results import BAD_START, STATUS
 from .study import Study
 from .tiles import Cells, Tile, cells_of
+from .watched import Ends, watched
 
 __all__ = ["compute"]
 
@@ -49,31 +50,42 @@ def _run(
     study: Study, stepper: Stepper, steps: int, cells: Cells, group: Array
 ) -> dict[str, Array]:
     """Return the results of some cells that have the scheme and the steps in common."""
-    binding, every = stepper.binding_of_many, study.every or steps
-    dtype = binding.dtype
+    dtype = stepper.binding_of_many.dtype
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
     structs = _structs(study, stepper, cells, group)
-    q, p = q0.copy(), p0.copy()
-    out = None
-    if study.every is not None:
-        out = tuple(binding.new(len(group), steps // every, binding.n) for _ in "qp")
-    options = binding.options(study.tolerance, study.max_iterations, study.solver)
     with np.errstate(all="ignore"):
-        reports, status = binding.integrate_many(structs, options, dt, steps, every, q, p, out,
-                                                 _memory(stepper))
+        ends = (watched(study, stepper, steps, cells, group) if study.events else
+                _unwatched(study, stepper, steps, structs, dt, q0, p0))
+        q, p, reports, status = ends.q, ends.p, ends.reports, ends.status
         bad = ~_consistent(study, stepper, cells, group, structs, q0, p0, dt)
         status[bad], reports["steps"][bad] = BAD_START, 0
         found = _numbers(reports) | {"q": q, "p": p, STATUS: status}
-        found |= _quantities(study, stepper, structs, reports, dt, q, p)
-    if out is not None:
-        for name, start, way in zip("qp", (q0, p0), out, strict=True):
-            found[f"{name}_samples"] = np.concatenate([start[:, None], way], axis=1)
+        found |= _quantities(study, stepper, structs, reports, dt, q, p) | ends.found
+    if study.every is not None:
+        found["q_samples"], found["p_samples"] = ends.samples
     lost = status != 0
     for name, values in found.items():
         if values.dtype.kind == "f" and lost.any():
             found[name] = values.copy()
             found[name][lost] = np.nan
     return found
+
+
+def _unwatched(
+    study: Study, stepper: Stepper, steps: int, structs: Array, dt: Array, q0: Array, p0: Array
+) -> Ends:
+    """Integrate cells in one call of compiled code."""
+    binding, every = stepper.binding_of_many, study.every or steps
+    q, p = q0.copy(), p0.copy()
+    out = None
+    if study.every is not None:
+        out = tuple(binding.new(len(q), steps // every, binding.n) for _ in "qp")
+    options = binding.options(study.tolerance, study.max_iterations, study.solver)
+    reports, status = binding.integrate_many(structs, options, dt, steps, every, q, p, out,
+                                             _memory(stepper))
+    way = () if out is None else zip((q0, p0), out, strict=True)
+    samples = tuple(np.concatenate([start[:, None], rows], axis=1) for start, rows in way)
+    return Ends(q, p, reports, status, samples, {})
 
 
 def _memory(stepper: Stepper) -> tuple[Any, ...]:

@@ -37,6 +37,7 @@ from ..storage.layout import (
 from .axes import SCHEME
 from .study import Study
 from .tiles import Tile, tile_counts, tile_shape, tiles_of
+from .watched import count_of, first_of
 
 if TYPE_CHECKING:
     import xarray
@@ -98,6 +99,11 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[Field]:
         found.append(number("work", "work of the forces"))
     found += [number(QUANTITY + name, f"quantity {name} at the end")
               for name in stepper.binding.quantity_names]
+    for event in study.events:
+        what = f"{event.quantity} = {float(event.level):g}"
+        found += [number(first_of(event.name), f"time of the first {what}; NaN where none",
+                         units="s"),
+                  number(count_of(event.name), f"how often {what}")]
     if study.every is not None:
         samples = (("sample", study.most_steps // study.every + 1), *state)
         found += [Field("q_samples", samples, {"long_name": "coordinates on the way"}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..event import Event, as_events
 from ..naming import choose, listed, proposal
 from ..real import REALS
 from ..runtime.call.binding import SOLVERS, SolverName
@@ -28,6 +30,8 @@ Array = NDArray[Any]
 
 #: Quantities of a cell beside the stepper's parameters.
 _OWN = ("dt", SCHEME, "q", "p")
+#: Of an event, in the names of results.
+_NAME = re.compile("[A-Za-z0-9_]{1,40}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +57,8 @@ class Study:
         Seconds of every cell, whose steps are the nearest number.
     every : int or None
         Keep every so many states of each cell; None keeps none but the last.
+    events : tuple of Event
+        What is looked for in every cell.
     seed : int or None
         With which random points were drawn.
     """
@@ -71,6 +77,7 @@ class Study:
     tolerance: float | None = None
     max_iterations: int = 50
     t0: float = 0.0
+    events: tuple[Event, ...] = ()
     seed: int | None = None
 
     @property
@@ -152,7 +159,22 @@ def checked_study(study: Study) -> Study:
         if study.solver == "fixed-point" and not one.binding.lanes:
             raise InputError(f"{one.name} has no solver fixed-point: "
                              f"{one.manifest['fast_path']['reason']}; choose auto or newton.")
-    return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt)
+    return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt,
+                   events=_events(study))
+
+
+def _events(study: Study) -> tuple[Event, ...]:
+    """Return the events, by names that results can have."""
+    events = as_events(study.events, study.steppers[0].manifest["system"])
+    for one in events:
+        if one.terminal:
+            raise InputError(f"The event {one.name!r} is terminal: it ends single runs. The cells "
+                             "of a sweep go on to their ends; ask for it without terminal=True, "
+                             "or stop, and look at its first time.")
+        if not _NAME.fullmatch(one.name):
+            raise InputError(f"The event {one.name!r} names results of a sweep; give it a name of "
+                             'letters, digits and "_", as in gs.Event(..., name="landing").')
+    return events
 
 
 def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:

@@ -16,16 +16,21 @@
     point = { I1 = [2e-3, 3e-3], mgl = [0.4, 0.5] }            # vary together
     drawn = { count = 50, seed = 7, I3 = { from = 5e-4, to = 9e-4 } }
 
+    [events]                         # first time and count of each cell
+    low = "height=0.1 down"
+
 Also: stages, rep, real, frame, dt, every, solver, tolerance, max_iterations.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..event import Event, event_of_text
 from ..generator.model_files.model_table import load_toml
 from ..generator.spec import is_model_file
 from ..generator.text.text_file import UnusableFileError, read_text
@@ -41,7 +46,7 @@ _OPTIONS: dict[str, tuple[type, ...]] = {
     "dt": (int, float), "steps": (int,), "duration": (int, float), "every": (int,),
     "solver": (str,), "tolerance": (int, float), "max_iterations": (int,),
 }
-_KEYS = {"name", "model", "keep", "settings", "parameters", "grid", *_OPTIONS}
+_KEYS = {"name", "model", "keep", "settings", "parameters", "grid", "events", *_OPTIONS}
 
 
 @dataclass(frozen=True)
@@ -103,7 +108,16 @@ def _study(content: dict[str, Any], path: Path) -> Study:
         raise InputError(f"name = {name!r} is not text.")
     return plan(model, as_table(content.get("grid", {}), "grid"), name=name,
                 settings=as_table(content.get("settings", {}), "settings"),
-                parameters=as_table(content.get("parameters", {}), "parameters"), **options)
+                parameters=as_table(content.get("parameters", {}), "parameters"),
+                events=_events(as_table(content.get("events", {}), "events")), **options)
+
+
+def _events(table: Mapping[str, Any]) -> list[Event]:
+    for name, text in table.items():
+        if not isinstance(text, str):
+            raise InputError(f'[events] {name} = {text!r} is not text; write for example {name} = '
+                             '"height=0.1 down".')
+    return [event_of_text(text, name) for name, text in table.items()]
 
 
 def _text(content: dict[str, Any], key: str) -> str:

@@ -14,7 +14,7 @@ from .._version import __version__
 from ..arguments import as_flag
 from ..body_values import RepName
 from ..errors import InputError, Stopped, StorageError
-from ..exact import digits_of
+from ..exact import digits_of, exact
 from ..generator.schemes.scheme import SchemeName
 from ..real import RealName
 from ..runtime.call.binding import SolverName
@@ -70,6 +70,7 @@ def sweep(
     solver: SolverName = "auto",
     tolerance: float | None = None,
     max_iterations: int = 50,
+    events: Any = (),
     keep: Iterable[str] | None = None,
     out: str | Path | None = None,
     resume: bool = False,
@@ -100,6 +101,10 @@ def sweep(
         Keep every so many states of each cell, as ``q_samples`` and ``p_samples``.
     solver, tolerance, max_iterations
         As for ``Stepper.integrate``.
+    events : Event or list of Event, optional
+        What to look for in every cell; ``model.events`` are those of a model. Results are
+        ``event_<name>_first``, the first time (NaN where there is none), and
+        ``event_<name>_count``.
     keep : list of str, optional
         The results to keep of a cell; all by default.
     out : path, optional
@@ -132,7 +137,8 @@ def sweep(
     """
     study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
                  frame=frame, parameters=parameters, dt=dt, steps=steps, duration=duration,
-                 every=every, solver=solver, tolerance=tolerance, max_iterations=max_iterations)
+                 every=every, solver=solver, tolerance=tolerance, max_iterations=max_iterations,
+                 events=events)
     return run_study(study, keep=keep, out=out, resume=resume, workers=workers, dask=dask,
                      progress=progress)
 
@@ -260,11 +266,17 @@ def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
             "steps": study.steps, "duration": study.duration, "every": study.every,
             "t0": study.t0, "solver": study.solver, "tolerance": study.tolerance,
             "max_iterations": study.max_iterations, "results": [f.name for f in fields],
-        },
+        } | _events(study),
         "seed": study.seed,
         "versions": versions(),
         "manifests": {s.name: s.manifest for s in study.steppers},
     }
+
+
+def _events(study: Study) -> dict[str, Any]:
+    """Return what is looked for, where anything is: a store without has no word of it."""
+    return {"events": {one.name: [one.quantity, str(exact(one.level)), one.direction]
+                       for one in study.events}} if study.events else {}
 
 
 def _digest(values: Any) -> str:

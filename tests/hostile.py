@@ -207,7 +207,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
             "rep": "gamma", "real": "double", "frame": None, "parameters": {}, "dt": 1e-3,
             "steps": 2, "duration": None, "every": None, "solver": "auto", "tolerance": 1e-12,
             "max_iterations": 50, "keep": None, "out": None, "resume": False, "workers": 1,
-            "dask": None, "progress": None})),
+            "dask": None, "progress": None, "events": gs.Event("q1")})),
     ]
     return [*found, *recording_calls(tmp_path), *model_calls(), *multibody_calls()]
 
@@ -231,7 +231,7 @@ def model_calls() -> Iterator[Call]:
     def model() -> tuple[Callable[..., Any], dict[str, Any]]:
         return gs.Model, {"system": system, "parameters": {}, "q0": [1.0], "p0": [1.0],
                           "bodies": {}, "dt": 0.1, "steps": 3, "description": "", "frame": "",
-                          "rules": {}}
+                          "rules": {}, "events": [gs.Event("x")]}
 
     yield Call("Model", model)
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.commands import gyrospark
-from gyrospark.runtime.events.event import event_of_text
+from gyrospark.event import event_of_text
 from gyrospark.runtime.events.roots import zeros
 
 EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
@@ -203,7 +203,7 @@ def test_events_in_words() -> None:
     assert (event.quantity, float(event.level), event.direction, event.terminal) == (
         "height", -0.5, -1, True)
     assert event_of_text("side=0").direction == 0
-    for text in ("height", "height=", "height=x", "height=0 left", "height=0 up down"):
+    for text in ("height", "height=", "height=x", "height=0 left", "height=0 up down", "h=30 deg"):
         with pytest.raises(gs.InputError, match="is not read; write"):
             event_of_text(text)
 
@@ -259,6 +259,87 @@ def test_a_file_keeps_events(tmp_path, real: str) -> None:
     read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).events["side"]
     for name in ("t", "q", "p", "steps", "rising"):
         assert np.array_equal(getattr(read, name), getattr(run.events["side"], name)), name
+
+
+BALL = """
+name = "ball"
+[system]
+coordinates = ["x", "y"]
+momenta = ["u", "v"]
+hamiltonian = "(u**2 + v**2)/2 + g*y"
+[parameters]
+g = 10
+h = 5
+[quantities]
+height = "y"
+[start]
+q = [0, "h"]
+p = ["3/2", 0]
+[run]
+dt = 0.03
+steps = 1000
+[events]
+half = "height = h/2 down"
+landing = "y=0 stop"
+"""
+
+
+def test_a_model_file_has_events(tmp_path) -> None:
+    """They are the model's; runs of the command look for them, beside what --event says."""
+    path = tmp_path / "ball.toml"
+    path.write_text(BALL, encoding="utf-8")
+    model = gs.load_model(path)
+    assert [(one.name, one.quantity, float(one.level), one.direction, one.terminal)
+            for one in model.events] == [("half", "height", 2.5, -1, False),
+                                         ("landing", "y", 0.0, 0, True)]
+    step = gs.stepper("G-L", 2, system=model)
+    run = step.integrate(model.q0, model.p0, dt=model.dt, steps=model.steps,
+                         parameters=model.parameters, events=model.events)
+    assert abs(run.t[-1] - 1) < 1e-14  # h = g t²/2
+    assert abs(run.events["half"].t[0] - np.sqrt(0.5)) < 1e-14
+    command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--json"]
+    for _ in range(2):  # the second time from what is kept of the file
+        done = CliRunner().invoke(gyrospark, [*command, "--event", "x=0.75", "--event",
+                                              "second: x = 1.125 up"], standalone_mode=False)
+        assert done.exception is None, done.output
+        found = json.loads(done.output)["events"]
+        assert {name: one["t"] for name, one in found.items()} == {
+            "half": run.events["half"].t.tolist(), "landing": run.events["landing"].t.tolist(),
+            "x": [0.5], "second": [0.75]}
+    twice = CliRunner().invoke(gyrospark, [*command, "--event", "half: x=1"],
+                               standalone_mode=False)
+    assert "Two events are named 'half'; give one" in str(twice.exception)
+    changed = CliRunner().invoke(gyrospark, [*command, "--set", "h=20"], standalone_mode=False)
+    assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
+
+
+def test_a_store_leaves_a_files_events_out_with_a_word(tmp_path) -> None:
+    path = tmp_path / "ball.toml"
+    path.write_text(BALL.replace("1000", "9"), encoding="utf-8")
+    command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--json",
+               "--out", str(tmp_path / "run.zarr")]
+    refused = CliRunner().invoke(gyrospark, command, standalone_mode=False)
+    assert isinstance(refused.exception, gs.InputError)
+    assert "The model's event 'landing' ends its runs" in str(refused.exception)
+    command += ["--set", "events.landing=y=0"]
+    with pytest.warns(gs.InputWarning, match="those of the model are not looked for"):
+        done = CliRunner().invoke(gyrospark, command, standalone_mode=False)
+    assert done.exception is None, done.output
+    assert "events" not in json.loads(done.output)
+
+
+@pytest.mark.parametrize(("line", "text"), [
+    ('low = "hight=0"', "Unknown quantity of an event 'hight'.*did you mean height"),
+    ('low = "height"', "The event 'height' is not read; write"),
+    ('low = "height=h/0"', r"\[events\] low is no number"),
+    ("low = 3", r"\[events\] low is 3; write one line of text in quotes"),
+    ('"a b" = "height=0"', r"\[events\] a b is 'a b'; write a name"),
+])
+def test_wrong_events_of_a_file_end_in_a_sentence(tmp_path, line: str, text: str) -> None:
+    path = tmp_path / "ball.toml"
+    path.write_text(BALL + line, encoding="utf-8")
+    with pytest.raises(gs.InputError, match=r"The model file '.*ball.toml' is not usable: " + text):
+        gs.load_model(path)
 
 
 def test_events_of_the_command() -> None:

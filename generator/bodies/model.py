@@ -15,6 +15,7 @@ from ...arguments import as_mapping, as_text
 from ...body_values import RULES, Inertia, as_moments_or_tensor, real_array
 from ...catalogue import FRAMES
 from ...errors import InputError
+from ...event import Event, as_events
 from ...exact import exact
 from ...markup import card, table
 from ...naming import choose, shown, whole
@@ -52,6 +53,9 @@ class Model:
         One sentence for people.
     frame : str
         "symmetries" where its steppers shall have co-moving frames.
+    events : tuple of Event
+        What its runs look for: ``step.integrate(..., events=model.events)``. ``gyrospark run``
+        does.
     """
 
     system: System
@@ -64,6 +68,7 @@ class Model:
     description: str = ""
     frame: str = ""
     rules: Mapping[str, str] = field(default_factory=dict)
+    events: Sequence[Event] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):
@@ -71,6 +76,9 @@ class Model:
         as_text("description", self.description)
         if not isinstance(self.frame, str) or self.frame:
             choose("frame", self.frame, FRAMES)
+        object.__setattr__(self, "events", as_events(self.events, {
+            "quantities": self.system.quantities, "coordinates": map(str, self.system.q),
+            "momenta": map(str, self.system.p)}))
         for name in ("q0", "p0"):
             object.__setattr__(self, name, self._state(name, getattr(self, name)))
         values = {name: self._number(f"parameter {name!r}", value) for name, value in as_mapping(

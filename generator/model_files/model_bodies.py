@@ -93,7 +93,7 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
     """
     content.allow("name", "description", "frame", "bodies", "joints", "forces", "gravity",
                   "potential", "without", "redundant", "parameters", "inputs", "run",
-                  "quantities", "points", "drives")
+                  "quantities", "points", "drives", "events")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)

@@ -48,7 +48,7 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
         With file, key and cure.
     """
     content.allow("name", "description", "frame", "potential", "body", "parameters", "inputs",
-                  "start", "run", "quantities", "forces")
+                  "start", "run", "quantities", "forces", "events")
     body, forces = content.table("body"), content.table("forces")
     body.allow("inertia", "mass", "rep", *REPS)
     body.require("inertia")

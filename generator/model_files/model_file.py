@@ -31,11 +31,13 @@ or any holonomic Hamiltonian system, ``model_system``:
     [start]
     q = [0.5, 0]
     p = [0, 0]
+    [events]
+    bottom = "x=0 up"
 
 or several bodies with joints, ``model_bodies``. With ``frame = "symmetries"`` its steppers have
 co-moving frames. Formulas are read by ``model_expressions``;
 wherever a number stands, a text such as "pi/6" may stand too, and an angle or a rate in text may
-have a unit. ``description``, ``[run]``, ``[quantities]`` and forces may be left out.
+have a unit. ``description``, ``[run]``, ``[quantities]``, ``[events]`` and forces may be left out.
 """
 
 from __future__ import annotations
@@ -52,10 +54,12 @@ from ...arguments import as_path
 from ...body_values import REPS, RepName
 from ...catalogue import FRAMES, SYSTEMS
 from ...errors import InputError
+from ...event import Event, event_of_text
 from ...naming import choose, listed, proposal, shown
 from ...remarks import listening, remark
 from ..bodies.model import Model
 from ..text.c_names import KEYWORDS
+from ..text.grammar import UNITS
 from ..text.text_file import is_urdf, model_text
 from ..urdf.urdf import read_settings
 from .model_bodies import read_bodies
@@ -157,6 +161,7 @@ def _read(
     formulas = Formulas(content, Numbers(content))
     try:
         model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
+        model = _with_events(model, content)
         if "frame" in content:
             model = replace(model, frame=content.choice("frame", FRAMES, ""))
         formulas.remark_on_unused()
@@ -178,6 +183,20 @@ def _with_inputs(model: Model, content: Table) -> Model:
             raise table.error(name, "is in no force; write it where it acts, or remove it.")
     inputs = tuple(known[name] for name in table.items())
     return replace(model, system=replace(model.system, inputs=inputs)) if inputs else model
+
+
+def _with_events(model: Model, content: Table) -> Model:
+    """Return the model with what [events] looks for."""
+    table = content.table("events")
+
+    def read(name: str) -> Event:
+        def level(text: str) -> float:
+            return Table({name: text}, table.where, table.file_error, table.constants).number(
+                name, UNITS)
+
+        return event_of_text(table.text(name), table.symbol(name, name), level)
+
+    return replace(model, events=[read(name) for name in table.items()])
 
 
 def _name(content: Table) -> str:

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...event import Event
 from ..call.binding import Binding
 from ..call.checks import as_real
-from .event import Event
 
 __all__ = ["Brackets", "Levels", "Watch"]
 

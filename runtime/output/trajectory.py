@@ -13,7 +13,7 @@ from ...arguments import as_path
 from ...errors import GyrosparkError, InputError
 from ...naming import choose, shown
 from ..build.places import bodies_of, joints_of
-from ..events.event import Crossings
+from ..events.found import Crossings
 from ..show.endings import ENDINGS, ending_of
 from .body_motion import BodyMotion
 from .joint_motion import JointMotion

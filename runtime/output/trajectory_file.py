@@ -18,7 +18,7 @@ from ...real import REALS
 from ..build.manifest import sizes_of
 from ..call.memory import without_padding
 from ..call.reals import from_text
-from ..events.event import Crossings
+from ..events.found import Crossings
 from .outputs import OUTPUTS, Output, absent, parts
 from .report import Report, known_fields
 from .states import finished

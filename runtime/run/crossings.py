@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import StepFailed, Stopped
-from ..events.event import Crossings, Event
+from ...event import Event
+from ..events.found import Crossings
 from ..events.roots import zeros
 from ..events.watch import Brackets, Levels, Watch
 from ..interrupts import ctrl_c

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError, StepFailed, Stopped
+from ...event import as_events
 from ...exact import Number
 from ...markup import card, table
 from ...naming import shown
 from ..call.checks import as_numbers
 from ..call.inputs import as_inputs
 from ..choice.frame_choice import asks_for_frame, start_frame
-from ..events.event import Crossings, CrossingsOfMany, as_events
+from ..events.found import Crossings, CrossingsOfMany
 from ..events.watch import Levels
 from ..interrupts import ctrl_c
 from ..output.trajectory import Trajectory

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
+from ...event import Event
 from ...exact import Number
 from ...naming import choose, shown
 from ..call.checks import as_positive_count
-from ..events.event import Event
 
 if TYPE_CHECKING:
     from .stepper import Stepper

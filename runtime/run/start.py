@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from ...exact import Rounded, knowing
+from ...event import Event
+from ...exact import Rounded, exact, knowing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,6 +44,8 @@ class Start:
         Name of an inertia parameter without a value → the rule to find it by; "m" for the others.
     free : list of str
         Parameters that another value may be given for and nothing else changes.
+    events : tuple of Event
+        What its runs look for.
     remarks : list of str
         What is to be said of the file that the model came from.
     """
@@ -58,6 +61,7 @@ class Start:
     rules: Mapping[str, str] = field(default_factory=dict)
     free: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+    events: tuple[Event, ...] = ()
 
     def __repr__(self) -> str:
         return (f"<Start of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
@@ -79,6 +83,7 @@ class Start:
             {name: [_mapped(list(x), knowing) if isinstance(x, tuple) else knowing(x)
                     for x in inertia] for name, inertia in model.bodies.items()},
             None if model.dt is None else knowing(model.dt), model.steps, dict(model.rules),
+            events=tuple(model.events),
         )
 
     @property
@@ -92,12 +97,17 @@ class Start:
     def as_json(self) -> dict[str, Any]:
         """Return what JSON can hold of it: a double, or the text of a number with more digits."""
         content = asdict(self)
-        return content | {name: _mapped(content[name], _text) for name in _NUMBERS}
+        events = [asdict(one) | {"level": str(exact(one.level))} for one in self.events]
+        return content | {name: _mapped(content[name], _text) for name in _NUMBERS} | {
+            "events": events}
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> Start:
         """Return what ``as_json`` was made of."""
-        return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS})
+        events = tuple(Event(**one | {"level": Fraction(one["level"])})
+                       for one in content["events"])
+        return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS} | {
+            "events": events})
 
 
 def _mapped(content: Any, change: Any) -> Any:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_mapping
 from ...errors import InputError
+from ...event import Event, as_events
 from ...exact import Number
 from ...naming import choose
 from ..build.manifest import remarks_of
@@ -21,7 +22,6 @@ from ..call.binding import SOLVERS, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real
 from ..call.inputs import as_inputs
 from ..choice.frame_choice import chosen
-from ..events.event import Event, as_events
 from ..output.trajectory import Trajectory
 from ..steps.consistency import defects_of_starts
 from ..steps.integration import Run, integrate

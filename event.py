@@ -1,26 +1,21 @@
-"""What is asked for, an event, and what was found of it."""
+"""An event: a quantity of a run crosses a level. What is asked for, in Python and in words."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from .errors import InputError
+from .exact import decimal, exact
+from .naming import choose, shown
 
-from ...errors import InputError
-from ...exact import decimal, exact
-from ...naming import choose, shown
-
-__all__ = ["DIRECTIONS", "Crossings", "CrossingsOfMany", "Event", "as_events", "event_of_text"]
-
-Array = NDArray[Any]
+__all__ = ["DIRECTIONS", "Event", "as_events", "event_of_text"]
 
 #: How a direction is written on the command line and in model files.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
-_TEXT = re.compile(r"\s*(?P<quantity>[^=]+?)\s*=\s*(?P<level>\S+)"
+_TEXT = re.compile(r"\s*(?P<quantity>[^=]+?)\s*=\s*(?P<level>\S.*?)"
                    r"(?P<words>(?:\s+(?:up|down|both|stop))*)\s*")
 
 
@@ -70,81 +65,10 @@ class Event:
         object.__setattr__(self, "name", self.name or self.quantity)
 
 
-@dataclass(frozen=True, eq=False)
-class Crossings:
-    """Where a run crossed a level, in the order of the run.
-
-    Attributes
-    ----------
-    t : array, shape (K,)
-        Times, to some units in the last place.
-    q, p : array, shape (K, n)
-        The states there: of real steps from the states before, so on their constraints.
-    steps : array of int, shape (K,)
-        Whole steps of the run before each.
-    rising : array of bool, shape (K,)
-        Whether the quantity rises there along the run.
-    """
-
-    t: Array
-    q: Array
-    p: Array
-    steps: Array
-    rising: Array
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    @property
-    def first(self) -> Crossings:
-        """The first of them by itself, or none."""
-        return self._some(np.arange(len(self)) < 1)
-
-    def until(self, last: Crossings, dt: Any) -> Crossings:
-        """Return those that are no later, in a run with steps dt, than another crossing."""
-        step, later = last.steps[0], (self.t - last.t[0]) * dt > 0
-        return self._some((self.steps < step) | (self.steps == step) & ~later.astype(bool))
-
-    def _some(self, chosen: Array) -> Crossings:
-        return Crossings(self.t[chosen], self.q[chosen], self.p[chosen], self.steps[chosen],
-                         self.rising[chosen])
-
-    def __repr__(self) -> str:
-        if not len(self):
-            return "<Crossings: none>"
-        return (f"<Crossings: {len(self):,}, from t = {float(self.t[0]):.6g} to "
-                f"{float(self.t[-1]):.6g} s>")
-
-
-@dataclass(frozen=True, eq=False)
-class CrossingsOfMany:
-    """The crossings of each trajectory of an ensemble: ``found[i]`` has those of trajectory i."""
-
-    _members: list[Crossings]
-
-    def __getitem__(self, i: int) -> Crossings:
-        return self._members[i]
-
-    def __len__(self) -> int:
-        return len(self._members)
-
-    @property
-    def count(self) -> Array:
-        """How many each trajectory has."""
-        return np.array([len(one) for one in self._members])
-
-    @property
-    def first(self) -> Array:
-        """The time of the first of each trajectory; NaN where it has none."""
-        none = np.array([np.nan])
-        return np.array([(one.t if len(one) else none)[0] for one in self._members])
-
-    def __repr__(self) -> str:
-        return f"<Crossings of {len(self):,} trajectories: {self.count.sum():,}>"
-
-
 def as_events(given: Any, system: Mapping[str, Any]) -> tuple[Event, ...]:
     """Return a caller's events, each of a quantity that the system has.
+
+    ``system`` has the names of its "quantities", "coordinates" and "momenta".
 
     Raises
     ------
@@ -162,12 +86,16 @@ def as_events(given: Any, system: Mapping[str, Any]) -> tuple[Event, ...]:
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(f"Two events are named {twice[0]!r}; give one of them another "
-                         'name, as in gs.Event(..., name="landing").')
+                         'name, as in gs.Event(..., name="landing") or --event "landing: x=0".')
     return tuple(events)
 
 
-def event_of_text(text: str, name: str = "") -> Event:
+def event_of_text(
+    text: str, name: str = "", number: Callable[[str], Any] = decimal
+) -> Event:
     """Return the event that ``"height=0 down stop"`` says.
+
+    ``number`` returns the level that a text says, None for what is none.
 
     Raises
     ------
@@ -175,7 +103,7 @@ def event_of_text(text: str, name: str = "") -> Event:
         For other text.
     """
     found = _TEXT.fullmatch(text)
-    level = None if found is None else decimal(found["level"])
+    level = None if found is None else number(found["level"])
     words = [] if found is None else found["words"].split()
     directions = [word for word in words if word in DIRECTIONS]
     if found is None or level is None or len(directions) > 1:

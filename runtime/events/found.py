@@ -1,0 +1,86 @@
+"""What was found of an event: where it happened, in one run and in many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Crossings", "CrossingsOfMany"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Where a run crossed a level, in the order of the run.
+
+    Attributes
+    ----------
+    t : array, shape (K,)
+        Times, to some units in the last place.
+    q, p : array, shape (K, n)
+        The states there: of real steps from the states before, so on their constraints.
+    steps : array of int, shape (K,)
+        Whole steps of the run before each.
+    rising : array of bool, shape (K,)
+        Whether the quantity rises there along the run.
+    """
+
+    t: Array
+    q: Array
+    p: Array
+    steps: Array
+    rising: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def first(self) -> Crossings:
+        """The first of them by itself, or none."""
+        return self._some(np.arange(len(self)) < 1)
+
+    def until(self, last: Crossings, dt: Any) -> Crossings:
+        """Return those that are no later, in a run with steps dt, than another crossing."""
+        step, later = last.steps[0], (self.t - last.t[0]) * dt > 0
+        return self._some((self.steps < step) | (self.steps == step) & ~later.astype(bool))
+
+    def _some(self, chosen: Array) -> Crossings:
+        return Crossings(self.t[chosen], self.q[chosen], self.p[chosen], self.steps[chosen],
+                         self.rising[chosen])
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "<Crossings: none>"
+        return (f"<Crossings: {len(self):,}, from t = {float(self.t[0]):.6g} to "
+                f"{float(self.t[-1]):.6g} s>")
+
+
+@dataclass(frozen=True, eq=False)
+class CrossingsOfMany:
+    """The crossings of each trajectory of an ensemble: ``found[i]`` has those of trajectory i."""
+
+    _members: list[Crossings]
+
+    def __getitem__(self, i: int) -> Crossings:
+        return self._members[i]
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    @property
+    def count(self) -> Array:
+        """How many each trajectory has."""
+        return np.array([len(one) for one in self._members])
+
+    @property
+    def first(self) -> Array:
+        """The time of the first of each trajectory; NaN where it has none."""
+        none = np.array([np.nan])
+        return np.array([(one.t if len(one) else none)[0] for one in self._members])
+
+    def __repr__(self) -> str:
+        return f"<Crossings of {len(self):,} trajectories: {self.count.sum():,}>"
