@@ -6,13 +6,14 @@
 ``zeros``         the γ that zeroes the error (25)
 ``one_stage``     1-G-L-α (22)
 ``gamma_auto``    γ chosen by pilot runs
+``frames``        Tables 4, 6, 7 in co-moving frames
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import equivalence, gamma_auto, odd_stages, one_stage, zeros
+from . import equivalence, frames, gamma_auto, odd_stages, one_stage, zeros
 from .engine import Engine
 from .model import Finding
 
@@ -24,4 +25,5 @@ FINDINGS: dict[str, Callable[[Engine], Finding]] = {
     "zero-of-the-error": zeros.study,
     "one-stage-alpha": one_stage.study,
     "gamma-auto": gamma_auto.study,
+    "frames": frames.study,
 }

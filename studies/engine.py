@@ -52,6 +52,8 @@ class Case:
         γ or α: a number in kg m², or a rule such as "m", "ht" or "0.01m".
     dt, steps
         Δt in seconds and N_t.
+    frame
+        How the rates of a co-moving frame are found, "start" or "auto"; "" for none.
     """
 
     problem: str
@@ -63,6 +65,7 @@ class Case:
     steps: int
     settings: tuple[tuple[str, float], ...] = ()
     real: RealName = "double"
+    frame: str = ""
 
     @property
     def method(self) -> str:
@@ -107,7 +110,7 @@ class Engine:
     def stepper(self, case: Case) -> Stepper:
         """Return the case's compiled stepper."""
         return stepper(case.scheme, case.stages, case.rep, system=self.problem(case).system,
-                       real=case.real)
+                       real=case.real, frame="symmetries" if case.frame else None)
 
     def parameter(self, case: Case) -> float:
         """Return γ or α of the case in kg m²."""
@@ -131,11 +134,12 @@ class Engine:
             if self.watch is not None:
                 self.watch(str(case))
             step, parameters = self.stepper(case), self.parameters(case)
+            frame = {"frame": case.frame} if case.frame else {}
             q0, p0 = self.problem(case).q0, self.problem(case).p0
             if case.real != "double":  # a start that is consistent in that type
                 q0, p0 = step.project(q0, p0, parameters=parameters)
             self._trajectories[case] = step.integrate(q0, p0, dt=case.dt, steps=case.steps,
-                                                      parameters=parameters,
+                                                      parameters=parameters | frame,
                                                       solver="newton")  # as the paper
         return self._trajectories[case]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from .engine import Quantity
 
-__all__ = ["COLUMNS", "MISPRINTS", "TABLE_4", "TABLE_6", "TABLE_7", "Misprint"]
+__all__ = ["COLUMNS", "MISPRINTS", "TABLE_4", "TABLE_6", "TABLE_7", "Misprint", "Printed"]
 
 #: (quantity, representation, rule of γ or α) → one entry a column.
 Printed = dict[tuple[Quantity, str, str], tuple[str, ...]]

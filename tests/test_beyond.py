@@ -27,7 +27,7 @@ from gyrospark.studies.power_series import Series
 from gyrospark.studies.zeros import integrable_claim
 
 #: Findings that rest on measurement alone.
-MEASURED = ("one-stage-alpha", "gamma-auto")
+MEASURED = ("one-stage-alpha", "gamma-auto", "frames")
 STATE = odd_proof._rational_tops()[0]
 
 

@@ -27,6 +27,8 @@ from fractions import Fraction
 from itertools import combinations
 
 import sympy as sp
+from sympy import QQ
+from sympy.polys.matrices import DomainMatrix
 
 from ...errors import InputError
 from ..algebra.bounded_algebra import is_small
@@ -212,9 +214,8 @@ class _Search:
 
     def _is_new(self, field: Field) -> bool:
         """Whether a field commutes with those that were taken and is no combination of them."""
-        matrices = [sp.Matrix(list(map(sp.Rational, f.A.ravel()))) for f in (*self.taken, field)]
-        independent = sp.Matrix.hstack(*matrices).rank() == len(matrices)
-        return independent and all(commute(field.weights, f.weights) for f in self.taken)
+        return (all(commute(field.weights, f.weights) for f in self.taken)
+                and _independent([*self.taken, field]))
 
     # ------------------------------------------------------------ proofs
 
@@ -321,6 +322,14 @@ class _Search:
             sums.append([*(sp.diff(f, s) * x for s, x in zip(q, to_q, strict=True)),
                          *(-sp.diff(f, s) * x for s, x in zip(p, to_p, strict=True)), *turned])
         return bool(identically_zero([terms for terms in sums if any(e != 0 for e in terms)]))
+
+
+def _independent(fields: Sequence[Field]) -> bool:
+    """Whether no field is a combination of the others; few of their n² entries are not 0."""
+    places = sorted({place for field in fields for place in field.weights})
+    rows = [[QQ(x.numerator, x.denominator) if (x := field.weights.get(place)) else QQ(0)
+             for place in places] for field in fields]
+    return bool(DomainMatrix(rows, (len(fields), len(places)), QQ).rank() == len(fields))
 
 
 def _bracket_coefficients(system: System, field: Field) -> list[sp.Expr] | None:
