@@ -21,6 +21,7 @@ from ..runtime.call.binding import SOLVERS
 from ..runtime.interrupts import watched
 from ..runtime.run.start import Start
 from ..runtime.show.scene import check_bodies
+from ..runtime.steps.count import step_count
 from .options import (
     DEFAULT,
     completing,
@@ -63,6 +64,8 @@ _BAR_FROM = 20_000
 @click.option("--t0", metavar="T", default="0", show_default=True,
               help="Time at the start in seconds, for forces that depend on it.")
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
+@click.option("--t-end", metavar="T",
+              help="Time of the last state in seconds, in place of --steps.")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
 @click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
@@ -93,7 +96,7 @@ _BAR_FROM = 20_000
 @json_option
 def run(
     problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
-    dt: str | None, t0: str, steps: str | None, every: str, solver: str,
+    dt: str | None, t0: str, steps: str | None, t_end: str | None, every: str, solver: str,
     tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
     resume: bool, seed: str | None, plot: Path | None, page: Path | None, as_json: bool,
@@ -105,7 +108,7 @@ def run(
     \b
     gyrospark run double_pendulum --view pendulum.html
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
-    gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --steps 10000
+    gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --t-end 10
     gyrospark run fast-top --scheme G-L --stages 3 --frame auto --dt 1e-2 --steps 1000
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
     gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
@@ -135,7 +138,7 @@ def run(
             click.echo(said)
     parameters = parameters_for(step, start, gamma, alpha)
     step_size, begin = _step_size(dt, start), real_number("--t0", t0)
-    count = _step_count(steps, start)
+    count = _step_count(steps, t_end, start, step_size, begin)
     (q0, p0), moved = start.state, 0.0
     if chosen is None or REALS[step.manifest["real"]].wide:
         # The problem's start is on the constraints to double only, a file's to its own digits.
@@ -260,12 +263,18 @@ def _step_size(option: str | None, start: Start) -> float:
     return real_number("--dt", option) if option is not None else start.dt or 0.0
 
 
-def _step_count(option: str | None, start: Start) -> int:
-    """Return the number of steps of the option, or the model's own."""
-    if option is None and start.steps is None:
+def _step_count(
+    steps: str | None, t_end: str | None, start: Start, dt: float, t0: float
+) -> int:
+    """Return the number of steps of the option, up to the time of the other, or the model's own."""
+    if t_end is not None:
+        if steps is not None:
+            raise InputError(f"--steps {steps} and --t-end {t_end} are both given; give one.")
+        return step_count(None, real_number("--t-end", t_end), t0, dt)
+    if steps is None and start.steps is None:
         raise InputError(f"--steps is not given and {start.name} names none; write for example "
-                         "--steps 1000.")
-    return whole_number("--steps", option) if option is not None else int(start.steps or 0)
+                         "--steps 1000, or --t-end 1.")
+    return whole_number("--steps", steps) if steps is not None else int(start.steps or 0)
 
 
 def _projected(

@@ -23,7 +23,8 @@ from ..call.checks import as_callback, as_positive_count, as_real
 from ..call.inputs import as_inputs
 from ..choice.frame_choice import chosen
 from ..output.trajectory import Trajectory
-from ..steps.consistency import defects_of_starts
+from ..steps.consistency import refuse_inconsistent
+from ..steps.count import step_count
 from ..steps.integration import Run, integrate
 from ..steps.parameters import as_parameters
 from .between import between, marks_of
@@ -162,9 +163,10 @@ class Stepper(Evaluation):
         p: ArrayLike,
         *,
         dt: Number,
-        steps: int,
+        steps: int | None = None,
         parameters: Mapping[str, Any],
         t0: Number = 0.0,
+        t_end: Number | None = None,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
         hold: int = 1,
         every: int = 1,
@@ -175,7 +177,7 @@ class Stepper(Evaluation):
         t_eval: ArrayLike | None = None,
         events: Event | Sequence[Event] = (),
     ) -> Trajectory:
-        """Integrate ``steps`` steps of ``dt`` seconds from (q, p).
+        """Integrate ``steps`` steps of ``dt`` seconds from (q, p), or up to ``t_end``.
 
         Parameters
         ----------
@@ -197,6 +199,9 @@ class Stepper(Evaluation):
         t0 : float
             Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
             counted, not summed up.
+        t_end : float, optional
+            In place of ``steps``: the time of the last state. (t_end − t0)/dt is a whole number
+            but for the rounding of these three.
         inputs : mapping or array_like, optional
             The system's inputs, which stay as they are within a step: by name, a number or one
             for each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
@@ -234,6 +239,7 @@ class Stepper(Evaluation):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
+        steps = step_count(steps, t_end, t0, dt)
         parameters = chosen(self, q, p, dt=dt, steps=steps,
                             parameters=self.fed(parameters, inputs), t0=t0)
         run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
@@ -343,7 +349,7 @@ class Stepper(Evaluation):
         """Return the arguments of ``integrate`` as a run, or raise InputError."""
         run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
-            self.refuse_inconsistent(run)
+            refuse_inconsistent(self.binding, self.manifest, run)
         return run
 
     def _run(
@@ -370,27 +376,6 @@ class Stepper(Evaluation):
             as_positive_count("max_iterations", max_iterations, least=1),
             as_real("t0", t0, number),
         )
-
-    def refuse_inconsistent(self, run: Run) -> None:
-        """Refuse a start that is off the constraints by more than round-off."""
-        if not self.m:
-            return
-        parameters = self.binding.parameters(run.parameters, run.t0)
-        found = defects_of_starts(
-            self.binding, self.manifest["scheme"]["keeps_momentum_constraint"], parameters,
-            run.q[None], run.p[None], np.array([run.dt]))
-        g, f, g_bound, f_bound = (float(x[0]) for x in (found.g, found.f, found.g_bound,
-                                                        found.f_bound))
-        if not found.consistent[0]:
-            q_size = float(np.linalg.norm(run.q.astype(float)))
-            norm = f", |q| = {q_size:.15g}" if self.manifest["system"]["rigid_body"] else ""
-            what = "q^T p" if self.manifest["system"]["rigid_body"] else "the momentum constraint"
-            raise InputError(
-                f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
-                f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
-                f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * self.binding.is_timed})` "
-                "moves it onto them."
-            )
 
 
 @lru_cache(maxsize=64)
