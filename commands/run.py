@@ -34,7 +34,14 @@ from .options import (
 )
 from .run_choices import frame_for, gamma_for, parameters_for
 from .run_outputs import check_targets, events_of, integrate_to, where_it_is
-from .run_report import about_choice, as_text, axis_errors, json_text, result_of
+from .run_report import (
+    about_choice,
+    as_text,
+    axis_errors,
+    json_text,
+    result_of,
+    warn_of_turning,
+)
 
 if TYPE_CHECKING:
     from ..runtime.body.problems import Problem
@@ -186,6 +193,8 @@ def run(
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error
             click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
+            if trouble is None:
+                warn_of_turning(step, done)
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)
             return 130
