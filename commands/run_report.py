@@ -174,6 +174,9 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
     if "radians_per_step" in result:
         lines.append(f"  fastest rotation        {result['radians_per_step']:.3g} rad a step, of "
                      f"{result['fastest_body']}")
+    if "dt_error" in result:
+        lines.append(f"  dt chosen               error of the motion {result['dt_error']:.2e}, "
+                     f"measured in {len(result['dt_pilots'])} pilots")
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
     lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
