@@ -3,7 +3,7 @@
     generate, models, verify, run, sweep, export, reproduce, bench, cache   the commands
     options                   options that several of them share
     run_outputs, run_report   where states go, and what is said of them
-    run_choices               γ and co-moving frames, as they are asked for
+    run_choices               steps, γ and co-moving frames, as they are asked for
     bench_tables              what ``bench`` prints
 
 Exit codes: 0 done, 1 a check failed or a step did not converge, 2 bad input or environment (one

@@ -31,9 +31,16 @@ from .options import (
     whole_number,
     with_default_scheme,
 )
-from .run_choices import frame_for, gamma_for, parameters_for
+from .run_choices import frame_for, gamma_for, parameters_for, step_for
 from .run_outputs import check_targets, events_of, integrate_to, where_it_is
-from .run_report import about_choice, as_text, axis_errors, json_text, result_of
+from .run_report import (
+    about_choice,
+    as_text,
+    axis_errors,
+    json_text,
+    result_of,
+    warn_of_turning,
+)
 
 if TYPE_CHECKING:
     from ..runtime.body.problems import Problem
@@ -59,10 +66,17 @@ _BAR_FROM = 20_000
               help="Integrate in a co-moving frame along the system's symmetries: auto searches "
                    "for its rates in short pilot runs (with --gamma auto for both at once), start "
                    "takes the least squares of the start; or rates in rad/s, omega_body=75.4.")
-@click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
+@click.option("--dt", metavar="{DT,auto}",
+              help="Time step in seconds (default: the model file's); auto: for --error and "
+                   "--t-end, by pilot runs of ever halved steps.")
+@click.option("--error", metavar="E",
+              help="Of --dt auto: the largest error of the motion on the way to --t-end, attitudes "
+                   "in rad, points in parts of their reach.")
 @click.option("--t0", metavar="T", default="0", show_default=True,
               help="Time at the start in seconds, for forces that depend on it.")
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
+@click.option("--t-end", metavar="T",
+              help="Time of the last state in seconds, in place of --steps.")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
 @click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
@@ -93,8 +107,8 @@ _BAR_FROM = 20_000
 @json_option
 def run(
     problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
-    dt: str | None, t0: str, steps: str | None, every: str, solver: str,
-    tolerance: str | None, max_iterations: str,
+    dt: str | None, error: str | None, t0: str, steps: str | None, t_end: str | None,
+    every: str, solver: str, tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
     resume: bool, seed: str | None, plot: Path | None, page: Path | None, as_json: bool,
     **choice: Any,
@@ -105,7 +119,8 @@ def run(
     \b
     gyrospark run double_pendulum --view pendulum.html
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
-    gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --steps 10000
+    gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --t-end 10
+    gyrospark run fast-top --scheme G-L --stages 4 --dt auto --error 1e-9 --t-end 2
     gyrospark run fast-top --scheme G-L --stages 3 --frame auto --dt 1e-2 --steps 1000
     gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
     gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
@@ -134,12 +149,19 @@ def run(
         for said in (*note, *(f"{part}: {said}" for part, said in remarks_of(step.manifest))):
             click.echo(said)
     parameters = parameters_for(step, start, gamma, alpha)
-    step_size, begin = _step_size(dt, start), real_number("--t0", t0)
-    count = _step_count(steps, start)
+    begin = real_number("--t0", t0)
     (q0, p0), moved = start.state, 0.0
     if chosen is None or REALS[step.manifest["real"]].wide:
         # The problem's start is on the constraints to double only, a file's to its own digits.
         q0, p0, moved = _projected(step, start, parameters, begin)
+    how: dict[str, Any] = {
+        "solver": solver,
+        "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
+        "max_iterations": whole_number("--max-iterations", max_iterations),
+    }
+    step_size, count, measured = step_for(
+        step, start, {"q": q0, "p": p0, "t0": begin, "parameters": parameters, **how},
+        {"dt": dt, "error": error, "steps": steps, "t_end": t_end})
     rules = (gamma, alpha) if gamma or alpha else tuple(start.rules.values())
     aim = next((AIMS[rule] for rule in rules if rule in AIMS), None)
     state = q0, p0, begin
@@ -152,9 +174,7 @@ def run(
     arguments: dict[str, Any] = {
         "q": q0, "p": p0, "t0": begin, "dt": step_size, "steps": count,
         "every": whole_number("--every", every),
-        "parameters": parameters, "solver": solver,
-        "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
-        "max_iterations": whole_number("--max-iterations", max_iterations),
+        "parameters": parameters, **how,
         **events_of(watched_for, start.events, step, out),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
@@ -165,6 +185,7 @@ def run(
                                     progress=progress)
             trouble = done.trouble
             result = result_of(start, step, done, begin)
+            result |= measured
             if moved:
                 result["start_moved"] = moved
             if made_choice is not None:
@@ -183,6 +204,8 @@ def run(
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error
             click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
+            if trouble is None:
+                warn_of_turning(step, done)
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)
             return 130
@@ -250,22 +273,6 @@ def _model(
             raise InputError(f"--set {setting!r} has no value; write KEY=VALUE, such as k=3.")
         changes[key.strip()] = value.strip()
     return model_stepper(spec_from(**{**choice, "system": name}), settings=changes)
-
-
-def _step_size(option: str | None, start: Start) -> float:
-    """Return the time step of the option, or the model's own."""
-    if option is None and start.dt is None:
-        raise InputError(f"--dt is not given and {start.name} names none; write for example "
-                         "--dt 1e-3.")
-    return real_number("--dt", option) if option is not None else start.dt or 0.0
-
-
-def _step_count(option: str | None, start: Start) -> int:
-    """Return the number of steps of the option, or the model's own."""
-    if option is None and start.steps is None:
-        raise InputError(f"--steps is not given and {start.name} names none; write for example "
-                         "--steps 1000.")
-    return whole_number("--steps", option) if option is not None else int(start.steps or 0)
 
 
 def _projected(

@@ -1,9 +1,9 @@
-"""What a run is to choose: γ and α of ``--gamma`` and ``--alpha``, the rates of ``--frame``."""
+"""What a run is to choose: its steps, γ and α of ``--gamma`` and ``--alpha``, a ``--frame``."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..exact import Rounded, decimal
 from ..naming import listed, proposal
 from ..runtime.body.inertia import AIMS
-from .options import real_number
+from .options import real_number, whole_number
 
 if TYPE_CHECKING:
     from ..runtime.body.inertia import Aim
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..runtime.run.start import Start
     from ..runtime.run.stepper import Stepper
 
-__all__ = ["Frame", "frame_for", "gamma_for", "parameters_for"]
+__all__ = ["Frame", "frame_for", "gamma_for", "parameters_for", "step_for"]
 
 
 def parameters_for(
@@ -154,3 +154,66 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
                              f"{proposal(name.strip(), names)}.")
         found[name.strip()] = real_number(f"--frame {name.strip()}", value.strip())
     return found
+
+
+def step_for(
+    step: Stepper, start: Start, arguments: dict[str, Any], given: Mapping[str, str | None],
+) -> tuple[Any, int, dict[str, Any]]:
+    """Return dt, the number of steps, and what was measured if --dt is auto.
+
+    ``arguments`` are those of the run that are known, ``given`` the options dt, error, steps and
+    t_end.
+    """
+    if given["dt"] == "auto":
+        return _chosen(step, arguments, given)
+    if given["error"] is not None:
+        raise InputError(f"--error {given['error']} is for --dt auto; give it as well, or leave "
+                         "--error away.")
+    dt = _step_size(given["dt"], start)
+    return dt, _step_count(given["steps"], given["t_end"], start, dt,
+                           arguments["t0"]), {}
+
+
+def _chosen(
+    step: Stepper, arguments: dict[str, Any], given: Mapping[str, str | None],
+) -> tuple[Any, int, dict[str, Any]]:
+    """Return the step that pilot runs have found, without a frame and with the γ that there is."""
+    from ..runtime.choice.step_choice import choose_dt
+
+    if given["steps"] is not None or given["error"] is None or given["t_end"] is None:
+        raise InputError("--dt auto chooses the number of steps; give --error and --t-end, such as "
+                         "--error 1e-9 --t-end 1, and no --steps.")
+    if step.symmetries:
+        raise InputError("--dt auto is measured without a frame, which allows larger steps; give "
+                         "--dt with --frame.")
+    found = choose_dt(step, **arguments, error=real_number("--error", given["error"]),
+                      t_end=real_number("--t-end", given["t_end"]))
+    return found.dt, found.steps, {
+        "dt_error": found.error,
+        "dt_pilots": [{"steps": pilot.steps, "error": pilot.error if pilot.converged else None}
+                      for pilot in found.pilots],
+    }
+
+
+def _step_size(option: str | None, start: Start) -> float:
+    """Return the time step of the option, or the model's own."""
+    if option is None and start.dt is None:
+        raise InputError(f"--dt is not given and {start.name} names none; write for example "
+                         "--dt 1e-3.")
+    return real_number("--dt", option) if option is not None else start.dt or 0.0
+
+
+def _step_count(
+    steps: str | None, t_end: str | None, start: Start, dt: float, t0: float
+) -> int:
+    """Return the number of steps of the option, up to the time of the other, or the model's own."""
+    from ..runtime.steps.count import step_count
+
+    if t_end is not None:
+        if steps is not None:
+            raise InputError(f"--steps {steps} and --t-end {t_end} are both given; give one.")
+        return step_count(None, real_number("--t-end", t_end), t0, dt)
+    if steps is None and start.steps is None:
+        raise InputError(f"--steps is not given and {start.name} names none; write for example "
+                         "--steps 1000, or --t-end 1.")
+    return whole_number("--steps", steps) if steps is not None else int(start.steps or 0)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from typing import TYPE_CHECKING, Any
 
-from ..errors import StepFailed, Stopped
+from ..errors import InputWarning, StepFailed, Stopped
 from ..exact import digits_of
 from ..runtime.body.inertia import AIMS
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from ..runtime.run.stepper import Stepper
     from .run_outputs import Done
 
-__all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of"]
+__all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of", "warn_of_turning"]
 
 
 def json_text(result: dict[str, Any]) -> str:
@@ -45,6 +46,7 @@ def about_choice(choice: GammaChoice) -> dict[str, Any]:
 def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[str, Any]:
     """Return what is said of a run that began at t0."""
     from ..real import REALS  # and NumPy: not for --help
+    from ..runtime.output.turning import fastest_turning
 
     trajectory = done.last
     report = trajectory.report
@@ -77,6 +79,10 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
         result["work"] = report.work
+    turning = fastest_turning(done.trajectory)
+    if turning is not None:
+        result["radians_per_step"] = turning.radians
+        result["fastest_body"] = turning.body
     if trajectory.quantities:
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
@@ -96,6 +102,20 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
     if done.out is not None:
         result["out"] = done.out
     return result
+
+
+def warn_of_turning(step: Stepper, done: Done) -> None:
+    """Warn where a body turns by more in a step than the method can bear."""
+    from ..runtime.output.turning import fastest_turning
+
+    turning = fastest_turning(done.trajectory)
+    if turning is None or turning.radians <= turning.borne:
+        return
+    dt = float(done.trajectory.dt) * turning.borne / turning.radians
+    warnings.warn(InputWarning(
+        f"The fastest rotation, of {turning.body}, is {turning.radians:.3g} rad a step, and a "
+        f"method of order {step.order} bears {turning.borne:g} at the most: the motion is lost "
+        f"within some turns. Take a dt well below {dt:.2g}."), stacklevel=2)
 
 
 def _all_digits(trajectory: Trajectory) -> dict[str, Any]:
@@ -151,6 +171,12 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
         f"  iterations              mean {result['iterations_mean']:.2f}, "
         f"most {result['iterations_max']}",
     ]
+    if "radians_per_step" in result:
+        lines.append(f"  fastest rotation        {result['radians_per_step']:.3g} rad a step, of "
+                     f"{result['fastest_body']}")
+    if "dt_error" in result:
+        lines.append(f"  dt chosen               error of the motion {result['dt_error']:.2e}, "
+                     f"measured in {len(result['dt_pilots'])} pilots")
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
     lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]

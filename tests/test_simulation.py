@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import os
 import pickle
+import runpy
 import signal
 import threading
 
@@ -16,6 +17,8 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from calls import LATE, PARAMETERS, RUN, TOP, refused
 from gyrospark.runtime.run import simulation
+from processes import ROOT
+from strategies import EPS
 from test_forces import PARAMETERS as DRAG
 from test_forces import start as start_of
 from test_forces import stepper_for
@@ -92,8 +95,6 @@ def test_forces_time_and_quantities(scheme):
 
 def test_many_bodies_and_a_tableau_without_sweeps():
     """A model in forms, and one whose every step is Newton's."""
-    from processes import ROOT
-
     model = gs.models.chain(3)
     tableau = ROOT / "examples" / "tableaux" / "radau_plain_2.json"
     for step in (gs.stepper("G-L", 2, system=model), gs.stepper(tableau=tableau, system=model)):
@@ -185,6 +186,28 @@ def test_parameters_that_the_state_is_off(gl3):
                         ({"r": 1, "g": 1, "h": 1}, "'h' is unknown")):
         with refused(said):
             sim.parameters = wrong
+
+
+# ---------------------------------------------------------------- a controller
+
+
+def test_a_controller_settles_as_its_poles_say(monkeypatch):
+    """The example's ends: an axis decays as the slowest root of its sampled, linear loop.
+
+    About each axis I θ̈ = −θ/4 − 4 θ̇, the right side held for h = 0.1 s: between two looks
+    (θ, θ̇) is multiplied by a matrix of two rows.
+    """
+    monkeypatch.chdir(ROOT)
+    example = runpy.run_path(str(ROOT / "examples" / "attitude_control.py"))
+    sim, seen, h = example["sim"], example["seen"], 0.1
+    assert sim.t == pytest.approx(600, abs=1e-9)
+    assert seen[0] > 70
+    assert seen[-1] < 1e-14
+    assert sim.report.constraint_max <= 2 * EPS
+    assert sim.report.momentum_constraint_max <= 2 * EPS
+    slowest = max(abs(np.linalg.eigvals(np.array([[1, h], [0, 1]]) - np.outer(
+        [h**2 / 2, h], [0.25, 4]) / inertia)).max() for inertia in (12, 10, 3))
+    assert seen[5900] / seen[5000] == pytest.approx(slowest**900, rel=1e-4)
 
 
 # ---------------------------------------------------------------- failures

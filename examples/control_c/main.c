@@ -1,5 +1,6 @@
 /*
- * A control loop: wheels turn a satellite until its axes are those of space, at ten looks a second.
+ * A control loop: wheels turn a satellite until its axes are those of space, at ten looks a second,
+ * for 600 s.
  * No allocation, a known number of sweeps a step; as it is it runs on a microcontroller.
  *
  *   generate --system satellite.toml --scheme G-L --stages 2 --real float --profile control --out .
@@ -29,13 +30,14 @@ int main(void)
     int most = 0, status = 0;
 
     SATELLITE(begin)(&work, &satellite, &options, 0.1f, q, p);
-    for (int k = 0; k <= 1200; ++k) {
+    for (int k = 0; k <= 6000; ++k) {
         const float t = 0;
         float omega[3]; /* what its gyros would say */
         SATELLITE(quantities)(&satellite, &t, q, p, omega);
-        if (k % 200 == 0) {
-            const float angle = 2*acosf(fminf(fabsf(q[0]), 1))*180/3.14159265f;
-            printf("%4d s: %7.3f degrees off, |omega| = %.1e rad/s\n", k/10, (double)angle,
+        if (k % 1000 == 0) {
+            const float sine = sqrtf(q[1]*q[1] + q[2]*q[2] + q[3]*q[3]);
+            const float angle = 2*atan2f(sine, fabsf(q[0]))*180/3.14159265f;
+            printf("%4d s: %.1e degrees off, |omega| = %.1e rad/s\n", k/10, (double)angle,
                 (double)sqrtf(omega[0]*omega[0] + omega[1]*omega[1] + omega[2]*omega[2]));
         }
         const float turn = q[0] < 0 ? -1 : 1; /* the shorter way */

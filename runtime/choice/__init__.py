@@ -1,4 +1,4 @@
-"""γ and co-moving frames chosen by measurement: pilot runs, the law of their error, a verdict.
+"""γ, co-moving frames and Δt chosen by measurement: pilot runs, their law, a verdict.
 
     motion_error  how far one motion is from another, path by path
     gamma_pilots  short runs with different γ
@@ -9,5 +9,6 @@
     frame_pilots  short runs in different frames
     frame_search  what is tried of frames, and what is chosen
     frame_choice  ``choose_frame``
+    step_choice   the time step that an error asks for
     symmetries    what a co-moving frame may move along
 """

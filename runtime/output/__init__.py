@@ -6,6 +6,7 @@
     trajectory_file  its .npz
     body_motion      one body of it: attitude, angles, velocities, momenta
     joint_motion     one joint of it: angle, force, torque
+    turning          how far the fastest body turns in a step, and how far can be borne
     shown            what it shows of itself
     tables           CSV, pandas, xarray
     states           the states as columns, under their names

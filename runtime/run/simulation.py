@@ -27,6 +27,7 @@ from ..interrupts import ctrl_c
 from ..output.outputs import place_of_quantity
 from ..output.report import Report
 from ..output.trajectory import Trajectory
+from ..steps.consistency import refuse_inconsistent
 from ..steps.failure import diagnose
 from ..steps.integration import FIRST_STEPS, Pace, Rows, Run, ended_at, trajectory_of
 from ..steps.parameters import as_parameters
@@ -270,7 +271,8 @@ class Simulation:
                              stepper.symmetries)
         deciding = stepper.manifest["system"]["start_parameters"]
         if any(made[name] != held.run.parameters[name] for name in deciding):
-            stepper.refuse_inconsistent(replace(held.run, q=held.q, p=held.p, parameters=made))
+            refuse_inconsistent(held.binding, stepper.manifest,
+                                replace(held.run, q=held.q, p=held.p, parameters=made))
         self._take()
         try:
             held.set_parameters(made)

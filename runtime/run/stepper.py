@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +22,10 @@ from ..call.binding import SOLVERS, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real
 from ..call.inputs import as_inputs
 from ..choice.frame_choice import chosen
+from ..choice.step_choice import with_step
 from ..output.trajectory import Trajectory
-from ..steps.consistency import defects_of_starts
+from ..steps.consistency import refuse_inconsistent
+from ..steps.count import step_count
 from ..steps.integration import Run, integrate
 from ..steps.parameters import as_parameters
 from .between import between, marks_of
@@ -161,10 +163,12 @@ class Stepper(Evaluation):
         q: ArrayLike,
         p: ArrayLike,
         *,
-        dt: Number,
-        steps: int,
+        dt: Number | Literal["auto"],
+        steps: int | None = None,
         parameters: Mapping[str, Any],
         t0: Number = 0.0,
+        t_end: Number | None = None,
+        error: Number | None = None,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
         hold: int = 1,
         every: int = 1,
@@ -175,7 +179,7 @@ class Stepper(Evaluation):
         t_eval: ArrayLike | None = None,
         events: Event | Sequence[Event] = (),
     ) -> Trajectory:
-        """Integrate ``steps`` steps of ``dt`` seconds from (q, p).
+        """Integrate ``steps`` steps of ``dt`` seconds from (q, p), or up to ``t_end``.
 
         Parameters
         ----------
@@ -185,7 +189,8 @@ class Stepper(Evaluation):
             Time step; negative integrates backwards. As ``t0`` and the parameters, a real number
             of any type, rounded once to the stepper's own: with ``real="float128"`` mpmath
             numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep 34 digits, and a Python float
-            is the binary number that it holds.
+            is the binary number that it holds. ``"auto"`` finds the step for ``error`` and
+            ``t_end`` by pilot runs to t_end, each with half the step; ``Trajectory.dt`` has it.
         steps : int
             Number of steps, 0 or more.
         parameters : mapping
@@ -197,6 +202,12 @@ class Stepper(Evaluation):
         t0 : float
             Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
             counted, not summed up.
+        t_end : float, optional
+            In place of ``steps``: the time of the last state. (t_end − t0)/dt is a whole number
+            but for the rounding of these three.
+        error : float, optional
+            Wanted with ``dt="auto"``: the largest error of the motion on the way, attitudes in rad
+            and points in parts of their reach.
         inputs : mapping or array_like, optional
             The system's inputs, which stay as they are within a step: by name, a number or one
             for each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
@@ -234,10 +245,15 @@ class Stepper(Evaluation):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        parameters = chosen(self, q, p, dt=dt, steps=steps,
+        how: dict[str, Any] = {"solver": solver, "tolerance": tolerance,
+                               "max_iterations": max_iterations}
+        dt_, steps, t_end = with_step(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
+                                      t0=t0, inputs=inputs, parameters=parameters, **how)
+        steps = step_count(steps, t_end, t0, dt_)
+        parameters = chosen(self, q, p, dt=dt_, steps=steps,
                             parameters=self.fed(parameters, inputs), t0=t0)
-        run = self.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
-                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
+        run = self.checked_run(q, p, dt=dt_, steps=steps, every=every, parameters=parameters,
+                               t0=t0, **how)
         run = run.fed(as_inputs(inputs, self.binding, run.steps, hold))
         if t_eval is not None:
             run = replace(run, marks=marks_of(self, run, t_eval))
@@ -343,7 +359,7 @@ class Stepper(Evaluation):
         """Return the arguments of ``integrate`` as a run, or raise InputError."""
         run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
-            self.refuse_inconsistent(run)
+            refuse_inconsistent(self.binding, self.manifest, run)
         return run
 
     def _run(
@@ -370,27 +386,6 @@ class Stepper(Evaluation):
             as_positive_count("max_iterations", max_iterations, least=1),
             as_real("t0", t0, number),
         )
-
-    def refuse_inconsistent(self, run: Run) -> None:
-        """Refuse a start that is off the constraints by more than round-off."""
-        if not self.m:
-            return
-        parameters = self.binding.parameters(run.parameters, run.t0)
-        found = defects_of_starts(
-            self.binding, self.manifest["scheme"]["keeps_momentum_constraint"], parameters,
-            run.q[None], run.p[None], np.array([run.dt]))
-        g, f, g_bound, f_bound = (float(x[0]) for x in (found.g, found.f, found.g_bound,
-                                                        found.f_bound))
-        if not found.consistent[0]:
-            q_size = float(np.linalg.norm(run.q.astype(float)))
-            norm = f", |q| = {q_size:.15g}" if self.manifest["system"]["rigid_body"] else ""
-            what = "q^T p" if self.manifest["system"]["rigid_body"] else "the momentum constraint"
-            raise InputError(
-                f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
-                f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
-                f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * self.binding.is_timed})` "
-                "moves it onto them."
-            )
 
 
 @lru_cache(maxsize=64)

@@ -2,6 +2,7 @@
 
     parameters   the parameters of a run, in their domains
     consistency  whether states are on the constraints
+    count        how many steps lead to a time
     integration  one integration, in chunks
     newton       T1 driven from Python, open to inspection
     failure      why a step failed, and what would do

@@ -9,15 +9,19 @@ step, without constraint forces, changes in it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import InputError
 from ..call.binding import Binding
 from ..output.outputs import defect_sizes
 
-__all__ = ["Defects", "defects_of_starts"]
+if TYPE_CHECKING:
+    from .integration import Run
+
+__all__ = ["Defects", "defects_of_starts", "refuse_inconsistent"]
 
 Array = NDArray[Any]
 
@@ -59,6 +63,29 @@ def defects_of_starts(
         euler = [np.array([float(np.abs(part).max())]) for part in (x[:n], x[n : 2 * n])]
         f_bound[row] += _changes(binding, own, q[row], p[row], *euler)[1]
     return Defects(g, f, g_bound, f_bound)
+
+
+def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: Run) -> None:
+    """Refuse a start that is off the constraints by more than round-off."""
+    if not binding.m:
+        return
+    parameters = binding.parameters(run.parameters, run.t0)
+    found = defects_of_starts(binding, manifest["scheme"]["keeps_momentum_constraint"], parameters,
+                              run.q[None], run.p[None], np.array([run.dt]))
+    if found.consistent[0]:
+        return
+    g, f, g_bound, f_bound = (float(x[0]) for x in (found.g, found.f, found.g_bound,
+                                                    found.f_bound))
+    q_size = float(np.linalg.norm(run.q.astype(float)))
+    rigid = manifest["system"]["rigid_body"]
+    norm = f", |q| = {q_size:.15g}" if rigid else ""
+    what = "q^T p" if rigid else "the momentum constraint"
+    raise InputError(
+        f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
+        f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
+        f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * binding.is_timed})` "
+        "moves it onto them."
+    )
 
 
 def _changes(

@@ -1,0 +1,26 @@
+"""A satellite that its wheels turn until its axes are those of space: PD, sampled at 10 Hz, 600 s.
+
+The same in C is in control_c, on a float.
+"""
+
+import numpy as np
+
+import gyrospark as gs
+
+model = gs.load_model("examples/control_c/satellite.toml")
+step = gs.stepper("G-L", 2, system=model)
+sim = step.start(model.q0, model.p0, dt=0.02, parameters=model.parameters | {"gamma": "m"})
+seen = []  # degrees off, at each look
+
+for _ in range(6000):
+    e = sim.q
+    omega = [sim.quantity(name) for name in ("omega1", "omega2", "omega3")]  # of its gyros
+    turn = np.copysign(e[1:], e[0] * e[1:])  # the shorter way
+    torque = np.clip(-0.5 * turn - 4.0 * np.array(omega), -0.2, 0.2)  # N m
+    sim.advance(5, **dict(zip(("u1", "u2", "u3"), torque, strict=True)))  # held for 0.1 s
+    seen.append(np.degrees(2 * np.arctan2(np.linalg.norm(e[1:]), abs(e[0]))))
+
+if __name__ == "__main__":
+    for k in range(0, 6000, 1000):
+        print(f"{k // 10:4} s: {seen[k]:.1e} degrees off")
+    print(sim.report)
