@@ -159,6 +159,8 @@ WAYS: dict[str, Callable[[Reference], tuple[str, tuple[Numbers, Numbers]]]] = {
     "simple-pendulum": _closed(_simple_pendulum, 500),
     "spherical-pendulum": _closed(_spherical_pendulum, 500),
     "four-bar": _four_bar,
+    "dzhanibekov": _stepped(500),
+    "kovalevskaya": _stepped(500),
 }
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@
     truth       the digits, from digits.json, which benchmarks/make_digits.py writes
     mechanisms  car axis, Andrews' squeezing mechanism, four-bars in a row
     pendulums   the pendulum in a plane and on a sphere
+    bodies      Dzhanibekov's body, Kovalevskaya's top
     catalogue   all of them by name
     measuring   error against cost
     page        the page of the documents

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..naming import choose
+from .bodies import DZHANIBEKOV, KOVALEVSKAYA
 from .mechanisms import ANDREWS, CAR_AXIS, FOUR_BAR
 from .pendulums import SIMPLE_PENDULUM, SPHERICAL_PENDULUM
 from .problem import Reference
@@ -10,7 +11,8 @@ from .problem import Reference
 __all__ = ["REFERENCES", "names", "reference"]
 
 REFERENCES = {found.name: found for found in (
-    CAR_AXIS, ANDREWS, SIMPLE_PENDULUM, SPHERICAL_PENDULUM, FOUR_BAR)}
+    CAR_AXIS, ANDREWS, SIMPLE_PENDULUM, SPHERICAL_PENDULUM, FOUR_BAR,
+    DZHANIBEKOV, KOVALEVSKAYA)}
 
 
 def names() -> tuple[str, ...]:

@@ -38,6 +38,14 @@ OTHER = {
     "simple-pendulum": {"x": "-0.27508746257611686", "y": "-0.961419205099125064"},
     "spherical-pendulum": {
         "x": "0.218611338000210502", "y": "0.046728350139105571", "z": "-0.974692538286322818"},
+    "dzhanibekov": {
+        "q0": "0.283152033889099888", "q1": "0.0137111148475205974", "q2": "-0.957225806168766734",
+        "q3": "-0.0579282922125169067", "Omega1": "-0.117326383719772847",
+        "Omega2": "0.993093912821562219", "Omega3": "0.0677433399352767348"},
+    "kovalevskaya": {
+        "q0": "0.365509374554041967", "q1": "0.340051246418328319", "q2": "-0.832877164037846789",
+        "q3": "0.23892190470262048", "Omega1": "0.223679553297493491",
+        "Omega2": "0.667560414375855056", "Omega3": "-0.168762229173479245"},
     "four-bar": {"x_B0": "0.328458111540815379", "y_B0": "0.944518538178600962"},
 }
 
@@ -92,8 +100,8 @@ def test_the_script_gives_the_stored_digits(name):
 #: In order of cost; the others are run by hand, and by ``-m slow``.
 @pytest.mark.parametrize("name", [
     "spherical-pendulum", "car-axis",
-    *(pytest.param(name, marks=pytest.mark.slow) for name in ("andrews", "simple-pendulum",
-                                                              "four-bar"))])
+    *(pytest.param(name, marks=pytest.mark.slow) for name in (
+        "andrews", "simple-pendulum", "four-bar", "dzhanibekov", "kovalevskaya"))])
 def test_a_scheme_reaches_the_digits(name):
     """To 1e-12, and no worse with more steps until then."""
     runs = list(measure(REFERENCES[name], rounds=1, quick=True))
