@@ -18,7 +18,7 @@ test: .venv/ready lint
 lint: .venv/ready
 	$(BIN)/ruff check .
 	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
-	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands generator runtime storage studies sweeps) \
+	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands generator references runtime storage studies sweeps) \
 	    $(addprefix -m gyrospark.,__main__ exact facade)
 
 # Bring the checked-in steppers up to date.

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
+    from . import references
     from .certificates.certificate import Certificate, certify
     from .errors import (
         CompilerError,
@@ -111,7 +112,7 @@ _HOMES = {
 #: The same for modules.
 _MODULES = {
     "models": "generator.bodies.example_models", "problems": "runtime.body.problems",
-    "symbols": "generator.bodies.symbols",
+    "references": "references", "symbols": "generator.bodies.symbols",
 }
 
 __all__ = [
@@ -160,6 +161,7 @@ __all__ = [
     "problems",
     "read_urdf",
     "record",
+    "references",
     "rotation_matrix",
     "section",
     "state_from_rotation",

@@ -1,6 +1,7 @@
 """The command line: one command a file, each a thin face of the Python calls.
 
     generate, models, verify, run, sweep, export, reproduce, bench, cache   the commands
+    reference                 one of the commands, too
     options                   options that several of them share
     run_outputs, run_report   where states go, and what is said of them
     run_choices               steps, γ and co-moving frames, as they are asked for
@@ -31,6 +32,7 @@ from .cache import cache
 from .export import export
 from .generate import generate
 from .models import models
+from .reference import reference
 from .reproduce import reproduce
 from .run import run
 from .sweep import sweep
@@ -52,7 +54,7 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, models, verify, run, sweep, export, reproduce, bench, cache):
+for command in (generate, models, verify, run, sweep, export, reproduce, bench, reference, cache):
     gyrospark.add_command(command)
 
 

@@ -31,6 +31,8 @@ SHORTER = [
     (r"^gyrospark bench(?! bodies)(?: --rounds \d)?((?: \w+)?)(?: --rounds \d)?",
      r"gyrospark bench\1 --quick --rounds 1 --peers gyrospark",
      "minutes, and more with the programs of the extra bench"),
+    (r"^gyrospark reference (?!list).*", "gyrospark reference spherical-pendulum --quick",
+     "docs/references.md would be written, and systems be compiled for half a minute"),
     (r"^gyrospark reproduce all --summary docs/paper.md", "gyrospark reproduce table-4",
      "half an hour"),
 ]

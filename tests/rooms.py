@@ -11,7 +11,7 @@ from processes import ROOT
 
 #: Folders with rooms inside, and folders that are one room.
 HALLS = ("generator", "runtime")
-WINGS = ("benchmarks", "certificates", "commands", "storage", "studies", "sweeps")
+WINGS = ("benchmarks", "certificates", "commands", "references", "storage", "studies", "sweeps")
 ROOT_ROOM = "the root"
 #: Above all others: where generator and runtime meet.
 DOOR = "facade"

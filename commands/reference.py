@@ -1,0 +1,93 @@
+"""``gyrospark reference``: problems of the field with true digits, and our error against cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .generate import write_files
+from .options import check_ending, check_writable, json_option
+
+if TYPE_CHECKING:
+    from ..references.measuring import Run
+    from ..references.problem import Reference
+
+__all__ = ["reference"]
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("name", metavar="list|NAME|all", default="list")
+@click.option("--quick", is_flag=True, help="The first scheme of each problem alone, timed once.")
+@click.option("--out", metavar="FILE.md", type=click.Path(path_type=Path),
+              help="Write a page with digits and runs, as docs/references.md is.")
+@json_option
+def reference(name: str, quick: bool, out: Path | None, as_json: bool) -> int:
+    """Run problems of the field with known digits: error against CPU seconds for our schemes.
+
+    Exits with 1 unless one of the schemes has the digits of each problem to 1e-12.
+
+    \b
+    gyrospark reference list
+    gyrospark reference spherical-pendulum
+    gyrospark reference all --json
+    gyrospark reference all --out docs/references.md
+    """
+    import json
+
+    from ..references.catalogue import names
+    from ..references.catalogue import reference as named
+    from ..references.measuring import measure
+    from ..references.page import page, reached
+
+    if name == "list":
+        _list([named(known) for known in names()], as_json)
+        return 0
+    if out is not None:
+        check_writable("--out", out)
+        check_ending("--out", out, (".md",))
+    problems = [named(known) for known in (names() if name == "all" else [name])]
+    measured = [(problem, list(measure(problem, rounds=1 if quick else 3, quick=quick)))
+                for problem in problems]
+    if as_json:
+        rows = [run.as_dict() for _, runs in measured for run in runs]
+        click.echo(json.dumps(rows, ensure_ascii=False, indent=2))
+    else:
+        for problem, runs in measured:
+            _print(problem, runs)
+    if out is not None:
+        write_files({out.name: page(measured)}, out.parent)
+    missed = [problem.name for problem, runs in measured if not reached(runs)]
+    if missed:
+        click.echo(f"reference: no scheme has the digits of {', '.join(missed)}.", err=True)
+    return 1 if missed else 0
+
+
+def _list(problems: Sequence[Reference], as_json: bool) -> None:
+    import json
+
+    if as_json:
+        rows = [{"name": problem.name, "title": problem.title, "source": problem.source,
+                 "seconds": float(problem.seconds), "truth": dict(problem.truth.values),
+                 "made": problem.truth.made, "published": problem.published and {
+                     "source": problem.published.source, "values": dict(problem.published.values),
+                     "off_by": dict(problem.deviations)}}
+                for problem in problems]
+        click.echo(json.dumps(rows, ensure_ascii=False, indent=2))
+        return
+    width = max(len(problem.name) for problem in problems)
+    for problem in problems:
+        click.echo(f"{problem.name:<{width}}  {problem.title} ({problem.source})")
+
+
+def _print(problem: Reference, runs: Sequence[Run]) -> None:
+    click.echo(f"{problem.title}, t = {problem.seconds} s; digits: {problem.truth.made}")
+    if problem.published is not None:
+        worst, off = max(problem.deviations.items(), key=lambda pair: pair[1])
+        click.echo(f"  published ({problem.published.source}): off by up to {off:.0e}, in {worst}")
+    for run in runs:
+        kept = ", ".join(f"{name} {value:.0e}" for name, value in run.invariants.items())
+        click.echo(f"  {run.scheme:<10} {run.steps:>6} steps  error {run.error:.1e}  "
+                   f"{run.cpu_seconds * 1e3:9.2f} ms  {kept}")

@@ -1,0 +1,25 @@
+"""Reference problems of the field: digits that hold, and what our schemes make of them.
+
+>>> import gyrospark as gs
+>>> gs.references.names()
+>>> problem = gs.references.reference("andrews")
+>>> problem.truth.values["gamma'"], problem.deviations["gamma'"]
+>>> for run in gs.references.measure(problem):
+...     print(run.scheme, run.steps, run.error, run.cpu_seconds)
+
+    problem     what a problem is: model, digits, invariants, what others published
+    truth       the digits, from digits.json, which benchmarks/make_digits.py writes
+    mechanisms  car axis, Andrews' squeezing mechanism, four-bars in a row
+    pendulums   the pendulum in a plane and on a sphere
+    bodies      Dzhanibekov's body, Kovalevskaya's top
+    catalogue   all of them by name
+    measuring   error against cost
+    page        the page of the documents
+"""
+
+from .catalogue import names, reference
+from .measuring import Run, measure
+from .problem import Published, Reference
+from .truth import Truth
+
+__all__ = ["Published", "Reference", "Run", "Truth", "measure", "names", "reference"]

@@ -1,0 +1,31 @@
+"""All reference problems by name."""
+
+from __future__ import annotations
+
+from ..naming import choose
+from .bodies import DZHANIBEKOV, KOVALEVSKAYA
+from .mechanisms import ANDREWS, CAR_AXIS, FOUR_BAR
+from .pendulums import SIMPLE_PENDULUM, SPHERICAL_PENDULUM
+from .problem import Reference
+
+__all__ = ["REFERENCES", "names", "reference"]
+
+REFERENCES = {found.name: found for found in (
+    CAR_AXIS, ANDREWS, SIMPLE_PENDULUM, SPHERICAL_PENDULUM, FOUR_BAR,
+    DZHANIBEKOV, KOVALEVSKAYA)}
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all problems."""
+    return tuple(REFERENCES)
+
+
+def reference(name: str) -> Reference:
+    """Return the problem of a name.
+
+    Raises
+    ------
+    InputError
+        For another name, with those there are.
+    """
+    return REFERENCES[choose("reference problem", name, REFERENCES, ", or all")]

@@ -1,0 +1,177 @@
+"""Reference problems: digits beside those of another code, runs beside digits, the page."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from itertools import pairwise
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.benchmarks import make_digits
+from gyrospark.references.catalogue import REFERENCES
+from gyrospark.references.measuring import LIMIT, measure
+from gyrospark.references.page import page, reached
+from gyrospark.references.problem import largest_error
+from processes import ROOT
+
+every = pytest.mark.parametrize("name", REFERENCES)
+#: What another code found: mpmath with 32 to 40 digits, extrapolated modified midpoint with two
+#: numbers of steps, and closed forms; as many digits as agreed.
+OTHER = {
+    "car-axis": {
+        "xl": "0.049345578427524092132", "yl": "0.49698946023000810676",
+        "xr": "1.0417425248854261152", "yr": "0.37391102726536581936",
+        "xl'": "-0.077058368403592084284", "yl'": "0.0074468665920684164914",
+        "xr'": "0.01755681575354173663", "yr'": "0.77034104377960106312"},
+    "andrews": {
+        "beta": "15.8107711951537071", "theta": "-15.75637105841183947",
+        "gamma": "0.04082224011964580486", "phi": "-0.5347301163420795938",
+        "delta": "0.5244099658799540694", "omega": "0.5347301163420795938",
+        "epsilon": "1.048080741041937873", "beta'": "1139.920302259106064",
+        "theta'": "-1424.379295177540073", "gamma'": "11.03291191061859375",
+        "phi'": "19.29337410503204083", "delta'": "0.5735699148295024538",
+        "omega'": "-19.29337410503204083", "epsilon'": "0.323179149249130875"},
+    "simple-pendulum": {"x": "-0.27508746257611686", "y": "-0.961419205099125064"},
+    "spherical-pendulum": {
+        "x": "0.218611338000210502", "y": "0.046728350139105571", "z": "-0.974692538286322818"},
+    "dzhanibekov": {
+        "q0": "0.283152033889099888", "q1": "0.0137111148475205974", "q2": "-0.957225806168766734",
+        "q3": "-0.0579282922125169067", "Omega1": "-0.117326383719772847",
+        "Omega2": "0.993093912821562219", "Omega3": "0.0677433399352767348"},
+    "kovalevskaya": {
+        "q0": "0.365509374554041967", "q1": "0.340051246418328319", "q2": "-0.832877164037846789",
+        "q3": "0.23892190470262048", "Omega1": "0.223679553297493491",
+        "Omega2": "0.667560414375855056", "Omega3": "-0.168762229173479245"},
+    "four-bar": {"x_B0": "0.328458111540815379", "y_B0": "0.944518538178600962"},
+}
+
+
+@every
+def test_digits_are_those_of_another_code(name):
+    """To the last digit of each number but one, which was rounded."""
+    true = REFERENCES[name].truth
+    for number, text in OTHER[name].items():
+        last = Fraction(10) ** -len(text.partition(".")[2])
+        assert abs(true.value(number) - Fraction(text)) <= 2 * last, number
+
+
+@every
+def test_digits_are_made_by_the_script(name):
+    """What is stored agrees two ways; names are those of the problem, with 24 digits each."""
+    problem = REFERENCES[name]
+    true = problem.truth
+    assert 0 < true.agreement <= 2e-25
+    assert list(true.values) == [x for names in problem.groups.values() for x in names]
+    assert all(len(re.sub(r"\D", "", text).lstrip("0")) >= 22 for text in true.values.values())
+    assert name in make_digits.WAYS
+
+
+def closed(name):
+    problem = REFERENCES[name]
+    form = {"simple-pendulum": make_digits._simple_pendulum,
+            "spherical-pendulum": make_digits._spherical_pendulum}[name]
+    with mp.workdps(20):
+        return problem, form(mp.mpf(problem.seconds)), form(mp.mpf(0))
+
+
+@pytest.mark.parametrize("name", ["simple-pendulum", "spherical-pendulum"])
+def test_closed_forms(name):
+    """They begin where the model does and give the stored digits."""
+    problem, end, start = closed(name)
+    model = problem.make()
+    assert np.abs(np.array(start["positions"], dtype=float) - model.q0).max() < 1e-15
+    assert np.abs(np.array(start["velocities"], dtype=float) - model.p0).max() < 1e-15
+    for group, names in problem.groups.items():
+        found = [gs.references.Truth({"x": mp.nstr(x, 20)}, "", 0).value("x") for x in end[group]]
+        assert largest_error(found, [problem.truth.value(x) for x in names]) < 1e-18
+
+
+@pytest.mark.slow
+@every
+def test_the_script_gives_the_stored_digits(name):
+    found = make_digits.digits(REFERENCES[name])
+    assert found["values"] == dict(REFERENCES[name].truth.values)
+
+
+#: In order of cost; the others are run by hand, and by ``-m slow``.
+@pytest.mark.parametrize("name", [
+    "spherical-pendulum", "car-axis",
+    *(pytest.param(name, marks=pytest.mark.slow) for name in (
+        "andrews", "simple-pendulum", "four-bar", "dzhanibekov", "kovalevskaya"))])
+def test_a_scheme_reaches_the_digits(name):
+    """To 1e-12, and no worse with more steps until then."""
+    runs = list(measure(REFERENCES[name], rounds=1, quick=True))
+    assert reached(runs)
+    for few, many in pairwise(runs):
+        assert many.error < max(few.error, LIMIT)
+    assert all(run.cpu_seconds > 0 for run in runs)
+    assert all(run.invariants["constraints"] < 1e-14 for run in runs)
+    assert runs[-1].invariants["energy"] < 1e-11
+
+
+def test_what_was_published_is_off():
+    """Andrews' velocities by 5e-8; the car axis by 7e-10 in a velocity."""
+    off = REFERENCES["andrews"].deviations
+    assert 4e-8 < max(off.values()) == off["epsilon'"] < 6e-8
+    assert 1e-8 < off["gamma'"] < 4e-8
+    off = REFERENCES["car-axis"].deviations
+    assert max(off.values()) < 1e-8
+    assert off["yl'"] > 1e-10
+    assert REFERENCES["simple-pendulum"].deviations == {}
+
+
+def test_a_run_with_wrong_digits_is_a_miss(gyrospark, monkeypatch):
+    """Exit code 1, and a sentence with the name."""
+    problem = REFERENCES["spherical-pendulum"]
+    values = dict(problem.truth.values) | {"z": "-0.97469253829"}
+    monkeypatch.setattr("gyrospark.references.problem.truth",
+                        lambda name: gs.references.Truth(values, "by hand", 1.0))
+    answer = gyrospark("reference", "spherical-pendulum", "--quick", "--json")
+    assert answer.code == 1
+    assert "no scheme has the digits of spherical-pendulum" in answer.stderr
+    assert min(row["error"] for row in answer.document) > 1e-13
+
+
+def test_the_command(gyrospark, tmp_path):
+    answer = gyrospark("reference", "spherical-pendulum", "--quick", "--json", "--out", "page.md")
+    assert answer.code == 0, answer.stderr
+    assert {"name", "scheme", "steps", "error", "cpu_seconds"} <= set(answer.document[0])
+    assert answer.document[-1]["steps"] == 4000
+    told = (tmp_path / "page.md").read_text(encoding="utf-8")
+    kept = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
+    assert told.partition("\n|")[0] == kept.partition("\n|")[0]
+    said = gyrospark("reference", "list").stdout
+    assert all(name in said for name in REFERENCES)
+    rows = gyrospark("reference", "list", "--json").document
+    assert [row["name"] for row in rows] == list(gs.references.names())
+    assert rows[1]["published"]["off_by"]["gamma'"] > 1e-8
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["andrew"], "Unknown reference problem 'andrew'; choose .* or all .did you mean andrews"),
+    (["andrews", "--out", "x.txt"], "ends in '.txt', which cannot be written"),
+    (["andrews", "--out", "no/x.md"], "is not there or cannot be written"),
+])
+def test_refusals(arguments, said, gyrospark):
+    answer = gyrospark("reference", *arguments)
+    assert answer.code == 2
+    assert re.search(said, answer.stderr)
+
+
+def test_the_page_is_what_the_command_writes():
+    """Titles, digits and tables' heads; times are of the machine that wrote it."""
+    kept = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
+    run = gs.references.Run("", "G-L", 1, 1.0, 1.0, {"energy": 0.0})
+    made = page([(problem, [run]) for problem in REFERENCES.values()])
+    assert _fixed(made) == _fixed(kept)
+    assert "missed" not in kept
+
+
+def _fixed(text):
+    """Lines that no run changes: all but rows of schemes, of the summary, and invariants."""
+    changing = re.compile(r"\| (`|\d-|G-L|LIIIA|EMS|IMS)|Invariants: ")
+    return [line for line in text.splitlines() if not changing.match(line)]
