@@ -23,3 +23,7 @@ from .problem import Published, Reference
 from .truth import Truth
 
 __all__ = ["Published", "Reference", "Run", "Truth", "measure", "names", "reference"]
+
+
+def __dir__() -> list[str]:
+    return __all__

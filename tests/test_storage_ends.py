@@ -183,7 +183,7 @@ def test_run_that_was_done_before_says_so(tmp_path):
         assert said[key] == json.loads(first.stdout)[key]
     text = cli(*command, cwd=tmp_path).stdout
     assert "  done before: no step was left to take, and the numbers are the store's\n" in text
-    assert "a step" not in text
+    assert "µs a step" not in text
     more = cli(*TOP, "--steps", "80", *OUT, cwd=tmp_path).stdout
     assert "  gone on with at step 50\n" in more
     assert "µs a step" in more
