@@ -54,8 +54,7 @@ def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Arr
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
     course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
     _fill(course)
-    crossings = crossings_of(stepper, levels, runs, [one.brackets for one in course.watches],
-                             _fill)
+    crossings = crossings_of(stepper, levels, runs, course.watches, _fill)
     binding, rows = course.binding, steps // every + 1
     found: dict[str, Array] = {}
     for event in study.events:

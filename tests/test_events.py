@@ -134,6 +134,23 @@ def test_a_terminal_event_that_only_dips() -> None:
     assert len(run.events["side"]) == 0
 
 
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_dip_is_found_beside_the_end(terminal: bool) -> None:
+    """In the last step of a run, and in the piece of steps in which a run ends."""
+    step, quarter = pendulum(), 0.25 * float(period())
+    low = gs.Event("height", level=-1 + 1e-7)
+    dip = step.integrate(*start(), dt=0.05, steps=400, parameters={"g": 1.0}, events=low
+                         ).events["height"]
+    if terminal:  # it ends soon after the second dip
+        events = [low, gs.Event("side", level=0.1, direction=1, terminal=True, name="stop")]
+        run = step.integrate(*start(), dt=0.05, steps=400, parameters={"g": 1.0}, events=events)
+        assert run.t[-1] > 3 * quarter
+    else:
+        run = step.integrate(*start(), dt=0.05, steps=int(dip.steps[2]) + 1,
+                             parameters={"g": 1.0}, events=low)
+    assert np.array_equal(run.events["height"].t, dip.t[:4])
+
+
 def test_chaos_misses_none() -> None:
     """A double pendulum over its level as often as with a tenth of the step."""
     model = gs.models.double_pendulum()

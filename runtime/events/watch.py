@@ -99,12 +99,39 @@ def _far(values: Array) -> bool:
     return bool(((low > steps) | (-high > steps)).all())
 
 
+def _turning(values: Array, start: int, end: int) -> tuple[Array, Array]:
+    """Return the steps from row ``start`` up to ``end`` in which a value may touch 0, and which."""
+    none = np.array([], int)
+    if len(values) < 3 or start >= end:
+        return none, none
+    y0, y1 = values[start:end], values[start + 1:end + 1]
+    one_side = (y0 > 0) & (y1 > 0) | (y0 < 0) & (y1 < 0)
+    if not one_side.any():
+        return none, none
+    bend = values[2:] - 2 * values[1:-1] + values[:-2]
+    near = np.zeros(y0.shape, bool)
+    for shift in (-1, 0):  # the parabola through a neighbour before, or behind
+        at = np.arange(start, end) + shift
+        inside = (at >= 0) & (at < len(bend))
+        second = bend[np.where(inside, at, 0)]
+        slope = y1 - y0
+        # y(s) = y0 + (slope - second/2) s + second s^2/2 turns towards 0 within the step
+        turn = (second / 2 - slope) / np.where(second != 0, second, second + 1)
+        lowest = y0 - second * turn * turn / 2
+        sign = np.where(y0 > 0, 1, -1)
+        near |= (inside[:, None] & (sign * second > 0) & (turn > 0) & (turn < 1)
+                 & (sign * lowest < _NEAR * abs(second)))
+    row, event = np.nonzero(near & one_side)
+    return row + start, event
+
+
 class Watch:
     """What is seen of one run's events, piece by piece."""
 
     def __init__(self, levels: Levels, parameters: Any, t0: Any, dt: Any) -> None:
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
         self._tail: tuple[Array, Array, Array] | None = None
+        self._done = 0
         self._parts: list[Brackets] = []
         #: The step within which a terminal event happens; None as long as there is none.
         self.ends_in: int | None = None
@@ -117,12 +144,14 @@ class Watch:
         binding = self._levels.binding
         t = binding.times(self._t0, self._dt, np.arange(done, done + len(q)))
         values = self._levels.values(self._parameters, t, q, p)
+        first = 0
         if self._tail is not None:
             old = self._tail
-            q, p, values = (np.concatenate([old[0][:-1], q]), np.concatenate([old[1][:-1], p]),
-                            np.concatenate([old[2][:-1], values]))
-            done -= len(old[0]) - 1
-        first = 0 if self._tail is None else len(self._tail[0]) - 1
+            first = len(old[0]) - 1
+            q, p, values = (np.concatenate([kept[:-1], new])
+                            for kept, new in zip(old, (q, p, values), strict=True))
+            done -= first
+        self._done = done + len(values) - 1
         if len(values) > 1 and not _far(values):
             self._crossings(done, first, q, p, values)
             self._turnings(done, first, q, p, values)
@@ -148,40 +177,28 @@ class Watch:
         """Note the steps in which a value may touch its level, with a neighbour on either side.
 
         The last step waits for its neighbour behind, but where the run may end: there nothing is
-        told late.
+        told late, and nothing after the end.
         """
-        count = len(values) - 1
-        if count < 2 or self.ends_in is not None:
-            return
-        last = count if self.terminal else count - 1
-        start = max(first if self.terminal else first - 1, 0)
-        if start >= last:
-            return
-        y0, y1 = values[start:last], values[start + 1:last + 1]
-        one_side = (y0 > 0) & (y1 > 0) | (y0 < 0) & (y1 < 0)
-        if not one_side.any():
-            return
-        bend = values[2:] - 2 * values[1:-1] + values[:-2]
-        near = np.zeros(y0.shape, bool)
-        for shift in (-1, 0):  # the parabola through a neighbour before, or behind
-            at = np.arange(start, last) + shift
-            inside = (at >= 0) & (at < len(bend))
-            second = bend[np.where(inside, at, 0)]
-            slope = y1 - y0
-            # y(s) = y0 + (slope - second/2) s + second s^2/2 turns towards 0 within the step
-            turn = (second / 2 - slope) / np.where(second != 0, second, second + 1)
-            lowest = y0 - second * turn * turn / 2
-            sign = np.where(y0 > 0, 1, -1)
-            near |= (inside[:, None] & (sign * second > 0) & (turn > 0) & (turn < 1)
-                     & (sign * lowest < _NEAR * abs(second)))
-        row, event = np.nonzero(near & one_side)
-        self._note(done, row + start, event, q, p, values, turning=True)
+        last = len(values) - 1 if self.ends_in is None else self.ends_in - done + 1
+        steps = (first, last) if self.terminal else (max(first - 1, 0), last - 1)
+        row, event = _turning(values, *steps)
+        self._note(done, row, event, q, p, values, turning=True)
 
     def _note(self, done: int, row: Array, event: Array, q: Array, p: Array, values: Array, *,
               turning: bool) -> None:
         if len(row):
             self._parts.append(Brackets(event, done + row, q[row], p[row], values[row, event],
                                         values[row + 1, event], np.full(len(row), turning)))
+
+    def close(self) -> None:
+        """Look into the last step of a run that goes no further: no neighbour comes behind it."""
+        if self.terminal or self._tail is None:
+            return
+        q, p, values = self._tail
+        last = len(values) - 1
+        row, event = _turning(values, max(last - 1, 0), last)
+        self._note(self._done - last, row, event, q, p, values, turning=True)
+        self._tail = None
 
     @property
     def brackets(self) -> Brackets | None:

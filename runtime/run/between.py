@@ -142,10 +142,9 @@ def run_together(
         If one of them finds no step, though the run that they belong to has found its own.
     """
     number = stepper.binding.number_type
-    first = Run(q[0], p[0], dt[0], steps, 1, {name: column[0] for name, column in
-                                              parameters.items()}, "auto", None, 50, t0[0])
-    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number),
-                                             parameters))
+    own = {name: column[0] for name, column in parameters.items()}
+    first = Run(q[0], p[0], dt[0], steps, 1, own, "auto", None, 50, t0[0])
+    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number), parameters))
     fill(course)
     failed = np.flatnonzero(course.status)
     if len(failed):

@@ -37,12 +37,15 @@ _LOOKS = 5
 
 
 def crossings_of(
-    stepper: Stepper, levels: Levels, runs: Runs, found: Sequence[Brackets | None],
+    stepper: Stepper, levels: Levels, runs: Runs, watches: Sequence[Watch],
     fill: Callable[[Course], None],
 ) -> list[dict[str, Crossings]]:
-    """Return the crossings of each run by the events' names; ``found`` is what was seen of each."""
+    """Return the crossings of each run by the events' names, of what its watch has seen."""
     if runs.inputs is not None:  # they are held throughout, as parameters are
         runs = Runs.of([runs[i] for i in range(len(runs))], stepper.binding.number_type)
+    for watch in watches:
+        watch.close()
+    found = [watch.brackets for watch in watches]
     seen = [(i, brackets) for i, brackets in enumerate(found) if brackets is not None]
     parts: list[_Roots] = []
     if seen:
@@ -75,9 +78,9 @@ def observed(
     levels = Levels.of(stepper.binding, stepper.manifest, events)
     runs = Runs.of([run], stepper.binding.number_type)
 
-    def crossings(seen: Watch) -> dict[str, Crossings]:
+    def crossings(watch: Watch) -> dict[str, Crossings]:
         with ctrl_c() as interrupts:
-            return crossings_of(stepper, levels, runs, [seen.brackets],
+            return crossings_of(stepper, levels, runs, [watch],
                                 lambda course: fill_course(course, threads_of(None),
                                                            lambda: interrupts.asked))[0]
 

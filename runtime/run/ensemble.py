@@ -129,8 +129,8 @@ def integrate_members(
             fill_course(some, threads_of(workers), lambda: interrupts.asked)
 
         fill(course)
-        seen = [watch.brackets for watch in course.watches]
-        crossings = [] if levels is None else crossings_of(stepper, levels, runs, seen, fill)
+        crossings = [] if levels is None else crossings_of(stepper, levels, runs,
+                                                           course.watches, fill)
     found = _ensemble(stepper, course, crossings)
     if interrupts.asked:
         raise Stopped(f"Stopped with {sum(course.stored):,} of {found.t.size:,} states; they are "

@@ -14,6 +14,7 @@ from ...errors import InputError
 from ...event import Event
 from ...exact import Number
 from ...naming import choose, shown
+from ..call.binding import SolverName
 from ..call.checks import as_positive_count
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ class Section:
 def section(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, event: Event, dt: Number | ArrayLike,
     steps: int, parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
-    t0: Number | ArrayLike = 0.0, solver: str = "auto", tolerance: Number | None = None,
+    t0: Number | ArrayLike = 0.0, solver: SolverName = "auto", tolerance: Number | None = None,
     max_iterations: int = 50, workers: int | None = None,
 ) -> Section:
     """Return the Poincaré section of the motions from rows of q and p.
@@ -124,8 +125,8 @@ def section(
     count = as_positive_count("steps", steps)
     found = stepper.integrate_ensemble(
         q, p, dt=dt, steps=count, every=max(count, 1), parameters=parameters, t0=t0,
-        solver=solver, tolerance=tolerance,  # type: ignore[arg-type]
-        max_iterations=max_iterations, workers=workers, events=event)
+        solver=solver, tolerance=tolerance, max_iterations=max_iterations, workers=workers,
+        events=event)
     own = [found.events[event.name][i] for i in range(len(found))]
     return Section(
         event, np.concatenate([one.t for one in own]), np.concatenate([one.q for one in own]),
