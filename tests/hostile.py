@@ -255,6 +255,14 @@ def multibody_calls() -> Iterator[Call]:
             top = build.top("t", mass=1, inertia=inertia, centre=(0, 0, 1))
             body = build.body("u", mass=1, inertia=inertia)
             known = {"top": top, "body": body, "ground": build.ground}
+            if {"hinge", "other", "slide"} & {*map(str, arguments.values())}:
+                for joint in ("hinge", "other"):
+                    wheel = build.body(f"{joint}_wheel", mass=1, inertia=inertia)
+                    known[joint] = build.revolute(joint, build.ground, wheel, axis=(0, 0, 1),
+                                                  at=(0, 0, 0))
+                cart = build.body("cart", mass=1, inertia=inertia)
+                known["slide"] = build.prismatic("slide", build.ground, cart, axis=(1, 0, 0),
+                                                 at=(0, 0, 0))
             given = {key: known.get(value, value) if isinstance(value, str) else value
                      for key, value in arguments.items()}
             return getattr(build, method), given
@@ -275,6 +283,24 @@ def multibody_calls() -> Iterator[Call]:
     yield of("rod", name="j", a="top", b="body", on_a=(0, 0, 1), on_b=(0, 0, 0), length=1.0)
     yield of("spring", name="j", a="top", b="body", stiffness=1.0, length=1.0, on_a=(0, 0, 1),
              on_b=(0, 0, 0), damping=0.0)
+    pair = {"name": "j", "a": "top", "b": "body", "at": None, "on_a": (0, 0, 1),
+            "on_b": (0, 0, 0)}
+    axis = {"axis": (0, 0, 1)}
+    yield of("prismatic", **pair, **axis, speed=1.0, travel=0.0)
+    yield of("cylindrical", **pair, **axis, rate=1.0, speed=1.0, angle=0.0, travel=0.0)
+    yield of("planar", **pair, **axis, rate=1.0, angle=0.0)
+    yield of("screw", **pair, **axis, lead=0.1, rate=1.0, travel=0.0)
+    yield of("universal", **pair, axis_a=(1, 0, 0), axis_b=(0, 1, 0), rate_a=1.0, rate_b=0.0)
+    yield of("gear", name="j", first="hinge", second="other", teeth=(20, 30))
+    yield of("couple", name="j", first="hinge", second="other", ratio=2.0, offset=0.0)
+    yield of("drive", name="j", joint="hinge", angle=sp.Integer(1))
+    yield of("motor", name="j", joint="hinge", torque=1.0, force=None)
+    yield of("joint_spring", name="j", joint="hinge", stiffness=1.0, damping=0.1, rest=0.0)
+    yield of("moving_point", name="j", path=(0.0, 0.0, 1.0))
+    yield of("angle", joint="hinge")
+    yield of("rate", joint="hinge")
+    yield of("travel", joint="slide")
+    yield of("speed", joint="slide")
     yield of("potential", expression=sp.Integer(1))
     yield of("parameter", name="k", value=1.0, positive=False)
     yield of("force", body="body", force=(0, 0, 1), on_body=(0, 0, 1))
