@@ -1,20 +1,72 @@
-"""The README as a package index shows it; everything else of the build is in pyproject.toml.
+"""What of the build needs code; everything else is in pyproject.toml.
 
-An index has none of the repository's files and, as yet, no address of it: pictures are left out,
-and of a link to a file its text is kept.
+The README as a package index shows it: an index has none of the repository's files and, as yet, no
+address of it, so pictures are left out, and of a link to a file its text is kept.
+
+A wheel for one platform (RELEASE.md), where GYROSPARK_PREBUILT names steppers of ``generated/``:
+with their compiled modules in it, its user's first steps take no compiler.
 """
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import Distribution, setup
+from setuptools.command.bdist_wheel import bdist_wheel
+from setuptools.command.build_py import build_py
 
 PICTURE = re.compile(r"^!\[[^]]*\]\((?!https:)[^)]*\)\n\n", flags=re.MULTILINE)
 LINK = re.compile(r"\[([^]]*)\]\((?!https:|#)[^)]*\)")
+PREBUILT = os.environ.get("GYROSPARK_PREBUILT", "").split()
+#: Run with the package as it will be installed.
+PREBUILD = """
+import sys
+from pathlib import Path
+from gyrospark.facade import checked_in_files
+from gyrospark.runtime.build.prebuilt import FOLDER, prebuild
+prebuild({name: checked_in_files(name) for name in sys.argv[1:]}, FOLDER)
+"""
+
+
+class BuildWithModules(build_py):
+    """Compiles the modules beside the copied package."""
+
+    def run(self):
+        """Copy, then compile."""
+        super().run()
+        if PREBUILT and not self.editable_mode:
+            built = Path(self.build_lib).resolve()
+            subprocess.run([sys.executable, "-c", PREBUILD, *PREBUILT], check=True,
+                           env=os.environ | {"PYTHONPATH": str(built)}, cwd=built)
+
+
+class WithModules(Distribution):
+    """What tells of compiled modules in a wheel that they are there."""
+
+    def has_ext_modules(self):
+        """Whether there are any."""
+        return bool(PREBUILT)
+
+
+class WheelOfAPlatform(bdist_wheel):
+    """One wheel for this Python and all later ones, where it has compiled modules."""
+
+    def get_tag(self):
+        """Return Python, its interface and the platform."""
+        python, abi, platform = super().get_tag()
+        return ("cp311", "abi3", platform) if PREBUILT else (python, abi, platform)
+
 
 readme = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
 setup(
     script_name="setup.py",  # lies in the package's folder and is no module of it
     long_description=LINK.sub(r"\1", PICTURE.sub("", readme)),
     long_description_content_type="text/markdown",
+    distclass=WithModules,
+    cmdclass={"build_py": BuildWithModules, "bdist_wheel": WheelOfAPlatform},
+    # What the package imports while it compiles, in the build's own environment.
+    setup_requires=["numpy>=1.26", "cffi>=1.17", "platformdirs>=4", "click", "rich"]
+    if PREBUILT else [],
 )

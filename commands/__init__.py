@@ -1,7 +1,7 @@
 """The command line: one command a file, each a thin face of the Python calls.
 
     generate, models, verify, run, sweep, export, reproduce, bench, cache   the commands
-    reference                 one of the commands, too
+    reference                 one of the commands, too; models has ``examples`` in it
     options                   options that several of them share
     run_outputs, run_report   where states go, and what is said of them
     run_choices               steps, γ and co-moving frames, as they are asked for
@@ -31,7 +31,7 @@ from .bench import bench
 from .cache import cache
 from .export import export
 from .generate import generate
-from .models import models
+from .models import examples, models
 from .reference import reference
 from .reproduce import reproduce
 from .run import run
@@ -54,7 +54,8 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, models, verify, run, sweep, export, reproduce, bench, reference, cache):
+for command in (generate, models, examples, verify, run, sweep, export, reproduce, bench,
+                reference, cache):
     gyrospark.add_command(command)
 
 

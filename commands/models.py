@@ -1,13 +1,19 @@
-"""``gyrospark models``: everything with a name that can be run."""
+"""What there is to run: ``gyrospark models`` by name, ``gyrospark examples`` by file."""
 
 from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
 
 import click
 
 from ..catalogue import MODELS, PROBLEMS, SYSTEMS
+from ..errors import InputError
+from ..naming import listed, proposal, shown
 from .options import json_option
 
-__all__ = ["models"]
+__all__ = ["examples", "models"]
 
 #: What is done with an entry of each kind.
 _USES = {
@@ -43,3 +49,92 @@ def models(as_json: bool) -> int:
                 click.echo(f"  {row['name']:<{width}}  {row['about']}{takes}")
     click.echo("A model file is run by its name: gyrospark run FILE.toml")
     return 0
+
+
+#: Comes with the package, wherever it is installed.
+_EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+def examples() -> None:
+    """List the examples that come along, and copy them to change them.
+
+    \b
+    gyrospark examples list
+    gyrospark examples copy satellite.toml
+    gyrospark examples copy control_c --to robots
+    """
+
+
+@examples.command("list", context_settings={"help_option_names": ["-h", "--help"]})
+@json_option
+def list_examples(as_json: bool) -> int:
+    """Print each example, a file or a folder of files, and what it is.
+
+    \b
+    gyrospark examples list
+    gyrospark examples list --json
+    """
+    import json
+
+    rows = [{"name": path.name, "about": _about(path)} for path in _examples()]
+    if as_json:
+        click.echo(json.dumps(rows, ensure_ascii=False, indent=2))
+        return 0
+    width = max(len(row["name"]) for row in rows)
+    for row in rows:
+        click.echo(f"{row['name']:<{width}}  {row['about']}")
+    click.echo("A model file is run where it is: gyrospark run examples/NAME.toml")
+    return 0
+
+
+@examples.command("copy", context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("name", metavar="NAME")
+@click.option("--to", "folder", metavar="DIR", default=".", type=click.Path(path_type=Path),
+              help="The folder to copy it into (default: this one).")
+def copy_example(name: str, folder: Path) -> int:
+    """Copy example NAME, or "all" of them, to where it can be changed; nothing is written over.
+
+    \b
+    gyrospark examples copy satellite.toml
+    gyrospark examples copy all --to examples
+    """
+    known = {path.name: path for path in _examples()}
+    if name != "all" and name not in known:
+        raise InputError(f"There is no example {shown(name)}; choose {listed(known)}, or "
+                         f"all{proposal(name, known)}.")
+    chosen = list(known.values()) if name == "all" else [known[name]]
+    for path in chosen:
+        if (folder / path.name).exists():
+            raise InputError(f"{str(folder / path.name)!r} is there already; choose another folder "
+                             "with --to, or remove it.")
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in chosen:
+        if path.is_dir():
+            shutil.copytree(path, folder / path.name, ignore=_made)
+        else:
+            shutil.copyfile(path, folder / path.name)
+        click.echo(str(folder / path.name))
+    return 0
+
+
+_made = shutil.ignore_patterns("__pycache__", "__init__.py")
+
+
+def _examples() -> list[Path]:
+    return sorted(path for path in _EXAMPLES.iterdir() if not path.name.startswith("__"))
+
+
+def _about(path: Path) -> str:
+    """Return the first sentence of what a file, or the chief one of a folder, says of itself."""
+    if path.is_dir():
+        chief = [path / name for name in ("README.md", "main.c", "make.py")]
+        path = next((file for file in (*chief, *sorted(path.iterdir())) if file.is_file()), path)
+    if path.suffix == ".json":
+        return ""
+    lines = [re.sub(r'^\s*(#+|"""|<!--|/\*+|\*)\s?', "", line).strip()
+             for line in path.read_text(encoding="utf-8").splitlines()
+             if not line.startswith("<?xml")]
+    start = next((index for index, line in enumerate(lines) if line), 0)
+    sentence = " ".join(lines[start:start + 4])
+    return sentence.partition(". ")[0].partition("  ")[0].removesuffix('"""').strip().rstrip(".:")

@@ -15,7 +15,6 @@ from ..errors import GyrosparkError, InputError, Stopped
 from ..generator.spec import is_model_file
 from ..naming import listed, proposal
 from ..real import REALS
-from ..runtime.body.inertia import AIMS
 from ..runtime.build.manifest import remarks_of
 from ..runtime.call.binding import SOLVERS
 from ..runtime.interrupts import watched
@@ -31,7 +30,7 @@ from .options import (
     whole_number,
     with_default_scheme,
 )
-from .run_choices import frame_for, gamma_for, parameters_for, step_for
+from .run_choices import aim_of, frame_for, gamma_for, parameters_for, step_for
 from .run_outputs import check_targets, events_of, integrate_to, where_it_is
 from .run_report import (
     about_choice,
@@ -56,10 +55,10 @@ _BAR_FROM = 20_000
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
 @stepper_options
 @click.option("--gamma", metavar="{m,h,mt,ht,auto,auto-energy,fast,NUMBER}",
-              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); auto: "
-                   "smallest error of the motion in short pilot runs, γ_m if any axis would get "
-                   "worse; auto-energy: smallest energy error; fast: fewest sweeps, from 6 stages "
-                   "on.")
+              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m; without "
+                   "--scheme auto for a single body); auto: smallest error of the motion in short "
+                   "pilot runs, γ_m if any axis would get worse; auto-energy: smallest energy "
+                   "error; fast: fewest sweeps, from 6 stages on.")
 @click.option("--alpha", metavar="{m,h,mt,ht,auto,auto-energy,NUMBER}",
               help="The same for --rep alpha.")
 @click.option("--frame", "frames", metavar="{auto,start,NAME=RATE,...}", multiple=True,
@@ -114,7 +113,7 @@ def run(
     **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); or a model
-    file (TOML). Without --scheme by (DEFAULT).
+    file (TOML). Without --scheme by (DEFAULT), and a single body's γ then by pilot runs.
 
     \b
     gyrospark run double_pendulum --view pendulum.html
@@ -162,8 +161,7 @@ def run(
     step_size, count, measured = step_for(
         step, start, {"q": q0, "p": p0, "t0": begin, "parameters": parameters, **how},
         {"dt": dt, "error": error, "steps": steps, "t_end": t_end})
-    rules = (gamma, alpha) if gamma or alpha else tuple(start.rules.values())
-    aim = next((AIMS[rule] for rule in rules if rule in AIMS), None)
+    aim = aim_of(start, parameters, gamma or alpha, unnamed=bool(note) and not frames)
     state = q0, p0, begin
     frame = frame_for(step, start, state, step_size, count, parameters, frames, aim)
     parameters |= {} if frame is None else frame.values

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..runtime.run.start import Start
     from ..runtime.run.stepper import Stepper
 
-__all__ = ["Frame", "frame_for", "gamma_for", "parameters_for", "step_for"]
+__all__ = ["Frame", "aim_of", "frame_for", "gamma_for", "parameters_for", "step_for"]
 
 
 def parameters_for(
@@ -49,6 +49,21 @@ def parameters_for(
             rule = option or start.rules.get(name, "m")
             known[name] = inertia_parameter(kinds[name], "m" if rule in AIMS else rule, inertia)
     return known
+
+
+def aim_of(
+    start: Start, parameters: dict[str, float], option: str | None, *, unnamed: bool
+) -> Aim | None:
+    """Return what γ is searched for, if it is: by the option, else by the model's own rules.
+
+    Where no scheme is named nothing is, and the best known is taken: γ of a single body by pilot
+    runs, which stay with γ_m where they are not sure.
+    """
+    rules = (option,) if option else tuple(start.rules.values())
+    free = set(start.bodies) & set(parameters) - set(start.parameters)
+    if unnamed and not rules and len(free) == 1:
+        return "motion"
+    return next((AIMS[rule] for rule in rules if rule in AIMS), None)
 
 
 def gamma_for(

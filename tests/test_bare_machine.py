@@ -31,7 +31,7 @@ from processes import PATIENCE, ROOT, call, environment
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = {name: packages for name, packages in PROJECT["optional-dependencies"].items()
-          if name not in ("test", "fuzz")}
+          if name not in ("test", "fuzz", "release")}
 
 #: Types blocks of Python one after the other, as a reader would; prints what stopped each.
 READER = """

@@ -352,7 +352,7 @@ def test_readme_names_what_exists():
     table = re.search(r"^\| extra \|.*?\n\n", README, flags=re.MULTILINE | re.DOTALL)
     assert table
     rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table[0], flags=re.MULTILINE)
-    assert {name for name, _ in rows} == set(extras) - {"test", "fuzz"}
+    assert {name for name, _ in rows} == set(extras) - {"test", "fuzz", "release"}
     for name, brings in rows:
         for package in brings.split(", "):
             assert re.search(rf"\b{package}\b", " ".join(extras[name])), (name, package)

@@ -80,3 +80,14 @@ def test_citation_is_of_this_version():
     assert found["license"] == PROJECT["license"]
     assert found["title"] == PROJECT["name"]
     assert {"cff-version", "message", "authors"} <= found.keys()
+
+
+def test_the_conda_recipe_is_that_of_the_project():
+    made = read("conda/meta.yaml")
+    assert made["package"] == {"name": PROJECT["name"], "version": PROJECT["version"]}
+    assert made["about"]["license"] == PROJECT["license"]
+    assert made["about"]["summary"] == PROJECT["description"]
+    wanted = {line.partition(";")[0].replace(" ", "") for line in PROJECT["dependencies"]}
+    given = {line.replace(" ", "") for line in made["requirements"]["run"]}
+    assert given == wanted | {f"python{PROJECT['requires-python']}", "c-compiler"}
+    assert dict(line.split(" = ") for line in made["build"]["entry_points"]) == PROJECT["scripts"]

@@ -202,3 +202,15 @@ def test_settings_of_bodies_go_by_name(gyrospark):
                       "--set", "bodies.upper.mass=0.7", "--json")
     names = [key for key in found.document["parameters"] if key.endswith("_m")]
     assert found.document["parameters"]["upper_m"] == 0.7, names
+
+
+def test_without_a_scheme_the_gamma_of_a_single_body_is_searched_for(gyrospark):
+    """As with --gamma auto; an option of either kind decides."""
+    how = ("--dt", "1e-3", "--steps", "300", "--json")
+    searched = gyrospark("run", "fast-top", *how).document
+    asked = gyrospark("run", "fast-top", "--scheme", "G-L", "--stages", "3", "--gamma", "auto",
+                      *how).document
+    assert searched["parameters"] == asked["parameters"]
+    plain = gyrospark("run", "fast-top", "--gamma", "m", *how).document
+    named = gyrospark("run", "fast-top", "--scheme", "G-L", "--stages", "3", *how).document
+    assert plain["parameters"] == named["parameters"] != searched["parameters"]

@@ -6,5 +6,6 @@
     objects       what is compiled side by side, and for which module
     quad_wrapper  what cffi is told of a float128 stepper
     cache         what is kept between runs
+    prebuilt      what a wheel for one platform brings, where there is no compiler
     module        the text of a stepper to its module
 """

@@ -59,14 +59,18 @@ _CURE = (
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler: the command that starts it, and what it says of its version."""
+    """A C compiler: the command that starts it, what it says of its version, and for whom it works.
+    """
 
     command: tuple[str, ...]
     version: str
+    portable: bool = False
 
     @property
     def flags(self) -> list[str]:
-        """Flags for code that runs on this machine."""
+        """Flags for code that runs on this machine, or on any of its architecture."""
+        if self.portable:
+            return [optimisation(), *SPEED_FLAGS, "-fPIC"]
         native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
         return [optimisation(), *SPEED_FLAGS, native, "-fPIC"]
 

@@ -22,6 +22,7 @@ from .cache import (
 )
 from .compiler import compile_module, extension_suffix, find_compiler, module_name
 from .objects import Part
+from .prebuilt import prebuilt_module, prebuilt_provenance
 
 __all__ = ["load_module", "provenance"]
 
@@ -29,7 +30,7 @@ __all__ = ["load_module", "provenance"]
 def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     """Return the compiled module of a stepper, or that of its lanes, which is compiled apart.
 
-    Compiles only what is not in the cache.
+    Compiles only what is not in the cache. Without a compiler, what a platform's wheel brought.
 
     A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
     could end the process, so its checksum, kept beside it, is compared first.
@@ -39,7 +40,12 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     CompilerError, CacheError
         See ``compile_module`` and ``workshop``.
     """
-    compiler = find_compiler()
+    try:
+        compiler = find_compiler()
+    except CompilerError:
+        if path := prebuilt_module(files, part):
+            return _import(name, path)
+        raise
     key = binary_key(files, compiler, part)
     path = cache_folder() / f"{name}-{key}{extension_suffix()}"
     if _is_whole(path):
@@ -63,11 +69,15 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
 
 def provenance(files: dict[str, str]) -> dict[str, str]:
     """Return all on which the bits depend that a stepper computes, each by its name."""
-    compiler = find_compiler()
+    try:
+        compiler = find_compiler()
+        made = {"compiler": compiler.version, "flags": " ".join(compiler.flags)}
+    except CompilerError:
+        if not (made := prebuilt_provenance(files) or {}):
+            raise
     return {
         "source": digest(files),
-        "compiler": compiler.version,
-        "flags": " ".join(compiler.flags),
+        **made,
         "cpu": digest(cpu_description()),  # -march=native: another CPU, other instructions
     }
 
