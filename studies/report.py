@@ -9,11 +9,13 @@ import csv
 import io
 import json
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from .._version import __version__
 from . import summary
@@ -93,6 +95,7 @@ def page(results: Sequence[Result], drawings: dict[str, list[str]]) -> str:
     environment = Environment(loader=FileSystemLoader(folder), undefined=StrictUndefined,
                               autoescape=True, trim_blocks=True, lstrip_blocks=True,
                               keep_trailing_newline=True)
+    environment.filters["signs"] = with_signs
     tables = summary.tables_of(results)
     return environment.get_template("report.html.jinja").render(
         version=__version__, marks=MARKS, results=results, verdicts=summary.ALL_VERDICTS,
@@ -103,6 +106,15 @@ def page(results: Sequence[Result], drawings: dict[str, list[str]]) -> str:
         claims=[claim for result in results for claim in result.claims],
         pieces=[_piece(result, drawings) for result in results],
     )
+
+
+#: A letter, perhaps with a tilde above it, and what is written below it: γ_m, γ̃_ht, N_t.
+_BELOW = re.compile(r"(?<![^\W\d])(?<![/.<-])([^\W\d_]\u0303?)_(\w{1,3})(?![\w(=])")
+
+
+def with_signs(text: str) -> Markup:
+    """Return text as HTML with what stands below a letter put there."""
+    return Markup(_BELOW.sub(r"\1<sub>\2</sub>", str(escape(text))))
 
 
 def _piece(result: Result, drawings: dict[str, list[str]]) -> dict[str, Any]:

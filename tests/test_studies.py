@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from gyrospark.commands.reproduce import reproduce
 from gyrospark.errors import InputError
-from gyrospark.studies import accuracy, catalogue, convergence, invariants, parameter
+from gyrospark.studies import accuracy, catalogue, convergence, invariants, parameter, report
 from gyrospark.studies.drawing import arrange, draw
 from gyrospark.studies.engine import Case, Engine, parameter_value, scheme_of
 from gyrospark.studies.fit import crossing, fit_line, fit_slope
@@ -273,6 +273,15 @@ def test_page_shows_commands_verdicts_and_both_schemes(files):
         assert word in page
     assert "prefers-color-scheme: dark" in page
     assert 'name="viewport"' in page
+
+
+def test_what_stands_below_a_letter_is_below_it(files):
+    page = re.sub(r"<code>.*?</code>|<[^>]*>", lambda tag: tag[0] if tag[0] in ("<sub>", "</sub>")
+                  else " ", files["index.html"].partition("<body>")[2], flags=re.DOTALL)
+    assert "γ<sub>m</sub>" in page
+    assert not re.search(r"[γαHpqN]\u0303?_\w", page)
+    assert (report.with_signs("a < b_1, file_name, q_t(0)")
+            == "a &lt; b<sub>1</sub>, file_name, q_t(0)")
 
 
 def test_files_beside_the_page(files, quick_results):
