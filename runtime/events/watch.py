@@ -93,10 +93,14 @@ class Brackets:
 
 
 def _far(values: Array) -> bool:
-    """Whether every value stays further from 0 than it moves in a step: a look at no step pays."""
+    """Whether every value stays so far from 0 that a look at no step pays.
+
+    Twice as far as it moves in a step: the parabola of ``_turning`` takes off less, so that what is
+    found does not depend on which steps are looked at together.
+    """
     low, high = values.min(axis=0), values.max(axis=0)
-    steps = abs(np.diff(values, axis=0)).max(axis=0)
-    return bool(((low > steps) | (-high > steps)).all())
+    reach = 2 * abs(np.diff(values, axis=0)).max(axis=0)
+    return bool(((low > reach) | (-high > reach)).all())
 
 
 def _turning(values: Array, start: int, end: int) -> tuple[Array, Array]:
@@ -126,35 +130,42 @@ def _turning(values: Array, start: int, end: int) -> tuple[Array, Array]:
 
 
 class Watch:
-    """What is seen of one run's events, piece by piece."""
+    """What is seen of one run's events, piece by piece; the same whatever the pieces are."""
 
     def __init__(self, levels: Levels, parameters: Any, t0: Any, dt: Any) -> None:
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
         self._tail: tuple[Array, Array, Array] | None = None
         self._done = 0
         self._parts: list[Brackets] = []
+        #: Whose turning in the last step is noted already, though a neighbour may still come.
+        self._closed = np.zeros(len(levels.events), bool)
         #: The step within which a terminal event happens; None as long as there is none.
         self.ends_in: int | None = None
         self.terminal = any(one.terminal for one in levels.events)
         self._wanted = np.array([one.direction for one in levels.events])
         self._ending = np.array([one.terminal for one in levels.events])
 
+    def _values(self, done: int, q: Array, p: Array) -> Array:
+        t = self._levels.binding.times(self._t0, self._dt, np.arange(done, done + len(q)))
+        return self._levels.values(self._parameters, t, q, p)
+
     def look(self, done: int, q: Array, p: Array) -> None:
         """Look at the states after ``done``, ``done`` + 1, … steps; the first was seen before."""
-        binding = self._levels.binding
-        t = binding.times(self._t0, self._dt, np.arange(done, done + len(q)))
-        values = self._levels.values(self._parameters, t, q, p)
-        first = 0
+        values, first = self._values(done, q, p), 0
         if self._tail is not None:
             old = self._tail
             first = len(old[0]) - 1
             q, p, values = (np.concatenate([kept[:-1], new])
                             for kept, new in zip(old, (q, p, values), strict=True))
             done -= first
-        self._done = done + len(values) - 1
         if len(values) > 1 and not _far(values):
             self._crossings(done, first, q, p, values)
+            if self.ends_in is not None:  # what comes behind is none of the run's
+                q, p, values = (part[: self.ends_in - done + 2] for part in (q, p, values))
             self._turnings(done, first, q, p, values)
+        if len(values) > first + 1:
+            self._closed[:] = False
+        self._done = done + len(values) - 1
         self._tail = q[-_TAIL:].copy(), p[-_TAIL:].copy(), values[-_TAIL:].copy()
 
     def _crossings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
@@ -176,13 +187,11 @@ class Watch:
     def _turnings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
         """Note the steps in which a value may touch its level, with a neighbour on either side.
 
-        The last step waits for its neighbour behind, but where the run may end: there nothing is
-        told late, and nothing after the end.
+        The last step waits for its neighbour behind.
         """
-        last = len(values) - 1 if self.ends_in is None else self.ends_in - done + 1
-        steps = (first, last) if self.terminal else (max(first - 1, 0), last - 1)
-        row, event = _turning(values, *steps)
-        self._note(done, row, event, q, p, values, turning=True)
+        row, event = _turning(values, max(first - 1, 0), len(values) - 2)
+        new = (row >= first) | ~self._closed[event]
+        self._note(done, row[new], event[new], q, p, values, turning=True)
 
     def _note(self, done: int, row: Array, event: Array, q: Array, p: Array, values: Array, *,
               turning: bool) -> None:
@@ -190,15 +199,21 @@ class Watch:
             self._parts.append(Brackets(event, done + row, q[row], p[row], values[row, event],
                                         values[row + 1, event], np.full(len(row), turning)))
 
-    def close(self) -> None:
-        """Look into the last step of a run that goes no further: no neighbour comes behind it."""
-        if self.terminal or self._tail is None:
+    def close(self, ahead: tuple[Array, Array] | None = None) -> None:
+        """Look into the last step, though no neighbour is there behind it.
+
+        ``ahead`` is the state that a step more leads to, where that is known: a row of q and of p.
+        """
+        if self._tail is None:
             return
         q, p, values = self._tail
         last = len(values) - 1
-        row, event = _turning(values, max(last - 1, 0), last)
+        seen = values if ahead is None else np.concatenate(
+            [values, self._values(self._done + 1, *ahead)])
+        row, event = _turning(seen, max(last - 1, 0), last)
+        row, event = row[~self._closed[event]], event[~self._closed[event]]
+        self._closed[event] = True
         self._note(self._done - last, row, event, q, p, values, turning=True)
-        self._tail = None
 
     @property
     def brackets(self) -> Brackets | None:
@@ -206,6 +221,4 @@ class Watch:
         if not self._parts:
             return None
         found = Brackets.together(self._parts)
-        if self.ends_in is not None:
-            found = found.of(found.step <= self.ends_in)
         return found.of(np.argsort(found.step, kind="stable"))

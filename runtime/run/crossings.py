@@ -17,7 +17,7 @@ from ..events.watch import Brackets, Levels, Watch
 from ..interrupts import ctrl_c
 from ..output.outputs import OUTPUTS, States, value_of
 from ..output.trajectory import Trajectory
-from ..steps.integration import Run, integrate
+from ..steps.integration import Rows, Run, integrate
 from .between import epsilon_of_times, partial_steps, refuse_changing, run_together
 from .lanes import fill_course, threads_of
 from .runs import Runs
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .lanes import Course
     from .stepper import Stepper
 
-__all__ = ["crossings_of", "observed", "watches_of"]
+__all__ = ["crossings_of", "last_of", "observed", "row_of_event", "watches_of"]
 
 Array = NDArray[Any]
 
@@ -76,62 +76,89 @@ def observed(
     if not events:
         return integrate(stepper.binding, stepper.manifest, run, progress)
     levels = Levels.of(stepper.binding, stepper.manifest, events)
-    runs = Runs.of([run], stepper.binding.number_type)
-
-    def crossings(watch: Watch) -> dict[str, Crossings]:
-        with ctrl_c() as interrupts:
-            return crossings_of(stepper, levels, runs, [watch],
-                                lambda course: fill_course(course, threads_of(None),
-                                                           lambda: interrupts.asked))[0]
-
-    (watch,) = watches_of(stepper, levels, runs)
+    (watch,) = watches_of(stepper, levels, Runs.of([run], stepper.binding.number_type))
+    trouble: StepFailed | Stopped | None = None
     try:
         trajectory = integrate(stepper.binding, stepper.manifest, replace(run, watch=watch),
                                progress)
-    except (StepFailed, Stopped) as ended:
-        if ended.trajectory is not None:
-            ended.trajectory = replace(ended.trajectory, events=crossings(watch))
-        raise
-    found = crossings(watch)
-    last = _last(events, found)
-    if last is None:
-        return replace(trajectory, events=found)
-    if last.steps[0] < trajectory.report.steps:  # a value that only touched its level ends it
-        trajectory = integrate(stepper.binding, stepper.manifest,
-                               replace(run, steps=int(last.steps[0])))
-    until = {name: crossings.until(last, run.dt) for name, crossings in found.items()}
-    return replace(_ended(stepper, trajectory, watch.brackets, last), events=until)
+    except (StepFailed, Stopped) as error:
+        if error.trajectory is None:
+            raise
+        trouble, trajectory = error, error.trajectory
+    found = _solved(stepper, levels, run, watch, trajectory)
+    last = last_of(events, found, run.dt)
+    if last is not None:
+        trajectory = _ended(stepper, run, trajectory, watch.brackets, last)
+        found = {name: crossings.until(last, run.dt) for name, crossings in found.items()}
+    trajectory = replace(trajectory, events=found)
+    if trouble is None or (last is not None and isinstance(trouble, StepFailed)):
+        return trajectory  # a step that fails behind the run's end is none of its own
+    trouble.trajectory = trajectory
+    raise trouble
+
+
+def _solved(
+    stepper: Stepper, levels: Levels, run: Run, watch: Watch, trajectory: Trajectory
+) -> dict[str, Crossings]:
+    """Return the crossings of a run that has ended.
+
+    Raises
+    ------
+    Stopped
+        After Ctrl-C while they are solved for, with the states alone.
+    """
+    runs = Runs.of([run], stepper.binding.number_type)
+    with ctrl_c() as interrupts:
+        before = interrupts.asked  # that has ended the run, and not what is solved for now
+        found = crossings_of(stepper, levels, runs, [watch], lambda course: fill_course(
+            course, threads_of(None), lambda: interrupts.asked and not before))[0]
+    if interrupts.asked and not before:
+        raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
+                      "for; the states are in .trajectory, without events.", interrupts.signal,
+                      trajectory=trajectory)
+    return found
 
 
 def _ended(
-    stepper: Stepper, trajectory: Trajectory, brackets: Brackets | None, last: Crossings
+    stepper: Stepper, run: Run, trajectory: Trajectory, brackets: Brackets | None, last: Crossings
 ) -> Trajectory:
-    """Return a trajectory with one row more: the state at its terminal event."""
+    """Return a trajectory up to its terminal event, whose state is one row more."""
     assert brackets is not None
     binding = stepper.binding
+    if last.steps[0] < trajectory.report.steps:  # a value that only touched its level ends it
+        trajectory = integrate(binding, stepper.manifest, run.until(int(last.steps[0])))
     at = np.flatnonzero(brackets.step == last.steps[0])[:1]
-    t0 = binding.times(trajectory.t[:1], trajectory.dt, last.steps)
-    parameters = {name: np.array([value], binding.number_type)
-                  for name, value in trajectory.parameters.items()}
-    rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, last.t - t0, parameters,
-                        lambda course: fill_course(course, 1, lambda: False), 1).rows
+    rows = row_of_event(stepper, run, brackets.q[at], brackets.p[at], last)
     flat = trajectory.multipliers.reshape(len(trajectory.multipliers), -1)
-    done = trajectory.work[-1:] * 0 + trajectory.report.work
     states = States(
         binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
         np.concatenate([trajectory.t, last.t]), np.concatenate([trajectory.q, last.q]),
         np.concatenate([trajectory.p, last.p]),
-        np.concatenate([flat, rows.multipliers[:, 1]]).astype(binding.dtype),
-        np.concatenate([trajectory.iterations, rows.iterations[:, 1]]),
-        np.concatenate([trajectory.work, done + rows.work[:, 1]]))
+        np.concatenate([flat, rows.multipliers]).astype(binding.dtype),
+        np.concatenate([trajectory.iterations, rows.iterations]),
+        np.concatenate([trajectory.work, trajectory.report.work + rows.work]))
     outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
     return replace(trajectory, **outputs)
 
 
-def _last(events: tuple[Event, ...], found: dict[str, Crossings]) -> Crossings | None:
+def row_of_event(stepper: Stepper, run: Run, q: Array, p: Array, event: Crossings) -> Rows:
+    """Return the one row that leads from the state before an event to the event.
+
+    Its work is that of the part of a step.
+    """
+    t0 = stepper.binding.times(run.t0, run.dt, event.steps)
+    parameters = {name: np.array([value], stepper.binding.number_type)
+                  for name, value in run.parameters.items()}
+    rows = run_together(stepper, q, p, t0, event.t - t0, parameters,
+                        lambda course: fill_course(course, 1, lambda: False), 1).rows
+    return Rows(event.q, event.p, rows.multipliers[:, 1], rows.iterations[:, 1], rows.work[:, 1])
+
+
+def last_of(events: tuple[Event, ...], found: dict[str, Crossings], dt: Any) -> Crossings | None:
     """Return the first crossing of a terminal event by itself; None if there is none."""
     ends = [found[one.name].first for one in events if one.terminal and len(found[one.name])]
-    return min(ends, key=lambda end: (end.steps[0], abs(end.t[0])), default=None)
+    ahead = 1 if dt > 0 else -1
+    return min(ends, key=lambda end: (end.steps[0], ahead * end.t[0]), default=None)
 
 
 @dataclass(frozen=True)

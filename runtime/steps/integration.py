@@ -71,6 +71,11 @@ class Run:
         row = dict(zip(self.inputs.names, self.inputs.at(step).tolist(), strict=True))
         return replace(self, parameters=self.parameters | row)
 
+    def until(self, steps: int) -> Run:
+        """Return its first steps as a run."""
+        marks = None if self.marks is None else np.unique(np.minimum(self.marks, steps))
+        return replace(self, steps=steps, marks=marks if marks is None else marks[marks > 0])
+
     def stored(self, done: int) -> int:
         """Return how many of them there are after so many steps."""
         if self.marks is not None:
