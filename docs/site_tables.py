@@ -33,7 +33,7 @@ API = {
     "choices": [
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
-        "choose_frame", "FrameChoice", "certify", "Certificate"],
+        "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
     "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
 }
 
