@@ -6,7 +6,7 @@ LINK := .venv/src/gyrospark
 # Bytecode is written of what is imported, when it is: most of what is installed never is.
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -e
 
-.PHONY: demo test lint generated clean
+.PHONY: demo test lint generated docs clean
 
 demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
@@ -20,6 +20,10 @@ lint: .venv/ready
 	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
 	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands generator references runtime storage studies sweeps) \
 	    $(addprefix -m gyrospark.,__main__ exact facade)
+
+# The site, in build/site; warnings are errors, outputs of cells are kept in build/cells.
+docs: .venv/docs
+	$(BIN)/sphinx-build -W --keep-going --quiet docs build/site
 
 # Bring the checked-in steppers up to date.
 generated: .venv/ready
@@ -35,6 +39,11 @@ generated: .venv/ready
 	$(PYTHON) -m venv .venv
 	$(INSTALL) ".[test]"
 	mkdir -p .venv/src && ln -sfn ../.. $(LINK)
+	touch .venv/demo $@
+
+.venv/docs: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(INSTALL) ".[docs]"
 	touch .venv/demo $@
 
 clean:

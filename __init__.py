@@ -19,6 +19,7 @@ from ._version import __version__
 if TYPE_CHECKING:
     from . import references
     from .certificates.certificate import Certificate, certify
+    from .certificates.citations import Citations, cite
     from .errors import (
         CompilerError,
         GyrosparkError,
@@ -61,6 +62,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "Certificate": "certificates.certificate",
     "certify": "certificates.certificate",
+    "Citations": "certificates.citations",
+    "cite": "certificates.citations",
     "CompilerError": "errors",
     "GyrosparkError": "errors",
     "InputError": "errors",
@@ -117,6 +120,7 @@ _MODULES = {
 
 __all__ = [
     "Certificate",
+    "Citations",
     "CompilerError",
     "Crossings",
     "Ensemble",
@@ -145,6 +149,7 @@ __all__ = [
     "certify",
     "choose_frame",
     "choose_gamma",
+    "cite",
     "consistent",
     "from_mechanics",
     "gamma_fast",

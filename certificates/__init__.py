@@ -9,4 +9,5 @@
     accuracy        errors over the step and over the time it takes, and their picture
     verification    ``gyrospark verify``: tableau, coefficients, order
     reference       the motion to compare with
+    citations       ``cite``: the works that a stepper rests on
 """

@@ -9,7 +9,9 @@ from pathlib import Path
 
 from processes import ROOT
 
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+#: What a reader types of them, a machine without extras included; pages of cells are run in the
+#: environment of the tests (test_site.py).
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def recipe(target: str) -> str:
@@ -25,7 +27,7 @@ SHORTER = [
     (r"^make demo$", recipe("demo"), "its environment is made; the bare one is another"),
     (r"--steps 1000000000 --every 1000\b", "--steps 20000 --every 1000", "a quarter of an hour"),
     (r"(sweep) examples/studies/gamma_dt.toml(?! --dry-run)", r"\1 few.toml",
-     "a million runs; the study of the README is few.toml, with four of them"),
+     "a million runs; the study of docs/sweeps.md is few.toml, with four of them"),
     (r"^taskset -c 0 ", "", "taskset is a thing of Linux"),
     (r' --base "heyoka default"', "", "heyoka is one of the programs of the extra bench"),
     (r"^gyrospark bench(?! bodies)(?: --rounds \d)?((?: \w+)?)(?: --rounds \d)?",
@@ -41,7 +43,8 @@ SHORTER = [
 NOT_RUN = [
     (r"^pip install ", "test_bare_machine.py installs what pip makes of the project, and "
                        "test_house.py compares the extras that are named"),
-    (r"^make (test|generated)", "the one runs these tests, the other writes to the repository"),
+    (r"^make (test|generated|docs)", "the first runs these tests, the second writes to the "
+                                      "repository, the third is typed by test_site.py"),
     (r"^pytest ", "it writes to the repository"),
     (r"^gyrospark bench bodies", "even quick it derives and compiles chains for a quarter of a "
                                  "minute, as test_bench.py does"),

@@ -201,6 +201,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
             "parameters": {}, "real": "double"}),
             kept=("allow_invalid",), spared=("half", "none", "zero", "empty text", "fraction",
                                              "dict", "pi")),
+        plain("cite", gs.cite, stepper=step),
         Call("record", lambda: (gs.record, {
             "stepper": step, **state, **run, "out": tmp_path / "a.zarr", "steps": 3, "t0": 0.0,
             "every": 1, "solver": "auto", "tolerance": 1e-12, "max_iterations": 50,

@@ -168,14 +168,14 @@ def test_two_steppers_in_one_program(tmp_path):
 
 
 def test_plain_c_example_agrees_with_python(tmp_path):
-    """The README's three commands, with nothing but ``cc``; the same end as in Python."""
+    """The three commands of docs/c.md, with nothing but ``cc``; the same end as in Python."""
     if shutil.which("cc") is None:
         pytest.skip("cc is not installed")
     spec = Spec("G-L", 3)
     shutil.copy(ROOT / "examples" / "plain_c" / "main.c", tmp_path)
     write(files_of(spec), tmp_path)
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    command = re.search(r"^cd examples/plain_c && (cc .*) && \./top$", readme, re.MULTILINE)
+    page = (ROOT / "docs" / "c.md").read_text(encoding="utf-8")
+    command = re.search(r"^cd examples/plain_c && (cc .*) && \./top$", page, re.MULTILINE)
     assert command
     run(command[1].split(), tmp_path)
     lines = run([tmp_path / "top"], tmp_path).splitlines()

@@ -40,7 +40,7 @@ def test_any_wrong_argument_ends_in_a_sentence(number, tmp_path, monkeypatch):
 def test_everything_public_is_called():
     """Whatever is added to the public face is called here too."""
     called = {name.rpartition(".")[2] for name in NAMES}
-    no_calls = {"Certificate", "CompilerError", "Crossings", "Ensemble", "FrameChoice",
+    no_calls = {"Certificate", "Citations", "CompilerError", "Crossings", "Ensemble", "FrameChoice",
                 "GammaChoice", "GyrosparkError", "InputError", "InputWarning",
                 "MissingDependencyError", "Projection", "Recording", "Section", "Simulation",
                 "StepFailed", "Stepper", "Stopped", "StorageError", "TableauError", "Trajectory"}

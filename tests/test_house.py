@@ -1,4 +1,4 @@
-"""The house: packaging, who imports whom, the public face, the README."""
+"""The house: packaging, who imports whom, the public face, README and pages."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from types import ModuleType
 import click
 import pytest
 
+import documents
 import gyrospark
 from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
@@ -32,11 +33,6 @@ HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath", "zarr", "xa
 
 def name_of(path: Path) -> str:
     return str(path.relative_to(ROOT))
-
-
-def blocks(language: str) -> list[str]:
-    """Return the fenced blocks of the README in a language ('' for none)."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
 
 
 def imports_of(path: Path) -> set[str]:
@@ -291,7 +287,7 @@ def test_errors_derive_from_one():
     assert issubclass(gyrospark.MissingDependencyError, ImportError)
 
 
-# ---------------------------------------------------------------- the README
+# ---------------------------------------------------------------- README and pages
 
 
 def commands_of(text: str) -> list[list[str]]:
@@ -307,11 +303,12 @@ def help_pages() -> list[tuple[str, str]]:
     return [*pages, ("gyrospark", command_line.help or "")]
 
 
-README_COMMANDS = [
-    *commands_of("\n".join(re.findall(r"^\| `(.*?)` \|", README, flags=re.MULTILINE))),
-    *commands_of("\n".join(blocks(""))),
-    *commands_of("\n".join(re.findall(r"`((?:generate|gyrospark) [^`]*)`", README))),
-]
+def told_commands() -> list[list[str]]:
+    """Return the command lines of README and pages, forms of commands included."""
+    texts = [path.read_text(encoding="utf-8") for path in documents.DOCUMENTS]
+    return [words for text in texts for words in (
+        *commands_of("\n".join(re.findall(r"^```\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))),
+        *commands_of("\n".join(re.findall(r"`((?:generate|gyrospark) [^`]*)`", text))))]
 
 
 def check_command(words: list[str]) -> None:
@@ -326,9 +323,10 @@ def check_command(words: list[str]) -> None:
         assert not word.startswith("--") or word in known, (word, words)
 
 
-def test_readme_commands_exist():
-    assert len(README_COMMANDS) >= 6
-    for words in README_COMMANDS:
+def test_commands_of_the_documents_exist():
+    told = told_commands()
+    assert len(told) >= 40
+    for words in told:
         check_command(words)
 
 
@@ -340,19 +338,38 @@ def test_examples_in_help_exist():
             check_command(words)
 
 
-def test_readme_names_what_exists():
+@pytest.mark.parametrize("path", documents.DOCUMENTS, ids=name_of)
+def test_documents_name_what_exists(path):
+    """Targets of make, files and headings that links lead to, extras."""
+    text = path.read_text(encoding="utf-8")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"(?:^|`|\$ )make ([a-z]+)", README, flags=re.MULTILINE):
+    for target in re.findall(r"(?:^|`|\$ )make ([a-z]+)", text, flags=re.MULTILINE):
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
-    for link in re.findall(r"\]\((?!https?:|#)([^)]+)\)", README):
-        assert (ROOT / link).exists(), link
+    for link in re.findall(r"\]\((?!https?:|#)([^)]+)\)", text):
+        file, _, heading = link.partition("#")
+        assert (path.parent / file).exists(), link
+        assert not heading or heading in headings((path.parent / file).read_text("utf-8")), link
+    for named in re.findall(r'pip install "\.\[([\w,]+)\]', text):
+        assert set(named.split(",")) <= set(PROJECT["project"]["optional-dependencies"]), named
+
+
+def headings(text: str) -> set[str]:
+    """Return the names under which headings of a page are found."""
+    return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-")
+            for heading in re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)}
+
+
+def test_a_readme_is_read_in_two_minutes():
+    assert len(README.splitlines()) <= 150
+
+
+def test_extras_are_told():
     extras = PROJECT["project"]["optional-dependencies"]
-    for named in re.findall(r'pip install "\.\[([\w,]+)\]', README):
-        assert set(named.split(",")) <= set(extras), named
-    table = re.search(r"^\| extra \|.*?\n\n", README, flags=re.MULTILINE | re.DOTALL)
+    told = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    table = re.search(r"^\| extra \|.*?\n\n", told, flags=re.MULTILINE | re.DOTALL)
     assert table
     rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table[0], flags=re.MULTILINE)
-    assert {name for name, _ in rows} == set(extras) - {"test", "fuzz", "release"}
+    assert {name for name, _ in rows} == set(extras) - {"test", "fuzz", "docs", "release"}
     for name, brings in rows:
         for package in brings.split(", "):
             assert re.search(rf"\b{package}\b", " ".join(extras[name])), (name, package)

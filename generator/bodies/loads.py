@@ -83,7 +83,7 @@ class Loads(Linkage):
         self._quantities: dict[str, sp.Expr] = {}
 
     def potential(self, expression: Any) -> None:
-        """Add to H: an expression in the bodies' symbols and ``parameter``s.
+        """Add to H: an expression in symbols of the bodies and of ``parameter``.
 
         It may contain momenta, as −n·l does for axes that turn at n.
         """

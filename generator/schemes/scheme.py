@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from ...naming import choose
@@ -39,6 +39,8 @@ class Scheme:
         Number of stages → its exact tableau; None for a mean value.
     discrete : bool
         Of a mean value: whether it is the discrete gradient, else the gradient at the midpoint.
+    sources : dict of str to str
+        Works that it is from, by their keys in ``certificates/citations.py``, and for what.
     """
 
     name: SchemeName
@@ -47,6 +49,7 @@ class Scheme:
     tableau: Callable[[int], Tableau] | None = None
     discrete: bool = False
     most: int = MAX_STAGES
+    sources: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -74,10 +77,15 @@ def _lobatto_iiiab(stages: int) -> Tableau:
 SCHEMES: dict[SchemeName, Scheme] = {
     scheme.name: scheme
     for scheme in (
-        Scheme("IMS", "implicit midpoint scheme"),
-        Scheme("EMS", "energy-momentum preserving scheme", discrete=True),
+        Scheme("IMS", "implicit midpoint scheme",
+               sources={"hairer2006": "the implicit midpoint rule and what it keeps"}),
+        Scheme("EMS", "energy-momentum preserving scheme", discrete=True, sources={
+            "gonzalez1996": "discrete gradients, energy and momentum",
+            "gonzalez1999": "the same with constraints",
+            "mclachlan1999": "discrete gradients as a class of methods"}),
         Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto),
-        Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab),
+        Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab,
+               sources={"jay1996": "Lobatto IIIA-IIIB pairs with constraints"}),
     )
 }
 #: What the command line takes where no scheme is named: order 6, symplectic.

@@ -1,0 +1,65 @@
+"""The site: ``make docs``. Nothing is fetched, warnings are errors, cells are run and kept."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+sys.path.insert(0, str(HERE))  # site_pages, beside this file
+
+project = "gyrospark"
+author = "the gyrospark authors"
+project_copyright = "the gyrospark authors"
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax",
+              "sphinx_click", "sphinx_copybutton", "site_pages"]
+exclude_patterns = ["writing.md", "reference/parts"]
+
+
+def digest() -> str:
+    """Return a digest of what cells compute with: kept outputs are those of this very package."""
+    found = hashlib.sha256()
+    rooms = [room for room in ROOT.iterdir() if room.is_dir() and room.name[0] != "."
+             and room.name not in ("build", "dist", "docs", "tests")]
+    for path in sorted([*ROOT.glob("*.py"), *(p for room in rooms for p in room.rglob("*"))]):
+        if path.suffix in (".py", ".h", ".jinja", ".toml", ".html", ".js"):
+            found.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return found.hexdigest()[:16]
+
+
+# Cells run in a folder of their own; a page whose cells did not change keeps what they gave.
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(ROOT / "build" / "cells" / digest())
+nb_execution_in_temp = True
+nb_execution_timeout = 240
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+nb_render_markdown_format = "myst"
+myst_enable_extensions = ["amsmath", "attrs_inline", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+# Docstrings are NumPy's, in the words of the project: bars are absolute values, not substitutions.
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+add_module_names = False
+
+html_theme = "furo"
+html_title = "gyrospark"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sphinx = False
+html_copy_source = False
+pygments_style = "a11y-high-contrast-light"
+pygments_dark_style = "a11y-high-contrast-dark"
+mathjax_path = "mathjax/tex-chtml.js"  # site_pages copies it from a package
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+copybutton_exclude = ".linenos, .gp, .go"
+intersphinx_mapping: dict[str, str] = {}

@@ -1,0 +1,136 @@
+"""Tables and lists that pages have of the package: ``{{ name }}`` on a line of its own."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import site_uses
+
+import gyrospark as gs
+from gyrospark.generator.bodies.multibody import Multibody
+from gyrospark.generator.model_files.model_bodies import FORCES, JOINTS, ON_JOINTS
+from gyrospark.generator.model_files.model_expressions import CONSTANTS, FUNCTIONS
+
+__all__ = ["API", "TABLES"]
+
+ROOT = Path(__file__).resolve().parent.parent
+
+#: Page of the reference → what it tells, in order. Every public name is on one of them.
+API = {
+    "runs": [
+        "stepper", "Stepper", "Trajectory", "gyrospark.runtime.output.body_motion.BodyMotion",
+        "gyrospark.runtime.output.joint_motion.JointMotion",
+        "gyrospark.runtime.output.report.Report", "Simulation", "Ensemble", "Event", "Crossings",
+        "section", "Section", "GyrosparkError", "InputError", "InputWarning", "StepFailed",
+        "Stopped", "CompilerError", "TableauError", "StorageError", "MissingDependencyError"],
+    "systems": [
+        "System", "from_mechanics", "Model", "Multibody", "body_system", "symbols", "load_model",
+        "load_urdf", "read_urdf", "models", "problems", "references", "tableau", "consistent",
+        "Projection"],
+    "choices": [
+        "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
+        "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
+        "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
+    "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
+}
+
+
+def api(page: str) -> str:
+    """Return the directives of a page of the reference."""
+    told = {name for names in API.values() for name in names if "." not in name}
+    missing = set(gs.__all__) - told - {"__version__"}
+    assert not missing, f"site_tables.API has no place for {sorted(missing)}"
+    return "\n".join(["```{eval-rst}", *(_directive(name) for name in API[page]), "```"])
+
+
+def _directive(name: str) -> str:
+    whole = name if "." in name else f"gyrospark.{name}"
+    module, _, inner = whole.rpartition(".")
+    thing = getattr(__import__(module, fromlist=[inner]), inner)
+    if inspect.ismodule(thing):
+        members = "" if name == "symbols" else "   :members:\n   :imported-members: false\n"
+        return f".. automodule:: {thing.__name__}\n{members}\n"
+    if isinstance(thing, type):
+        members = "" if issubclass(thing, Exception) else (
+            "   :members:\n   :inherited-members: object,str,int,tuple,Mapping\n")
+        return f".. autoclass:: {whole}\n{members}\n"
+    return f".. autofunction:: {whole}\n"
+
+
+def joints() -> str:
+    """Return the types of [[joints]] with their keys, and the files that have them."""
+    rows = []
+    for kind, parameters in JOINTS.items():
+        keys = [f"`{key}`" + ("" if one.default is one.empty else " (or not)")
+                for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY]
+        told = (inspect.getdoc(getattr(Multibody, kind)) or "").partition("\n")[0]
+        rows.append([f"`{kind}`", told, ", ".join(keys), _files("joints", kind)])
+    return _table(["type", "does", "keys beside `name` and "
+                   "`bodies` (`joints` of gear and couple)", "in"], rows)
+
+
+def forces() -> str:
+    """Return the types of [[forces]] likewise."""
+    rows = [[f"`{kind}`", "`joints`" if kind in ON_JOINTS else "`bodies`",
+             ", ".join(f"`{key}`" for key in keys), _files("forces", kind)]
+            for kind, keys in FORCES.items()]
+    return _table(["type", "acts on", "keys", "in"], rows)
+
+
+def functions() -> str:
+    """Return what formulas may call."""
+    return ("Functions: " + ", ".join(f"`{name}`" for name in sorted(FUNCTIONS))
+            + ". Constants: " + ", ".join(f"`{name}`" for name in sorted(CONSTANTS)) + ".")
+
+
+def keys() -> str:
+    """Return the tables of model files, and the files that have them."""
+    about = {
+        "body": "one body with a fixed point", "system": "any holonomic Hamiltonian system",
+        "bodies": "several bodies", "joints": "what ties them", "forces": "what acts on them",
+        "points": "points of the ground that move", "drives": "angles by laws of time",
+        "parameters": "numbers by name", "inputs": "what forces may have anew in each step",
+        "start": "the state at the start", "run": "`dt`, `steps`",
+        "quantities": "what is evaluated beside the motion", "events": "levels to look for",
+    }
+    rows = [[f"`[{name}]`", told, ", ".join(site_uses.users_of_key(lambda text, name=name:
+                                                                    name in text))]
+            for name, told in about.items()]
+    return _table(["table", "holds", "in"], rows)
+
+
+def examples() -> str:
+    """Return every example as it stands, each under its own heading."""
+    parts = []
+    for label, path in site_uses.examples().items():
+        language = {"py": "python", "toml": "toml", "urdf": "xml"}[path.rpartition(".")[2]]
+        parts.append(f"({label})=\n## {path}\n\n```{{literalinclude}} ../../{path}\n"
+                     f":language: {language}\n```\n")
+    return "\n".join(parts)
+
+
+def _files(table: str, kind: str) -> str:
+    return ", ".join(site_uses.users_of_key(
+        lambda text: any(one.get("type") == kind for one in _tables(text, table))))
+
+
+def _tables(text: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    found = text.get(name, [])
+    return found if isinstance(found, list) else []
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    lines = [list(head), *map(list, rows)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |"
+                     for line in lines)
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    **{f"api_{page}": (lambda page=page: api(page)) for page in API},
+    "joints": joints, "forces": forces, "functions": functions, "keys": keys,
+    "examples": examples,
+}

@@ -1,0 +1,150 @@
+"""The site: cells of its pages run, the reference is whole, and it builds without a warning."""
+
+from __future__ import annotations
+
+import ast
+import html
+import importlib.util
+import json
+import re
+import sys
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+import gyrospark as gs
+from processes import ROOT, call
+
+DOCS = ROOT / "docs"
+CELL = re.compile(r"^```\{code-cell\} python\n(?:---\n.*?^---\n|(?::.*\n)*)(.*?)^```$",
+                  flags=re.DOTALL | re.MULTILINE)
+PAGES = [path for path in sorted(DOCS.rglob("*.md"))
+         if "\n```{code-cell}" in path.read_text(encoding="utf-8")]
+#: Types cells one after the other as Jupyter does: the last value of each is shown.
+RUNNER = """
+import ast, json, sys, warnings
+import matplotlib
+matplotlib.use("agg")
+warnings.simplefilter("error")
+namespace = {"__name__": "__main__"}
+for place, text in enumerate(json.loads(sys.argv[1])):
+    tree = ast.parse(text, f"cell {place}")
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, f"cell {place}", "exec"), namespace)
+    if last is not None:
+        value = eval(compile(ast.Expression(last.value), f"cell {place}", "eval"), namespace)
+        if value is not None:
+            getattr(value, "_repr_html_", value.__repr__)()
+"""
+
+
+def names(path: Path) -> str:
+    return path.relative_to(DOCS).with_suffix("").as_posix()
+
+
+def cells(path: Path) -> list[str]:
+    text = path.read_text(encoding="utf-8")
+    found = CELL.findall(text)
+    assert len(found) == text.count("\n```{code-cell}")
+    return found
+
+
+@pytest.mark.parametrize("path", PAGES, ids=names)
+def test_cells_of_a_page(path, tmp_path):
+    done = call([sys.executable, "-c", RUNNER, json.dumps(cells(path))], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("path", PAGES, ids=names)
+def test_pages_with_cells_can_be_opened_as_notebooks(path):
+    text = path.read_text(encoding="utf-8")
+    head = re.match(r"---\n(.*?)\n---\n\n# ", text, flags=re.DOTALL)
+    assert head
+    assert "kernelspec: {name: python3" in head[1]
+    for cell in cells(path):
+        assert ast.parse(cell).body
+
+
+def module(name: str):
+    """Return a module that the site is made with."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    made = importlib.util.module_from_spec(spec)
+    sys.modules[name] = made
+    spec.loader.exec_module(made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def uses():
+    return module("site_uses")
+
+
+@pytest.fixture(scope="module")
+def tables(uses):
+    return module("site_tables")
+
+
+def test_the_reference_has_every_public_name_once(tables):
+    told = [name for page in tables.API.values() for name in page if "." not in name]
+    assert sorted([*told, "__version__"]) == sorted(gs.__all__)
+    for page in tables.API:
+        text = tables.api(page)
+        assert text.count("```") == 2
+        assert (DOCS / "reference" / f"{page}.md").is_file()
+
+
+def test_tables_are_those_of_the_package(tables):
+    for name in tables.TABLES:
+        assert tables.TABLES[name]()
+        assert any(f"{{{{ {name} }}}}" in path.read_text("utf-8") for path in DOCS.rglob("*.md"))
+    assert "| `revolute` |" in tables.joints()
+    assert "(#example-slider-crank-toml)" in tables.joints()
+    assert "`heaviside`" in tables.functions()
+
+
+def test_names_lead_to_what_uses_them(uses):
+    assert ":doc:`/sweeps`" in uses.users_of("gyrospark.sweep")
+    assert ":doc:`/systems`" in uses.users_of("gyrospark.System")
+    assert ":doc:`/bodies`" in uses.users_of("gyrospark.Multibody.ball")
+    assert uses.users_of("gyrospark.Trajectory.nothing") == []
+    assert ":doc:`/long_runs`" in uses.users_of_command("export")
+    assert all((ROOT / path).is_file() for path in uses.examples().values())
+
+
+# ---------------------------------------------------------------- the built site
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    pytest.importorskip("sphinx_click", reason="the site needs the extra docs: make docs")
+    target = tmp_path_factory.mktemp("site")
+    done = call([sys.executable, "-m", "sphinx", "-W", "--keep-going", "--quiet", DOCS, target],
+                cwd=ROOT, PYTHONWARNINGS=None)
+    assert done.returncode == 0, done.stderr
+    return target
+
+
+@pytest.mark.slow
+def test_the_site_asks_nothing_of_other_machines(site):
+    for path in site.rglob("*.html"):
+        text = path.read_text(encoding="utf-8")
+        wanted = re.findall(r'<(?:script|img|iframe|source|video)\b[^>]* src="([^"]*)"', text)
+        wanted += re.findall(r'<link\b[^>]* href="([^"]*)"', text)
+        assert not [url for url in wanted if url.startswith(("http", "//"))], path
+    for path in site.rglob("*.css"):
+        assert not re.search(r"url\(['\"]?(https?:)?//", path.read_text(encoding="utf-8")), path
+
+
+@pytest.mark.slow
+def test_every_link_of_the_site_leads_somewhere(site):
+    there = {path: set(map(html.unescape, re.findall(r'\bid="([^"]*)"', path.read_text("utf-8"))))
+             for path in site.rglob("*.html")}
+    for path in there:
+        for link in re.findall(r'<a\b[^>]* href="([^"]*)"', path.read_text(encoding="utf-8")):
+            if link.startswith(("http", "mailto:")) or link == "#":
+                continue
+            file, _, place = unquote(html.unescape(link)).partition("#")
+            target = (path.parent / file).resolve() if file else path
+            assert target.exists(), (path, link)
+            assert not place or target not in there or place in there[target], (path, link)
