@@ -3,7 +3,8 @@
 /*
  * A build may compile this file several times at once and link the objects: GYROSPARK_OBJECT 1 is
  * that of what stands above, which is Newton and all that is evaluated once; 2, of runs of one
- * trajectory; 3, of those on lanes, where one by itself is Newton's. What is above is called so:
+ * trajectory; 4, of what these call outside of sweeps; 3, of runs on lanes, where one trajectory by
+ * itself is Newton's. What is above is called so:
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
 void NAME(apart_guess)(work_t *w, real dt, const real *q, const real *p, real *x);

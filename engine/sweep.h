@@ -139,7 +139,7 @@ INLINE void RUN(sizes)(RUN(t) *w)
 }
 
 /* Starting values of the next step. */
-INLINE void RUN(start)(RUN(t) *w, int predicted)
+NOINLINE void RUN(start)(RUN(t) *w, int predicted)
 {
     if (predicted)
         RUN(foresee)(w);

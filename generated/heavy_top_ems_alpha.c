@@ -1200,7 +1200,8 @@ void heavy_top_ems_alpha_hamiltonian(const parameters_t *parameters, long count,
 /*
  * A build may compile this file several times at once and link the objects: GYROSPARK_OBJECT 1 is
  * that of what stands above, which is Newton and all that is evaluated once; 2, of runs of one
- * trajectory; 3, of those on lanes, where one by itself is Newton's. What is above is called so:
+ * trajectory; 4, of what these call outside of sweeps; 3, of runs on lanes, where one trajectory by
+ * itself is Newton's. What is above is called so:
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
 void heavy_top_ems_alpha_apart_guess(work_t *w, real dt, const real *q, const real *p, real *x);
@@ -2186,7 +2187,7 @@ INLINE void mean_sizes(mean_t *w)
 }
 
 /* Starting values of the next step. */
-INLINE void mean_start(mean_t *w, int predicted)
+NOINLINE void mean_start(mean_t *w, int predicted)
 {
     if (predicted) {
         const lanes *x = past_values(&w->predictor, w->past, mean_X, 0);
@@ -2242,6 +2243,39 @@ static void mean_observe_defects(const mean_t *s, report_t *report)
     }
     observe_defects(g_size, f_size, report);
 }
+
+/* ------------------------------------------- what a run is set up with, and learns of its past */
+
+/*
+ * The same of what runs of one trajectory call once a run, once a step or seldom, never in a sweep:
+ * with GYROSPARK_OBJECT 4 it is compiled beside their sweeps.
+ */
+#if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
+void heavy_top_ems_alpha_apart_set_up(mean_t *w);
+void heavy_top_ems_alpha_apart_noise(mean_t *w);
+void heavy_top_ems_alpha_apart_remember(mean_t *w);
+
+#if GYROSPARK_OBJECT == 4 /* __GNUC__ */
+void heavy_top_ems_alpha_apart_set_up(mean_t *w)
+{
+    mean_set_up(w);
+}
+
+void heavy_top_ems_alpha_apart_noise(mean_t *w)
+{
+    mean_noise(w);
+}
+
+void heavy_top_ems_alpha_apart_remember(mean_t *w)
+{
+    mean_remember(w);
+}
+#elif GYROSPARK_OBJECT == 2 /* __GNUC__ */
+#define mean_set_up(...) heavy_top_ems_alpha_apart_set_up(__VA_ARGS__)
+#define mean_noise(...) heavy_top_ems_alpha_apart_noise(__VA_ARGS__)
+#define mean_remember(...) heavy_top_ems_alpha_apart_remember(__VA_ARGS__)
+#endif
+#endif
 
 /* What a sweep costs, in additions, for all of its stages and nodes. */
 enum {

@@ -1232,7 +1232,8 @@ void heavy_top_liiiab5_gamma_hamiltonian(const parameters_t *parameters, long co
 /*
  * A build may compile this file several times at once and link the objects: GYROSPARK_OBJECT 1 is
  * that of what stands above, which is Newton and all that is evaluated once; 2, of runs of one
- * trajectory; 3, of those on lanes, where one by itself is Newton's. What is above is called so:
+ * trajectory; 4, of what these call outside of sweeps; 3, of runs on lanes, where one trajectory by
+ * itself is Newton's. What is above is called so:
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
 void heavy_top_liiiab5_gamma_apart_guess(work_t *w, real dt, const real *q, const real *p, real *x);
@@ -2926,7 +2927,7 @@ INLINE void stages_sizes(stages_t *w)
 }
 
 /* Starting values of the next step. */
-INLINE void stages_start(stages_t *w, int predicted)
+NOINLINE void stages_start(stages_t *w, int predicted)
 {
     if (predicted)
         stages_foresee(w);
@@ -3705,7 +3706,7 @@ INLINE void trajectories_sizes(trajectories_t *w)
     w->moved = q_way*w->q_size + p_way*w->p_size;
 }
 
-INLINE void trajectories_start(trajectories_t *w, int predicted)
+NOINLINE void trajectories_start(trajectories_t *w, int predicted)
 {
     if (predicted)
         trajectories_foresee(w);
@@ -3772,6 +3773,39 @@ static void stages_observe_defects(const stages_t *s, report_t *report)
     }
     observe_defects(g_size, f_size, report);
 }
+
+/* ------------------------------------------- what a run is set up with, and learns of its past */
+
+/*
+ * The same of what runs of one trajectory call once a run, once a step or seldom, never in a sweep:
+ * with GYROSPARK_OBJECT 4 it is compiled beside their sweeps.
+ */
+#if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
+void heavy_top_liiiab5_gamma_apart_set_up(stages_t *w);
+void heavy_top_liiiab5_gamma_apart_noise(stages_t *w);
+void heavy_top_liiiab5_gamma_apart_remember(stages_t *w);
+
+#if GYROSPARK_OBJECT == 4 /* __GNUC__ */
+void heavy_top_liiiab5_gamma_apart_set_up(stages_t *w)
+{
+    stages_set_up(w);
+}
+
+void heavy_top_liiiab5_gamma_apart_noise(stages_t *w)
+{
+    stages_noise(w);
+}
+
+void heavy_top_liiiab5_gamma_apart_remember(stages_t *w)
+{
+    stages_remember(w);
+}
+#elif GYROSPARK_OBJECT == 2 /* __GNUC__ */
+#define stages_set_up(...) heavy_top_liiiab5_gamma_apart_set_up(__VA_ARGS__)
+#define stages_noise(...) heavy_top_liiiab5_gamma_apart_noise(__VA_ARGS__)
+#define stages_remember(...) heavy_top_liiiab5_gamma_apart_remember(__VA_ARGS__)
+#endif
+#endif
 
 /* What a sweep costs, in additions, for all of its stages and nodes. */
 enum {

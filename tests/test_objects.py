@@ -21,9 +21,9 @@ MODULES = "heavy_top_*.so"
 COUNT = 9  # more than the lanes of a register, and no multiple of them
 
 
-def files_of(real):
+def files_of(real, scheme="IMS"):
     """Return the files of a stepper whose sweeps fail for long steps: Newton is behind them."""
-    return facade.files_of(Spec("IMS", real=real))
+    return facade.files_of(Spec.checked(scheme, 2 if scheme == "G-L" else None, real=real))
 
 
 @pytest.fixture
@@ -56,10 +56,13 @@ def results(step):
     return [numbers(part) for part in found]
 
 
-@pytest.mark.parametrize("real", ["double", "long-double"])
-def test_objects_compute_the_bits_of_one(real, own_cache, monkeypatch):
+@pytest.mark.parametrize(("scheme", "real", "level"), [
+    ("IMS", "double", "0"), ("IMS", "long-double", "0"),
+    pytest.param("G-L", "double", "3", marks=pytest.mark.slow)])
+def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeypatch):
     """Runs, Newton behind them, lanes and what is evaluated once, against the file in one piece."""
-    files = files_of(real)
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
+    files = files_of(real, scheme)
     apart = results(gs.Stepper(*named(files)))
     steps = apart[7]
     assert steps[0] == "0"
@@ -124,6 +127,20 @@ def test_a_module_has_its_functions_and_no_other():
 def is_static(name, function, header):
     line = re.search(rf"^.*\b{name}_{function}\(", header, re.MULTILINE)
     return " static " in line[0]
+
+
+def test_the_kernel_is_compiled_while_the_wrapper_is_written(own_cache, monkeypatch):
+    """Three objects of like size side by side, then cffi's; two for lanes. No other process."""
+    made, start, write = [], compiler._start, compiler._write_wrapper
+    monkeypatch.setattr(compiler, "_start", lambda command, folder: [
+        made.append(command[-1]), start(command, folder)][1])
+    monkeypatch.setattr(compiler, "_write_wrapper", lambda *what: [
+        made.append("written"), write(*what)][1])
+    step = gs.Stepper(*named(files_of("double")))
+    assert made[:-1] == ["object2.o", "object1.o", "object4.o", "written", "wrapper.o"]
+    del made[:]
+    assert step.binding_of_many.lanes > 0
+    assert made[:-1] == ["object3.o", "object1.o", "written", "wrapper.o"]
 
 
 def test_a_stepper_without_lanes_is_one_object():

@@ -147,8 +147,8 @@ def compile_module(
 ) -> Path:
     """Compile a stepper in ``folder`` and return the path of the extension module.
 
-    The objects of the kernel are compiled side by side under strict warnings; cffi's wrapper, which
-    is not ours, beside them without.
+    The objects of the kernel are compiled side by side under strict warnings; meanwhile cffi's
+    wrapper is written, and compiled beside them without, for it is not ours.
 
     Raises
     ------
@@ -162,25 +162,25 @@ def compile_module(
     declarations = read_declarations(files[f"{name}.h"])
     if is_quad(declarations):
         _refuse_without_quad(compiler, folder)
-    wrapper = _write_wrapper(name, declarations_of(name, files[f"{name}.h"], part), folder)
-    include = sysconfig.get_paths()["include"]
     compile_ = [*compiler.command, *compiler.flags,
                 *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS)]
-    commands, linked = [], ["wrapper.o"]
+    running, linked = [], ["wrapper.o"]
     for made in objects_of(name, files, part):
         inside = folder / made.name
         inside.mkdir()
         (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
         shutil.copy(folder / f"{name}.c", inside)
-        commands.append([*compile_, *made.flags, "-c", f"{made.name}/{name}.c", "-o",
-                         f"{made.name}.o"])
+        running.append(_start([*compile_, *made.flags, "-c", f"{made.name}/{name}.c", "-o",
+                               f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")
-    commands.append([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c", wrapper.name,
-                     "-o", "wrapper.o"])
-    _run_together(commands, folder)
+    wrapper = _write_wrapper(name, declarations_of(name, files[f"{name}.h"], part), folder)
+    include = sysconfig.get_paths()["include"]
+    running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
+                           wrapper.name, "-o", "wrapper.o"], folder))
+    _end(running)
     target = folder / (module_name(name) + extension_suffix())
     link = [*compiler.command, *compiler.link_flags, *linked, "-lm", "-o", target.name]
-    _run_together([link], folder)
+    _end([_start(link, folder)])
     if not target.is_file():
         raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
                             f"{shlex.join(link)}. {_CURE}", command=link)
@@ -218,7 +218,7 @@ def _refuse_without_quad(compiler: Compiler, folder: Path) -> None:
     command = [*compiler.command, *EXTENDED_FLAGS, "-fPIC", *compiler.link_flags, "binary128.c",
                "-lm", "-o", "binary128.out"]
     try:
-        _run_together([command], folder)
+        _end([_start(command, folder)])
     except CompilerError as error:
         raise CompilerError(
             f"The compiler {shlex.join(compiler.command)!r} has no float128 (_Float128 and "
@@ -238,19 +238,20 @@ def extension_suffix() -> str:
     return str(sysconfig.get_config_var("EXT_SUFFIX"))
 
 
-def _run_together(commands: list[list[str]], folder: Path) -> None:
-    """Run commands side by side; the first that fails is reported once all have ended."""
+def _start(command: list[str], folder: Path) -> subprocess.Popen[str]:
     try:
-        running = [
-            subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, encoding="utf-8",
-                             errors="replace", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-            for command in commands
-        ]
+        return subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, encoding="utf-8",
+                                errors="replace", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     except OSError as error:
         raise CompilerError(f"The compiler does not start: {error.strerror}. {_CURE}") from error
+
+
+def _end(running: list[subprocess.Popen[str]]) -> None:
+    """Wait for commands that run side by side; the first that failed is reported at the end."""
     ended = [process.communicate() for process in running]
-    for process, command, (_, stderr) in zip(running, commands, ended, strict=True):
+    for process, (_, stderr) in zip(running, ended, strict=True):
         if process.returncode != 0:
+            command = [str(part) for part in process.args]
             raise CompilerError(
                 f"The C compiler failed with exit code {process.returncode}: "
                 f"{shlex.join(command)}\n{stderr.strip()}",

@@ -2,9 +2,10 @@
 
 Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
 side, on lanes, in another one that is made when they are first asked for. Each module is linked of
-two objects of the same text: Newton and all that is evaluated once, beside the sweeps. An object
-defines some of the public functions. The others are static in its header, so that the compiler
-drops them, and what only they call.
+objects of the same text: Newton and all that is evaluated once, beside the sweeps, and for one
+trajectory beside what its run is set up with and learns. An object defines some of the public
+functions. The others are static in its header, so that the compiler drops them, and what only they
+call.
 """
 
 from __future__ import annotations
@@ -39,9 +40,11 @@ def objects_of(name: str, files: Mapping[str, str], part: Part) -> list[Object]:
     header = files[f"{name}.h"]
     if not _has_lanes(name, header):
         return [Object("whole", header)]
-    sweeps, number = (_RUNS, 2) if part == "runs" else (_LANES, 3)
-    beside = _functions(name, header) - _RUNS - _LANES if part == "runs" else set()
-    return [_object(name, header, number, sweeps), _object(name, header, 1, beside)]
+    if part == "lanes":
+        made: dict[int, set[str]] = {3: _LANES, 1: set()}
+    else:
+        made = {2: _RUNS, 1: _functions(name, header) - _RUNS - _LANES, 4: set()}
+    return [_object(name, header, number, functions) for number, functions in made.items()]
 
 
 def declarations_of(name: str, header: str, part: Part) -> str:
