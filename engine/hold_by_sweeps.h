@@ -14,6 +14,7 @@ static void take_over(work_t *w, const real q[N], const real p[N])
     }
     for (int i = 0; i < LANES; ++i)
         ONE(prepare)(s, i, &w->constants, w->held.dt);
+    TURNED(ONE(wake)(s));
     ONE(set_schur)(s);
     TIMED(lanes_at_time(&s->constants, splat(w->t));)
     ONE(look)(s);

@@ -9,6 +9,7 @@ typedef struct {
     TIMED(lanes span;)
     lanes work, work_low;     /* done by the forces since the start */
     lanes change, noise;      /* of the last sweep; what rounding is worth in one */
+    TURNED(int still[LANES];)
     RUN(iterate) now;
     RUN(bound) bound;
     predictor_t predictor;

@@ -67,6 +67,7 @@ NOINLINE void RUN(noise)(RUN(t) *w)
 /* The end of the step, in compensated sums. */
 INLINE void RUN(finish)(RUN(t) *w)
 {
+    TURNED(const RUN(place) before = RUN(here)(w));
     lanes q[N], p[N];
     RUN(add_work)(w);
     for (int a = 0; a < N; ++a) {
@@ -76,6 +77,7 @@ INLINE void RUN(finish)(RUN(t) *w)
         w->p[a] = p[a];
     }
     TIMED(lanes_at_time(&w->constants, w->t + w->span);)
+    TURNED(RUN(stand)(w, &before));
     RUN(look)(w);
 }
 
@@ -91,6 +93,7 @@ static void RUN(prepare)(RUN(t) *w, int lane, const constants *c, real h)
 static void RUN(set_up)(RUN(t) *w)
 {
     RUN(set_schur)(w);
+    TURNED(RUN(wake)(w));
     forget(&w->predictor);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = splat(0);

@@ -16,6 +16,7 @@ typedef struct {
     lanes nu[S*RUN(P)], nu_tilde[P*RUN(S)], inverse[P*RUN(P)], onward_nodes[P*RUN(P)];
     lanes moves[RUN(P)]; /* 0 at node 0, which stays where the step starts */
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
+    TURNED(int still[LANES];)
     RUN(iterate) now;
     RUN(bound) bound;
     RUN(lessons) lessons;

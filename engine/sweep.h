@@ -77,6 +77,7 @@ NOINLINE void RUN(noise)(RUN(t) *w)
 /* T2: the end of the step from the converged stages, in compensated sums. */
 INLINE void RUN(finish)(RUN(t) *w)
 {
+    TURNED(const RUN(place) before = RUN(here)(w));
     lanes dq[N], dp[N], q[N], p[N];
     RUN(add_work)(w);
     RUN(total)(S, N, w->now.x, dq);
@@ -94,6 +95,7 @@ INLINE void RUN(finish)(RUN(t) *w)
         w->p[a] = p[a];
     }
     TIMED(RUN(add_last_drive)(w);)
+    TURNED(RUN(stand)(w, &before));
     RUN(look)(w);
 }
 
@@ -111,6 +113,7 @@ static void RUN(set_up)(RUN(t) *w)
     RUN(set_weights)(w);
     RUN(set_nodes)(w);
     RUN(set_schur)(w);
+    TURNED(RUN(wake)(w));
     forget(&w->predictor);
     RUN(forget_lessons)(w);
     for (int a = 0; a < N; ++a)

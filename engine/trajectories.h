@@ -13,6 +13,7 @@ typedef struct {
     lanes late[RUN(S)];    /* h c: stages after the start of the step */
     lanes work, work_low;  /* done by the forces since the start */
     lanes change, noise; /* of the last sweep; what rounding is worth in one */
+    TURNED(int still[LANES];)
     RUN(iterate) now;
     RUN(bound) bound;
     RUN(lessons) lessons;

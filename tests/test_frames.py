@@ -146,6 +146,33 @@ def test_regular_precession_has_no_error(scheme, stages, ratio):
     assert min(abs(run.q[-1] - exact).max(), abs(run.q[-1] + exact).max()) < bound
 
 
+@pytest.mark.parametrize(("scheme", "stages", "ratio", "times", "steps"), [
+    ("G-L", 2, 0.5, 10, 2000), ("EMS", None, 0.5, 10, 500),
+    *(pytest.param(*scheme, ratio, times, 10**5, marks=pytest.mark.slow)
+      for scheme in [("G-L", 2), ("LIIIA-B", 3), ("IMS", None), ("EMS", None)]
+      for ratio in (0.5, 1.5) for times in (1, 2, 5, 10))])
+def test_regular_precession_keeps_its_height_at_ten_times_the_papers_step(
+        scheme, stages, ratio, times, steps):
+    """There sweeps diverge, and what they and Newton leave of rounding would add up."""
+    cone, dt = gs.problems.regular_precession(radius_ratio=ratio), {0.5: 5e-3, 1.5: 1e-2}[ratio]
+    step, numbers = framed(scheme, stages), with_gamma(cone)
+    run = step.integrate(cone.q0, cone.p0, dt=times * dt, steps=steps, every=max(1, steps // 2000),
+                         parameters=numbers | {"frame": "auto"})
+    assert np.ptp(height(run.q)) < (8 * EPS if times == 10 else 1e-13)  # of turning back
+
+
+def test_what_moves_by_less_than_rounding_moves():
+    """A circle stands still in its frame, for good; not if another coordinate moves at all."""
+    system = gs.System((X, Y, Z), (PX, PY, PZ), (), (PX**2 + PY**2 + PZ**2) / 2
+                       - 1 / sp.sqrt(X**2 + Y**2), name="lift")
+    step = gs.stepper("G-L", 2, system=system, frame="symmetries")
+    for lift in (0.0, 1e-18):
+        run = step.integrate([0.7, 0, 0], [0, 0.7**-0.5, lift], dt=0.3, steps=1000,
+                             parameters={"frame": "start"})
+        assert np.ptp(np.linalg.norm(run.q[:, :2], axis=1)) < (4 * EPS if lift == 0 else 1e-13)
+        assert run.q[-1, 2] == pytest.approx(300 * lift, rel=1e-13)
+
+
 def rates_of(step, q, p, numbers):
     """Return ω with H_p = Σ ω_i A_i q, by least squares; H_p from the residual of no step."""
     x = np.zeros(step.unknowns)

@@ -297,6 +297,8 @@ def _frame_context(frame: Frame | None, name: str, system: System, real: Real) -
         "frame_quarter": _quarter(wide),
         "frame_groups": [{"names": [symmetry.name for symmetry in group], "axis": axis}
                          for group, axis in zip(frame.groups, turning.axes, strict=True)],
+        "frame_sets": turning.sets,
+        "frame_fed": bool(system.forces or system.inputs),
         "frame_axes": turning.components,
         "frame_angles": rates,
         "frame_kernels": [emit_kernel(kernel, Constants(system.parameters), real, target)

@@ -14,7 +14,8 @@ spelled with macros, which are written out here so that the C of a stepper has n
     MANY(sweep)       of W of them             trajectories_sweep, mean_sweep
     RUN(sweep)        of either                as the file is put in for the one or the other
     TABLE(mu)         a table of the tableau   w->mu in lanes, &fast_mu[0][0] as numbers
-    TURNED(call);     a line of its own        the call in a co-moving frame, else left out
+    TURNED(call);     a line of its own        the call in a co-moving frame, else left out;
+                                               TURNED(int x;) the same of a declaration
 
 Where t stands in H or g, kernels find it among the constants, and whoever calls them says when:
 
@@ -40,7 +41,7 @@ __all__ = ["ENGINE", "Proved", "engine_of", "with_times"]
 
 ENGINE = Path(__file__).resolve().parents[2] / "engine"
 _COMMENT = re.compile(r"^/\*(?! -).*?\*/\n", re.MULTILINE | re.DOTALL)
-_TURNED = re.compile(r"^( *)TURNED\((.*)\);\n", re.MULTILINE)
+_TURNED = re.compile(r"^( *)TURNED\((.*)\)(;?)\n", re.MULTILINE)
 _MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\b(?:NUMBER|HELD)\b")
 
 
@@ -80,7 +81,7 @@ def engine_of(
                 return "lanes" if on else "real"
             return spelled[found[1]](found[2])
 
-        text = _TURNED.sub(r"\1\2;\n" if framed else "", _text(file, timed, fed))
+        text = _TURNED.sub(r"\1\2\3\n" if framed else "", _text(file, timed, fed))
         if run == many != one:  # the same again, told once
             text = _COMMENT.sub("", text)
         return _MACRO.sub(spell, text).rstrip("\n")
@@ -237,7 +238,7 @@ class Proved:
                    f"follow_{answer}{seidel}", f"land_{self._kind}"]
         return [*head, *own, *self._drive("sweep_drive"), work, "recall",
                 "learn_nodes" if self.m else "learn_nodes_free", f"{run}_ahead", "foresee",
-                "sweep", "load"]
+                *self._stand("stages"), "sweep", "load"]
 
     def _mean(self) -> list[str]:
         layout = self._layout()
@@ -249,7 +250,11 @@ class Proved:
                    f"mean_respond_{answer}",
                    "mean_constrain", f"mean_follow_{self._kind}"]
         return ["mean_items", f"mean_layout_{layout}", "mean_run", *own,
-                *self._drive("mean_sweep_drive"), work, "mean_sweep"]
+                *self._drive("mean_sweep_drive"), work, *self._stand("mean"), "mean_sweep"]
+
+    def _stand(self, scheme: str) -> list[str]:
+        """Return what keeps a relative equilibrium where it is."""
+        return [f"stand_{scheme}", "stand"] if self.framed else []
 
     def _drive(self, file: str) -> list[str]:
         """Return what a drive does through the constraints."""

@@ -16,6 +16,7 @@ import sympy as sp
 from ..kernels.statements import Kernel
 from ..symmetry.frames import Frame, Symmetry
 from ..symmetry.rotations import Rotation, turned
+from ..systems.elimination import connected
 from ..systems.system import System
 from .differences import vector
 
@@ -53,6 +54,16 @@ class Turning:
     def components(self) -> int:
         """Components of all axes."""
         return sum(len(group) for group in self.frame.groups if len(group) > 1)
+
+    @property
+    def sets(self) -> list[int]:
+        """The first of the coordinates that each coordinate turns into, by whatever symmetry."""
+        first = list(range(self.system.n))
+        for part in connected([frozenset(place) for symmetry in self.frame.symmetries
+                               for place in symmetry.field.weights]):
+            for a in part:
+                first[a] = min(part)
+        return first
 
     @property
     def turns_multipliers(self) -> bool:

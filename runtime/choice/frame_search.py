@@ -131,6 +131,9 @@ class Search:
             why = "the error is round-off" if pilots.rates or len(self.ones) else (
                 "there is no symmetry with these parameters")
             return self._chosen(always[0], always[0], f"no frame: {why}")
+        if pilots.rates and pilots.done[always[1]].whole <= 4 * pilots.doubt:
+            label = pilots.done[always[1]].label  # of rounding the next is no better
+            return self._chosen(always[0], always[1], f"{label}: its error is round-off")
         tried = {always[0]: self.none, always[1]: self.start}
         for label, x in self._candidates(finest):
             tried.setdefault(pilots.measure(label, x), x)
