@@ -5,12 +5,17 @@ Each problem goes two ways, and each number of both has the same 24 digits:
     stepped   8-stage Gauss-Lobatto in float128, with Δt and Δt/2
     closed    Jacobi's functions by mpmath with 50 digits, and 8-stage Gauss-Lobatto in float128;
               the four-bars by φ(t), and by the equation of motion of φ in mpmath's Taylor series
+    series    mpmath's Taylor series of equations of motion without multipliers or constraints, and
+              8-stage Gauss-Lobatto in float128
+
+With names of problems, only theirs are made again.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -18,24 +23,29 @@ from typing import Any
 import mpmath as mp
 
 from ..facade import stepper
-from ..references.catalogue import REFERENCES
+from ..references.catalogue import REFERENCES, reference
 from ..references.measuring import run_once
 from ..references.problem import Reference
 from ..references.truth import PATH
 from ..runtime.call.quad import exact
 from ..runtime.call.reals import rounding
+from . import closed_forms as forms
+from . import equations
+from .closed_forms import Numbers
 
 __all__ = ["WAYS", "digits", "main"]
 
-Numbers = Mapping[str, Sequence[Any]]
+Way = Callable[[Reference], tuple[str, tuple[Numbers, Numbers]]]
 #: Digits that are kept, and the largest relative difference of a number by two ways.
 _DIGITS, _AGREEMENT = 24, 2e-25
-_WORK = 50
+_WORK, _SERIES = 50, 32
 
 
-def main() -> None:
-    """Write the digits, and print how far the two ways are apart."""
-    found = {name: digits(REFERENCES[name]) for name in REFERENCES}
+def main(names: Sequence[str] = ()) -> None:
+    """Write the digits of all problems, or of some, and print how far the two ways are apart."""
+    kept = json.loads(PATH.read_text(encoding="utf-8")) if names else {}
+    kept |= {name: digits(reference(name)) for name in names or REFERENCES}
+    found = {name: kept[name] for name in REFERENCES if name in kept}
     PATH.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     for name, truth in found.items():
         print(f"{name:18} {truth['agreement']:.1e}  {truth['made']}")
@@ -54,7 +64,8 @@ def digits(problem: Reference) -> dict[str, Any]:
         apart = max(_apart(values[group], second[group]) for group in problem.groups)
         if apart > _AGREEMENT:
             raise ArithmeticError(f"{problem.name}: the two ways differ by {apart:.1e}.")
-        texts = {name: mp.nstr(value, _DIGITS) for group, names in problem.groups.items()
+        texts = {name: mp.nstr(value, _DIGITS, strip_zeros=False)
+                 for group, names in problem.groups.items()
                  for name, value in zip(names, values[group], strict=True)}
     return {"values": texts, "made": made, "agreement": apart}
 
@@ -83,7 +94,7 @@ def _wide(value: Any) -> Any:
     return mp.mpf(fraction.numerator) / fraction.denominator
 
 
-def _stepped(steps: int) -> Callable[[Reference], tuple[str, tuple[Numbers, Numbers]]]:
+def _stepped(steps: int) -> Way:
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         made = f"float128, 8-G-L, {2 * steps} steps, beside {steps}"
         return made, (_run(problem, 2 * steps), _run(problem, steps))
@@ -91,77 +102,79 @@ def _stepped(steps: int) -> Callable[[Reference], tuple[str, tuple[Numbers, Numb
     return way
 
 
-def _closed(formula: Callable[[Any], Numbers], steps: int
-            ) -> Callable[[Reference], tuple[str, tuple[Numbers, Numbers]]]:
+def _closed(name: str, steps: int) -> Way:
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         made = f"closed form, mpmath, beside float128, 8-G-L, {steps} steps"
-        return made, (formula(mp.mpf(problem.seconds)), _run(problem, steps))
+        return made, (CLOSED[name](mp.mpf(problem.seconds)), _run(problem, steps))
 
     return way
 
 
-# ---------------------------------------------------------------- closed forms
-
-
-def _simple_pendulum(t: Any) -> Numbers:
-    """θ = 2 asin(k sn(√g t − K)) from downward, k² = ½: from the horizontal at x = −1."""
-    g, m = mp.mpf("9.81"), mp.mpf(1) / 2
-    sn, cn, dn = _jacobi(mp.sqrt(g) * t - mp.ellipk(m), m)
-    k = mp.sqrt(m)
-    x, y, rate = 2 * k * sn * dn, 2 * m * sn**2 - 1, 2 * k * cn * mp.sqrt(g)
-    return {"positions": [x, y], "velocities": [-rate * y, rate * x]}
-
-
-def _spherical_pendulum(t: Any) -> Numbers:
-    """z'² = z (2 g z² − z − 2 g) by sn², the azimuth by quadrature of 1/(1 − z²); L = 1."""
-    g = mp.mpf("9.81")
-    root = mp.sqrt(1 + 16 * g**2)
-    low, high = (1 - root) / (4 * g), (1 + root) / (4 * g)
-    m, rate = -low / (high - low), mp.sqrt(2 * g * (high - low)) / 2
-
-    def height(s: Any) -> tuple[Any, Any]:
-        sn, cn, dn = _jacobi(rate * s + mp.ellipk(m), m)
-        return low - low * sn**2, -2 * low * sn * cn * dn * rate
-
-    pieces = mp.linspace(0, t, 41)
-    azimuth = mp.quadgl(lambda s: 1 / (1 - height(s)[0] ** 2), pieces)
-    z, climb = height(t)
-    radius = mp.sqrt(1 - z**2)
-    out, turn = -z * climb / radius, 1 / radius
-    c, s = mp.cos(azimuth), mp.sin(azimuth)
-    return {"positions": [radius * c, radius * s, z],
-            "velocities": [out * c - turn * s, out * s + turn * c, climb]}
-
-
 def _four_bar(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
-    """φ'' = c sin φ, φ = 0, φ' = 1: all rods turn alike; c = g ((N+1)/2 + N)/((N+1)/3 + N), N = 2.
-
-    φ = π + 2 am(w t − K), w = ½ √(1 + 4c), m = 4c/(1 + 4c).
-    """
-    c, t = mp.mpf("9.81") * mp.mpf(7) / 6, mp.mpf(problem.seconds)
-    m, w = 4 * c / (1 + 4 * c), mp.sqrt(1 + 4 * c) / 2
-    sn, cn, _ = _jacobi(w * t - mp.ellipk(m), m)
-    closed = {"positions": [-2 * sn * cn, 2 * sn**2 - 1]}
-    with mp.workdps(32):
+    """sin φ and cos φ, beside those of the equation of motion of φ."""
+    t = mp.mpf(problem.seconds)
+    c = forms.four_bar_constant(2)
+    with mp.workdps(_SERIES):
         phi = mp.odefun(lambda _, y: [y[1], c * mp.sin(y[0])], 0, [mp.mpf(0), mp.mpf(1)])(t)[0]
         second = {"positions": [mp.sin(phi), mp.cos(phi)]}
-    return "closed form, mpmath, beside a Taylor series of φ'' = c sin φ", (closed, second)
+    return ("closed form, mpmath, beside a Taylor series of φ'' = c sin φ",
+            ({"positions": forms.four_bars(2, t)}, second))
 
 
-def _jacobi(u: Any, m: Any) -> tuple[Any, Any, Any]:
-    return tuple(mp.ellipfun(name, u, m=m) for name in ("sn", "cn", "dn"))
+def _series(motion: Callable[[], tuple[Callable[..., Any], Sequence[Any]]], steps: int) -> Way:
+    """Go by the Taylor series of an equation of motion, of which the state is what is compared."""
+    def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
+        with mp.workdps(_SERIES):
+            rates, start = motion()
+            end = iter(mp.odefun(rates, 0, start)(mp.mpf(problem.seconds)))
+            second = {group: [next(end) for _ in names] for group, names in problem.groups.items()}
+        made = f"float128, 8-G-L, {steps} steps, beside Taylor series by mpmath"
+        return made, (_run(problem, steps), second)
+
+    return way
 
 
-#: What is done for each problem.
-WAYS: dict[str, Callable[[Reference], tuple[str, tuple[Numbers, Numbers]]]] = {
+def _dzhanibekov(t: Any) -> Numbers:
+    return forms.free_body([mp.mpf(x) for x in (1, 2, 3)],
+                           [mp.mpf(x) for x in ("0.001", "2", "0.003")], t)
+
+
+def _free_body(t: Any) -> Numbers:
+    angle = mp.mpf("1.1")
+    return forms.free_body([mp.mpf(2), mp.mpf(1), mp.mpf(2) / 3],
+                           [mp.cos(angle), mp.mpf(0), mp.sin(angle)], t)
+
+
+def _bruels(t: Any) -> Numbers:
+    moments = [mp.mpf(x) for x in ("15.234375", "0.46875", "15.234375")]
+    return forms.heavy_top(moments, mp.mpf("147.15"), mp.mpf(150), mp.mpf("-4.61538"), t)
+
+
+#: Motions at t, by what is no integration of steps.
+CLOSED: dict[str, Callable[[Any], Numbers]] = {
+    "simple-pendulum": forms.simple_pendulum,
+    "spherical-pendulum": forms.spherical_pendulum,
+    "bead": forms.bead,
+    "dzhanibekov": _dzhanibekov,
+    "free-body": _free_body,
+    "heavy-top": _bruels,
+}
+#: What is done for each problem, with steps of the engine.
+WAYS: dict[str, Way] = {
     "car-axis": _stepped(1000),
     "andrews": _stepped(600),
-    "simple-pendulum": _closed(_simple_pendulum, 500),
-    "spherical-pendulum": _closed(_spherical_pendulum, 500),
+    "simple-pendulum": _closed("simple-pendulum", 500),
+    "spherical-pendulum": _closed("spherical-pendulum", 500),
+    "bead": _closed("bead", 200),
+    "dzhanibekov": _closed("dzhanibekov", 1000),
+    "free-body": _closed("free-body", 2000),
+    "heavy-top": _closed("heavy-top", 2000),
     "four-bar": _four_bar,
-    "dzhanibekov": _stepped(500),
-    "kovalevskaya": _stepped(500),
+    "kovalevskaya": _series(equations.kovalevskaya, 1000),
+    "goryachev-chaplygin": _series(equations.goryachev_chaplygin, 1000),
+    "neumann": _series(equations.neumann, 1000),
+    "ellipsoid": _series(equations.ellipsoid, 1000),
 }
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

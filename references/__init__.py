@@ -11,7 +11,8 @@
     truth       the digits, from digits.json, which benchmarks/make_digits.py writes
     mechanisms  car axis, Andrews' squeezing mechanism, four-bars in a row
     pendulums   the pendulum in a plane and on a sphere
-    bodies      Dzhanibekov's body, Kovalevskaya's top
+    surfaces    Neumann's oscillator, the geodesic of an ellipsoid, a bead on a wire that turns
+    bodies      free bodies, and tops that are integrable
     catalogue   all of them by name
     measuring   error against cost
     page        the page of the documents

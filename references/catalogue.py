@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from ..naming import choose
-from .bodies import DZHANIBEKOV, KOVALEVSKAYA
+from .bodies import DZHANIBEKOV, FREE_BODY, GORYACHEV_CHAPLYGIN, HEAVY_TOP, KOVALEVSKAYA
 from .mechanisms import ANDREWS, CAR_AXIS, FOUR_BAR
 from .pendulums import SIMPLE_PENDULUM, SPHERICAL_PENDULUM
 from .problem import Reference
+from .surfaces import BEAD, ELLIPSOID, NEUMANN
 
 __all__ = ["REFERENCES", "names", "reference"]
 
 REFERENCES = {found.name: found for found in (
     CAR_AXIS, ANDREWS, SIMPLE_PENDULUM, SPHERICAL_PENDULUM, FOUR_BAR,
-    DZHANIBEKOV, KOVALEVSKAYA)}
+    DZHANIBEKOV, FREE_BODY, HEAVY_TOP, KOVALEVSKAYA, GORYACHEV_CHAPLYGIN, NEUMANN, ELLIPSOID,
+    BEAD)}
 
 
 def names() -> tuple[str, ...]:

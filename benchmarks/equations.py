@@ -1,0 +1,65 @@
+"""Equations of motion for mpmath's Taylor series: rates(t, state) and the state at t = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mpmath as mp
+
+__all__ = ["Motion", "ellipsoid", "goryachev_chaplygin", "kovalevskaya", "neumann"]
+
+Motion = tuple[Callable[[Any, Sequence[Any]], list[Any]], list[Any]]
+
+
+def neumann() -> Motion:
+    """q'' = (q·Aq − |q'|²) q − A q, A = diag(1, 2, 4)."""
+    def rates(_: Any, state: Sequence[Any]) -> list[Any]:
+        q, v = state[:3], state[3:]
+        held = sum(a * x**2 for a, x in zip((1, 2, 4), q, strict=True)) - sum(x**2 for x in v)
+        return [*v, *((held - a) * x for a, x in zip((1, 2, 4), q, strict=True))]
+
+    return rates, [mp.mpf(x) for x in ("0.6", "0.64", "0.48", "0.8", "-0.48", "-0.36")]
+
+
+def ellipsoid() -> Motion:
+    """q'' = −(q'·Aq'/|Aq|²) A q, A = diag(1, 1/2, 1/4)."""
+    A = [mp.mpf(1), mp.mpf(1) / 2, mp.mpf(1) / 4]
+
+    def rates(_: Any, state: Sequence[Any]) -> list[Any]:
+        q, v = state[:3], state[3:]
+        normal = [a * x for a, x in zip(A, q, strict=True)]
+        pull = sum(a * x**2 for a, x in zip(A, v, strict=True)) / sum(x**2 for x in normal)
+        return [*v, *(-pull * x for x in normal)]
+
+    q = [mp.mpf("0.6"), mp.mpf("0.64") * mp.sqrt(2), mp.mpf("0.96")]
+    normal = [a * x for a, x in zip(A, q, strict=True)]
+    square = sum(x**2 for x in normal)
+    along = [(i == 0) - normal[0] * x / square for i, x in enumerate(normal)]
+    length = mp.sqrt(sum(x**2 for x in along))
+    return rates, [*q, *(x / length for x in along)]
+
+
+def kovalevskaya() -> Motion:
+    """I = (2, 2, 1), V = R₃₁."""
+    return _top((2, 2, 1), ("1", "0.5", "0.25"))
+
+
+def goryachev_chaplygin() -> Motion:
+    """I = (4, 4, 1), V = R₃₁."""
+    return _top((4, 4, 1), ("1", "0.5", "0"))
+
+
+def _top(moments: Sequence[int], omega: Sequence[str]) -> Motion:
+    """q' = ½ q (0, Ω),   I Ω' = I Ω × Ω + R₃ × e₁, R₃ the upward vertical in the body."""
+    I1, I2, I3 = moments
+
+    def rates(_: Any, state: Sequence[Any]) -> list[Any]:
+        q0, q1, q2, q3, x, y, z = state
+        across, up = 2 * (q2 * q3 + q0 * q1), q0**2 - q1**2 - q2**2 + q3**2
+        return [(-q1 * x - q2 * y - q3 * z) / 2, (q0 * x + q2 * z - q3 * y) / 2,
+                (q0 * y + q3 * x - q1 * z) / 2, (q0 * z + q1 * y - q2 * x) / 2,
+                (I2 - I3) * y * z / I1, ((I3 - I1) * z * x + up) / I2,
+                ((I1 - I2) * x * y - across) / I3]
+
+    return rates, [mp.mpf(x) for x in ("1", "0", "0", "0", *omega)]

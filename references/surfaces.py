@@ -1,0 +1,118 @@
+"""Points on surfaces: Neumann's oscillator on the sphere, the geodesic of an ellipsoid, a bead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from decimal import Context, Decimal
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .problem import Attempt, Reference
+
+if TYPE_CHECKING:
+    from ..generator.bodies.model import Model
+    from ..runtime.output.trajectory import Trajectory
+
+__all__ = ["BEAD", "ELLIPSOID", "NEUMANN"]
+
+_POSITIONS, _VELOCITIES = ("x", "y", "z"), ("x'", "y'", "z'")
+_ATTEMPTS = (Attempt("G-L", 4, (100, 250, 500, 1000)), Attempt("G-L", 3, (250, 1000, 4000)),
+             Attempt("LIIIA-B", 3, (500, 2000)), Attempt("EMS", None, (1000, 4000)))
+
+
+def _end(run: Trajectory) -> Mapping[str, Any]:
+    return {"positions": run.q[-1], "velocities": run.p[-1]}
+
+
+def _neumann() -> Model:
+    """H = |p|²/2 + (x² + 2y² + 4z²)/2 on |q| = 1, with Uhlenbeck's integrals."""
+    import sympy as sp
+
+    from ..generator.bodies.model import Model
+    from ..generator.systems.system import System
+
+    q, p, stiff = sp.symbols("x y z", real=True), sp.symbols("px py pz", real=True), (1, 2, 4)
+    kept = {f"F{i + 1}": q[i] ** 2 + sum(
+        (q[i] * p[j] - q[j] * p[i]) ** 2 / sp.Integer(stiff[i] - stiff[j])
+        for j in range(3) if j != i) for i in range(3)}
+    H = sum(x**2 for x in p) / 2 + sum(a * x**2 for a, x in zip(stiff, q, strict=True)) / 2
+    system = System(q, p, (), H, (sum(x**2 for x in q) - 1,), name="neumann", quantities=kept)
+    q0, p0 = (np.array([Fraction(x) for x in texts.split()])
+              for texts in ("0.6 0.64 0.48", "0.8 -0.48 -0.36"))
+    return Model(system, {}, q0, p0)
+
+
+def _ellipsoid() -> Model:
+    """H = |p|²/2 on x² + y²/2 + z²/4 = 1, with Joachimsthal's integral.
+
+    It starts at (0.6, 0.64 √2, 0.96) along the x axis: the tangential part of (1, 0, 0), of
+    length 1.
+    """
+    import sympy as sp
+
+    from ..generator.bodies.model import Model
+    from ..generator.systems.system import System
+
+    q, p, squares = sp.symbols("x y z", real=True), sp.symbols("px py pz", real=True), (1, 2, 4)
+    kept = sum(x**2 / sp.Integer(b) ** 2 for x, b in zip(q, squares, strict=True)) * sum(
+        x**2 / sp.Integer(b) for x, b in zip(p, squares, strict=True))
+    surface = sum(x**2 / sp.Integer(b) for x, b in zip(q, squares, strict=True)) - 1
+    system = System(q, p, (), sum(x**2 for x in p) / 2, (surface,), name="ellipsoid",
+                    quantities={"J": kept})
+    place = [Fraction("0.6"), Fraction("0.64") * _root(2), Fraction("0.96")]
+    normal = [x / b for x, b in zip(place, squares, strict=True)]
+    square = sum(x * x for x in normal)
+    along = [(i == 0) - normal[0] * x / square for i, x in enumerate(normal)]
+    length = _root(1 - normal[0] ** 2 / square)
+    return Model(system, {}, np.array(place), np.array([x / length for x in along]))
+
+
+def _root(x: Fraction | int) -> Fraction:
+    """Return √x to 50 digits."""
+    digits = Context(prec=50)
+    top, bottom = Fraction(x).as_integer_ratio()
+    return Fraction(digits.sqrt(digits.divide(Decimal(top), Decimal(bottom))))
+
+
+def _bead() -> Model:
+    """H = |p|²/2 + g y on a wire that turns at 2 rad/s: x sin 2t = y cos 2t."""
+    import sympy as sp
+
+    from ..generator.bodies.model import Model
+    from ..generator.systems.system import System
+
+    (x, y), p, t = sp.symbols("x y", real=True), sp.symbols("px py", real=True), sp.Symbol("t")
+    g = sp.Symbol("g", positive=True)
+    system = System((x, y), p, (g,), sum(u**2 for u in p) / 2 + g * y,
+                    (x * sp.sin(2 * t) - y * sp.cos(2 * t),), name="bead", time=t)
+    values: dict[str, Any] = {"g": Fraction("9.81")}
+    return Model(system, values, np.array([1, 0]), np.array([0, 2]))
+
+
+NEUMANN = Reference(
+    name="neumann", title="Neumann's oscillator on a sphere",
+    source="H = |p|²/2 + (x² + 2y² + 4z²)/2, q = (0.6, 0.64, 0.48), p = (0.8, −0.48, −0.36)",
+    form="Python", make=_neumann, seconds="10",
+    groups={"positions": _POSITIONS, "velocities": _VELOCITIES}, read=_end,
+    invariants={"energy": "H", **{
+        f"F{i}": f"q{i}² + Σ (q{i} p_j − q_j p{i})²/(a{i} − a_j)" for i in (1, 2, 3)}},
+    attempts=_ATTEMPTS)
+
+ELLIPSOID = Reference(
+    name="ellipsoid", title="Geodesic of an ellipsoid with three axes",
+    source="x² + y²/2 + z²/4 = 1, from (0.6, 0.64 √2, 0.96) along the x axis at speed 1",
+    form="Python", make=_ellipsoid, seconds="10",
+    groups={"positions": _POSITIONS, "velocities": _VELOCITIES}, read=_end,
+    invariants={"energy": "|p|²/2", "J": "(Σ q²/b²)(Σ p²/b)"},
+    attempts=_ATTEMPTS)
+
+BEAD = Reference(
+    name="bead", title="Bead on a wire that turns, in a vertical plane",
+    source="closed form: r = cosh wt + (g/2w²)(sin wt − sinh wt), w = 2 rad/s, r(0) = 1 m",
+    form="Python", make=_bead, seconds="1.5",
+    groups={"positions": ("x", "y"), "velocities": ("x'", "y'")}, read=_end,
+    invariants={"energy balance": "H − ∫ λ·g_t dt"},
+    attempts=(Attempt("G-L", 4, (10, 25, 50, 100)), Attempt("G-L", 3, (25, 100, 400)),
+              Attempt("EMS", None, (400, 1600))))
