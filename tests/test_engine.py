@@ -326,8 +326,9 @@ class Toy:
             lines += as_run(run, run == one, sweeps["sweep_files"][run])
         lines += as_run(one, True, sweeps["one_files"])
         lines += ["enum { SWEEP_COST = 10*U };"]
-        return "\n".join([*lines, *includes(["objects_of_past", "sweeps", "run_by_sweeps", "rows", "single",
-                                             "integrate", *sweeps["batch_files"], "many"]), ""])
+        return "\n".join([*lines, *includes(["objects_of_past", "sweeps", "run_by_sweeps", "rows",
+                                             "single", "integrate", *sweeps["batch_files"],
+                                             "many"]), ""])
 
     def tables(self):
         numeric = self.tableau.numeric(20)
