@@ -51,6 +51,9 @@ _Float128 root(_Float128 x);
 _Float128 root(_Float128 x) { return sqrtf128(x)*1.5F128 + FLT128_EPSILON; }
 """
 
+#: A command, and the process that carries it out.
+_Running = tuple[list[str], subprocess.Popen[str]]
+
 _CURE = (
     "Install gcc or clang, set CC to a compiler, or `pip install gyrospark[compiler]`, which "
     "brings one from PyPI."
@@ -238,20 +241,20 @@ def extension_suffix() -> str:
     return str(sysconfig.get_config_var("EXT_SUFFIX"))
 
 
-def _start(command: list[str], folder: Path) -> subprocess.Popen[str]:
+def _start(command: list[str], folder: Path) -> _Running:
     try:
-        return subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, encoding="utf-8",
-                                errors="replace", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        return command, subprocess.Popen(
+            command, cwd=folder, stdin=subprocess.DEVNULL, encoding="utf-8", errors="replace",
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     except OSError as error:
         raise CompilerError(f"The compiler does not start: {error.strerror}. {_CURE}") from error
 
 
-def _end(running: list[subprocess.Popen[str]]) -> None:
+def _end(running: list[_Running]) -> None:
     """Wait for commands that run side by side; the first that failed is reported at the end."""
-    ended = [process.communicate() for process in running]
-    for process, (_, stderr) in zip(running, ended, strict=True):
+    ended = [process.communicate() for _, process in running]
+    for (command, process), (_, stderr) in zip(running, ended, strict=True):
         if process.returncode != 0:
-            command = [str(part) for part in process.args]
             raise CompilerError(
                 f"The C compiler failed with exit code {process.returncode}: "
                 f"{shlex.join(command)}\n{stderr.strip()}",
