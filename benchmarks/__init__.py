@@ -11,6 +11,7 @@
     growth.py       chains of bodies: ``gyrospark bench bodies``, with ``bodies.py``
     storing.py      runs in memory and in a store: ``gyrospark bench store``
     sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
+    events.py       events and states between steps: ``gyrospark bench events``
     callgrind.py    instructions of one step, which guard the speed in CI
 
 Every time is CPU time on one machine in one run; ratios travel, times do not.

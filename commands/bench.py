@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..benchmarks.contest import Limits, Row
     from ..benchmarks.drift import Course
     from ..benchmarks.ensembles import EnsembleRow
+    from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
     from ..benchmarks.steps import Cell
     from ..benchmarks.storing import StoreRow
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["bench"]
 
-_WHAT = ("peers", "step", "ensemble", "drift", "bodies", "store", "sweeps")
+_WHAT = ("peers", "step", "ensemble", "drift", "bodies", "store", "sweeps", "events")
 #: What has more than one result.
 _PARTS = {"bodies": ("growth", "bodies")}
 
@@ -69,13 +70,16 @@ def bench(
     what: str, peers: str | None, quick: bool, t_end: str | None, rounds: str | None,
     base: str | None, out: Path | None, as_json: bool,
 ) -> int:
-    """Measure WHAT: peers (default), step, ensemble, drift, store, sweeps (fast top), bodies, all.
+    """Measure WHAT: peers (default), step, ensemble, drift, store, sweeps (fast top), bodies,
+    events, all.
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
     bodies, and the chain of 8 and a four-bar beside exudyn, 1 s of motion. store: what streaming
     a run to a store adds, beside what the disk takes. sweeps: what a sweep
     costs beside its bare kernel, with steps, cells, stored states, threads and Dask workers.
+    events: a pendulum through the bottom and the fast top's height, with states between steps,
+    beside heyoka and SciPy.
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
     optional: pip install "gyrospark[bench]" brings those that are on PyPI. For steady numbers pin
@@ -91,6 +95,7 @@ def bench(
     gyrospark bench bodies --rounds 3 --out bench
     gyrospark bench store --rounds 5
     gyrospark bench sweeps --out bench
+    gyrospark bench events --peers gyrospark,heyoka
     """
     if what not in (*_WHAT, "all"):
         raise unknown("benchmark", what, [*_WHAT, "all"])
@@ -224,10 +229,19 @@ def _measure_sweeps(choice: _Choice, watch: Callable[[str], None]) -> Sequence[S
     return compare_sweeps(cases, schemes, choice.rounds, watch)
 
 
+def _measure_events(choice: _Choice, watch: Callable[[str], None]) -> Sequence[EventRow]:
+    from ..benchmarks.events import FastTop, Pendulum, compare_events
+
+    cases = Pendulum(20 if choice.quick else 1000), FastTop(choice.t_end or (
+        1.0 if choice.quick else 10.0))
+    return compare_events(cases, choice.peers, choice.rounds, choice.limits(1.0).least, watch)
+
+
 _MEASURE: dict[str, Callable[[_Choice, Callable[[str], None]], Sequence[Any]]] = {
     "peers": _measure_peers, "step": _measure_step, "ensemble": _measure_ensemble,
     "drift": _measure_drift, "growth": _measure_growth, "bodies": _measure_bodies,
     "store": _measure_store, "sweeps": _measure_sweeps,
+    "events": _measure_events,
 }
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ..benchmarks.contest import Row
     from ..benchmarks.drift import Course
     from ..benchmarks.ensembles import EnsembleRow
+    from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
     from ..benchmarks.steps import Cell
     from ..benchmarks.storing import StoreRow
@@ -185,11 +186,29 @@ def _print_sweeps(rows: Sequence[SweepRow]) -> None:
     _show(grid)
 
 
+def _print_events(rows: Sequence[EventRow]) -> None:
+    if not rows:
+        click.echo("Only gyrospark, heyoka and scipy have events.")
+        return
+    grid = _grid("Events and 1000 states between steps; errors of times relative, of angles in "
+                 "rad, of mass centres in m", ["case", "program", "setting"],
+                 ["run ms", "with event", "with states", "found", "times", "states"])
+    for row in rows:
+        costs = [row.median(what) for what in ("alone", "events", "dense")]
+        grid.add_row(row.case, f"{row.peer} {row.version}".strip(),
+                     row.setting + (f"\n{row.note}" if row.note else ""),
+                     *(_number(x and x * 1e3, "{:,.3g}") for x in costs),
+                     _number(row.found, "{:,}"), _number(row.time_error, "{:.0e}"),
+                     _number(row.dense_error, "{:.0e}"))
+    _show(grid)
+
+
 #: Name of a result → what prints it.
 PRINT: dict[str, Callable[[Any], None]] = {
     "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
     "drift": _print_drift, "growth": _print_growth, "bodies": _print_bodies,
     "store": _print_store, "sweeps": _print_sweeps,
+    "events": _print_events,
 }
 
 

@@ -232,6 +232,16 @@ void heavy_top_gl3_gamma_hamiltonian(const heavy_top_gl3_gamma_parameters *param
     const double *q,
     const double *p, double *H);
 
+/*
+ * Whether a value comes no further from its level than it moves in the steps on either side of a
+ * state: in no other steps does it change its sign. Of `count` states rows[0] and rows[1] are the
+ * first and the last behind such a state. Values are coordinates, momenta and quantities, numbered
+ * in this order; `last` has two numbers for each, of the states before, NaN at first.
+ */
+int heavy_top_gl3_gamma_near(const heavy_top_gl3_gamma_parameters *parameters, long count,
+    const double *q, const double *p, long events, const int *values, const double *levels,
+    double *last, long rows[2]);
+
 /* Defects of `count` states: g(q), and f(q, p) with f = p0*q0 + p1*q1 + p2*q2 + p3*q3. */
 void heavy_top_gl3_gamma_defects(const heavy_top_gl3_gamma_parameters *parameters, long count,
     const double *q,

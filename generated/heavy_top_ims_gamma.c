@@ -2949,3 +2949,48 @@ void heavy_top_ims_gamma_integrate_lanes(int count, const parameters_t *paramete
     integrate_lanes(count, parameters, options, dt, steps, every, rows, q, p, out, reports,
         status, batch, work);
 }
+
+/* States whose quantities are evaluated together. */
+enum { TOGETHER = 32 };
+
+/*
+ * Of a row of values, a stride apart, that come behind one which is near a level: no further from
+ * it than it moves in the steps before and behind. The first and the last go to `rows`, unless
+ * others are; `last` is the value before the first, less the level, and how far it moved.
+ */
+static void come_near(long from, long count, const real *values, long stride, real level,
+    real last[2], long rows[2])
+{
+    const real rounded = 2*epsilon*fabs(level);
+    real before = last[0], moved = last[1];
+    for (long i = 0; i < count; ++i) {
+        const real now = values[i*stride] - level, moves = fabs(now - before);
+        if (!(fabs(before) > moved + moves + rounded)) {
+            if (rows[0] < 0 || from + i < rows[0])
+                rows[0] = from + i;
+            if (from + i > rows[1])
+                rows[1] = from + i;
+        }
+        before = now;
+        moved = moves;
+    }
+    last[0] = before;
+    last[1] = moved;
+}
+
+int heavy_top_ims_gamma_near(const parameters_t *parameters, long count,
+    const real *q, const real *p, long events, const int *values,
+    const real *levels, real *last, long rows[2])
+{
+    rows[0] = rows[1] = -1;
+    (void)parameters;
+    for (long i = 0; i < count; i += TOGETHER) {
+        const long some = count - i < TOGETHER ? count - i : TOGETHER;
+        for (long e = 0; e < events; ++e) {
+            const real *value = values[e] < N ? q + i*N + values[e] : p + i*N + values[e] - N;
+            long stride = N;
+            come_near(i, some, value, stride, levels[e], last + 2*e, rows);
+        }
+    }
+    return rows[0] >= 0;
+}

@@ -15,6 +15,7 @@ from gyrospark.benchmarks import (
     contest,
     drift,
     ensembles,
+    events,
     growth,
     linkages,
     peers,
@@ -437,6 +438,41 @@ def bench(monkeypatch, capsys, tmp_path):
     return caller
 
 
+def test_events_beside_others(monkeypatch):
+    """Each program finds them where they are; one that is missing says so in its row."""
+    monkeypatch.setitem(sys.modules, "heyoka", None)
+    peers_ = ["gyrospark", "heyoka"] + ["scipy"] * bool(importlib.util.find_spec("scipy"))
+    rows = events.compare_events([events.Pendulum(6)], peers_, 1, 1e-4)
+    assert [row.peer for row in rows][:3] == ["gyrospark", "gyrospark", "heyoka"]
+    for row in rows:
+        if row.peer == "heyoka":
+            assert row.note == "not installed (pip install heyoka)"
+            assert not row.failed
+            assert row.median("events") is None
+            continue
+        assert row.found == 6
+        assert row.time_error < 1e-10
+        assert row.dense_error < 1e-9
+        assert all(row.median(what) > 0 for what in ("alone", "events", "dense"))
+
+
+def test_events_of_heyoka_are_those_of_the_pendulum():
+    pytest.importorskip("heyoka")
+    row, = events.compare_events([events.Pendulum(6)], ["heyoka"], 1, 1e-4)
+    assert (row.found, row.note) == (6, "")
+    assert max(row.time_error, row.dense_error) < 1e-13
+
+
+def test_events_of_the_top():
+    """Against long double: the height falls through its level as often, at the same times."""
+    top = events.FastTop(0.5)
+    job = top.ours()["G-L s=4 Δt=0.005"]()
+    times = job.events()
+    assert len(times) > 2
+    assert max(top.errors(times, job.dense())) < 1e-9
+    assert top.errors(times[1:], job.dense())[0] == float("inf")
+
+
 def test_command_prints_a_table(bench):
     code, out, _ = bench("--quick", "--peers", "gyrospark", "--rounds", "1")
     assert code == 0
@@ -464,7 +500,7 @@ def test_command_does_all(bench, tmp_path):
     assert code == 0
     document = json.loads(out)
     assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
-                               "growth_laws", "store", "sweeps"}
+                               "growth_laws", "store", "sweeps", "events"}
     for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png"):
         assert is_picture(tmp_path / "new/bench" / picture)
 
@@ -472,7 +508,7 @@ def test_command_does_all(bench, tmp_path):
 @pytest.mark.parametrize(("arguments", "message"), [
     (["nonsense"],
      "Unknown benchmark 'nonsense'; choose peers, step, ensemble, drift, bodies, store, "
-     "sweeps or all."),
+     "sweeps, events or all."),
     (["--peers", "gyrospark,matlab"], "Unknown peer 'matlab'; choose gyrospark, "),
     (["--t-end", "3"], "There is no reference at t = 3 s; choose --t-end 1, 10, 100 or 1000."),
     (["--t-end", "soon"], "--t-end 'soon' is not a number"),

@@ -14,7 +14,7 @@ from ..tops import INERTIA, MGL, Array, State, euler_equations, state_of, tops
 from .entry import Entry, Run
 from .optional import Unavailable, need, version
 
-__all__ = ["PACKAGE", "entries"]
+__all__ = ["PACKAGE", "entries", "right_hand_side"]
 
 PACKAGE = "scipy"
 
@@ -28,7 +28,7 @@ def entries() -> list[Entry]:
 
 def _prepare(tol: float) -> Run:
     integrate = need("scipy.integrate", "scipy")
-    rhs = _right_hand_side()
+    rhs = right_hand_side()
     start = state_of(tops()[0])
     initial = np.concatenate([start.q, start.omega])
 
@@ -40,7 +40,8 @@ def _prepare(tol: float) -> Run:
     return run
 
 
-def _right_hand_side() -> Any:
+def right_hand_side() -> Any:
+    """Return Euler's equations as SciPy calls them."""
     constants = (*INERTIA, MGL)
     try:
         equations = need("numba").njit(euler_equations)

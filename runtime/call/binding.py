@@ -113,10 +113,26 @@ class Binding(Compiled):
         """Return the user's quantities of each row of q and p, a column each."""
         values = self.new(len(q), len(self.quantity_names))
         if self.quantity_names:
-            times = [self.pointer(t)] if self._quantities_take_time else []
+            times = [self.pointer(t)] if self.quantities_take_time else []
             self.function("quantities")(parameters, len(q), *times, self.pointer(q),
                                         self.pointer(p), self.pointer(values))
         return values
+
+    def near(
+        self, parameters: Any, t: Array, q: Array, p: Array, values: Array, levels: Array,
+        last: Array,
+    ) -> tuple[int, int] | None:
+        """Return the first and the last of rows of states behind one near a level, or None.
+
+        ``values`` numbers coordinates, momenta and quantities; ``last`` is for each what it was at
+        the states before, NaN at first.
+        """
+        times = [self.pointer(t)] if self.quantities_take_time else []
+        rows = self.ffi.new("long[2]")
+        found = self.function("near")(
+            parameters, len(q), *times, self.pointer(q), self.pointer(p), len(values),
+            self.ffi.from_buffer("int[]", values), self.pointer(levels), self.pointer(last), rows)
+        return (rows[0], rows[1]) if found else None
 
     def hamiltonian(self, parameters: Any, q: Array, p: Array, t: Array | None = None) -> Array:
         """Return H of each row of q and p, at the times t; by default that of the parameters."""

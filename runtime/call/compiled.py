@@ -52,7 +52,7 @@ class Compiled:
         #: Whether H or g has t, so that what is asked of a state is asked at a time.
         self.is_timed = bool(system.get("time_in_H_or_g"))
         self.quantity_names = list(system.get("quantities", ()))
-        self._quantities_take_time = bool(system.get("quantities_take_time"))
+        self.quantities_take_time = bool(system.get("quantities_take_time"))
         self.unknowns = int(manifest["scheme"]["unknowns"])
         self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
         #: Whether the unknowns are increments of the state, and residuals are rates.

@@ -1,16 +1,18 @@
 """The states of a run, looked at step by step: where an event's value changes its sign.
 
-Compiled code steps and evaluates the quantities, a piece of the run at a time; what is kept of a
-piece are the brackets, steps between whose ends a value has two signs. A value that comes near its
-level and turns may cross it twice within one step: where the parabola through three neighbours
-says that it might, the step is kept as one to look into. What turns within a step without a sign
-of it at the steps cannot be seen.
+Compiled code steps, a piece of the run at a time, evaluates the quantities and says between which
+states one of them comes no further from its level than it moves in a step or two; only these are
+looked at here. What is kept of them are the brackets, steps between whose ends a value has two
+signs. A value that comes near its level and turns may cross it twice within one step: where the
+parabola through three neighbours says that it might, the step is kept as one to look into. What
+turns within a step without a sign of it at the steps cannot be seen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -52,16 +54,54 @@ class Levels:
                    np.array([as_real("level", one.level, binding.number) for one in events],
                             number))
 
-    def values(self, parameters: Any, t: Array, q: Array, p: Array) -> Array:
-        """Return the values of rows of states, a column an event."""
-        quantities = (self.binding.quantities(parameters, t.astype(self.binding.dtype), q, p)
-                      if any(of == "" for of, _ in self.columns) else q)
+    def values(self, parameters: Any, t: Array | None, q: Array, p: Array) -> Array:
+        """Return the values of rows of states, a column an event; with times where ``timed``."""
+        quantities = (self.binding.quantities(parameters, self._times(t), q, p)
+                      if self._of_quantities else q)
         parts = {"": quantities, "q": q, "p": p}
         found = np.empty((len(q), len(self.events)), self.binding.number_type)
         for i, (of, column) in enumerate(self.columns):
             found[:, i] = parts[of][:, column]
         values: Array = found - self.levels
         return values
+
+    def near(
+        self, parameters: Any, t: Array | None, q: Array, p: Array, last: Array
+    ) -> tuple[int, int] | None:
+        """Return the first and the last of rows of states behind one that is near its level.
+
+        None where none is. ``last`` is what was before, of ``no_past`` at first.
+        """
+        return self.binding.near(parameters, self._times(t), q, p, self._numbered, self._rounded,
+                                 last)
+
+    @property
+    def no_past(self) -> Array:
+        """What ``near`` knows of the states before the first."""
+        return self.binding.converted(np.full(2 * len(self.events), np.nan))
+
+    @property
+    def timed(self) -> bool:
+        """Whether the values depend on the times of the states."""
+        return self._of_quantities and self.binding.quantities_take_time
+
+    @property
+    def _of_quantities(self) -> bool:
+        return any(of == "" for of, _ in self.columns)
+
+    @cached_property
+    def _numbered(self) -> Array:
+        n = self.binding.n
+        return np.array([column + {"q": 0, "p": n, "": 2 * n}[of] for of, column in self.columns],
+                        np.intc)
+
+    @cached_property
+    def _rounded(self) -> Array:
+        return self.levels.astype(self.binding.dtype)
+
+    def _times(self, t: Array | None) -> Array:
+        """Return times in the stepper's type, where they matter."""
+        return self.levels if t is None else t.astype(self.binding.dtype)
 
 
 @dataclass
@@ -90,17 +130,6 @@ class Brackets:
         """Return some of them."""
         return Brackets(self.event[chosen], self.step[chosen], self.q[chosen], self.p[chosen],
                         self.before[chosen], self.after[chosen], self.turning[chosen])
-
-
-def _far(values: Array) -> bool:
-    """Whether every value stays so far from 0 that a look at no step pays.
-
-    Twice as far as it moves in a step: the parabola of ``_turning`` takes off less, so that what is
-    found does not depend on which steps are looked at together.
-    """
-    low, high = values.min(axis=0), values.max(axis=0)
-    reach = 2 * abs(np.diff(values, axis=0)).max(axis=0)
-    return bool(((low > reach) | (-high > reach)).all())
 
 
 def _turning(values: Array, start: int, end: int) -> tuple[Array, Array]:
@@ -134,39 +163,61 @@ class Watch:
 
     def __init__(self, levels: Levels, parameters: Any, t0: Any, dt: Any) -> None:
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
-        self._tail: tuple[Array, Array, Array] | None = None
+        self._tail: tuple[Array, Array] | None = None
         self._done = 0
+        #: What the values were at the last two states, and whether these may be near their levels.
+        self._last = levels.no_past
+        self._near = False
         self._parts: list[Brackets] = []
         #: Whose turning in the last step is noted already, though a neighbour may still come.
         self._closed = np.zeros(len(levels.events), bool)
         #: The step within which a terminal event happens; None as long as there is none.
         self.ends_in: int | None = None
+        #: Where whoever takes the steps keeps states that are not stored.
+        self.room: Any = None
         self.terminal = any(one.terminal for one in levels.events)
         self._wanted = np.array([one.direction for one in levels.events])
         self._ending = np.array([one.terminal for one in levels.events])
 
+    def _times(self, done: int, q: Array) -> Array | None:
+        if not self._levels.timed:
+            return None
+        return self._levels.binding.times(self._t0, self._dt, np.arange(done, done + len(q)))
+
     def _values(self, done: int, q: Array, p: Array) -> Array:
-        t = self._levels.binding.times(self._t0, self._dt, np.arange(done, done + len(q)))
-        return self._levels.values(self._parameters, t, q, p)
+        return self._levels.values(self._parameters, self._times(done, q), q, p)
 
     def look(self, done: int, q: Array, p: Array) -> None:
-        """Look at the states after ``done``, ``done`` + 1, … steps; the first was seen before."""
-        values, first = self._values(done, q, p), 0
-        if self._tail is not None:
-            old = self._tail
-            first = len(old[0]) - 1
-            q, p, values = (np.concatenate([kept[:-1], new])
-                            for kept, new in zip(old, (q, p, values), strict=True))
-            done -= first
-        if len(values) > 1 and not _far(values):
-            self._crossings(done, first, q, p, values)
-            if self.ends_in is not None:  # what comes behind is none of the run's
-                q, p, values = (part[: self.ends_in - done + 2] for part in (q, p, values))
-            self._turnings(done, first, q, p, values)
-        if len(values) > first + 1:
-            self._closed[:] = False
-        self._done = done + len(values) - 1
-        self._tail = q[-_TAIL:].copy(), p[-_TAIL:].copy(), values[-_TAIL:].copy()
+        """Look at the states after ``done``, ``done`` + 1, … steps; the first was perhaps seen."""
+        if self._tail is not None and done == self._done:
+            done, q, p = done + 1, q[1:], p[1:]
+        if not len(q):
+            return
+        near = self._levels.near(self._parameters, self._times(done, q), q, p, self._last)
+        old_q, old_p = self._tail or (q[:0], p[:0])
+        old, (low, high) = len(old_q), near or (0, 0)
+        self._done = done + len(q) - 1
+        self._tail = (np.concatenate([old_q, q[-_TAIL:]])[-_TAIL:],
+                      np.concatenate([old_p, p[-_TAIL:]])[-_TAIL:])
+        if near or self._near:
+            start = 0 if self._near else max(old + low - _TAIL - 1, 0)
+            new = slice(max(start - old, 0), high + _TAIL + 1)
+            self._look_at(done - old + start, max(old - 1 - start, 0),
+                          np.concatenate([old_q[start:], q[new]]),
+                          np.concatenate([old_p[start:], p[new]]))
+        self._closed[:] = False
+        self._near = near is not None and high >= len(q) - _TAIL
+
+    def _look_at(self, done: int, first: int, q: Array, p: Array) -> None:
+        """Note what happens in some steps, from row ``first`` on, between states near a level."""
+        values = self._values(done, q, p)
+        if len(values) < 2:
+            return
+        self._crossings(done, first, q, p, values)
+        if self.ends_in is not None:  # what comes behind is none of the run's
+            q, p, values = (part[: self.ends_in - done + 2] for part in (q, p, values))
+            self._done, self._tail = self.ends_in + 1, (q[-_TAIL:], p[-_TAIL:])
+        self._turnings(done, first, q, p, values)
 
     def _crossings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
         """Note the steps from row ``first`` on in which a value changes its sign."""
@@ -206,8 +257,9 @@ class Watch:
         """
         if self._tail is None:
             return
-        q, p, values = self._tail
-        last = len(values) - 1
+        q, p = self._tail
+        last = len(q) - 1
+        values = self._values(self._done - last, q, p)
         seen = values if ahead is None else np.concatenate(
             [values, self._values(self._done + 1, *ahead)])
         row, event = _turning(seen, max(last - 1, 0), last)

@@ -150,8 +150,7 @@ class Course:
             if steps <= 0:
                 continue
             watch.look(done, seen.q[i, : steps + 1], seen.p[i, : steps + 1])
-            own = Rows(seen.q[i], seen.p[i], seen.multipliers[i, 1:], seen.iterations[i, 1:],
-                       seen.work[i])
+            own = tuple(part[i, 1:] for part in vars(seen).values())
             thin(own, steps, every, tuple(array[i, row:] for array in out))
 
 

@@ -29,6 +29,8 @@ Array = NDArray[Any]
 
 #: Steps between two looks at the progress bar and at signals: at first, at most.
 FIRST_STEPS, _CHUNK = 16, 4096
+#: The same, where what is seen between is looked at: that takes a while for a piece.
+_WATCHED = 2**14
 #: Seconds between two looks, where a step does not take longer.
 _LOOK = 0.1
 
@@ -129,8 +131,9 @@ class Pace:
     Seconds of this thread, not of the clock: a machine that is busy elsewhere changes nothing.
     """
 
-    def __init__(self) -> None:
-        self.most = min(FIRST_STEPS, _CHUNK)
+    def __init__(self, largest: int | None = None) -> None:
+        self._largest = largest or _CHUNK
+        self.most = min(FIRST_STEPS, self._largest)
         self._began = time.thread_time()
 
     def begin(self) -> int:
@@ -144,7 +147,7 @@ class Pace:
         if seconds > _LOOK:
             self.most = max(1, int(steps * _LOOK / seconds))
         elif steps >= self.most and seconds < _LOOK / 2:
-            self.most = min(2 * self.most, _CHUNK)
+            self.most = min(2 * self.most, self._largest)
 
 
 def integrate(
@@ -205,7 +208,7 @@ def fill(
     Returns the status.
     """
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
-    pace = Pace()
+    pace = Pace(None if run.watch is None else _WATCHED)
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     step_on = advance if run.watch is None else advance_watched
     ended = run.watch is not None and run.watch.ends_in is not None
@@ -252,33 +255,42 @@ def advance_watched(
     """
     watch = run.watch
     assert watch is not None
-    begun, seen = int(report.steps), Rows.room(binding, steps)
-    seen.q[0], seen.p[0] = q, p
+    begun, start = int(report.steps), (q.copy(), p.copy())
     images = [binding.image(struct) for struct in (report, work)] if watch.terminal else []
     before = [image.copy() for image in images]
-    status = advance(binding, run, parameters, steps, 1, q, p, seen.after(0), report, work)
+    seen = out if every == 1 else _room(binding, watch, steps)
+    status = advance(binding, run, parameters, steps, 1, q, p, seen, report, work)
     done = int(report.steps) - begun
-    watch.look(begun, seen.q[: done + 1], seen.p[: done + 1])
+    watch.look(begun, start[0][None], start[1][None])
+    watch.look(begun + 1, seen[0][:done], seen[1][:done])
     if watch.ends_in is not None:
         status, done = 0, watch.ends_in - begun
-        q[:], p[:] = seen.q[0], seen.p[0]
+        q[:], p[:] = start
         for image, kept in zip(images, before, strict=True):
             image[:] = kept
         if done:
-            advance(binding, run, parameters, done, done + 1, q, p, seen.after(0), report, work)
-    thin(seen, done, every, out)
+            advance(binding, run, parameters, done, done + 1, q, p, seen, report, work)
+    if every > 1:
+        thin(seen, done, every, out)
     return status
 
 
-def thin(seen: Rows, done: int, every: int, out: tuple[Array, ...]) -> None:
-    """Store every ``every``-th of the states that were seen."""
-    rows = slice(every, done + 1, every)
-    of_steps = slice(every - 1, done, every)
+def _room(binding: Binding, watch: Watch, steps: int) -> tuple[Array, ...]:
+    """Return room for the states of so many steps: that of the piece before, if it is enough."""
+    if watch.room is None or len(watch.room.iterations) < steps:
+        watch.room = Rows.room(binding, steps)
+    room: Rows = watch.room
+    return room.after(0)
+
+
+def thin(seen: tuple[Array, ...], done: int, every: int, out: tuple[Array, ...]) -> None:
+    """Store every ``every``-th of the states that were seen, ``done`` of them."""
     count = done // every
-    most = seen.iterations[: count * every].reshape(count, every).max(axis=1, initial=0)
-    values = (seen.q[rows], seen.p[rows], seen.multipliers[of_steps], most, seen.work[rows])
-    for part, found in zip(out, values, strict=True):
-        part[:count] = found
+    if not count:
+        return
+    most = seen[3][: count * every].reshape(count, every).max(axis=1)
+    for part, found in zip(out, (*seen[:3], None, seen[4]), strict=True):
+        part[:count] = most if found is None else found[every - 1 : done : every]
 
 
 def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple[int, int]:

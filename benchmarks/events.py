@@ -1,0 +1,342 @@
+"""Events and states between steps, beside heyoka and SciPy: cost and error of each.
+
+    pendulum    let go at 1 rad, g = l = 1: through the bottom at odd multiples of a quarter of its
+                period 4 K(sin² ½), at the angle 2 asin(k cd(t, k²)) in between
+    fast top    its height over the middle of its range; where it is, by long double and 8 stages
+
+A run alone, with the event, and with states at random times: CPU time, contestants in turn,
+medians. Every program has its own state at these times, heyoka its dense output.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import mpmath
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ..errors import GyrosparkError
+from ..event import Event
+from ..facade import stepper
+from ..generator.bodies import symbols
+from ..generator.bodies.rigid_body import body_system, gravity_potential, mgl
+from ..generator.systems.system import System
+from ..runtime.output.trajectory import Trajectory
+from .peers import heyoka_taylor, scipy_dop853
+from .peers.optional import Unavailable, need, version
+from .timing import Sample, alternate, repeated
+from .tops import LEVER, axis, parameters, state_of, tops
+
+__all__ = ["PEERS", "EventRow", "FastTop", "Pendulum", "compare_events"]
+
+Array = NDArray[Any]
+
+#: Programs with events and states between steps.
+PEERS = ("gyrospark", "heyoka", "scipy")
+#: Seed of the times between steps, and how many they are.
+_SEED, _TIMES = 20250101, 1000
+#: Bits of what is computed by mpmath.
+_BITS = 120
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run of one program: alone, for the times of its event, for positions at some times."""
+
+    alone: Callable[[], object]
+    events: Callable[[], Array]
+    dense: Callable[[], Array]
+
+
+@dataclass(frozen=True)
+class EventRow:
+    """What was found of one program and setting; numbers are None where there is none.
+
+    Attributes
+    ----------
+    alone, events, dense
+        CPU seconds of each round: the run, the run with its event, the run and the states.
+    found
+        How often the event happened.
+    time_error
+        Largest error of these times, relative to them.
+    dense_error
+        Largest error of the states: the angle in rad, the mass centre in m.
+    """
+
+    case: str
+    peer: str
+    version: str
+    setting: str
+    alone: tuple[float, ...] = ()
+    events: tuple[float, ...] = ()
+    dense: tuple[float, ...] = ()
+    found: int | None = None
+    time_error: float | None = None
+    dense_error: float | None = None
+    note: str = ""
+    failed: bool = False
+
+    def median(self, what: str) -> float | None:
+        """Return the median seconds of "alone", "events" or "dense"."""
+        seconds: tuple[float, ...] = getattr(self, what)
+        return Sample(seconds).median if seconds else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what JSON holds of it."""
+        return asdict(self)
+
+
+class Pendulum:
+    """A pendulum with g = l = 1, let go at rest at 1 rad."""
+
+    name = "pendulum"
+    angle = 1.0
+
+    def __init__(self, passages: int) -> None:
+        self.passages = passages
+        with mpmath.workprec(_BITS):
+            self._m = mpmath.sin(mpmath.mpf(self.angle) / 2) ** 2
+            self._quarter = mpmath.ellipk(self._m)
+        self.t_end = float(self._quarter * 2 * passages)
+        self.times = np.sort(np.random.default_rng(_SEED).uniform(0, self.t_end, _TIMES))
+
+    @cached_property
+    def crossings(self) -> Array:
+        """When it goes through the bottom."""
+        with mpmath.workprec(_BITS):
+            return np.array([float(self._quarter * (2 * k + 1)) for k in range(self.passages)])
+
+    @cached_property
+    def positions(self) -> Array:
+        """The angle at the times."""
+        with mpmath.workprec(_BITS):
+            k = mpmath.sqrt(self._m)
+            return np.array([float(2 * mpmath.asin(k * mpmath.ellipfun("cd", mpmath.mpf(t),
+                                                                       m=self._m)))
+                             for t in self.times.tolist()])
+
+    def errors(self, times: Array, positions: Array) -> tuple[float, float]:
+        """Return the largest relative error of times, and the largest error of angles."""
+        return _worst(times, self.crossings), float(abs(positions - self.positions).max())
+
+    def ours(self) -> dict[str, Callable[[], Job]]:
+        """Return our settings: the point on its circle in the plane."""
+        return {f"G-L s={stages} Δt={dt:g}": partial(self._our_job, stages, dt)
+                for stages, dt in ((5, 0.05), (8, 0.2))}
+
+    def _our_job(self, stages: int, dt: float) -> Job:
+        x, y, u, v, g = sp.symbols("x y u v g")
+        step = stepper("G-L", stages, system=System(
+            (x, y), (u, v), (g,), (u**2 + v**2) / 2 + g * y, (x**2 + y**2 - 1,), name="pendulum"))
+        q, p = [np.sin(self.angle), -np.cos(self.angle)], [0.0, 0.0]
+        return _our_job(step, q, p, dt, self.t_end, {"g": 1.0}, Event("x"), self.times,
+                        lambda q: np.arctan2(q[:, 0], -q[:, 1]))
+
+    def heyoka(self) -> Job:
+        """Return the run of heyoka: θ' = ω, ω' = −sin θ."""
+        heyoka = need("heyoka")
+        angle, rate = heyoka.make_vars("angle", "rate")
+        return _heyoka_job([(angle, rate), (rate, -heyoka.sin(angle))], [self.angle, 0.0], angle, 0,
+                           self.t_end, self.times, lambda x: x[:, 0])
+
+    def scipy(self) -> Job:
+        """Return the run of SciPy, of the same equations."""
+        return _scipy_job(lambda t, x: (x[1], -np.sin(x[0])), [self.angle, 0.0],
+                          lambda t, x: x[0], 0, self.t_end, self.times, lambda x: x[0])
+
+
+class FastTop:
+    """The paper's top (80): its mass centre falls through the middle of its range of heights."""
+
+    name = "fast top"
+
+    def __init__(self, t_end: float) -> None:
+        self.t_end = t_end
+        self.times = np.sort(np.random.default_rng(_SEED).uniform(0, t_end, _TIMES))
+
+    @cached_property
+    def _reference(self) -> tuple[float, Array, Array]:
+        step = self._stepper(8, "long-double")
+        top = tops()[0]
+        q, p = step.project(top.q, top.p, parameters=parameters())
+        run: dict[str, Any] = {"dt": 1e-2, "steps": round(self.t_end / 1e-2),
+                               "parameters": parameters()}
+        heights = step.integrate(q, p, **run).quantity("height").astype(float)
+        level = float((heights.min() + heights.max()) / 2)
+        found = step.integrate(q, p, **run, events=Event("height", level, -1))
+        between = step.at(found, self.times)
+        return level, found.events["height"].t.astype(float), LEVER * axis(between.q).astype(float)
+
+    @staticmethod
+    def _stepper(stages: int, real: Any = "double") -> Any:
+        height = LEVER * symbols.R[2, 2]
+        return stepper("G-L", stages, real=real, system=body_system(
+            "watched_top", "gamma", gravity_potential(), (mgl,),
+            quantities={"height": height}))
+
+    def errors(self, times: Array, positions: Array) -> tuple[float, float]:
+        """Return the largest relative error of times, and how far mass centres are off."""
+        _, crossings, centres = self._reference
+        apart = np.linalg.norm(LEVER * axis(positions) - centres, axis=1)
+        return _worst(times, crossings), float(apart.max())
+
+    def ours(self) -> dict[str, Callable[[], Job]]:
+        """Return our settings."""
+        return {f"G-L s={stages} Δt={dt:g}": partial(self._our_job, stages, dt)
+                for stages, dt in ((4, 5e-3), (8, 2e-2))}
+
+    def _our_job(self, stages: int, dt: float) -> Job:
+        top = tops()[0]
+        return _our_job(self._stepper(stages), top.q, top.p, dt, self.t_end, parameters(),
+                        Event("height", self._reference[0], -1), self.times, lambda q: q)
+
+    def heyoka(self) -> Job:
+        """Return the run of heyoka, by Euler's equations."""
+        equations = heyoka_taylor.equations()
+        q0, q1, q2, q3 = (variable for variable, _ in equations[:4])
+        height = LEVER * (q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3) - self._reference[0]
+        return _heyoka_job(equations, self._start, height, -1, self.t_end, self.times,
+                           lambda x: x[:, :4])
+
+    def scipy(self) -> Job:
+        """Return the run of SciPy, by the same equations."""
+        level = self._reference[0]
+        right = scipy_dop853.right_hand_side()
+
+        def height(t: float, x: Array) -> Any:
+            return LEVER * axis(x[:4])[2] - level
+
+        return _scipy_job(right, self._start, height, -1, self.t_end, self.times,
+                          lambda x: x[:4].T)
+
+    @property
+    def _start(self) -> Array:
+        start = state_of(tops()[0])
+        return np.concatenate([start.q, start.omega])
+
+
+def _worst(times: Array, exact: Array) -> float:
+    """Return the largest relative error; infinite where some are missing or too many."""
+    return float(abs(times / exact - 1).max()) if len(times) == len(exact) else float("inf")
+
+
+def _our_job(
+    step: Any, q: Any, p: Any, dt: float, t_end: float, values: dict[str, float], event: Event,
+    times: Array, position: Callable[[Array], Array],
+) -> Job:
+    steps = int(np.ceil(t_end / dt))
+    run: dict[str, Any] = {"dt": dt, "steps": steps, "parameters": values}
+
+    def events() -> Array:
+        found: Trajectory = step.integrate(q, p, **run, every=steps, events=event)
+        t: Array = found.events[event.name].t
+        return t[t <= t_end]
+
+    return Job(lambda: step.integrate(q, p, **run, every=steps), events,
+               lambda: position(step.integrate(q, p, **run, t_eval=times).q))
+
+
+def _heyoka_job(
+    equations: Any, start: Any, value: Any, direction: int, t_end: float, times: Array,
+    position: Callable[[Array], Array],
+) -> Job:
+    heyoka = need("heyoka")
+    found: list[float] = []
+    way = {0: heyoka.event_direction.any, -1: heyoka.event_direction.negative}[direction]
+    plain = heyoka.taylor_adaptive(equations, list(start))
+    watched = heyoka.taylor_adaptive(equations, list(start), nt_events=[heyoka.nt_event(
+        value, lambda motion, t, sign: found.append(t), direction=way)])
+
+    def run(motion: Any, **options: Any) -> Any:
+        motion.time = 0.0
+        motion.state[:] = start
+        return motion.propagate_until(t_end, **options)
+
+    def events() -> Array:
+        found.clear()
+        run(watched)
+        return np.array(found)
+
+    def dense() -> Array:
+        output = next(part for part in run(plain, c_output=True) if callable(part))
+        return position(output(times))
+
+    return Job(lambda: run(plain), events, dense)
+
+
+def _scipy_job(
+    right: Any, start: Any, value: Callable[[float, Array], Any], direction: int, t_end: float,
+    times: Array, position: Callable[[Array], Array],
+) -> Job:
+    solve = need("scipy.integrate", "scipy").solve_ivp
+
+    def run(**options: Any) -> Any:
+        return solve(right, (0.0, t_end), start, method="DOP853", rtol=1e-12, atol=1e-12,
+                     **options)
+
+    def event(t: float, x: Array) -> Any:
+        return value(t, x)
+
+    event.direction = direction  # type: ignore[attr-defined]  # SciPy's way to say so
+    return Job(run, lambda: run(events=event).t_events[0],
+               lambda: position(run(t_eval=times).y))
+
+
+def compare_events(
+    cases: Sequence[Pendulum | FastTop], peers: Sequence[str], rounds: int, least: float,
+    watch: Callable[[str], None] = lambda name: None,
+) -> list[EventRow]:
+    """Return a row for each case, program and setting; those of a case take turns."""
+    rows = []
+    for case in cases:
+        makers: dict[tuple[str, str], Callable[[], Job]] = {}
+        if "gyrospark" in peers:
+            makers |= {("gyrospark", name): make for name, make in case.ours().items()}
+        if "heyoka" in peers:
+            makers["heyoka", "default"] = case.heyoka
+        if "scipy" in peers:
+            makers["scipy", "DOP853 tol 1e-12"] = case.scipy
+        rows += _rows_of(case, makers, rounds, least, watch)
+    return rows
+
+
+def _rows_of(
+    case: Pendulum | FastTop, makers: dict[tuple[str, str], Callable[[], Job]], rounds: int,
+    least: float, watch: Callable[[str], None],
+) -> list[EventRow]:
+    found: dict[tuple[str, str], EventRow] = {}
+    jobs: dict[str, Callable[[], object]] = {}
+    often: dict[str, int] = {}
+    for (peer, setting), make in makers.items():
+        watch(f"{case.name}: {peer} {setting}")
+        row = EventRow(case.name, peer, version(peer), setting)
+        try:
+            job = make()
+            times = job.events()
+            time_error, dense_error = case.errors(times, job.dense())
+        except (Unavailable, GyrosparkError) as error:
+            found[peer, setting] = replace(row, note=str(error),
+                                           failed=not isinstance(error, Unavailable))
+            continue
+        found[peer, setting] = replace(row, found=len(times), time_error=time_error,
+                                       dense_error=dense_error)
+        for what in ("alone", "events", "dense"):
+            name = f"{peer} {setting} {what}"
+            jobs[name], often[name] = repeated(getattr(job, what), least)
+    watch(f"{case.name}: all in turn")
+    samples = alternate(jobs, rounds)
+    return [_timed(row, samples, often) for row in found.values()]
+
+
+def _timed(row: EventRow, samples: dict[str, Sample], often: dict[str, int]) -> EventRow:
+    names = {what: f"{row.peer} {row.setting} {what}" for what in ("alone", "events", "dense")}
+    if names["alone"] not in samples:
+        return row
+    timed = {what: samples[name].per(often[name]).seconds for what, name in names.items()}
+    return EventRow(**asdict(row) | timed)
