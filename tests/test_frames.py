@@ -7,6 +7,7 @@ closed forms, the same motion without a frame by a method of more stages, mpmath
 from __future__ import annotations
 
 import json
+import re
 from fractions import Fraction
 from functools import cache
 
@@ -99,6 +100,19 @@ def test_several_bodies_have_an_axis_each_and_the_vertical_together():
     step, _, _ = tops()
     assert [s.name for s in step.symmetries] == ["omega_a", "omega_b", "omega_space"]
     assert [s.condition for s in step.symmetries] == ["a_I1 = a_I2", "b_I1 = b_I2", ""]
+
+
+def test_a_bodys_own_axis_costs_one_addition():
+    """u₃(a u₃ − ω/2) has the derivative (2 a u₃ − ω/2) u₃′: the vertical alone costs terms."""
+    def operations(*, frame):
+        spec = Spec.checked("G-L", 2, "gamma", system="heavy_top")
+        made = generate(spec.with_frame("symmetries") if frame else spec)
+        found = re.findall(r"/\* H_[pq].* w.* (\d+) add, (\d+) mul", made.source.source)
+        return np.array(found, dtype=int)
+
+    velocity, force = operations(frame=True) - operations(frame=False)
+    assert velocity.tolist() == [4 + 1, 4]
+    assert force.tolist() == [4, 4]
 
 
 @pytest.mark.parametrize(("system", "expected"), [

@@ -120,8 +120,15 @@ class FastSystem:
             return []  # H_q − F is evaluated at other places than H_p
         sums = {u for e in self.system.minus_p_rate for u in e.atoms(sp.Add)
                 if self.system.time not in u.free_symbols}
-        return sorted((u for u in sums if u.has(*self.system.p) and self._is_unmoved(u)),
-                      key=sp.default_sort_key)
+        found = sorted((u for u in sums if u.has(*self.system.p) and self._is_unmoved(u)),
+                       key=sp.default_sort_key)
+        return [u for u in found if not self._is_inside(u, found)]
+
+    def _is_inside(self, u: sp.Expr, others: list[sp.Expr]) -> bool:
+        """Whether a sum occurs only as a part of others, as u₃ does in a u₃ − ω/2."""
+        around = {v: sp.Dummy() for v in others if v != u and v.has(u)}
+        return bool(around) and not any(
+            e.xreplace(around).has(u) for e in self.system.minus_p_rate)
 
     def _is_unmoved(self, u: sp.Expr) -> bool:
         """Whether u, and whatever it switches on, has no derivative along the constraint forces."""

@@ -102,8 +102,9 @@ class Frame:
     def moving(self, system: System) -> System:
         """Return the system in the frame: H̃ in place of H, which stays as its energy."""
         rates = self.rates()
-        lost = [sp.expand(rate * symmetry.momentum(system))
-                for rate, symmetry in zip(rates, self.symmetries, strict=True)]
+        sums = _squared_sums(system.H)
+        lost = [rate * part for rate, symmetry in zip(rates, self.symmetries, strict=True)
+                for part in _in_sums(sp.expand(symmetry.momentum(system)), sums)]
         parts = {part.name: getattr(system, part.name) for part in dataclasses.fields(System)}
         return MovingSystem(**parts | {
             "parameters": (*system.parameters, *rates), "energy": system.H,
@@ -131,6 +132,25 @@ def frame_of(system: System) -> Frame:
             f"System {system.name!r} has no co-moving frame: no rotation was found that leaves H, "
             f"g{' and forces' if system.forces else ''} as they are; leave out frame.")
     return Frame(tuple(groups))
+
+
+def _squared_sums(H: sp.Expr) -> list[sp.Expr]:
+    """Return the sums whose squares are terms of H but for a factor, such as u_k = 2 l_k."""
+    factors = [f for term in sp.Add.make_args(H) for f in sp.Mul.make_args(term)]
+    return sorted({f.base for f in factors if f.is_Pow and f.exp == 2 and f.base.is_Add},
+                  key=sp.default_sort_key)
+
+
+def _in_sums(J: sp.Expr, sums: Sequence[sp.Expr]) -> list[sp.Expr]:
+    """Return terms whose sum is J, multiples of the given sums where these are parts of J."""
+    rest, found = J.as_coefficients_dict(), list[sp.Expr]()
+    for u in sums:
+        own = u.as_coefficients_dict()
+        ratios = {rest.get(term, 0) / x for term, x in own.items()}
+        if len(ratios) == 1 and 0 not in ratios:
+            found.append(sp.Mul(*ratios, u, evaluate=False))
+            rest = {term: x for term, x in rest.items() if term not in own}
+    return [*found, *(x * term for term, x in rest.items())]
 
 
 class _Search:

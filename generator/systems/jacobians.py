@@ -13,8 +13,27 @@ __all__ = ["difference", "gradient", "jacobian", "shortest", "symmetric_jacobian
 
 
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
-    """Derivative of one expression by each symbol."""
-    return [derivative(expression, symbol) for symbol in symbols]
+    """Derivative of one expression by each symbol; of k u² + c u it is (2 k u + c) u_x.
+
+    So a momentum map in a frame costs one addition where its square stands in H.
+    """
+    bases = _bases(expression)
+    if not bases:
+        return [derivative(expression, symbol) for symbol in symbols]
+    names = {u: sp.Symbol(f"_u{i}", real=True) for i, u in enumerate(bases)}
+    back = {name: u for u, name in names.items()}
+    outer = expression.xreplace(names)
+    slopes = {u: derivative(outer, name).xreplace(back) for u, name in names.items()}
+    return [sp.Add(derivative(outer, symbol).xreplace(back),
+                   *(slope * derivative(u, symbol) for u, slope in slopes.items()))
+            for symbol in symbols]
+
+
+def _bases(expression: sp.Expr) -> list[sp.Expr]:
+    """Return the sums that stand in an expression both squared and by themselves."""
+    factors = [f for term in sp.Add.make_args(expression) for f in sp.Mul.make_args(term)]
+    squared = {f.base for f in factors if f.is_Pow and f.exp == 2}
+    return sorted({f for f in factors if f.is_Add and f in squared}, key=sp.default_sort_key)
 
 
 def jacobian(
