@@ -10,6 +10,7 @@ from typing import Any
 import site_uses
 
 import gyrospark as gs
+from gyrospark.certificates.citations import WORKS
 from gyrospark.generator.bodies.multibody import Multibody
 from gyrospark.generator.model_files.model_bodies import FORCES, JOINTS, ON_JOINTS
 from gyrospark.generator.model_files.model_expressions import CONSTANTS, FUNCTIONS
@@ -112,6 +113,11 @@ def examples() -> str:
     return "\n".join(parts)
 
 
+def works() -> str:
+    """Return the works that ``gs.cite`` may name."""
+    return "\n".join(f"- {work}" for work in WORKS.values())
+
+
 def _files(table: str, kind: str) -> str:
     return ", ".join(site_uses.users_of_key(
         lambda text: any(one.get("type") == kind for one in _tables(text, table))))
@@ -132,5 +138,5 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 TABLES: dict[str, Callable[[], str]] = {
     **{f"api_{page}": (lambda page=page: api(page)) for page in API},
     "joints": joints, "forces": forces, "functions": functions, "keys": keys,
-    "examples": examples,
+    "examples": examples, "works": works,
 }
