@@ -50,7 +50,13 @@ def cells(path: Path) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", PAGES, ids=names)
+#: Derived for ten seconds and more; the build runs them, too.
+LONG_PAGES = {"gallery/crane"}
+
+
+@pytest.mark.parametrize("path", [
+    pytest.param(path, marks=[pytest.mark.slow] if names(path) in LONG_PAGES else [])
+    for path in PAGES], ids=names)
 def test_cells_of_a_page(path, tmp_path):
     done = call([sys.executable, "-c", RUNNER, json.dumps(cells(path))], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
