@@ -28,6 +28,7 @@ from ..runtime.body.inertia import gamma_m
 from ..runtime.body.problems import Problem
 from ..runtime.call.checks import as_positive_count, as_step
 from ..runtime.run.stepper import Stepper
+from ..runtime.steps.follow import followed
 from .examination import Examination, Line
 from .promises import MeanPromises, Promises, SparkPromises
 from .round_off import RoundOff
@@ -151,11 +152,14 @@ def certify(
     count = as_positive_count("steps", (known.steps or STEPS) if steps is None else steps, least=2)
     values = _parameters(known, step, {} if parameters is None else as_mapping(
         "parameters", parameters, '{"mgl": 0.4}'))
+    values, follow = followed(step, known.q0, known.p0, dt=as_step(dt), steps=count,
+                              parameters=values)
     run = step.integrate(known.q0, known.p0, dt=as_step(dt), steps=count, parameters=values)
     values = dict(run.parameters)  # with a number where a rule was given
     promises = _promises(known, step, scheme, stages, tableau, values)
     round_off = RoundOff(known.system, run, values, step)
-    lines = Examination(known, step, promises, run, values, round_off).lines()
+    lines = Examination(known, step, promises, run, values, round_off,
+                        "" if follow is None else str(follow)).lines()
     return Certificate(model.name, step.name, step.order, run.dt, count, values, list(lines))
 
 

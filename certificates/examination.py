@@ -101,6 +101,7 @@ class Examination:
     run: Trajectory
     parameters: dict[str, float]
     round_off: RoundOff
+    follow: str = ""
 
     @property
     def steps(self) -> int:
@@ -114,6 +115,11 @@ class Examination:
 
     def lines(self) -> Iterator[Line]:
         """Yield the lines, the strictest promises first."""
+        if self.follow:
+            yield told("co-moving frame", f"{self.follow} steps", "-",
+                       "each block keeps what the scheme keeps; that rates are chosen from the "
+                       f"state breaks it by O(Δt^{self.step.order}) from block to block; loops are "
+                       "measured with the rates of the start")
         yield self._loop()
         yield self._reversal()
         if self.step.m:
@@ -180,6 +186,9 @@ class Examination:
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
         if not self.promises.symmetric:
             return told(quantity, found, "not promised", "the tableau is not symmetric", value)
+        if self.follow:
+            return told(quantity, found, f"O(Δt^{self.step.order})", "back with the rates of "
+                        "the start: the same steps back are those of each block's own rates", value)
         jumps = self.switching.named_jumps(discrete=self.promises.discrete)
         if jumps:
             return told(quantity, found, "by the same steps back",
@@ -241,6 +250,8 @@ class Examination:
         yield self._energy(Promise(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
                                           f"{', '.join(lost)}"))
         q, p, rounded = self.run.q, self.run.p, self.round_off
+        if self.follow:
+            return  # another H − Σ ω_i J_i in each block
         values = self.run.energy_error().astype(float)
         bound = rounded.walk * rounded.energy
         for rate, J in self.moving:

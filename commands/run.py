@@ -61,10 +61,11 @@ _BAR_FROM = 20_000
                    "error; fast: fewest sweeps, from 6 stages on.")
 @click.option("--alpha", metavar="{m,h,mt,ht,auto,auto-energy,NUMBER}",
               help="The same for --rep alpha.")
-@click.option("--frame", "frames", metavar="{auto,start,NAME=RATE,...}", multiple=True,
+@click.option("--frame", "frames", metavar="{auto,start,follow,NAME=RATE,...}", multiple=True,
               help="Integrate in a co-moving frame along the system's symmetries: auto searches "
                    "for its rates in short pilot runs (with --gamma auto for both at once), start "
-                   "takes the least squares of the start; or rates in rad/s, omega_body=75.4.")
+                   "takes the least squares of the start, follow those of the state every 100 "
+                   "steps ('follow 50': every 50); or rates in rad/s, omega_body=75.4.")
 @click.option("--dt", metavar="{DT,auto}",
               help="Time step in seconds (default: the model file's); auto: for --error and "
                    "--t-end, by pilot runs of ever halved steps.")
@@ -166,7 +167,8 @@ def run(
     frame = frame_for(step, start, state, step_size, count, parameters, frames, aim)
     parameters |= {} if frame is None else frame.values
     made_choice = None if frame is not None and frame.has_gamma else gamma_for(
-        step, start, state, step_size, count, parameters, aim)
+        step, start, state, step_size, count,
+        {name: x for name, x in parameters.items() if name != "frame"}, aim)
     if made_choice is not None:
         parameters |= made_choice.values
     arguments: dict[str, Any] = {

@@ -116,9 +116,12 @@ def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class Frame:
-    """The rates of a run, γ where it was searched for with them, and what is reported."""
+    """The rates of a run, γ where it was searched for with them, and what is reported.
 
-    values: dict[str, float]
+    The rates are those of the start where the frame follows the motion.
+    """
+
+    values: dict[str, Any]
     about: dict[str, Any]
     has_gamma: bool = False
 
@@ -137,13 +140,19 @@ def frame_for(
     if not step.symmetries:
         return None
     mode = options[0] if len(options) == 1 else "start" if not options else ""
-    if mode not in ("auto", "start"):
+    if mode not in ("auto", "start") and not mode.startswith("follow"):
         values = _rates(step, options)
         return Frame(values, {"frame": values})
     from ..runtime.choice.frame_choice import choose_frame, start_frame
     from ..runtime.choice.gamma_choice import PILOT_STEPS
+    from ..runtime.steps.follow import followed
 
     q0, p0, t0 = state
+    _, follow = followed(step, q0, p0, dt=dt, steps=steps, t0=t0,
+                             parameters={**parameters, "frame": mode})
+    if follow is not None:
+        return Frame({"frame": str(follow)}, {"frame": start_frame(step, q0, p0, parameters),
+                                              "frame_reason": f"{follow} steps"})
     if mode == "start":
         values = start_frame(step, q0, p0, parameters)
         return Frame(values, {"frame": values})
@@ -164,8 +173,8 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
     for option in (part for text in options for part in text.split(",")):
         name, sign, value = option.partition("=")
         if not sign or name.strip() not in names:
-            raise InputError(f"--frame {option!r} is no frame of {step.name}; write auto, start or "
-                             f"NAME=RATE with NAME among {listed(names)}"
+            raise InputError(f"--frame {option!r} is no frame of {step.name}; write auto, start, "
+                             f"follow or NAME=RATE with NAME among {listed(names)}"
                              f"{proposal(name.strip(), names)}.")
         found[name.strip()] = real_number(f"--frame {name.strip()}", value.strip())
     return found

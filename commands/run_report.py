@@ -204,9 +204,10 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
 def _frame_line(result: dict[str, Any]) -> str:
     """Return the line on the co-moving frame."""
     rates = ", ".join(f"{name} = {rate:.8g}" for name, rate in result["frame"].items())
-    chosen = "" if "frame_reason" not in result else (
-        f", {result['frame_reason']}; error {result['frame_measured_gain']:.3g} times smaller than "
-        f"without (expected {result['frame_expected_gain']:.3g})")
+    chosen = f", {result['frame_reason']}" if "frame_reason" in result else ""
+    if "frame_measured_gain" in result:
+        chosen += (f"; error {result['frame_measured_gain']:.3g} times smaller than without "
+                   f"(expected {result['frame_expected_gain']:.3g})")
     gamma = f", gamma = {result['gamma']:.6g}" if chosen and "gamma" in result else ""
     return f"  co-moving frame         {rates} rad/s{gamma}{chosen}"
 

@@ -7,11 +7,15 @@ INLINE void RUN(add_work)(RUN(t) *w)
     RUN(momenta)(w, L + RUN(HAT), momentum);
     for (int i = 0; i < RUN(S); ++i) {
         lanes F[N];
+        CARRIED(lanes v[N];)
         const lanes t = w->t + w->late[i];
         lanes_applied_force(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, F);
         parts[i] = splat(0);
         for (int a = 0; a < N; ++a)
             parts[i] += F[a]*L[i*N + a];
+        CARRIED(lanes_carried(&w->constants, Q + i*N, v));
+        CARRIED(for (int a = 0; a < N; ++a))
+            CARRIED(parts[i] += w->hb[i]*F[a]*v[a]);
         TIMED(parts[i] += w->hb[i]*lanes_drive(&w->constants, Q + i*N, momentum + i*N);)
     }
     RUN(total)(S, 1, parts, &done);

@@ -31,27 +31,3 @@ static void turn_runs(long count, const parameters_t *parameters, const real *dt
             p_out == NULL ? NULL : p_out + i*rows*N, NULL);
     }
 }
-
-/* A run goes on in the frame where it was. */
-static void enter_frame(const report_t *report, const work_t *work, real q[N], real p[N])
-{
-    for (int a = 0; a < N && report->steps > 0; ++a) {
-        q[a] = work->frame_q[a];
-        p[a] = work->frame_p[a];
-    }
-}
-
-/* It stays there; what the caller sees is turned back. */
-static void leave_frame(const parameters_t *parameters, real dt, long before, long every,
-    const report_t *report, work_t *work, real q[N], real p[N], real *q_out, real *p_out,
-    real *multipliers)
-{
-    const frame_t frame = frame_of(parameters);
-    for (int a = 0; a < N; ++a) {
-        work->frame_q[a] = q[a];
-        work->frame_p[a] = p[a];
-    }
-    turn_state(&frame, dt, report->steps, q, p);
-    turn_rows(&frame, dt, before, every, (report->steps - before)/every, q_out, p_out,
-        multipliers);
-}

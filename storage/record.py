@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from ..runtime.choice.frame_choice import chosen
 from ..runtime.interrupts import Interrupts, watched
 from ..runtime.output.report import Report
 from ..runtime.run.stepper import Stepper
+from ..runtime.steps.follow import followed
 from ..runtime.steps.integration import Pace, Rows, Run, advance, ended_at, next_chunk
 from .checkpoint import State, pack, room, unpack
 from .durable import new_store_path, remove_parts, storage_errors
@@ -115,9 +116,11 @@ def record(
         raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
                          "gyrospark.stepper.")
     as_flag("resume", resume)
+    parameters, follow = followed(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
     parameters = chosen(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
     run = stepper.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
                               solver=solver, tolerance=tolerance, max_iterations=max_iterations)
+    run = replace(run, follow=follow)
     path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
     as_callback("progress", progress)
     with claim(path):
@@ -295,6 +298,9 @@ class _Course:
         """Compute the next piece into the block, from that row on."""
         state, rows = self.state, self.rows
         count, every = next_chunk(self.run, state.steps, self.pace.begin(), self.block - place)
+        if self.run.follow is not None:
+            self.parameters = self.run.follow.parameters(self.run, state.steps, state.q, state.p,
+                                                         state.work)
         most = rows.iterations[place]  # of the pieces before, where a row takes several
         status = advance(self.binding, self.run, self.parameters, count, every, state.q, state.p,
                          _out(rows, place), state.report, state.work)

@@ -101,7 +101,7 @@ def test_what_is_spelled_is_written_out():
         for run in ("stages", "trajectories"):
             for text in (put(path.stem, run=run), timed(path.stem, run=run)):
                 assert not re.search(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE|(LANES_)?AT"
-                                     r"|(LANES_)?BETWEEN|TIMED|INPUT|TURNED)\(|\b(NUMBER|HELD)\b",
+                                     r"|(LANES_)?BETWEEN|TIMED|INPUT|TURNED|CARRIED)\(|\b(NUMBER|HELD)\b",
                                      text)
             if not path.stem.endswith(("drive", "drive_free", "inputs", "inputs_lanes")):
                 assert not re.search("at_time|between\\(|span|_drive|inputs",

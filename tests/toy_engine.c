@@ -16,6 +16,7 @@
 #define ONE(name) ONE_(name)
 #define MANY(name) MANY_(name)
 #define TURNED(call)
+#define CARRIED(call)
 #define AT(c, t) (c)
 #define BETWEEN(c, t, late) (c)
 #define LANES_AT(c, t) (c)

@@ -22,7 +22,7 @@ from ..schemes.frame_kernels import Turning
 from ..schemes.schemes import MeanScheme, SparkScheme, common_kernels
 from ..symmetry.frames import Frame
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving import energy_of
+from ..systems.moving import MovingSystem, energy_of
 from ..systems.structure import Structure
 from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
@@ -87,6 +87,9 @@ def emit(
     lagrangian = isinstance(scheme.system, LagrangianSystem)
     if lagrangian:
         structured = False  # M couples all of it
+    carried = isinstance(scheme.system, MovingSystem) and bool(scheme.system.carried)
+    if carried:
+        structured = False  # what a frame moves is no form
     if structured is None:
         structured = structure.is_worthwhile
     forms: dict[str, Any] = {"structured": False}
@@ -105,7 +108,7 @@ def emit(
     context |= _frame_context(frame, name, system, real)
     context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""),
                                   timed=system.is_timed, fed=bool(system.inputs),
-                                  framed=frame is not None)
+                                  framed=frame is not None, carried=carried)
     constant, scalar, separable = (bool(fast.get(name)) for name in (
         "constant_schur", "correction", "separable"))
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,

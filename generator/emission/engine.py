@@ -16,6 +16,7 @@ spelled with macros, which are written out here so that the C of a stepper has n
     TABLE(mu)         a table of the tableau   w->mu in lanes, &fast_mu[0][0] as numbers
     TURNED(call);     a line of its own        the call in a co-moving frame, else left out;
                                                TURNED(int x;) the same of a declaration
+    CARRIED(call);    the same                 where forces do work along a frame
 
 Where t stands in H or g, kernels find it among the constants, and whoever calls them says when:
 
@@ -41,7 +42,8 @@ __all__ = ["ENGINE", "Proved", "engine_of", "with_times"]
 
 ENGINE = Path(__file__).resolve().parents[2] / "engine"
 _COMMENT = re.compile(r"^/\*(?! -).*?\*/\n", re.MULTILINE | re.DOTALL)
-_TURNED = re.compile(r"^( *)TURNED\((.*)\)(;?)\n", re.MULTILINE)
+_TURNED, _CARRIED = (re.compile(rf"^( *){name}\((.*)\)(;?)\n", re.MULTILINE)
+                     for name in ("TURNED", "CARRIED"))
 _MACRO = re.compile(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE)\((\w+)\)|\b(?:NUMBER|HELD)\b")
 
 
@@ -54,6 +56,7 @@ _TIMED = re.compile(r"\b((?:LANES_)?(?:AT|BETWEEN)|TIMED|INPUT)\(")
 def engine_of(
     name: str, real: Real, one: str = "", many: str = "", *, timed: bool = False,
     fed: bool = False, own: Mapping[str, str] | None = None, framed: bool = False,
+    carried: bool = False,
 ) -> Callable[..., str]:
     """Return the function by which a template puts in a file of the engine.
 
@@ -82,6 +85,7 @@ def engine_of(
             return spelled[found[1]](found[2])
 
         text = _TURNED.sub(r"\1\2\3\n" if framed else "", _text(file, timed, fed))
+        text = _CARRIED.sub(r"\1\2\3\n" if carried else "", text)
         if run == many != one:  # the same again, told once
             text = _COMMENT.sub("", text)
         return _MACRO.sub(spell, text).rstrip("\n")

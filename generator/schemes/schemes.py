@@ -35,7 +35,7 @@ from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
 from ..systems.jacobians import jacobian
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving import energy_of
+from ..systems.moving import MovingSystem, energy_of
 from ..systems.system import System
 from ..tableaux.tableau import Tableau
 from .differences import (
@@ -63,6 +63,9 @@ def common_kernels(system: System) -> list[Kernel]:
     if system.forces:
         kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
                               at_state | time_input(system), {"F": list(system.forces)}))
+    if isinstance(system, MovingSystem) and system.carried:
+        kernels.append(Kernel("carried", "sum omega_i A_i q, by which the frame moves q",
+                              {"q": list(system.q)}, {"v": list(system.carried)}))
     if system.m == 0:
         return kernels
     return [

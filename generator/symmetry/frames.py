@@ -12,7 +12,6 @@ nothing, and a relative equilibrium of rate ω is solved exactly (docs/frames.md
     {J, H} = pᵀA H_p − (A q)·H_q = 0     for all q, p, where the parameters meet the conditions
     g_q A q = C g                        for all q
     F_q A q − F_p Aᵀp + AᵀF = 0          F turns with the frame
-    F·(A q) = 0                          and does no work along it
 
 Symmetries are tried in this order: each body's own axes, everything about an axis of space, then
 whatever else has a name and commutes with all that were taken.
@@ -36,7 +35,7 @@ from ..algebra.derivatives import derivative
 from ..algebra.residues import exactly, identically_zero
 from ..algebra.sharing import substitute
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving import MovingSystem
+from ..systems.moving import MovingSystem, in_sums
 from ..systems.system import System
 from .linear_fields import Field, known_fields, motions_of_space
 from .rotations import Rotation, commute, rotation_of
@@ -102,12 +101,17 @@ class Frame:
     def moving(self, system: System) -> System:
         """Return the system in the frame: H̃ in place of H, which stays as its energy."""
         rates = self.rates()
-        sums = _squared_sums(system.H)
         lost = [rate * part for rate, symmetry in zip(rates, self.symmetries, strict=True)
-                for part in _in_sums(sp.expand(symmetry.momentum(system)), sums)]
+                for part in in_sums(symmetry.momentum(system), system.H)]
+        carried = [sp.Add(*(rate * sp.diff(symmetry.momentum(system), p)
+                            for rate, symmetry in zip(rates, self.symmetries, strict=True)))
+                   for p in system.p]
+        power = [f * v for f, v in zip(system.forces, carried, strict=False) if f != 0 and v != 0]
+        works = bool(power) and not identically_zero([power])
         parts = {part.name: getattr(system, part.name) for part in dataclasses.fields(System)}
         return MovingSystem(**parts | {
             "parameters": (*system.parameters, *rates), "energy": system.H,
+            "carried": tuple(carried) if works else (),
             "H": sp.Add(system.H, *(-e for e in lost))})
 
 
@@ -132,25 +136,6 @@ def frame_of(system: System) -> Frame:
             f"System {system.name!r} has no co-moving frame: no rotation was found that leaves H, "
             f"g{' and forces' if system.forces else ''} as they are; leave out frame.")
     return Frame(tuple(groups))
-
-
-def _squared_sums(H: sp.Expr) -> list[sp.Expr]:
-    """Return the sums whose squares are terms of H but for a factor, such as u_k = 2 l_k."""
-    factors = [f for term in sp.Add.make_args(H) for f in sp.Mul.make_args(term)]
-    return sorted({f.base for f in factors if f.is_Pow and f.exp == 2 and f.base.is_Add},
-                  key=sp.default_sort_key)
-
-
-def _in_sums(J: sp.Expr, sums: Sequence[sp.Expr]) -> list[sp.Expr]:
-    """Return terms whose sum is J, multiples of the given sums where these are parts of J."""
-    rest, found = J.as_coefficients_dict(), list[sp.Expr]()
-    for u in sums:
-        own = u.as_coefficients_dict()
-        ratios = {rest.get(term, 0) / x for term, x in own.items()}
-        if len(ratios) == 1 and 0 not in ratios:
-            found.append(sp.Mul(*ratios, u, evaluate=False))
-            rest = {term: x for term, x in rest.items() if term not in own}
-    return [*found, *(x * term for term, x in rest.items())]
 
 
 class _Search:
@@ -328,14 +313,13 @@ class _Search:
         return {k: Fraction(int(x.p), int(x.q)) for k, x in zip(near, values, strict=True) if x}
 
     def _turns_forces(self, field: Field) -> bool:
-        """Whether F turns with the frame and does no work along it."""
+        """Whether F turns with the frame."""
         if not self.forces:
             return True
         q, p = self.system.q, self.system.p
         J = field.momentum(q, p)
         to_q, to_p = ([sp.diff(J, x) for x in side] for side in (p, q))
-        work = [f * x for f, x in zip(self.forces, to_q, strict=True)]
-        sums: list[list[sp.Expr]] = [work]
+        sums: list[list[sp.Expr]] = []
         for k, f in enumerate(self.forces):
             turned = [self.forces[i] * sp.Rational(x.numerator, x.denominator)
                       for (i, j), x in field.weights.items() if j == k]

@@ -10,7 +10,7 @@ import sympy as sp
 from .jacobians import gradient, shortest
 from .system import System
 
-__all__ = ["MovingSystem", "energy_of"]
+__all__ = ["MovingSystem", "energy_of", "in_sums"]
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,12 @@ class MovingSystem(System):
     ----------
     energy : Expr
         H itself.
+    carried : tuple of Expr
+        Σ ω_i A_i q, by which the frame moves q, where forces do work on that; else empty.
     """
 
     energy: sp.Expr = field(default=sp.Integer(0), kw_only=True)
+    carried: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
@@ -41,3 +44,18 @@ class MovingSystem(System):
 def energy_of(system: System) -> sp.Expr:
     """Return H, also of a system in a frame."""
     return system.energy if isinstance(system, MovingSystem) else system.H
+
+
+def in_sums(J: sp.Expr, H: sp.Expr) -> list[sp.Expr]:
+    """Return terms whose sum is J: multiples of sums whose squares stand in H, such as u_k = 2 l_k.
+    """
+    factors = [f for term in sp.Add.make_args(H) for f in sp.Mul.make_args(term)]
+    sums = {f.base for f in factors if f.is_Pow and f.exp == 2 and f.base.is_Add}
+    rest, found = sp.expand(J).as_coefficients_dict(), list[sp.Expr]()
+    for u in sorted(sums, key=sp.default_sort_key):
+        own = u.as_coefficients_dict()
+        ratios = {rest.get(term, 0) / x for term, x in own.items()}
+        if len(ratios) == 1 and 0 not in ratios:
+            found.append(sp.Mul(*ratios, u, evaluate=False))
+            rest = {term: x for term, x in rest.items() if term not in own}
+    return [*found, *(x * term for term, x in rest.items())]

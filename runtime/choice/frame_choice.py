@@ -1,6 +1,7 @@
 """The rates of a co-moving frame, and γ with them, chosen by measurement.
 
-``parameters["frame"]`` may be "start", the least squares of the start, or "auto", a search.
+``parameters["frame"]`` may be "start", the least squares of the start, "auto", a search, or
+"follow", the least squares of each block of steps (``steps/follow.py``).
 
     frame_start     least squares
     frame_lines     from the spectrum
@@ -30,10 +31,10 @@ if TYPE_CHECKING:
     from ..run.stepper import Stepper
 
 __all__ = ["FRAME_CHOICES", "asks_for_frame", "choose_frame", "chosen",
-           "start_frame"]
+           "start_frame", "with_frame"]
 
 #: What ``parameters["frame"]`` may say.
-FRAME_CHOICES = ("start", "auto")
+FRAME_CHOICES = ("start", "auto", "follow")
 
 
 def choose_frame(
@@ -131,13 +132,15 @@ def with_frame(
     """Return the parameters of a run with ``"frame"`` replaced by the rates it stands for."""
     if not isinstance(parameters, Mapping) or not asks_for_frame(stepper, parameters):
         return parameters
-    mode = choose("frame among the parameters:", parameters["frame"], FRAME_CHOICES)
+    said = parameters["frame"]
+    follows = isinstance(said, str) and said.startswith("follow ")  # so many steps each
+    mode = choose("frame among the parameters:", "follow" if follows else said, FRAME_CHOICES)
     others = {name: value for name, value in parameters.items() if name != "frame"}
     given = [symmetry.name for symmetry in stepper.symmetries if symmetry.name in others]
     if given:
         raise InputError(f"Parameter {given[0]} is given besides frame = {mode!r}, which chooses "
                          "it; give one.")
-    if mode == "start":
+    if mode in ("start", "follow"):
         return others | start_frame(stepper, q, p, others)
     run = as_positive_count("steps", steps)
     try:

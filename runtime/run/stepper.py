@@ -26,6 +26,7 @@ from ..choice.step_choice import with_step
 from ..output.trajectory import Trajectory
 from ..steps.consistency import refuse_inconsistent
 from ..steps.count import step_count
+from ..steps.follow import followed
 from ..steps.integration import Run, integrate
 from ..steps.parameters import as_parameters
 from .between import between, marks_of
@@ -198,7 +199,9 @@ class Stepper(Evaluation):
             ``alpha``, ``"m"``, ``"h"``, ``"mt"``, ``"ht"`` are the means of the moments beside it,
             ``"auto"`` what ``choose_gamma`` finds for this start and dt, ``"auto-energy"`` the same
             aimed at the energy; ``"frame"`` is "start", the start's least squares, or "auto", what
-            ``choose_frame`` finds. ``Trajectory.parameters`` has the numbers.
+            ``choose_frame`` finds, or "follow", the least squares of the state every 100 steps
+            ("follow 50": every 50), for a motion that changes for good. ``Trajectory.parameters``
+            has the numbers, of such a frame those of the start.
         t0 : float
             Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
             counted, not summed up.
@@ -250,11 +253,12 @@ class Stepper(Evaluation):
         dt_, steps, t_end = with_step(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
                                       t0=t0, inputs=inputs, parameters=parameters, **how)
         steps = step_count(steps, t_end, t0, dt_)
-        parameters = chosen(self, q, p, dt=dt_, steps=steps,
-                            parameters=self.fed(parameters, inputs), t0=t0)
+        parameters, follow = followed(self, q, p, dt=dt_, steps=steps, t0=t0,
+                                      parameters=self.fed(parameters, inputs))
+        parameters = chosen(self, q, p, dt=dt_, steps=steps, parameters=parameters, t0=t0)
         run = self.checked_run(q, p, dt=dt_, steps=steps, every=every, parameters=parameters,
                                t0=t0, **how)
-        run = run.fed(as_inputs(inputs, self.binding, run.steps, hold))
+        run = replace(run, follow=follow).fed(as_inputs(inputs, self.binding, run.steps, hold))
         if t_eval is not None:
             run = replace(run, marks=marks_of(self, run, t_eval))
         found = observed(self, run, as_events(events, self.manifest["system"]),

@@ -20,6 +20,7 @@ from ..output.outputs import OUTPUTS, States, defect_sizes, value_of
 from ..output.report import Report
 from ..output.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
+from .follow import Follow
 from .newton import newton_step
 
 __all__ = ["FIRST_STEPS", "Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at",
@@ -54,6 +55,8 @@ class Run:
     marks: Array | None = None
     #: What looks at every state for events; one for each trajectory.
     watch: Watch | None = None
+    #: How a co-moving frame follows the motion; the rates among the parameters are the first.
+    follow: Follow | None = None
 
     @property
     def rows(self) -> int:
@@ -90,6 +93,10 @@ class Run:
         if self.marks is not None:
             return np.concatenate([[0], self.marks[:stored]])
         return np.minimum(np.arange(stored + 1) * self.every, done)
+
+    def most(self, done: int, most: int) -> int:
+        """Return how many of so many steps may be done with the same parameters."""
+        return most if self.follow is None else min(most, self.follow.left(done))
 
 
 @dataclass(frozen=True)
@@ -215,6 +222,8 @@ def fill(
     while report.steps < run.steps and status == 0 and not ended and not stop():
         row = run.stored(int(report.steps))
         count, every = next_chunk(run, int(report.steps), pace.begin())
+        if run.follow is not None:
+            parameters = run.follow.parameters(run, int(report.steps), q, p, work)
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
@@ -299,7 +308,7 @@ def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple
     ``most`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
     to the next stored state, each piece is stored in its row and the last of them stays.
     """
-    left = run.steps - done
+    left, most = run.steps - done, run.most(done, most)
     to_row = min(run.every - done % run.every, left)
     if run.marks is not None:
         piece = min(int(run.marks[run.stored(done)]) - done, most)
