@@ -2,6 +2,7 @@
 
     {{ name }}     on a page is replaced by what ``tables`` makes of the package
     docstrings     of public names, and commands, end with the pages and examples that use them
+    g_q, e^{hA}    in running text are set as signs with what stands below and above them
     pictures       without words for those who do not see them are a warning, hence an error
 """
 
@@ -20,6 +21,16 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 
 LOGGER = logging.getLogger(__name__)
+#: A letter, perhaps with a mark above it, and what is written below it or above it.
+SIGNS = re.compile(r"(?<![^\W\d])(?<![/.<-])([^\W\d_][\u0300-\u036f]?)"
+                   r"(?:_(?:\{([^}]*)\}|([A-Za-z0-9]{1,5}))|\^\{([^}]*)\})(?![A-Za-z0-9_=])")
+#: What the theme leaves out for those who do not see a page, or have no mouse.
+MENDED = {
+    '<p class="caption" role="heading">': '<p class="caption" role="heading" aria-level="2">',
+    '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="All pages">',
+    '<aside class="toc-drawer">': '<aside class="toc-drawer" aria-label="This page">',
+    "<pre>": '<pre tabindex="0">',
+}
 #: What MathJax needs in a browser, of the files that its package has.
 MATHJAX = ("tex-chtml.js", "output/chtml", "input/tex/extensions", "a11y/assistive-mml.js",
            "ui")
@@ -31,7 +42,9 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-docstring", end_docstring)
     app.connect("sphinx-click-process-epilog", end_command)
     app.connect("doctree-resolved", ask_for_words)
+    app.connect("doctree-resolved", set_signs)
     app.connect("build-finished", copy_mathjax)
+    app.connect("build-finished", mend_pages)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -63,6 +76,40 @@ def ask_for_words(app: Sphinx, tree: nodes.document, name: str) -> None:
         if not picture.get("alt"):
             LOGGER.warning("the picture %s has no words for those who do not see it; see "
                            "docs/writing.md", picture["uri"], location=name)
+
+
+def set_signs(app: Sphinx, tree: nodes.document, name: str) -> None:
+    """Set g_q, γ_m and e^{hA} of running text as signs; names of the reference are names."""
+    if name.startswith("reference/"):
+        return
+    for text in list(tree.findall(nodes.Text)):
+        outside = (nodes.literal, nodes.literal_block, nodes.math, nodes.math_block, nodes.raw)
+        parent = text.parent
+        if isinstance(parent, outside) or not SIGNS.search(text):
+            continue
+        parent.replace(text, _set(text.astext()))
+
+
+def _set(text: str) -> list[nodes.Node]:
+    """Return text with its signs as nodes."""
+    made: list[nodes.Node] = []
+    end = 0
+    for sign in SIGNS.finditer(text):
+        below, above = sign[2] or sign[3], sign[4]
+        made += [nodes.Text(text[end:sign.start()] + sign[1]),
+                 nodes.subscript("", below) if below else nodes.superscript("", above)]
+        end = sign.end()
+    return [*made, nodes.Text(text[end:])]
+
+
+def mend_pages(app: Sphinx, error: Exception | None) -> None:
+    """Give landmarks names, headings a level, and code that scrolls to the keyboard."""
+    if error is None and app.builder.format == "html":
+        for path in Path(app.outdir).rglob("*.html"):
+            text = path.read_text(encoding="utf-8")
+            for old, new in MENDED.items():
+                text = text.replace(old, new)
+            path.write_text(text, encoding="utf-8")
 
 
 def copy_mathjax(app: Sphinx, error: Exception | None) -> None:
