@@ -60,9 +60,10 @@ def stepper(
     Parameters
     ----------
     scheme : SchemeName
-        ``"IMS"``, ``"EMS"``, ``"G-L"``, ``"LIIIA-B"``; left out when a tableau is given.
+        ``"IMS"``, ``"EMS"``, ``"G-L"``, ``"LIIIA-B"``, ``"Radau-L"``; left out when a tableau is
+        given.
     stages : int
-        Stages of a scheme that has a choice of them: G-L (from 1) or LIIIA-B (from 2).
+        Stages of a scheme that has a choice of them: G-L and Radau-L (from 1) or LIIIA-B (from 2).
     rep : {"gamma", "alpha"}
         Inertia representation of the named systems and of model files.
     system : str, path, System or Model
@@ -200,7 +201,7 @@ def load_model(
 
 
 def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Tableau:
-    """Return an exact SPARK tableau: ``"G-L"`` or ``"LIIIA-B"`` with stages, or a JSON file.
+    """Return an exact SPARK tableau, of ``"G-L"``, ``"LIIIA-B"`` or ``"Radau-L"`` or a JSON file.
 
     ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples,
     ``.numeric(digits=50)`` the same attributes as nested lists of mpmath numbers, ``.order`` the

@@ -94,6 +94,9 @@ WORKS = {work.key: work for work in (
          "Geometric Numerical Integration: Structure-Preserving Algorithms for Ordinary "
          "Differential Equations", "2006",
          {"publisher": "Springer", "doi": "10.1007/3-540-30666-8"}),
+    Work("hairer1996", "book", ("Hairer, Ernst", "Wanner, Gerhard"),
+         "Solving Ordinary Differential Equations II: Stiff and Differential-Algebraic Problems",
+         "1996", {"publisher": "Springer", "doi": "10.1007/978-3-642-05221-7"}),
     _article("gonzalez1996", "Gonzalez, Oscar",
              "Time integration and discrete Hamiltonian systems", "1996",
              journal="Journal of Nonlinear Science", volume="6", pages="449--467",

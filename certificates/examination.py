@@ -125,6 +125,7 @@ class Examination:
         if self.step.m:
             yield from self._constraints()
         yield from self._energies()
+        yield from self._damping()
         yield from self._momentum_maps()
         yield self._order()
         yield from self._quantities()
@@ -277,6 +278,35 @@ class Examination:
         bound = self.round_off.walk * self.round_off.energy
         return judged(quantity, found, f"≤ {bound:.1e}", promise, value, bound)
 
+    def _damping(self) -> Iterator[Line]:
+        """Tell what becomes of dampers that are fast beside Δt, and what of oscillations."""
+        found = self.promises.stability
+        if found is None:
+            return
+        if self.decay:
+            why = "what decays faster than Δt is gone after a step" if found.l_stable else \
+                "what decays faster than Δt goes on as R(∞)^k: it rings"
+            stiffness = float(self.decay * abs(self.run.dt))
+            yield told("dampers", f"λΔt up to {stiffness:.2g}; {found}", "-", why, stiffness)
+        if found.damping is not None:
+            share, power = found.damping
+            yield told("numerical damping", f"{float(share):.2g} (ωΔt)^{power} of an oscillation "
+                       "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
+
+    @cached_property
+    def decay(self) -> float:
+        """λ, the fastest decay that dampers make: |eigenvalues| of ∂F/∂p over the run, in 1/s."""
+        system = self.model.system
+        damped = [i for i, force in enumerate(system.forces) if force.has(*system.p)]
+        slopes = [derivative(system.forces[i], system.p[j]) for i in damped for j in damped]
+        fastest = 0.0
+        for at, count in self.round_off.states(slopes) if damped else ():
+            values = evaluate(slopes, at).reshape(len(damped), len(damped), count)
+            usable = np.isfinite(values).all(axis=(0, 1))
+            rates = np.linalg.eigvals(values.transpose(2, 0, 1)[usable])
+            fastest = max(fastest, float(np.abs(rates).max(initial=0.0)))
+        return fastest
+
     # ------------------------------------------------------------ momentum maps
 
     def _momentum_maps(self) -> Iterator[Line]:
@@ -327,6 +357,10 @@ class Examination:
         if self.switching.named:
             return told(quantity, found, f"{wanted} between crossings",
                         f"steps across {self.switching.named} have a lower one", seen.order)
+        if self.decay * seen.dt > 1:
+            return told(quantity, found, f"{wanted} once λΔt is small",
+                        f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
+                        "about that of the stages", seen.order)
         lacking = wanted - seen.order  # a run may happen to be better than its method
         promise = Promise(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
         return judged(quantity, found, f"at least {wanted}", promise, lacking, 0.3)

@@ -23,6 +23,8 @@ from ..generator.schemes.schemes import MeanScheme
 from ..generator.symmetry.momentum_maps import MomentumMap
 from ..generator.systems.system import System
 from ..generator.tableaux.conditions import Condition, check_tableau, invariant_conditions
+from ..generator.tableaux.families import gauss_lobatto
+from ..generator.tableaux.stability import Stability, stability
 from ..generator.tableaux.tableau import Tableau
 
 __all__ = ["MeanPromises", "Promise", "Promises", "SparkPromises"]
@@ -49,6 +51,10 @@ class Promises(Protocol):
     @property
     def discrete(self) -> bool:
         """Whether the discrete gradient carries the step."""
+
+    @property
+    def stability(self) -> Stability | None:
+        """What a step makes of a fast decay; None where q and p have no method in common."""
 
     def loop(self) -> Promise:
         """Return whether the map is symplectic: ∮p·dq stays."""
@@ -123,7 +129,7 @@ class SparkPromises:
 
     @property
     def disclaimed(self) -> bool:
-        """Whether the tableau's file says itself that it is not symplectic."""
+        """Whether the tableau says of itself that it is not symplectic."""
         return self.tableau.claims.get("symplectic") == 0
 
     @property
@@ -137,13 +143,18 @@ class SparkPromises:
         return any(line.name == "symmetric" and line.found == "yes"
                    for line in check_tableau(self.tableau))
 
+    @property
+    def stability(self) -> Stability | None:
+        """R(z) of A and b, where Â and b̂ are the same."""
+        return stability(self.tableau)
+
     def loop(self) -> Promise:
         """Every SPARK method that does not deny it should be symplectic."""
         if not forces_are_gradient(self.system, self.numbers):
             return Promise(False, "the forces are no gradient in q and may do work on the loop")
         if self.disclaimed:
             return Promise(False, "; ".join(filter(None, (
-                "its file says that it is not symplectic", self.violation))))
+                "the tableau says that it is not symplectic", self.violation))))
         return Promise(True, f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
                              f"{self._digits}", self.violation)
 
@@ -214,6 +225,11 @@ class MeanPromises:
     def symmetric(self) -> bool:
         """Whether D stays if the end points are exchanged: what order 2 is derived from."""
         return self.order == 2
+
+    @property
+    def stability(self) -> Stability | None:
+        """F(q̄, p̄): for p' = λp the midpoint rule, that of one Gauss stage."""
+        return stability(gauss_lobatto(1))
 
     def loop(self) -> Promise:
         """Only without constraints, and with the gradient at the midpoint."""

@@ -23,6 +23,7 @@ def test_each_scheme_names_its_own(gl3):
     assert keys(gs.stepper("EMS"))[3:] == ["gonzalez1996", "gonzalez1999", "mclachlan1999"]
     assert "jay1996" in keys(gs.stepper("LIIIA-B", 3))
     assert "hairer2006" in keys(gs.stepper("IMS"))
+    assert "hairer1996" in keys(gs.stepper("Radau-L", 3))
     assert not {"jay1996", "gonzalez1996"} & set(keys(gs.stepper("IMS")))
 
 

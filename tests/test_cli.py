@@ -36,7 +36,7 @@ def refused(answer, *fragments, code=2):
 
 # ---------------------------------------------------------------- bad choices
 
-SCHEMES = ["IMS", "EMS", "G-L", "LIIIA-B"]
+SCHEMES = ["IMS", "EMS", "G-L", "LIIIA-B", "Radau-L"]
 CHOICES = {
     "scheme": (["--scheme", "RK4"], ["'RK4'", *SCHEMES]),
     "scheme in the wrong case": (["--scheme", "ims"], ["'ims'", *SCHEMES]),

@@ -18,7 +18,7 @@ __all__ = ["DEFAULT_SCHEME", "DEFAULT_STAGES", "MAX_STAGES", "SCHEMES", "Scheme"
 MAX_STAGES = 16
 
 #: What ``scheme`` may be; the keys of ``SCHEMES``, for editors and type checkers.
-SchemeName = Literal["IMS", "EMS", "G-L", "LIIIA-B"]
+SchemeName = Literal["IMS", "EMS", "G-L", "LIIIA-B", "Radau-L"]
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,12 @@ def _lobatto_iiiab(stages: int) -> Tableau:
     return lobatto_iiiab(stages)
 
 
+def _radau_lobatto(stages: int) -> Tableau:
+    from ..tableaux.families import radau_lobatto
+
+    return radau_lobatto(stages)
+
+
 SCHEMES: dict[SchemeName, Scheme] = {
     scheme.name: scheme
     for scheme in (
@@ -86,6 +92,8 @@ SCHEMES: dict[SchemeName, Scheme] = {
         Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto),
         Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab,
                sources={"jay1996": "Lobatto IIIA-IIIB pairs with constraints"}),
+        Scheme("Radau-L", "Radau-Lobatto SPARK method", 1, _radau_lobatto,
+               sources={"hairer1996": "Radau IIA methods, L-stable"}),
     )
 }
 #: What the command line takes where no scheme is named: order 6, symplectic.

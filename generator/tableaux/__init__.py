@@ -2,12 +2,13 @@
 
     node_algebra    functions on a set of nodes, exactly
     nodes           roots of polynomials, exact and in certified enclosures
-    families        Gauss-Lobatto and Lobatto IIIA-B, solved for from (A.8)-(A.16)
+    families        Gauss-Lobatto, Lobatto IIIA-B and Radau-Lobatto, solved for from (A.8)-(A.16)
     tableau         a SPARK tableau: exact until one door turns it into numbers
     tableau_file    a user's own, from JSON
     enclosures      its numbers in proved bounds
     separation      whether a number written with radicals is zero
     multipliers     M = Ā Ã, what multipliers do to constraints at the nodes
+    stability       R(z) of a fast decay: A-stable, L-stable, numerical damping
     conditions      each condition as a residual, and predicates derived from it
     observed_order  the order as measured
 """

@@ -5,6 +5,7 @@
     D(k)   Σ_i b_i c_i^{k−1} a_ij = b_j (1 − c_j^k)/k    Butcher's D, for each of the four
     symplectic   b_i â_ij + b̂_j a_ji = b_i b̂_j,   b_i ã_ij + b̃_j ā_ji = b_i b̃_j    (erratum 13)
     symmetric    a_{s+1−i,s+1−j} + a_ij = b_j             for each of the four
+    stability    R(z) of a fast decay, and its limit      ``stability``
 
 Residuals are exact: zero is proved, not measured (``node_algebra``).
 """
@@ -20,9 +21,9 @@ import mpmath as mp
 import sympy as sp
 
 from .multipliers import multiplier_condition, multiplier_inverse
-from .node_algebra import Nodes, ValueNodes, column, power
-from .nodes import enclose_roots
-from .separation import enclosure, vanishes_to
+from .node_algebra import Nodes, column, magnitude, power
+from .separation import vanishes_to
+from .stability import stability
 from .tableau import Tableau
 
 __all__ = ["Condition", "check_tableau", "invariant_conditions", "order", "remarks"]
@@ -121,20 +122,6 @@ def _entry_is_zero(entry: sp.Expr, digits_given: int | None) -> bool:
     return vanishes_to(entry, digits_given)
 
 
-def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp.mpf:
-    """Return the largest |entry| of a residual at the nodes themselves."""
-    values = _at_nodes(_at_nodes(residual.to_Matrix(), rows).T, columns)
-    return max((mp.mpf(abs(enclosure(v)).b) for v in values), default=mp.mpf(0))
-
-
-def _at_nodes(matrix: sp.Matrix, nodes: Nodes | None) -> sp.Matrix:
-    if nodes is None or isinstance(nodes, ValueNodes):
-        return matrix
-    roots = [sp.Rational(r.centre.numerator, r.centre.denominator)
-             for r in enclose_roots(nodes.polynomial, 64)]  # type: ignore[attr-defined]
-    return sp.Matrix([[r**k for k in range(nodes.size)] for r in roots]) * matrix
-
-
 # ---------------------------------------------------------------- counts and order
 
 
@@ -208,6 +195,7 @@ def _checked(tableau: Tableau) -> tuple[Condition, ...]:
         *(_symplectic(tableau)),
         *(_range(tableau, label, found) for label in LABELS),
         _symmetric(tableau),
+        _stability(tableau),
         _order(tableau),
     )
     if tableau.digits_given is None:
@@ -372,6 +360,17 @@ def _symmetric(tableau: Tableau) -> Condition:
         residual="0" if holds else mp.nstr(max(sizes), 5) if mirrored else "the nodes are not",
         required=bool(claimed),
     )
+
+
+def _stability(tableau: Tableau) -> Condition:
+    """L-stable, A-stable or neither; what says to be L-stable must be, with constraints too."""
+    found, claimed = stability(tableau), bool(tableau.claims.get("L_stable"))
+    damps = found is not None and found.l_stable and found.constrained
+    told = "none: Â is not A" if found is None else str(found)
+    if found is not None and not found.constrained:
+        told += ", without constraints"
+    return Condition("stability", "R(z) = det(I − zA + z1bᵀ)/det(I − zA)", told,
+                     damps or not claimed, "0" if damps or not claimed else told, claimed)
 
 
 def _order(tableau: Tableau) -> Condition:

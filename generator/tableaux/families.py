@@ -1,4 +1,5 @@
-"""The two families of the paper, solved for from their defining conditions (A.8)-(A.16).
+"""The families, solved for from their defining conditions: the paper's two, (A.8)-(A.16), and
+Radau-Lobatto, which is Gauss-Lobatto on the nodes of Radau IIA.
 
 Each condition is linear in the unknown coefficients. Written for functions on the nodes
 (``node_algebra``) the unknown is a rational matrix, and one exact solve gives all s² entries at
@@ -15,10 +16,10 @@ from sympy.polys.matrices import DomainMatrix
 
 from ...errors import TableauError
 from .node_algebra import Nodes, PolynomialNodes, column, power
-from .nodes import gauss_polynomial, lobatto_polynomial
+from .nodes import gauss_polynomial, lobatto_polynomial, radau_polynomial
 from .tableau import Tableau
 
-__all__ = ["gauss_lobatto", "lobatto_iiiab"]
+__all__ = ["gauss_lobatto", "lobatto_iiiab", "radau_lobatto"]
 
 Matrix = Any
 
@@ -62,24 +63,44 @@ def gauss_lobatto(s: int) -> Tableau:
     """
     if s < 1:
         raise TableauError(f"A Gauss-Lobatto tableau has at least 1 stage, not {s}.")
-    gauss = PolynomialNodes(gauss_polynomial(s))
-    lobatto = PolynomialNodes(lobatto_polynomial(s + 1))
-    b, b_tilde = quadrature_weights(gauss), quadrature_weights(lobatto)
-    A = solve_rows(gauss, gauss, s)
+    claims = {"B": 2 * s, "B_hat": 2 * s, "B_tilde": 2 * s, "C": s, "C_hat": s, "C_tilde": s,
+              "C_bar": s, "symmetric": 1, "symplectic": 1, "order": 2 * s}
+    return _with_lobatto(f"gl{s}", gauss_polynomial(s), claims)
+
+
+@lru_cache
+def radau_lobatto(s: int) -> Tableau:
+    """Return the s-stage Radau-Lobatto SPARK tableau, p = s: for stiff dampers.
+
+    As Gauss-Lobatto on the nodes of Radau IIA: c_s = 1 and ā_sj = a_sj = b_j, so that the last
+    stage is the end of the step, where g = 0, and R(∞) = 0 (``stability``). Ã and Ā remain a
+    symplectic pair; A and Â = A are none, and nothing is symmetric. C̃ holds to s − 1 only.
+    """
+    if s < 1:
+        raise TableauError(f"A Radau-Lobatto tableau has at least 1 stage, not {s}.")
+    claims = {"B": 2 * s - 1, "B_hat": 2 * s - 1, "B_tilde": 2 * s, "C": s, "C_hat": s,
+              "C_tilde": s - 1, "C_bar": s, "symplectic": 0, "L_stable": 1, "order": 2 * s - 1}
+    return _with_lobatto(f"radaul{s}", radau_polynomial(s), claims)
+
+
+def _with_lobatto(name: str, polynomial: Any, claims: dict[str, int]) -> Tableau:
+    """Return the tableau with these stages and s + 1 Lobatto nodes for the constraints."""
+    s = polynomial.degree()
+    stages, lobatto = PolynomialNodes(polynomial), PolynomialNodes(lobatto_polynomial(s + 1))
+    b, b_tilde = quadrature_weights(stages), quadrature_weights(lobatto)
+    A = solve_rows(stages, stages, s)
     basis = {
         "A": A,
         "A_hat": A,
-        "A_tilde": solve_rows(gauss, lobatto, s - 1, first_weight(lobatto, b_tilde)),
-        "A_bar": solve_rows(lobatto, gauss, s),
+        "A_tilde": solve_rows(stages, lobatto, s - 1, first_weight(lobatto, b_tilde)),
+        "A_bar": solve_rows(lobatto, stages, s),
         "b": b,
         "b_hat": b,
         "b_tilde": b_tilde,
-        "c": power(gauss, 1),
+        "c": power(stages, 1),
         "c_tilde": power(lobatto, 1),
     }
-    claims = {"B": 2 * s, "B_hat": 2 * s, "B_tilde": 2 * s, "C": s, "C_hat": s, "C_tilde": s,
-              "C_bar": s, "symmetric": 1, "symplectic": 1, "order": 2 * s}
-    return Tableau(f"gl{s}", gauss, lobatto, basis, claims)
+    return Tableau(name, stages, lobatto, basis, claims)
 
 
 @lru_cache

@@ -18,13 +18,15 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, Protocol
 
+import mpmath as mp
 import sympy as sp
 from sympy import EXRAW, QQ
 from sympy.polys.matrices import DomainMatrix
 
-from .separation import vanishes_to
+from .nodes import enclose_roots
+from .separation import enclosure, vanishes_to
 
-__all__ = ["Nodes", "PolynomialNodes", "ValueNodes", "column"]
+__all__ = ["Nodes", "PolynomialNodes", "ValueNodes", "column", "magnitude"]
 
 Matrix = Any  # DomainMatrix; SymPy ships no types
 
@@ -194,3 +196,17 @@ class ValueNodes:
         """Pick the first (0) or last (−1) value."""
         s = self.size
         return DomainMatrix([[sp.Integer(int(j == position % s)) for j in range(s)]], (1, s), EXRAW)
+
+
+def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp.mpf:
+    """Return the largest |entry| of a residual at the nodes themselves."""
+    values = _at_nodes(_at_nodes(residual.to_Matrix(), rows).T, columns)
+    return max((mp.mpf(abs(enclosure(v)).b) for v in values), default=mp.mpf(0))
+
+
+def _at_nodes(matrix: sp.Matrix, nodes: Nodes | None) -> sp.Matrix:
+    if nodes is None or isinstance(nodes, ValueNodes):
+        return matrix
+    roots = [sp.Rational(r.centre.numerator, r.centre.denominator)
+             for r in enclose_roots(nodes.polynomial, 64)]  # type: ignore[attr-defined]
+    return sp.Matrix([[r**k for k in range(nodes.size)] for r in roots]) * matrix

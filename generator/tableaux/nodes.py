@@ -2,6 +2,7 @@
 
     Lobatto: d^{s−2}/dx^{s−2} [x^{s−1}(x−1)^{s−1}]   (A.17)
     Gauss:   d^s/dx^s [x^s(x−1)^s]                    (A.18)
+    Radau:   d^{s−1}/dx^{s−1} [x^{s−1}(x−1)^s]        of Radau IIA, with the node 1
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ import sympy as sp
 
 from ...errors import TableauError
 
-__all__ = ["Enclosure", "enclose_roots", "exact_roots", "gauss_polynomial", "lobatto_polynomial"]
+__all__ = ["Enclosure", "enclose_roots", "exact_roots", "gauss_polynomial", "lobatto_polynomial",
+           "radau_polynomial"]
 
 x = sp.Symbol("x")
 #: Enclosures of roots have radius 2^−BITS; enough for 120 certified digits at s = 16.
@@ -35,7 +37,7 @@ class Enclosure:
 @lru_cache
 def gauss_polynomial(s: int) -> sp.Poly:
     """Return the s-th shifted Legendre polynomial (A.18), up to a constant factor."""
-    return _derivative_of_bump(s, s)
+    return _derivative_of_bump(s, s, s)
 
 
 @lru_cache
@@ -43,11 +45,20 @@ def lobatto_polynomial(s: int) -> sp.Poly:
     """Return the polynomial (A.17) whose s roots are the Lobatto nodes, 0 and 1 included."""
     if s < 2:
         raise TableauError(f"A Lobatto quadrature has at least 2 nodes, not {s}.")
-    return _derivative_of_bump(s - 1, s - 2)
+    return _derivative_of_bump(s - 1, s - 1, s - 2)
 
 
-def _derivative_of_bump(power: int, times: int) -> sp.Poly:
-    polynomial = sp.Poly(x * (x - 1), x, domain="QQ") ** power
+@lru_cache
+def radau_polynomial(s: int) -> sp.Poly:
+    """Return the polynomial whose s roots are the nodes of Radau IIA, 1 included."""
+    if s < 1:
+        raise TableauError(f"A Radau quadrature has at least 1 node, not {s}.")
+    return _derivative_of_bump(s - 1, s, s - 1)
+
+
+def _derivative_of_bump(left: int, right: int, times: int) -> sp.Poly:
+    """Return d^times/dx^times [x^left (x−1)^right], monic."""
+    polynomial = sp.Poly(x, x, domain="QQ") ** left * sp.Poly(x - 1, x, domain="QQ") ** right
     for _ in range(times):
         polynomial = polynomial.diff(x)
     return polynomial.monic()
@@ -141,8 +152,9 @@ def _scaled_value(integer: list[int], numerator: int, bits: int) -> int:
 def exact_roots(polynomial: sp.Poly) -> tuple[sp.Expr, ...]:
     """Return the roots in ascending order, in radicals where they are short, else as CRootOf.
 
-    The roots lie symmetric about ½, so with y = x − ½ the polynomial is even or odd in y: a
-    polynomial in y² of half the degree, and radicals stay short while that is at most 2.
+    Where they lie symmetric about their mean, ½ of Gauss and Lobatto, the polynomial is even or
+    odd in y = x − mean: one in y² of half the degree, and radicals stay short while that is at
+    most 2.
     """
     roots: list[sp.Expr] = []
     for factor, _ in polynomial.factor_list()[1]:
@@ -154,9 +166,10 @@ def _short_radicals(factor: sp.Poly) -> list[sp.Expr] | None:
     if factor.degree() == 1:
         return [-factor.all_coeffs()[1] / factor.all_coeffs()[0]]
     y, u = sp.symbols("y u")
-    shifted = sp.Poly(factor.as_expr().subs(x, y + sp.Rational(1, 2)), y)
+    mean = -factor.all_coeffs()[1] / (factor.all_coeffs()[0] * factor.degree())
+    shifted = sp.Poly(factor.as_expr().subs(x, y + mean), y)
     if factor.degree() > 4 or any(power[0] % 2 for power in shifted.monoms()):
         return None
     in_squares = sp.Poly([shifted.coeff_monomial(y**k) for k in range(factor.degree(), -1, -2)], u)
     squares = sp.roots(in_squares, quartics=False, cubics=False)
-    return [sp.Rational(1, 2) + sign * sp.sqrt(square) for square in squares for sign in (-1, 1)]
+    return [mean + sign * sp.sqrt(square) for square in squares for sign in (-1, 1)]
