@@ -8,6 +8,8 @@ from __future__ import annotations
 import sys
 from types import ModuleType
 
+from .imports import imported_for_good
+
 
 def main() -> None:
     """Begin ``gyrospark``."""
@@ -21,7 +23,8 @@ def main_generate() -> None:
 
 def _commands(name: str) -> ModuleType:
     try:
-        from . import commands
+        with imported_for_good("click"):
+            from . import commands
     except KeyboardInterrupt:
         sys.stderr.write(f"\n{name}: Interrupted.\n")  # below the terminal's ^C, as click does
         sys.exit(130)

@@ -15,6 +15,7 @@ import click
 from ..errors import InputError
 from ..generator.emission.profiles import PROFILES
 from ..generator.spec import PAPER_SPECS, Spec
+from ..imports import imported_for_good
 from ..naming import listed
 from ..runtime.build.manifest import remarks_of
 from ..runtime.notices import doing
@@ -170,6 +171,7 @@ def write_files(files: dict[str, str], out: Path) -> None:
 
 def _generate(spec: Spec, allow_invalid: bool) -> Generated:
     with doing(f"deriving {spec.model or spec.name}"):
-        from ..generator.pipeline import generate as run_pipeline  # SymPy, only when needed
+        with imported_for_good("sympy"):  # only when needed
+            from ..generator.pipeline import generate as run_pipeline
 
         return run_pipeline(spec, allow_invalid=allow_invalid)

@@ -68,7 +68,7 @@ def manifest_text(
             **_lagrangian(system),
             "constraints": [str(g) for g in system.constraints],
             "hidden": hidden_constraints(scheme, constants, forms),
-            "start_parameters": _start_parameters(system, forms),
+            "start_parameters": _start_parameters(scheme, system, constants, forms),
             **_given_names(system),
             "rigid_body": system.rigid_body,
             **_bodies(system),
@@ -111,7 +111,9 @@ def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
     }}
 
 
-def _start_parameters(system: System, forms: dict[str, Any]) -> list[str]:
+def _start_parameters(
+    scheme: SparkScheme | MeanScheme, system: System, constants: Constants, forms: dict[str, Any]
+) -> list[str]:
     """Return the parameters that decide whether a state is on the constraints.
 
     Of a structured system, whose g_q H_p is never written out, all that could.
@@ -119,7 +121,7 @@ def _start_parameters(system: System, forms: dict[str, Any]) -> list[str]:
     if not system.constraints:
         return []
     deciding = (energy_of(system), *system.constraints) if forms["structured"] else (
-        *system.constraints, *system.hidden)
+        *system.constraints, *map(constants.spelled_out, scheme.system.hidden))
     if isinstance(system, LagrangianSystem):
         deciding = (system.L, *system.constraints)
     found = {x for e in deciding for x in e.free_symbols}
