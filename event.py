@@ -11,12 +11,13 @@ from .errors import InputError
 from .exact import decimal, exact
 from .naming import choose, shown
 
-__all__ = ["DIRECTIONS", "Event", "as_events", "event_of_text"]
+__all__ = ["DIRECTIONS", "Event", "as_events", "event_of_text", "refuse_unusable_names"]
 
 #: How a direction is written on the command line and in model files.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
 _TEXT = re.compile(r"\s*(?P<quantity>[^=]+?)\s*=\s*(?P<level>\S.*?)"
                    r"(?P<words>(?:\s+(?:up|down|both|stop))*)\s*")
+_NAME = re.compile("[A-Za-z0-9_]{1,40}")
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,19 @@ def as_events(given: Any, system: Mapping[str, Any]) -> tuple[Event, ...]:
         raise InputError(f"Two events are named {twice[0]!r}; give one of them another "
                          'name, as in gs.Event(..., name="landing") or --event "landing: x=0".')
     return tuple(events)
+
+
+def refuse_unusable_names(events: Sequence[Event], named: str) -> None:
+    """Refuse events whose names arrays cannot have; ``named`` is what goes by them.
+
+    Raises
+    ------
+    InputError
+    """
+    for one in events:
+        if not _NAME.fullmatch(one.name):
+            raise InputError(f"The event {one.name!r} names {named}; give it a name of letters, "
+                             'digits and "_", as in gs.Event(..., name="landing").')
 
 
 def event_of_text(

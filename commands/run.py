@@ -175,7 +175,7 @@ def run(
         "q": q0, "p": p0, "t0": begin, "dt": step_size, "steps": count,
         "every": whole_number("--every", every),
         "parameters": parameters, **how,
-        **events_of(watched_for, start.events, step, out),
+        **events_of(watched_for, start.events, step),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
     with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes

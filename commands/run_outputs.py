@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ..event import Event, as_events, event_of_text
-from ..remarks import remark
 from ..runtime.show.endings import ENDINGS, PAGES, ending_of
 from .options import check_ending, check_picture, check_writable
 
@@ -43,6 +42,8 @@ class Done:
         What was written.
     trouble : Exception or None
         Why it ended early, or what could not be written.
+    ended_by : str or None
+        The event that ended it.
     """
 
     trajectory: Trajectory
@@ -51,6 +52,7 @@ class Done:
     steps: int
     out: str | None
     trouble: GyrosparkError | Stopped | None
+    ended_by: str | None = None
 
 
 def check_targets(out: Path | None, plot: Path | None, page: Path | None, *, resume: bool) -> None:
@@ -73,24 +75,8 @@ def check_targets(out: Path | None, plot: Path | None, page: Path | None, *, res
             check_export(out)
 
 
-def events_of(
-    texts: tuple[str, ...], own: Sequence[Event], step: Stepper, out: Path | None
-) -> dict[str, Any]:
-    """Return the argument for the model's own events and what --event adds; stores have none."""
-    if out is not None and ending_of(out) not in ("", ".npz"):
-        if texts:
-            raise InputError(f"--event is for runs in memory, not for --out {str(out)!r}, which "
-                             "has no place for events; write .npz, or leave --out away.")
-        for one in own:
-            if one.terminal:
-                raise InputError(f"The model's event {one.name!r} ends its runs, and --out "
-                                 f"{str(out)!r} has no place for events; write .npz, or take stop "
-                                 f"from it: --set events.{one.name}="
-                                 f"'{one.quantity}={float(one.level):g}'.")
-        if own:
-            remark(f"--out {str(out)!r} has no place for events: those of the model are not looked "
-                   "for. Write .npz, or leave --out away, to have them.")
-        return {}
+def events_of(texts: tuple[str, ...], own: Sequence[Event], step: Stepper) -> dict[str, Any]:
+    """Return the argument for the model's own events and what --event adds."""
     events = [*own, *map(_named, texts)]
     return {"events": as_events(events, step.manifest["system"])} if events else {}
 
@@ -148,7 +134,8 @@ def _exported(
     except Exception as error:
         error.add_note(f"The states are in {str(store)!r}; gyrospark export writes them.")
         raise
-    if isinstance(done.trouble, Stopped) and done.last.report.steps < arguments["steps"]:
+    ended = done.ended_by is not None or done.last.report.steps == arguments["steps"]
+    if isinstance(done.trouble, Stopped) and not ended:
         return done  # the store goes on
     _remove(store)
     return done
@@ -199,7 +186,14 @@ def _in_memory(
         trouble = trouble or error
     if isinstance(trouble, Stopped):
         trouble = _told(trouble, trajectory.report.steps, arguments["steps"], written)
-    return Done(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble)
+    return Done(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
+                _ended_by(trajectory, arguments))
+
+
+def _ended_by(trajectory: Trajectory, arguments: dict[str, Any]) -> str | None:
+    """Return the name of the event that has ended a run."""
+    ends = (one.name for one in arguments.get("events", ()) if one.terminal)
+    return next((name for name in ends if len(trajectory.events.get(name, ()))), None)
 
 
 def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
@@ -229,7 +223,8 @@ def _stored(
     seconds = time.perf_counter() - started
     shown = recording.trajectory(thin=-(-len(recording) // _SHOWN))
     last = recording.trajectory(first=len(recording) - 1)
-    return Done(shown, last, seconds, recording.steps_done - before, name, trouble)
+    return Done(shown, last, seconds, recording.steps_done - before, name, trouble,
+                _ended_by(shown, arguments))
 
 
 def _open(store: Path) -> Recording:

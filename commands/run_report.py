@@ -86,10 +86,13 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
     if trajectory.quantities:
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
-    if trajectory.events:
+    events = done.trajectory.events  # of a stored run the last state alone knows of none
+    if events:
         result["events"] = {name: {"t": [float(t) for t in found.t],
                                    "rising": found.rising.tolist()}
-                            for name, found in trajectory.events.items()}
+                            for name, found in events.items()}
+    if done.ended_by is not None:
+        result["ended"] = {"event": done.ended_by, "t": float(events[done.ended_by].t[0])}
     if done.steps < report.steps:
         result["resumed_at"] = report.steps - done.steps
         result["done_before"] = not done.steps and done.trouble is None
@@ -181,6 +184,9 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
         lines.append(f"  work of the forces      {result['work']:.6g}")
     lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
     lines += [_event_line(name, found) for name, found in result.get("events", {}).items()]
+    if "ended" in result:
+        lines.append("  ended                   by event {event} at t = {t:.12g} s".format(
+            **result["ended"]))
     if "start_moved" in result:
         lines.append("  start                   moved onto the constraints by "
                      f"{result['start_moved']:.2e}")

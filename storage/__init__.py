@@ -3,13 +3,14 @@
     durable      a Zarr store each of whose files appears whole and stays, whatever happens
     lock         one writer a store
     fresh        a store that is begun appears whole
-    wide         numbers with more digits than a double, as bytes
     chunks       how arrays are cut and packed
     identity     what makes two runs the same, and what differs
     layout       the arrays of a run: names, dimensions, units
+    happened     the arrays of events, to append to
     checkpoint   the bytes from which a run goes on
     writer       writes in a thread what another computes
-    record       the loop: steps, commits, the end
+    record       a run begun, or gone on with
+    course       the loop: steps, events, commits, the end
     soundness    a store is read only if it is whole
     recording    a stored run, to read
     table        the states as columns, of a store or in memory

@@ -1,5 +1,7 @@
 """The bytes from which a run goes on: how far it is, its state, its record, its memory.
 
+Of a run with events also what looking for them goes on from, and how many of each are stored.
+
 The compiled code keeps all that a run has learned (compensation terms, the predictor's past, the
 rate at which sweeps converge) in its work memory, and that is kept byte for byte.
 """
@@ -14,12 +16,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.call.binding import Binding
-from .wide import as_bytes, from_bytes
+from ..runtime.call.wide import as_bytes, from_bytes
+from ..runtime.events.watch import TAIL, Memory
 
-__all__ = ["State", "pack", "room", "unpack"]
+__all__ = ["Seen", "State", "pack", "room", "unpack"]
 
 Array = NDArray[Any]
 _DIGEST = 32
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is known of the events of a run: how often each has happened, what looking needs."""
+
+    counts: Array
+    memory: Memory
+
+    @classmethod
+    def none(cls, binding: Binding, events: int) -> Seen:
+        """Return what is known before the first step."""
+        no_rows = binding.new(0, binding.n)
+        return cls(np.zeros(events, int), Memory(no_rows, no_rows, np.zeros(events, bool)))
 
 
 @dataclass(frozen=True)
@@ -34,7 +51,9 @@ class State:
     most : int
         Most iterations of a step since the last stored state.
     status : int
-        Why the last step failed; 0 if it did not.
+        Why the last step failed; 0 if it did not; −1 − i where event i has ended the run.
+    seen : Seen or None
+        Of a run with events.
     """
 
     q: Array
@@ -43,17 +62,24 @@ class State:
     work: Any
     most: int = 0
     status: int = 0
+    seen: Seen | None = None
 
     @property
     def steps(self) -> int:
         """Steps done."""
         return int(self.report.steps)
 
+    @property
+    def ended_by(self) -> int | None:
+        """Which event has ended the run."""
+        return -1 - self.status if self.status < 0 else None
 
-def room(binding: Binding) -> int:
+
+def room(binding: Binding, events: int = 0) -> int:
     """Return how many bytes a checkpoint has."""
     start = binding.new(binding.n)
-    return len(pack(binding, State(start, start, binding.report(), binding.work())))
+    seen = Seen.none(binding, events) if events else None
+    return len(pack(binding, State(start, start, binding.report(), binding.work(), seen=seen)))
 
 
 def pack(binding: Binding, state: State) -> Array:
@@ -61,14 +87,23 @@ def pack(binding: Binding, state: State) -> Array:
     binding.clear_padding(state.report, state.work)
     numbers = np.array([state.most, state.status], dtype="<i8")
     parts = [numbers, as_bytes(state.q), as_bytes(state.p), binding.image(state.report),
-             binding.image(state.work)]
+             binding.image(state.work), *_packed(binding, state.seen)]
     body = np.concatenate([np.ascontiguousarray(part).view(np.uint8).reshape(-1)
                            for part in parts])
     digest = np.frombuffer(hashlib.sha256(body.data).digest(), dtype=np.uint8)
     return np.concatenate([digest, body])
 
 
-def unpack(binding: Binding, data: Array) -> State | None:
+def _packed(binding: Binding, seen: Seen | None) -> list[Array]:
+    """Return what is known of events in parts of one length, however many rows there are."""
+    if seen is None:
+        return []
+    memory, rows = seen.memory, binding.new(2, TAIL, binding.n)
+    rows[0, : len(memory.q)], rows[1, : len(memory.p)] = memory.q, memory.p
+    return [np.array([len(memory.q), *seen.counts, *memory.closed], dtype="<i8"), as_bytes(rows)]
+
+
+def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
     """Return the state of ``pack``'s bytes, None where nothing was packed yet.
 
     Raises
@@ -81,18 +116,27 @@ def unpack(binding: Binding, data: Array) -> State | None:
         return None
     if hashlib.sha256(body.data).digest() != digest.tobytes():
         raise ValueError("the checkpoint is damaged")
-    state = State(binding.new(binding.n), binding.new(binding.n), binding.report(),
-                  binding.work())
-    empty = as_bytes(state.q)
-    most, status = (int(x) for x in body[:16].view("<i8"))
-    at = 16
-    vectors = []
-    for _ in "qp":
-        part = body[at : at + empty.nbytes].reshape(empty.shape)
-        vectors.append(from_bytes(part, binding.dtype))
-        at += empty.nbytes
-    for struct in (state.report, state.work):
+    report, work = binding.report(), binding.work()
+    at = 0
+
+    def take(size: int) -> Array:
+        """Return the next bytes, no part of the data: a run changes its state in place."""
+        nonlocal at
+        at += size
+        return body[at - size : at].copy()
+
+    def numbers(*shape: int) -> Array:
+        empty = as_bytes(binding.new(*shape))
+        return from_bytes(take(empty.nbytes).reshape(empty.shape), binding.dtype)
+
+    most, status = (int(x) for x in take(16).view("<i8"))
+    q, p = numbers(binding.n), numbers(binding.n)
+    for struct in (report, work):
         image = binding.image(struct)
-        image[:] = body[at : at + image.size]
-        at += image.size
-    return State(vectors[0], vectors[1], state.report, state.work, most, status)
+        image[:] = take(image.size)
+    if not events:
+        return State(q, p, report, work, most, status)
+    rows, *known = (int(x) for x in take(8 * (1 + 2 * events)).view("<i8"))
+    tail = numbers(2, TAIL, binding.n)[:, :rows]
+    memory = Memory(tail[0], tail[1], np.array(known[events:], bool))
+    return State(q, p, report, work, most, status, Seen(np.array(known[:events]), memory))

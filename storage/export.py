@@ -10,9 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..errors import InputError, MissingDependencyError, StorageError
 from ..runtime.output.outputs import labels_of
-from ..runtime.output.states import headings, write_csv
+from ..runtime.output.states import beside, event_headings, headings, write_csv
 from ..runtime.show.endings import ENDINGS, ending_of
 from .durable import finished
 from .table import Column, Table, stored_table, table_of
@@ -48,7 +50,8 @@ def export(recording: Recording, path: Path) -> Path:
 
     .npz is what ``Trajectory.load`` reads, with all digits; .csv has a column a number, under the
     names that the system gives its coordinates, momenta and quantities, each with the digits that
-    give it back; .nc is NetCDF-4, with attributes as text.
+    give it back; .nc is NetCDF-4, with attributes as text. Events of a .csv file stand in another
+    one, ``night.events.csv``, a line each.
 
     Raises
     ------
@@ -81,6 +84,9 @@ def _write(table: Table, path: Path) -> Path:
     write: Callable[[Table, Path], None] = {".csv": _write_csv, ".nc": _write_netcdf}[
         ending_of(path)]
     try:
+        if table.events and ending_of(path) == ".csv":
+            with finished(beside(path)) as part:
+                _write_events(table, part)
         with finished(path) as part:
             write(table, part)
     except (OSError, RuntimeError) as error:  # HDF5 has a RuntimeError for some of the system's
@@ -95,26 +101,36 @@ def _write_csv(table: Table, path: Path) -> None:
     write_csv(path, titles, (arrays for _, arrays in table.blocks(columns)))
 
 
+def _write_events(table: Table, path: Path) -> None:
+    """Write what has happened as CSV: the name of the event, then what its arrays hold."""
+    blocks = ([np.full(len(arrays[0]), name), *arrays] for name, own in table.events.items()
+              for _, arrays in own.blocks(own.numbers))
+    write_csv(path, event_headings(table.system), blocks)
+
+
 def _write_netcdf(table: Table, path: Path) -> None:
     import h5netcdf
 
     with h5netcdf.File(path, "w") as file:
         file.attrs.update({name: _plain(value) for name, value in table.attributes.items()})
-        file.dimensions = {"time": table.rows, **{
-            dimension: length for column in table.columns for dimension, length in column.inner}}
+        tables = [table, *table.events.values()]
+        file.dimensions = {one.along: one.rows for one in tables} | {
+            dimension: length for one in tables for column in one.columns
+            for dimension, length in column.inner}
         for dimension, (names, meaning) in labels_of(table.system).items():
             if dimension in file.dimensions:
                 labels = file.create_variable(dimension, (dimension,), dtype=_text())
                 labels[:] = names
                 labels.attrs["long_name"] = meaning
-        made = [_netcdf_variable(file, column) for column in table.columns]
-        for begin, arrays in table.blocks(table.columns):
-            for variable, array in zip(made, arrays, strict=True):
-                variable[begin : begin + len(array)] = array
+        for one in tables:
+            made = [_netcdf_variable(file, one.along, column) for column in one.columns]
+            for begin, arrays in one.blocks(one.columns):
+                for variable, array in zip(made, arrays, strict=True):
+                    variable[begin : begin + len(array)] = array
 
 
-def _netcdf_variable(file: Any, column: Column) -> Any:
-    dimensions = ("time", *(dimension for dimension, _ in column.inner))
+def _netcdf_variable(file: Any, along: str, column: Column) -> Any:
+    dimensions = (along, *(dimension for dimension, _ in column.inner))
     variable = file.create_variable(column.name, dimensions, dtype=column.dtype)
     variable.attrs.update({name: _plain(value) for name, value in column.attributes.items()})
     return variable

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +13,10 @@ import zarr
 
 from .._version import __version__
 from ..errors import InputError
-from ..exact import digits_of
+from ..exact import digits_of, exact
 
 if TYPE_CHECKING:
+    from ..event import Event
     from ..runtime.run.stepper import Stepper
     from ..runtime.steps.integration import Run
 
@@ -24,12 +26,15 @@ __all__ = ["identity_of", "refuse_if_different", "versions", "written_by"]
 FORMAT = 1
 
 
-def identity_of(stepper: Stepper, run: Run) -> dict[str, Any]:
+def identity_of(
+    stepper: Stepper, run: Run, events: tuple[Event, ...] = ()
+) -> dict[str, Any]:
     """Return what is compared before a run goes on, in terms that JSON can hold.
 
-    Numbers have all their digits: as text where a double does not hold them.
+    Numbers have all their digits: as text where a double does not hold them. A run without events
+    has no word on them, as those of earlier versions.
     """
-    return {
+    return _watched(events) | {
         "format": FORMAT,
         "gyrospark": __version__,
         "stepper": stepper.name,
@@ -46,6 +51,20 @@ def identity_of(stepper: Stepper, run: Run) -> dict[str, Any]:
         "max_iterations": run.max_iterations,
         **({} if run.follow is None else {"frame": str(run.follow)}),
     }
+
+
+def _watched(events: tuple[Event, ...]) -> dict[str, Any]:
+    said = {one.name: {"quantity": one.quantity, "level": _level(one.level),
+                       "direction": one.direction, "terminal": one.terminal} for one in events}
+    return {"events": said} if said else {}
+
+
+def _level(level: Any) -> float | str:
+    """Return a level as a number where a double has all of it, else as a fraction."""
+    whole = exact(level)
+    assert isinstance(whole, Fraction)  # events have no other
+    fits = abs(whole) < 2**1000 and Fraction(float(whole)) == whole
+    return float(whole) if fits else str(whole)
 
 
 def versions() -> dict[str, str]:

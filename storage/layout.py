@@ -7,6 +7,9 @@ numbers (long double, binary128), which Zarr has not, stand rounded to double un
 whole, as bytes, under ``<name>_bytes``.
 
 A row of all arrays is a state; rows are written in blocks, each a chunk of every array.
+
+The events of a run have arrays of their own, ``event_<name>_t``, ``_q``, ``_p``, ``_steps`` and
+``_rising``, along a dimension ``event_<name>`` that grows with what is found.
 """
 
 from __future__ import annotations
@@ -22,14 +25,14 @@ import numpy as np
 import zarr
 
 from ..real import REALS
+from ..runtime.call.wide import WIDE_BYTES
 from ..runtime.output.outputs import OUTPUTS, QUANTITY, about, parts
 from .chunks import codecs_of
 from .durable import DurableStore, write_durably
-from .wide import WIDE_BYTES
 
 __all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
            "block_rows", "consolidate", "create", "create_array", "extend", "fields_of",
-           "open_group", "wide_name"]
+           "fields_of_event", "names_of", "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
@@ -39,6 +42,8 @@ EXTENDS = "extends_to_rows"
 #: is: large enough for that not to count, small enough for a few to be in memory.
 _BLOCK_BYTES = 32 * 2**20
 _MOST_ROWS = 2**18
+#: The same of what happens now and then: the last block is written again with each commit.
+_BLOCK_OF_EVENTS, _MOST_EVENTS = 2**20, 2**12
 #: Bytes that stand where no wide number is computed yet; 16 of them are NaN.
 WIDE_FILL = 255
 
@@ -106,30 +111,62 @@ def fields_of(manifest: dict[str, Any]) -> list[Field]:
     return found
 
 
-def block_rows(fields: list[Field], rows: int) -> int:
+def fields_of_event(manifest: dict[str, Any], name: str) -> list[Field]:
+    """Return the arrays of an event of this name, in the order of ``Crossings``."""
+    real = REALS[manifest["real"]]
+    state = [(one, one.inner(manifest) or ()) for one in OUTPUTS if one.name in ("q", "p")]
+    return [
+        Field(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
+              real.wide),
+        *(Field(f"event_{name}_{one.name}", inner,
+                about(one, manifest, one.name) | {"long_name": f"{one.long_name} at {name}"},
+                real.stored, real.wide) for one, inner in state),
+        Field(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
+        Field(f"event_{name}_rising", (), {"long_name": "1 where the quantity rises along the run"},
+              "i1")]
+
+
+def names_of(fields: Iterable[Field]) -> list[str]:
+    """Return the names of the arrays that have these fields."""
+    return [name for one in fields for name in (one.name, wide_name(one.name))[: 1 + one.wide]]
+
+
+def block_rows(
+    fields: list[Field], rows: int, most_bytes: int = _BLOCK_BYTES, most_rows: int | None = None
+) -> int:
     """Return how many states are written at a time."""
-    most = min(_BLOCK_BYTES // sum(f.row_bytes for f in fields), _MOST_ROWS)
+    most = min(most_bytes // sum(f.row_bytes for f in fields), most_rows or _MOST_ROWS)
     return max(1, min(rows, 1 << (max(most, 1).bit_length() - 1)))
 
 
 def create(
-    path: Path, fields: list[Field], rows: int, checkpoint_bytes: int, attributes: dict[str, Any]
+    path: Path, fields: list[Field], rows: int, checkpoint_bytes: int, attributes: dict[str, Any],
+    events: Mapping[str, list[Field]] | None = None,
 ) -> None:
-    """Make an empty store; nothing is computed in it yet."""
-    names = [name for one in fields for name in (one.name, wide_name(one.name))[: 1 + one.wide]]
-    group = zarr.create_group(DurableStore(path), attributes=attributes | {"arrays": names})
-    block = block_rows(fields, rows)
-    for one in fields:
-        inner = [name for name, _ in one.inner]
-        create_array(group, one.name, (rows, *one.shape), (block, *one.shape), one.dtype, one.fill,
-                     ["time", *inner], one.attributes)
-        if one.wide:
-            said = {"long_name": f"{one.name} with all its digits, {WIDE_BYTES} bytes a number"}
-            create_array(group, wide_name(one.name), (rows, *one.wide_shape),
-                         (block, *one.wide_shape), "u1", WIDE_FILL, ["time", *inner, "byte"], said)
+    """Make an empty store; nothing is computed in it yet. ``events`` have arrays by their names."""
+    group = zarr.create_group(DurableStore(path),
+                              attributes=attributes | {"arrays": names_of(fields)})
+    _create_along(group, "time", fields, rows, block_rows(fields, rows))
+    for name, own in (events or {}).items():
+        _create_along(group, f"event_{name}", own, 0,
+                      block_rows(own, _MOST_EVENTS, _BLOCK_OF_EVENTS, _MOST_EVENTS))
     create_array(group, CHECKPOINT, (checkpoint_bytes,), (checkpoint_bytes,), "u1", 0,
                  ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
     consolidate(path)
+
+
+def _create_along(
+    group: zarr.Group, dimension: str, fields: list[Field], rows: int, block: int
+) -> None:
+    for one in fields:
+        inner = [name for name, _ in one.inner]
+        create_array(group, one.name, (rows, *one.shape), (block, *one.shape), one.dtype, one.fill,
+                     [dimension, *inner], one.attributes)
+        if one.wide:
+            said = {"long_name": f"{one.name} with all its digits, {WIDE_BYTES} bytes a number"}
+            create_array(group, wide_name(one.name), (rows, *one.wide_shape),
+                         (block, *one.wide_shape), "u1", WIDE_FILL, [dimension, *inner, "byte"],
+                         said)
 
 
 def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str, Any]) -> None:
@@ -143,7 +180,7 @@ def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str,
     for name in names:
         array = array_of(group, name)
         array.resize((rows, *array.shape[1:]))
-    consolidate(path, [*names, CHECKPOINT], {**attributes, EXTENDS: None})
+    consolidate(path, names, {**attributes, EXTENDS: None})
 
 
 def create_array(
@@ -162,16 +199,17 @@ def consolidate(
 ) -> None:
     """Repeat what each array says of itself in the group: readers then open one file, not ten.
 
-    xarray warns where it does not find it. ``names`` are all arrays if none are given;
-    ``attributes`` of the group change at the same instant.
+    xarray warns where it does not find it. ``names`` are those of the arrays that say something
+    new, all if none are given; ``attributes`` of the group change at the same instant.
     """
-    if names is None:
-        names = [file.parent.name for file in path.glob(f"*/{_METADATA}")]
     root = json.loads((path / _METADATA).read_bytes())
     root["attributes"] |= attributes or {}
-    arrays = {name: json.loads((path / name / _METADATA).read_bytes()) for name in sorted(names)}
+    known = (root.get("consolidated_metadata") or {}).get("metadata", {})
+    if names is None or not known:
+        names = [file.parent.name for file in path.glob(f"*/{_METADATA}")]
+    arrays = {name: json.loads((path / name / _METADATA).read_bytes()) for name in names}
     root["consolidated_metadata"] = {"kind": "inline", "must_understand": False,
-                                     "metadata": arrays}
+                                     "metadata": dict(sorted((known | arrays).items()))}
     write_durably(path / _METADATA, json.dumps(root, indent=2).encode())
 
 

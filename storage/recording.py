@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import zarr
 from numpy.typing import NDArray
 
@@ -16,19 +15,27 @@ from ..naming import listed
 from ..real import REALS
 from ..runtime.call.checks import as_positive_count
 from ..runtime.call.reals import from_text
+from ..runtime.events.found import Crossings
 from ..runtime.output.outputs import OUTPUTS, labels_of, parts, together
 from ..runtime.output.report import Report, known_fields
 from ..runtime.output.trajectory import Trajectory
 from .durable import one_line, store_path
+from .happened import crossings_in
 from .identity import written_by
-from .layout import array_of, open_group, wide_name
-from .soundness import FAILED, UNREADABLE, refuse_missing_blocks, rows_of, sound_attributes
-from .wide import from_bytes
+from .layout import array_of, fields_of_event, names_of, open_group, wide_name
+from .soundness import (
+    FAILED,
+    UNREADABLE,
+    refuse_missing_blocks,
+    rows_of,
+    sound_attributes,
+    stored_values,
+)
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Recording", "open_recording", "stored_values"]
+__all__ = ["Recording", "open_recording"]
 
 Array = NDArray[Any]
 
@@ -54,8 +61,8 @@ class Recording:
     ----------
     path : Path
     status : str
-        ``"complete"``, ``"running"`` (also of a run that was ended: it can be gone on with), or
-        ``"failed: "`` and the reason.
+        ``"complete"``, ``"running"`` (also of a run that was ended: it can be gone on with),
+        ``"ended: "`` and the name of the event that has ended it, or ``"failed: "`` and the reason.
     steps_done : int
     states : int
         States that are stored, with the start.
@@ -97,11 +104,21 @@ class Recording:
                              "give a folder that `gyrospark run --out X.zarr` made.") from error
 
     @property
+    def events(self) -> dict[str, Crossings]:
+        """What has happened of the events that the run looks for, up to the last commit.
+
+        ``events["height"].t``, ``.q``, ``.p``, as of a trajectory; read anew each time.
+        """
+        return crossings_in(self.path, self.group(), self.attributes["manifest"],
+                            self.attributes["events"])
+
+    @property
     def dataset(self) -> xarray.Dataset:
         """The states as an xarray Dataset along ``time``; values are read when they are used.
 
         Coordinates go by their names: ``dataset.q.sel(coordinate="x")``, and so does the momentum
-        that belongs to one.
+        that belongs to one. An event has ``event_height_t``, ``_q``, ``_p``, ``_steps`` and
+        ``_rising`` along a dimension of its own.
         """
         import xarray
 
@@ -110,7 +127,12 @@ class Recording:
             whole = xarray.open_zarr(self.path)
         except UNREADABLE as error:
             raise InputError(f"{str(self.path)!r} is damaged: {one_line(error)}.") from error
-        kept: xarray.Dataset = whole[self.attributes["arrays"]].isel(time=slice(0, self.states))
+        counts: dict[str, int] = self.attributes["events"]
+        of_events = [one for name in counts for one in names_of(
+            fields_of_event(self.attributes["manifest"], name))]
+        kept: xarray.Dataset = whole[[*self.attributes["arrays"], *of_events]].isel(
+            time=slice(0, self.states),
+            **{f"event_{name}": slice(0, count) for name, count in counts.items()})
         return kept.assign_coords({
             dimension: (dimension, names, {"long_name": meaning})
             for dimension, (names, meaning) in labels_of(self.attributes["manifest"]["system"])
@@ -160,31 +182,15 @@ class Recording:
         return Trajectory(
             **arrays, dt=from_text(run["dt"], real.name), every=run["every"] * thin,
             parameters={name: from_text(x, real.name) for name, x in run["parameters"].items()},
-            report=self.report, manifest=manifest)
+            report=self.report, manifest=manifest,
+            events={name: found.since(first * run["every"])
+                    for name, found in self.events.items()})
 
     def export(self, path: str | os.PathLike[str]) -> Path:
         """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""
         from .export import export
 
         return export(self, as_path("path", path, "night.csv"))
-
-
-def stored_values(
-    array: zarr.Array[Any], first: int, count: int, wide: bool, dtype: Any
-) -> Array:
-    """Return rows of an array, wide ones in their own type.
-
-    Raises
-    ------
-    InputError
-        If what is stored is damaged.
-    """
-    try:
-        values = np.asarray(array[first : first + count])
-    except UNREADABLE as error:
-        raise InputError(f"Array {array.name!r} of the store is damaged: {one_line(error)}."
-                         ) from error
-    return from_bytes(values, dtype) if wide else values
 
 
 def _report(kept: dict[str, Any]) -> Report:

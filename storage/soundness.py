@@ -13,22 +13,38 @@ from typing import Any
 
 import numpy as np
 import zarr
+from numpy.typing import NDArray
 
 from .._version import __version__
 from ..errors import InputError
 from ..real import REALS, RealName
 from ..runtime.call.reals import from_text
+from ..runtime.call.wide import from_bytes
 from ..runtime.output.report import Report, known_fields
+from .durable import one_line
 from .identity import FORMAT, written_by
-from .layout import CHECKPOINT, EXTENDS, Field, array_of, attributes_of, wide_name
+from .layout import (
+    CHECKPOINT,
+    EXTENDS,
+    Field,
+    array_of,
+    attributes_of,
+    fields_of_event,
+    names_of,
+    wide_name,
+)
 
-__all__ = ["COMPLETE", "FAILED", "RUNNING", "UNREADABLE", "refuse_missing_blocks",
-           "refuse_other_arrays", "rows_of", "sound_attributes"]
+__all__ = ["COMPLETE", "ENDED", "FAILED", "RUNNING", "UNREADABLE", "refuse_missing_blocks",
+           "refuse_other_arrays", "rows_of", "sound_attributes", "stored_values"]
+
+Array = NDArray[Any]
 
 RUNNING = "running"
 COMPLETE = "complete"
 #: What the status of a run begins with that found a step without a solution.
 FAILED = "failed: "
+#: What it begins with where an event has ended the run; its name follows.
+ENDED = "ended: "
 
 #: What Zarr raises for files that it does not understand; RuntimeError for endless brackets.
 UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError)
@@ -44,7 +60,7 @@ def sound_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     InputError
         If that is not what gyrospark says of a run, or not in a format that is known here.
     """
-    about = attributes_of(group)
+    about = {"events": {}} | attributes_of(group)
     run = about.get("run")
     if not isinstance(run, Mapping) or "format" not in run:
         raise InputError(f"{str(path)!r} is not a run that gyrospark stored, or damaged: what it "
@@ -67,6 +83,7 @@ def _complaints(
     first = first or list(_about_run(run, about["manifest"]["real"]))
     yield from first
     if not first:
+        yield from _about_events(about, run, group)
         yield from _about_course(about, run)
         yield from _about_arrays(about, group)
 
@@ -119,9 +136,12 @@ def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[
     if not _is_count(done, 0) or done > run["steps"]:
         yield f"steps_done is {done!r}, of {run['steps']} steps"
         return
-    if not isinstance(status, str) or (
-            status not in (RUNNING, COMPLETE) and not status.startswith(FAILED)):
+    ended = isinstance(status, str) and status.startswith(ENDED)
+    if not isinstance(status, str) or not (
+            status in (RUNNING, COMPLETE) or status.startswith(FAILED) or ended):
         yield f"status is {status!r}"
+    elif ended and not about["events"].get(status.removeprefix(ENDED)):
+        yield f"status is {status!r}, and that has not happened"
     elif (status == COMPLETE) is not (done == run["steps"]) and about.get("report") is not None:
         yield f"status is {status!r} after {done} of {run['steps']} steps"
     if about.get("report") is None:
@@ -129,10 +149,33 @@ def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[
     elif done == run["steps"]:
         expected = rows_of(run)
     else:
-        expected = done // run["every"] + 1
+        expected = done // run["every"] + 1 + ended
     if type(states) is not int or states != expected:
         yield f"states is {states!r} after {done} steps"
     yield from _about_report(about.get("report"))
+
+
+def _about_events(
+    about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
+) -> Iterator[str]:
+    """Yield what is wrong with how often events have happened, and with their arrays."""
+    asked, counts = run.get("events", {}), about["events"]
+    if not isinstance(asked, Mapping) or not isinstance(counts, Mapping) or (
+            asked.keys() != counts.keys()):
+        yield f"events are {counts!r}, and {asked!r} were asked for"
+        return
+    for name, count in counts.items():
+        if not _is_count(count, 0):
+            yield f"events.{name} is {count!r}"
+            continue
+        for one in names_of(fields_of_event(about["manifest"], name)):
+            try:
+                array = array_of(group, one)
+            except UNREADABLE:
+                yield f"array {one!r} is missing or cannot be read"
+                return
+            if array.ndim == 0 or array.shape[0] < count:
+                yield f"array {one!r} has not {count} rows"
 
 
 def _about_report(report: Any) -> Iterator[str]:
@@ -175,9 +218,12 @@ def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
 
 
 def refuse_other_arrays(
-    path: Path, group: zarr.Group, fields: list[Field], rows: Iterable[int], checkpoint_bytes: int
+    path: Path, group: zarr.Group, fields: list[Field], rows: Iterable[int], checkpoint_bytes: int,
+    events: Iterable[Field] = (),
 ) -> None:
     """Refuse to go on with a store whose arrays are not those of a run of so many rows.
+
+    Those of ``events`` may have any number.
 
     Raises
     ------
@@ -190,6 +236,13 @@ def refuse_other_arrays(
         expected[one.name] = one.shape, (block, *one.shape), np.dtype(one.dtype)
         if one.wide:
             expected[wide_name(one.name)] = one.wide_shape, (block, *one.wide_shape), np.dtype("u1")
+    for one in events:
+        block_of_event = array_of(group, one.name).chunks[0]
+        expected[one.name] = one.shape, (block_of_event, *one.shape), np.dtype(one.dtype)
+        if one.wide:
+            expected[wide_name(one.name)] = (one.wide_shape, (block_of_event, *one.wide_shape),
+                                             np.dtype("u1"))
+    growing = set(names_of(events))
     for name, (inner, chunks, dtype) in expected.items():
         lengths = {checkpoint_bytes} if name == CHECKPOINT else set(rows)
         try:
@@ -199,22 +252,46 @@ def refuse_other_arrays(
                 raise written_by(path, about["run"].get("gyrospark"),
                                  f"it has no array {name!r}") from None
             raise _damaged(path, f"array {name!r} is missing or cannot be read") from None
+        if name in growing:
+            lengths = set(array.shape[:1])
         if (array.shape[:1] not in {(length,) for length in lengths}
                 or (array.shape[1:], array.chunks, array.dtype) != (inner, chunks, dtype)):
             raise _damaged(path, f"array {name!r} has not the form of this run's")
 
 
-def refuse_missing_blocks(path: Path, group: zarr.Group, first: int, states: int) -> None:
+def refuse_missing_blocks(
+    path: Path, group: zarr.Group, first: int, states: int, names: Iterable[str] | None = None
+) -> None:
     """Refuse to read rows whose files are gone: Zarr would give NaN for them without a word.
+
+    ``names`` are those of the arrays; by default of all that have a row a state.
 
     Raises
     ------
     InputError
     """
-    for name in attributes_of(group)["arrays"]:
+    for name in attributes_of(group)["arrays"] if names is None else names:
         array = array_of(group, name)
         block, inner = array.chunks[0], (0,) * (array.ndim - 1)
         for number in range(first // block, -(-states // block)):
             key = array.metadata.encode_chunk_key((number, *inner))
             if not (path / name / key).is_file():
                 raise _damaged(path, f"rows {number * block} and on of array {name!r} are missing")
+
+
+def stored_values(
+    array: zarr.Array[Any], first: int, count: int, wide: bool, dtype: Any
+) -> Array:
+    """Return rows of an array, wide ones in their own type.
+
+    Raises
+    ------
+    InputError
+        If what is stored is damaged.
+    """
+    try:
+        values = np.asarray(array[first : first + count])
+    except UNREADABLE as error:
+        raise InputError(f"Array {array.name!r} of the store is damaged: {one_line(error)}."
+                         ) from error
+    return from_bytes(values, dtype) if wide else values

@@ -6,7 +6,7 @@ A stored run is read a block at a time; a trajectory is in memory already.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from ..exact import digits_of
 from ..real import REALS
+from ..runtime.call.wide import as_bytes, from_bytes
 from ..runtime.output.states import states_of
-from .layout import Field, array_of, fields_of, wide_name
-from .recording import Recording, stored_values
-from .soundness import refuse_missing_blocks
-from .wide import as_bytes, from_bytes
+from .happened import values_of
+from .layout import Field, array_of, fields_of, fields_of_event, names_of, wide_name
+from .recording import Recording
+from .soundness import refuse_missing_blocks, stored_values
 
 if TYPE_CHECKING:
     from ..runtime.output.trajectory import Trajectory
@@ -68,12 +69,17 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of ``rows`` states each, read in blocks of ``block``; what is said of the run."""
+    """Columns of ``rows`` states each, read in blocks of ``block``; what is said of the run.
+
+    ``events`` are tables of what has happened, by names; each along a dimension of its own.
+    """
 
     columns: list[Column]
     rows: int
     block: int
     attributes: dict[str, Any]
+    along: str = "time"
+    events: dict[str, Table] = field(default_factory=dict)
 
     @property
     def system(self) -> dict[str, Any]:
@@ -115,8 +121,15 @@ def stored_table(recording: Recording) -> Table:
             lambda begin, end: stored_values(array, begin, end - begin, False, array.dtype))
 
     names = ["time", *(name for name in recording.attributes["arrays"] if name != "time")]
+    events = {}
+    for name, count in recording.attributes["events"].items():
+        own = names_of(fields_of_event(recording.attributes["manifest"], name))
+        refuse_missing_blocks(recording.path, group, 0, count, own)
+        events[name] = Table([column(one) for one in own], count,
+                             array_of(group, own[0]).chunks[0], recording.attributes,
+                             f"event_{name}")
     return Table([column(name) for name in names], recording.states,
-                 array_of(group, "time").chunks[0], recording.attributes)
+                 array_of(group, "time").chunks[0], recording.attributes, events=events)
 
 
 def table_of(trajectory: Trajectory) -> Table:
@@ -133,7 +146,11 @@ def table_of(trajectory: Trajectory) -> Table:
         "report": asdict(trajectory.report),
         "manifest": trajectory.manifest,
     }
-    return Table(columns, len(trajectory), _ROWS, about)
+    events = {name: Table([column for one, part in zip(
+        fields_of_event(trajectory.manifest, name), values_of(found), strict=True)
+        for column in _columns_of(one, part)], len(found), _ROWS, about, f"event_{name}")
+        for name, found in trajectory.events.items()}
+    return Table(columns, len(trajectory), _ROWS, about, events=events)
 
 
 def _columns_of(field: Field, values: Array) -> Iterator[Column]:

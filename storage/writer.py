@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import queue
 import threading
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -13,12 +14,14 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from ..runtime.call.wide import as_bytes
+from ..runtime.events.found import Crossings
 from ..runtime.output.outputs import OUTPUTS, States, parts, pieces, value_of
 from ..runtime.steps.integration import Rows, Run
 from .chunks import Chunk, write_chunks
 from .durable import storage_errors
-from .layout import CHECKPOINT, Field, array_of, attributes_of, wide_name
-from .wide import as_bytes
+from .happened import Happened
+from .layout import CHECKPOINT, Field, array_of, attributes_of, consolidate, wide_name
 
 if TYPE_CHECKING:
     from ..runtime.call.binding import Binding
@@ -36,7 +39,8 @@ class Batch:
     """A commit: rows ``first`` to ``first + count`` of the run, and where the run stands then.
 
     ``first`` begins a block of rows, of which none may be done; ``attributes`` are those of the
-    store that change.
+    store that change. ``end`` is the time of the last row where an event ended the run there.
+    ``found`` has what has happened since the last commit, when there were ``counts`` of each event.
     """
 
     first: int
@@ -44,6 +48,9 @@ class Batch:
     rows: Rows
     checkpoint: Array
     attributes: dict[str, Any]
+    end: Array | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
+    found: Mapping[str, Crossings] = field(default_factory=dict)
 
 
 class Writer:
@@ -55,11 +62,13 @@ class Writer:
 
     def __init__(self, path: Path, group: zarr.Group, fields: list[Field], binding: Binding,
                  run: Run, block: int) -> None:
-        self._path, self._group, self._fields = path, group, fields
+        self._path, self._fields = path, fields
         self._arrays = {name: array_of(group, name)
                         for name in (*attributes_of(group)["arrays"], CHECKPOINT)}
         self._binding, self._run, self._block = binding, run, block
-        self._manifest = attributes_of(group)["manifest"]
+        about = attributes_of(group)
+        self._manifest = about["manifest"]
+        self._happened = Happened(group, self._manifest, list(about.get("events", {})))
         # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)
         self._queue: queue.Queue[Batch | None] = queue.Queue(maxsize=1)
@@ -102,11 +111,12 @@ class Writer:
 
     def _commit(self, batch: Batch) -> None:
         """Write the rows, then the checkpoint, then what it says: never more than is there."""
-        if batch.count:
-            write_chunks(self._path, self._chunks(batch))
+        states = self._chunks(batch) if batch.count else []
+        write_chunks(self._path, states + self._happened.chunks(batch.counts, batch.found))
+        grown = self._happened.grow({name: batch.counts[name] + len(crossings)
+                                     for name, crossings in batch.found.items()})
         write_chunks(self._path, [Chunk(self._arrays[CHECKPOINT], (0,), batch.checkpoint)])
-        # In one go: ``attrs.update`` would write the file once an attribute.
-        self._group.update_attributes(batch.attributes)
+        consolidate(self._path, grown, batch.attributes)  # in one go, and in one file
 
     def _chunks(self, batch: Batch) -> list[Chunk]:
         """Return the batch as the chunks of all arrays."""
@@ -126,6 +136,8 @@ def stored_arrays(
     kept = slice(0, batch.count)
     rows, numbers = batch.rows, np.arange(batch.first, batch.first + batch.count)
     t = binding.times(run.t0, run.dt, np.minimum(numbers * run.every, run.steps))
+    if batch.end is not None:
+        t[-1:] = batch.end
     states = States(binding, manifest, parameters, t, rows.q[kept], rows.p[kept],
                     rows.multipliers[kept], rows.iterations[kept], rows.work[kept])
     found: dict[str, Array] = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..event import Event, as_events
+from ..event import Event, as_events, refuse_unusable_names
 from ..naming import choose, listed, proposal
 from ..real import REALS
 from ..runtime.call.binding import SOLVERS, SolverName
@@ -31,7 +30,6 @@ Array = NDArray[Any]
 #: Quantities of a cell beside the stepper's parameters.
 _OWN = ("dt", SCHEME, "q", "p")
 #: Of an event, in the names of results.
-_NAME = re.compile("[A-Za-z0-9_]{1,40}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +169,7 @@ def _events(study: Study) -> tuple[Event, ...]:
             raise InputError(f"The event {one.name!r} is terminal: it ends single runs. The cells "
                              "of a sweep go on to their ends; ask for it without terminal=True, "
                              "or stop, and look at its first time.")
-        if not _NAME.fullmatch(one.name):
-            raise InputError(f"The event {one.name!r} names results of a sweep; give it a name of "
-                             'letters, digits and "_", as in gs.Event(..., name="landing").')
+    refuse_unusable_names(events, "results of a sweep")
     return events
 
 

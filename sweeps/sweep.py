@@ -19,13 +19,13 @@ from ..generator.schemes.scheme import SchemeName
 from ..real import RealName
 from ..runtime.call.binding import SolverName
 from ..runtime.call.checks import as_callback, as_positive_count
+from ..runtime.call.wide import as_bytes
 from ..runtime.interrupts import ctrl_c, watched
 from ..storage.durable import new_store_path, remove_parts, storage_errors
 from ..storage.fresh import appearing, is_new
 from ..storage.identity import refuse_if_different, versions
 from ..storage.layout import Field, attributes_of, open_group
 from ..storage.lock import claim
-from ..storage.wide import as_bytes
 from . import cluster, local
 from .plan import plan
 from .results import (

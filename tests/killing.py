@@ -73,7 +73,7 @@ def look(store: Path) -> None:
     """Open a store that a killed process left, as a user would."""
     import xarray
 
-    with xarray.open_zarr(store, consolidated=False) as dataset:
+    with xarray.open_zarr(store) as dataset:
         for array in dataset.variables.values():
             array[:1].load()
 
@@ -136,7 +136,7 @@ def main() -> None:
 
     gyrospark.storage.layout._MOST_ROWS = int(os.environ.get("KILLING_ROWS", 2**14))
     if "KILLING_SECONDS" in os.environ:
-        gyrospark.storage.record.COMMIT_SECONDS = float(os.environ["KILLING_SECONDS"])
+        gyrospark.storage.course.COMMIT_SECONDS = float(os.environ["KILLING_SECONDS"])
     if "KILLING_WORK" in os.environ:
         gyrospark.sweeps.tiles._LEAST_STORED = int(os.environ["KILLING_WORK"])
     with contextlib.suppress(ImportError):

@@ -10,8 +10,8 @@ import numpy as np
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.storage import layout, record
-from gyrospark.storage.wide import as_bytes
+from gyrospark.runtime.call.wide import as_bytes
+from gyrospark.storage import course, layout
 from killing import differences
 
 ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
@@ -68,7 +68,7 @@ def small_blocks(monkeypatch, rows, seconds=0.0):
     """
     monkeypatch.setattr(os, "fsync", lambda handle: None)
     monkeypatch.setattr(layout, "_MOST_ROWS", rows)
-    monkeypatch.setattr(record, "COMMIT_SECONDS", seconds)
+    monkeypatch.setattr(course, "COMMIT_SECONDS", seconds)
 
 
 def recorded(stepper, out, **arguments):

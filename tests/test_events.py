@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy as sp
+import xarray
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
@@ -330,19 +331,53 @@ def test_a_model_file_has_events(tmp_path) -> None:
     assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
 
 
-def test_a_store_leaves_a_files_events_out_with_a_word(tmp_path) -> None:
-    path = tmp_path / "ball.toml"
-    path.write_text(BALL.replace("1000", "9"), encoding="utf-8")
-    command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--json",
-               "--out", str(tmp_path / "run.zarr")]
-    refused = CliRunner().invoke(gyrospark, command, standalone_mode=False)
-    assert isinstance(refused.exception, gs.InputError)
-    assert "The model's event 'landing' ends its runs" in str(refused.exception)
-    command += ["--set", "events.landing=y=0"]
-    with pytest.warns(gs.InputWarning, match="those of the model are not looked for"):
-        done = CliRunner().invoke(gyrospark, command, standalone_mode=False)
+@pytest.mark.parametrize("end", [".zarr", ".csv", ".nc", ".npz"])
+def test_a_files_events_are_written(tmp_path, end: str) -> None:
+    """Whatever its states are written to; a run that has ended says so when it is gone on with."""
+    path, out = tmp_path / "ball.toml", tmp_path / f"run{end}"
+    path.write_text(BALL, encoding="utf-8")
+    model = gs.load_model(path)
+    run = gs.stepper("G-L", 2, system=model).integrate(
+        model.q0, model.p0, dt=model.dt, steps=model.steps, parameters=model.parameters,
+        events=model.events)
+    command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--out", str(out)]
+    done = CliRunner().invoke(gyrospark, [*command, "--json"], standalone_mode=False)
     assert done.exception is None, done.output
-    assert "events" not in json.loads(done.output)
+    said = json.loads(done.output)
+    times = {name: one.t.tolist() for name, one in run.events.items()}
+    assert {name: one["t"] for name, one in said["events"].items()} == times
+    assert said["ended"] == {"event": "landing", "t": run.t[-1]}
+    if end == ".csv":
+        lines = (tmp_path / "run.events.csv").read_text().splitlines()
+        assert lines[0] == "event,time,x,y,u,v,steps,rising"
+        half, landing = (line.split(",") for line in lines[1:])
+        assert half[0] == "half"
+        assert [float(x) for x in landing[1:]] == [
+            run.t[-1], *run.q[-1], *run.p[-1], run.report.steps, 0]
+        run.save(tmp_path / "again.csv")
+        for name in ("run.csv", "run.events.csv"):
+            again = tmp_path / name.replace("run", "again")
+            assert again.read_bytes() == (tmp_path / name).read_bytes()
+    elif end == ".nc":
+        run.save(tmp_path / "again.nc")
+        for name in ("run.nc", "again.nc"):
+            with xarray.open_dataset(tmp_path / name, engine="h5netcdf",
+                                     decode_times=False) as file:
+                assert file.event_landing_t.values.tolist() == times["landing"]
+                assert np.array_equal(file.event_half_q, run.events["half"].q)
+                assert file.time[-1] == run.t[-1]
+    elif end == ".npz":
+        assert gs.Trajectory.load(out).events["half"].t.tolist() == times["half"]
+    else:
+        resumed = CliRunner().invoke(gyrospark, [*command, "--resume"], standalone_mode=False)
+        assert "done before: no step was left to take" in resumed.output
+        assert "ended                   by event landing at t = 1 s" in resumed.output
+        dataset = gs.open_recording(out).dataset
+        assert dataset.event_half_p.sel(coordinate="y").values == run.events["half"].p[:, 1]
+        assert dataset.event_landing_rising.values.tolist() == [0]
+        CliRunner().invoke(gyrospark, ["export", str(out), str(tmp_path / "run.npz")],
+                           standalone_mode=False)
+        assert gs.Trajectory.load(tmp_path / "run.npz").events["landing"].t[0] == run.t[-1]
 
 
 @pytest.mark.parametrize(("line", "text"), [
@@ -360,7 +395,7 @@ def test_wrong_events_of_a_file_end_in_a_sentence(tmp_path, line: str, text: str
 
 
 def test_events_of_the_command() -> None:
-    """``--event`` prints times; a store has no place for events."""
+    """``--event`` prints times."""
     command = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3",
                "--steps", "300", "--event", "q1=0.2 down"]
     done = CliRunner().invoke(gyrospark, [*command, "--json"], standalone_mode=False)
@@ -369,6 +404,3 @@ def test_events_of_the_command() -> None:
     assert len(found["t"]) == len(found["rising"]) >= 1
     assert not any(found["rising"])
     assert "event q1" in CliRunner().invoke(gyrospark, command, standalone_mode=False).output
-    refused = CliRunner().invoke(gyrospark, [*command, "--out", "x.zarr"], standalone_mode=False)
-    assert isinstance(refused.exception, gs.InputError)
-    assert "which has no place for events" in str(refused.exception)

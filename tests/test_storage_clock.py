@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 import gyrospark.storage
-from gyrospark.storage import record
+from gyrospark.storage import course
 from stores import START, assert_same_bytes, recorded, small_blocks
 
 #: Clocks that someone can set.
@@ -48,6 +48,6 @@ def test_number_of_commits_does_not_matter(clock, gl3, tmp_path, monkeypatch):
     monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 50)
     recorded(gl3, tmp_path / "whole.zarr", **START, steps=3000, every=3)
     times = itertools.accumulate(itertools.cycle(clock))
-    monkeypatch.setattr(record, "time", SimpleNamespace(monotonic=lambda: next(times)))
+    monkeypatch.setattr(course, "time", SimpleNamespace(monotonic=lambda: next(times)))
     recorded(gl3, tmp_path / "run.zarr", **START, steps=3000, every=3)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")

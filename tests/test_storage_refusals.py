@@ -12,7 +12,8 @@ import pytest
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.storage import record
+from gyrospark.storage import course
+from gyrospark.storage.lock import claim
 from processes import cli, environment
 from stores import START, Interrupted, as_files, assert_same_bytes, small_blocks
 from test_cli import RUN, refused
@@ -28,7 +29,7 @@ def begun(tmp_path_factory, gl3):
     with pytest.MonkeyPatch.context() as patch:
         small_blocks(patch, 16)
         patch.setattr("gyrospark.runtime.steps.integration._CHUNK", 10)
-        patch.setattr(record.Writer, "busy", False)  # a commit after each piece
+        patch.setattr(course.Writer, "busy", False)  # a commit after each piece
 
         def progress(done):
             if done >= 90:
@@ -258,7 +259,7 @@ def test_links(gl3, begun, tmp_path):
     nowhere.symlink_to(tmp_path / "disk" / "new.zarr")
     (tmp_path / "folder").symlink_to(tmp_path / "disk")
     for way in (link, tmp_path / "folder" / "run.zarr"):
-        with record.claim(place), pytest.raises(gs.StorageError, match="Another process"):
+        with claim(place), pytest.raises(gs.StorageError, match="Another process"):
             gs.record(gl3, **ARGUMENTS, out=way, resume=True)
     gs.record(gl3, **ARGUMENTS, out=link, resume=True)
     gs.record(gl3, **ARGUMENTS, out=nowhere)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from calls import LATE, PARAMETERS, TOP
-from gyrospark.storage import layout, record
+from gyrospark.storage import course, layout
 from stores import (
     START,
     Interrupted,
@@ -307,7 +307,7 @@ def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr("gyrospark.storage.durable.sync_folder", copy)
-        patch.setattr(record._Course, "go", lambda self, progress: None)
+        patch.setattr(course.Course, "go", lambda self, progress: None)
         with pytest.raises(gs.StepFailed):  # it is not complete
             gs.record(gl3, **START, out=out, steps=90, resume=True)
     whole = gl3.integrate(**START, steps=90)

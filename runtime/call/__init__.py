@@ -4,6 +4,7 @@
     reals                 numbers rounded once to the stepper's type
     inputs                numbers that forces have anew in every step
     memory                memory whose bytes mean the same wherever they lie
+    wide                  numbers wider than a double as bytes
     quad                  IEEE binary128 as mpmath numbers and 16 bytes
     compiled              a compiled module: pointers, structs, whole runs
     binding               the functions of a stepper on NumPy arrays

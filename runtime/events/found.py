@@ -48,6 +48,10 @@ class Crossings:
         step, later = last.steps[0], (self.t - last.t[0]) * dt > 0
         return self._some((self.steps < step) | (self.steps == step) & ~later.astype(bool))
 
+    def since(self, steps: int) -> Crossings:
+        """Return those after so many steps of the run."""
+        return self._some(self.steps >= steps)
+
     def _some(self, chosen: Array) -> Crossings:
         return Crossings(self.t[chosen], self.q[chosen], self.p[chosen], self.steps[chosen],
                          self.rising[chosen])

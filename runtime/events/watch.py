@@ -22,14 +22,14 @@ from ...event import Event
 from ..call.binding import Binding
 from ..call.checks import as_real
 
-__all__ = ["Brackets", "Levels", "Watch"]
+__all__ = ["TAIL", "Brackets", "Levels", "Memory", "Watch"]
 
 Array = NDArray[Any]
 
 #: How near to its level, beside how far it moves within a step, a turning value is looked into.
 _NEAR = 0.25
 #: States that are kept from piece to piece: a step is looked into with a neighbour on either side.
-_TAIL = 3
+TAIL = 3
 
 
 @dataclass(frozen=True)
@@ -158,6 +158,16 @@ def _turning(values: Array, start: int, end: int) -> tuple[Array, Array]:
     return row + start, event
 
 
+@dataclass(frozen=True)
+class Memory:
+    """What a watch needs of the past to go on: the last states, up to ``TAIL``, and of each event
+    whether its turning in the last step is noted."""
+
+    q: Array
+    p: Array
+    closed: Array
+
+
 class Watch:
     """What is seen of one run's events, piece by piece; the same whatever the pieces are."""
 
@@ -197,16 +207,16 @@ class Watch:
         old_q, old_p = self._tail or (q[:0], p[:0])
         old, (low, high) = len(old_q), near or (0, 0)
         self._done = done + len(q) - 1
-        self._tail = (np.concatenate([old_q, q[-_TAIL:]])[-_TAIL:],
-                      np.concatenate([old_p, p[-_TAIL:]])[-_TAIL:])
+        self._tail = (np.concatenate([old_q, q[-TAIL:]])[-TAIL:],
+                      np.concatenate([old_p, p[-TAIL:]])[-TAIL:])
         if near or self._near:
-            start = 0 if self._near else max(old + low - _TAIL - 1, 0)
-            new = slice(max(start - old, 0), high + _TAIL + 1)
+            start = 0 if self._near else max(old + low - TAIL - 1, 0)
+            new = slice(max(start - old, 0), high + TAIL + 1)
             self._look_at(done - old + start, max(old - 1 - start, 0),
                           np.concatenate([old_q[start:], q[new]]),
                           np.concatenate([old_p[start:], p[new]]))
         self._closed[:] = False
-        self._near = near is not None and high >= len(q) - _TAIL
+        self._near = near is not None and high >= len(q) - TAIL
 
     def _look_at(self, done: int, first: int, q: Array, p: Array) -> None:
         """Note what happens in some steps, from row ``first`` on, between states near a level."""
@@ -216,7 +226,7 @@ class Watch:
         self._crossings(done, first, q, p, values)
         if self.ends_in is not None:  # what comes behind is none of the run's
             q, p, values = (part[: self.ends_in - done + 2] for part in (q, p, values))
-            self._done, self._tail = self.ends_in + 1, (q[-_TAIL:], p[-_TAIL:])
+            self._done, self._tail = self.ends_in + 1, (q[-TAIL:], p[-TAIL:])
         self._turnings(done, first, q, p, values)
 
     def _crossings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
@@ -266,6 +276,30 @@ class Watch:
         row, event = row[~self._closed[event]], event[~self._closed[event]]
         self._closed[event] = True
         self._note(self._done - last, row, event, q, p, values, turning=True)
+
+    @property
+    def memory(self) -> Memory:
+        """What it goes on from, after the states that it has looked at."""
+        none = self._levels.binding.new(0, self._levels.binding.n)
+        q, p = self._tail or (none, none)
+        return Memory(q, p, self._closed.copy())
+
+    def go_on(self, done: int, memory: Memory) -> None:
+        """Go on after so many steps."""
+        self._done, self._closed = done, memory.closed.copy()
+        if len(memory.q):
+            self._tail, self._near = (memory.q, memory.p), True  # a look more finds nothing else
+            times = self._times(done + 1 - len(memory.q), memory.q)
+            self._levels.near(self._parameters, times, memory.q, memory.p, self._last)
+
+    @property
+    def noted(self) -> int:
+        """How many steps are noted."""
+        return sum(map(len, self._parts))
+
+    def forget(self) -> None:
+        """Forget the steps that are noted: they are solved for."""
+        self._parts = []
 
     @property
     def brackets(self) -> Brackets | None:

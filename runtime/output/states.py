@@ -21,7 +21,8 @@ from .outputs import OUTPUTS, QUANTITY, pieces
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["finished", "headings", "save_csv", "states_of", "write_csv"]
+__all__ = ["beside", "event_headings", "finished", "headings", "save_csv", "states_of",
+           "write_csv"]
 
 Array = NDArray[Any]
 
@@ -86,8 +87,25 @@ def _written(numbers: Array) -> list[list[Any]]:
     return [[digits_of(number) for number in row] for row in rows] if wide else rows
 
 
+def beside(path: Path) -> Path:
+    """Return the name of the file with the events of a run whose states are in a .csv file."""
+    return path.with_name(f"{path.stem}.events{path.suffix}")
+
+
+def event_headings(system: Mapping[str, Any]) -> list[str]:
+    """Return the headings of that file: the event's name, then what ``Crossings`` have of it."""
+    shape = (len(system["coordinates"]),)
+    return headings(system, {"event": (), "time": (), "q": shape, "p": shape, "steps": (),
+                             "rising": ()})
+
+
 def save_csv(trajectory: Trajectory, path: Path) -> None:
-    """Write a trajectory as CSV, numbers with all their digits."""
+    """Write a trajectory as CSV, numbers with all their digits, and its events beside it."""
+    if trajectory.events:
+        with finished(beside(path)) as part:
+            write_csv(part, event_headings(trajectory.manifest["system"]), [
+                [np.full(len(found), name), found.t, found.q, found.p, found.steps,
+                 found.rising.astype(int)] for name, found in trajectory.events.items()])
     arrays = states_of(trajectory)
     titles = headings(trajectory.manifest["system"],
                       {name: array.shape[1:] for name, array in arrays.items()})

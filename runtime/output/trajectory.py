@@ -272,7 +272,8 @@ class Trajectory(Shown):
 
         - .npz (also where the name has no ending): all arrays with all their digits, the names of
           their columns, parameters, report, events and manifest: what ``load`` reads.
-        - .csv: a column a number, under the names of coordinates, momenta and quantities.
+        - .csv: a column a number, under the names of coordinates, momenta and quantities; events
+          in a second file, ``run.events.csv``.
         - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (``pip install gyrospark[netcdf]``).
 
         Raises

@@ -9,5 +9,6 @@
     ensemble     many trajectories on threads
     between      states of a run between its steps
     crossings    where events happen, by short real steps
+    observer     the events of a run that goes on for long
     section      Poincaré sections of many starts
 """

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .lanes import Course
     from .stepper import Stepper
 
-__all__ = ["crossings_of", "last_of", "observed", "row_of_event", "watches_of"]
+__all__ = ["crossings_of", "ending", "observed", "row_of_event", "watches_of"]
 
 Array = NDArray[Any]
 
@@ -86,12 +86,13 @@ def observed(
             raise
         trouble, trajectory = error, error.trajectory
     found = _solved(stepper, levels, run, watch, trajectory)
-    last = last_of(events, found, run.dt)
-    if last is not None:
+    name = ending(events, found, run.dt)
+    if name is not None:
+        last = found[name].first
         trajectory = _ended(stepper, run, trajectory, watch.brackets, last)
-        found = {name: crossings.until(last, run.dt) for name, crossings in found.items()}
+        found = {key: crossings.until(last, run.dt) for key, crossings in found.items()}
     trajectory = replace(trajectory, events=found)
-    if trouble is None or (last is not None and isinstance(trouble, StepFailed)):
+    if trouble is None or (name is not None and isinstance(trouble, StepFailed)):
         return trajectory  # a step that fails behind the run's end is none of its own
     trouble.trajectory = trajectory
     raise trouble
@@ -127,38 +128,42 @@ def _ended(
     binding = stepper.binding
     if last.steps[0] < trajectory.report.steps:  # a value that only touched its level ends it
         trajectory = integrate(binding, stepper.manifest, run.until(int(last.steps[0])))
-    at = np.flatnonzero(brackets.step == last.steps[0])[:1]
-    rows = row_of_event(stepper, run, brackets.q[at], brackets.p[at], last)
-    flat = trajectory.multipliers.reshape(len(trajectory.multipliers), -1)
-    states = States(
+    rows = row_of_event(stepper, run, brackets, last)
+    flat = trajectory.multipliers.reshape(len(trajectory.multipliers), binding.multipliers)
+    steps = run.stored(int(last.steps[0]))  # without a last state that is stored as the last one
+    states = slice(steps + 1)
+    made = States(
         binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
-        np.concatenate([trajectory.t, last.t]), np.concatenate([trajectory.q, last.q]),
-        np.concatenate([trajectory.p, last.p]),
-        np.concatenate([flat, rows.multipliers]).astype(binding.dtype),
-        np.concatenate([trajectory.iterations, rows.iterations]),
-        np.concatenate([trajectory.work, trajectory.report.work + rows.work]))
-    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
+        np.concatenate([trajectory.t[states], last.t]),
+        np.concatenate([trajectory.q[states], last.q]),
+        np.concatenate([trajectory.p[states], last.p]),
+        np.concatenate([flat[:steps], rows.multipliers]).astype(binding.dtype),
+        np.concatenate([trajectory.iterations[:steps], rows.iterations]),
+        np.concatenate([trajectory.work[states], trajectory.report.work + rows.work]))
+    outputs: dict[str, Any] = {one.attribute: value_of(one, made) for one in OUTPUTS}
     return replace(trajectory, **outputs)
 
 
-def row_of_event(stepper: Stepper, run: Run, q: Array, p: Array, event: Crossings) -> Rows:
+def row_of_event(stepper: Stepper, run: Run, brackets: Brackets, event: Crossings) -> Rows:
     """Return the one row that leads from the state before an event to the event.
 
     Its work is that of the part of a step.
     """
+    at = np.flatnonzero(brackets.step == event.steps[0])[:1]
     t0 = stepper.binding.times(run.t0, run.dt, event.steps)
     parameters = {name: np.array([value], stepper.binding.number_type)
                   for name, value in run.parameters.items()}
-    rows = run_together(stepper, q, p, t0, event.t - t0, parameters,
+    rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, event.t - t0, parameters,
                         lambda course: fill_course(course, 1, lambda: False), 1).rows
     return Rows(event.q, event.p, rows.multipliers[:, 1], rows.iterations[:, 1], rows.work[:, 1])
 
 
-def last_of(events: tuple[Event, ...], found: dict[str, Crossings], dt: Any) -> Crossings | None:
-    """Return the first crossing of a terminal event by itself; None if there is none."""
-    ends = [found[one.name].first for one in events if one.terminal and len(found[one.name])]
+def ending(events: tuple[Event, ...], found: dict[str, Crossings], dt: Any) -> str | None:
+    """Return the name of the terminal event that happens first; None if none does."""
+    ends = [one.name for one in events if one.terminal and len(found[one.name])]
     ahead = 1 if dt > 0 else -1
-    return min(ends, key=lambda end: (end.steps[0], ahead * end.t[0]), default=None)
+    return min(ends, key=lambda name: (found[name].steps[0], ahead * found[name].t[0]),
+               default=None)
 
 
 @dataclass(frozen=True)

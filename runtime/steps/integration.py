@@ -143,6 +143,11 @@ class Pace:
         self.most = min(FIRST_STEPS, self._largest)
         self._began = time.thread_time()
 
+    @classmethod
+    def of(cls, run: Run) -> Pace:
+        """Return the pace of a run."""
+        return cls(None if run.watch is None else _WATCHED)
+
     def begin(self) -> int:
         """Return how many steps to do at most; the clock runs."""
         self._began = time.thread_time()
@@ -215,7 +220,7 @@ def fill(
     Returns the status.
     """
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
-    pace = Pace(None if run.watch is None else _WATCHED)
+    pace = Pace.of(run)
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     step_on = advance if run.watch is None else advance_watched
     ended = run.watch is not None and run.watch.ends_in is not None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.call.memory import without_padding
+from .memory import without_padding
 
 __all__ = ["WIDE_BYTES", "as_bytes", "from_bytes"]
 
@@ -19,7 +19,7 @@ WIDE_BYTES = 16
 def as_bytes(array: Array) -> Array:
     """Return an array's numbers as bytes along a last axis, equal for equal numbers."""
     if array.dtype == object:
-        from ..runtime.call.quad import to_bytes  # mpmath costs time, and only float128 needs it
+        from .quad import to_bytes  # mpmath costs time, and only float128 needs it
 
         return to_bytes(array)
     data = np.ascontiguousarray(without_padding(array)).view(np.uint8)
@@ -29,7 +29,7 @@ def as_bytes(array: Array) -> Array:
 def from_bytes(data: Array, dtype: Any) -> Array:
     """Return the numbers that ``as_bytes`` gave the bytes of."""
     if dtype is object:
-        from ..runtime.call.quad import from_bytes as quads
+        from .quad import from_bytes as quads
 
         return quads(data)
     values: Array = np.ascontiguousarray(data).view(dtype)
