@@ -157,7 +157,7 @@ def test_a_simulation_is_fed_as_it_goes():
         sim.advance(1, push="left")
 
 
-def test_between_steps_inputs_are_known_where_they_stay():
+def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
     step = stepper(pendulum)
     what = {"dt": 0.02, "steps": 30, "parameters": {"k": 2.0}}
     run = step.integrate([0.6, -0.8], [0.8, 0.6], inputs=[0.3, -1], **what)
@@ -166,11 +166,58 @@ def test_between_steps_inputs_are_known_where_they_stay():
     assert np.array_equal(run.at([0.33]).q, same.at([0.33]).q)
     varied = step.integrate([0.6, -0.8], [0.8, 0.6], inputs={"push": np.arange(30), "pull": 1},
                             **what)
-    with pytest.raises(InputError, match="'push' changes in this run"):
-        varied.at([0.33])
-    with pytest.raises(InputError, match="'push' changes in this run"):
-        step.integrate([0.6, -0.8], [0.8, 0.6], inputs={"push": np.arange(30), "pull": 1}, **what,
-                       t_eval=[0.33])
+    found, read = varied.at([0.33]), gs.Trajectory.load(varied.save(tmp_path / "run.npz"))
+    for forgotten in (found, read):
+        with pytest.raises(InputError, match="'push' changes in this run"):
+            step.at(forgotten, [0.33])
+
+
+@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize(("scheme", "stages"), SCHEMES)
+def test_a_state_between_steps_is_a_step_with_its_own_inputs(scheme, stages, every) -> None:
+    """Each is one run more, of the part of a step and with the inputs of the step as parameters."""
+    step = stepper(pendulum, scheme, stages)
+    rows = np.random.default_rng(8).integers(-8, 8, (11, 2)) / 8
+    q, p, dt, hold = [0.6, -0.8], [0.8, 0.6], 0.02, 3
+    what = {"dt": dt, "steps": 31, "parameters": {"k": 2.0}, "inputs": rows, "hold": hold}
+    whole = step.integrate(q, p, **what)
+    shares = np.array([0.25, 3.5, 8.75, 14.125, 30.5, 2, 9.5])
+    found = step.integrate(q, p, **what, every=every).at(shares * dt)
+    if every == 1:
+        again = step.integrate(q, p, **what, t_eval=shares * dt)
+        assert np.array_equal(found.q, again.q)
+    for share, q1, p1 in zip(shares, found.q, found.p, strict=True):
+        k = int(share)
+        push_, pull_ = rows[k // hold]
+        at = step.integrate(whole.q[k], whole.p[k], dt=(share - k) * dt or dt, steps=int(share > k),
+                            parameters={"k": 2.0, "push": push_, "pull": pull_})
+        assert np.abs(q1 - at.q[-1]).max() <= 64 * EPS
+        assert np.abs(p1 - at.p[-1]).max() <= 64 * EPS
+
+
+def test_events_of_runs_whose_inputs_change() -> None:
+    """A cart under a held push: x = 1/4 by the closed form of each step; ensembles as runs."""
+    step, rows = stepper(cart, stages=5), np.array([0.5, -2.0, 1.0, 3.0, -1.5, 2.5, -3.0, 1.0])
+    what = {"dt": 0.25, "steps": 40, "parameters": {"k": 2.0}, "hold": 5}
+    event = gs.Event("x", level=0.25)
+    run = step.integrate([0.0], [0.0], inputs=rows, **what, events=event)
+    t, plain = run.events["x"].t, step.integrate([0.0], [0.0], inputs=rows, **what)
+    assert len(t) > 3
+    assert np.array_equal(run.q, plain.q)
+    w = np.sqrt(2.0)
+    for k, time in zip(run.events["x"].steps, t, strict=True):
+        rest, centre = w * (time - plain.t[k]), rows[k // 5]
+        x_then = centre + (plain.q[k, 0] - centre) * np.cos(rest) + plain.p[k, 0] / w * np.sin(rest)
+        assert abs(x_then - 0.25) < 1e-9  # of order 10, with dt = 1/4
+    many = step.integrate_ensemble([[0.0]] * 2, [[0.0]] * 2, **what, events=event,
+                                   inputs=np.array([rows, -rows])[:, :, None])
+    assert np.abs(many.events["x"][0].t - t).max() < 1e-13
+    below = step.integrate([0.0], [0.0], inputs=-rows, **what, events=event).events["x"].t
+    assert np.abs(many.events["x"][1].t - below).max() < 1e-13
+    stop = step.integrate([0.0], [0.0], inputs=rows, **what,
+                          events=gs.Event("x", level=0.25, terminal=True))
+    assert stop.t[-1] == t[0]
+    assert np.abs(stop.q[-1] - 0.25).max() < 1e-15
 
 
 def test_forms_and_wide_numbers_have_inputs():

@@ -67,6 +67,13 @@ class Inputs:
         """Return those of some runs, side by side."""
         return replace(self, values=self.values[part]) if len(self.values) > 1 else self
 
+    def taken(self, runs: Array, steps: Array, count: int = 1) -> Inputs:
+        """Return those of ``count`` steps after ``steps`` of some runs, as of runs of their own."""
+        at = steps[:, None] + np.arange(count)
+        rows = np.minimum(at // self.hold if self.hold else 0 * at, self.values.shape[1] - 1)
+        owner = runs[:, None] if len(self.values) > 1 else 0
+        return Inputs(self.names, np.ascontiguousarray(self.values[owner, rows]), 1)
+
     def at(self, step: int) -> Array:
         """Return the row of a step of the first run."""
         row: Array = self.values[0, step // self.hold if self.hold else 0]

@@ -88,6 +88,8 @@ class Trajectory(Shown):
     quantity_values: Array
     #: Where its events happened, by their names; see ``gyrospark.Event``.
     events: dict[str, Crossings] = field(default_factory=dict, repr=False)
+    #: What inputs its steps had, where it is known: of what ``integrate`` returned.
+    _inputs: Any = field(default=None, repr=False)
     #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
     _stepper: Any = field(default=None, repr=False)
 

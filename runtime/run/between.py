@@ -7,7 +7,7 @@ of the run are: a short step adds an error of its own order, (θΔt)^(r+1).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import InputError, Stopped
 from ...naming import shown
 from ..call.checks import as_numbers, as_real
+from ..call.inputs import Inputs
 from ..interrupts import ctrl_c
 from ..output.outputs import OUTPUTS, States, value_of
 from ..output.trajectory import Trajectory
@@ -27,7 +28,7 @@ from .runs import Runs
 if TYPE_CHECKING:
     from .stepper import Stepper
 
-__all__ = ["between", "epsilon_of_times", "marks_of", "partial_steps", "refuse_changing",
+__all__ = ["between", "epsilon_of_times", "marks_of", "partial_steps",
            "run_together"]
 
 Array = NDArray[Any]
@@ -65,7 +66,7 @@ def _states_at(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike, fill: Callable[[Course], None]
 ) -> Trajectory:
     _refuse_of_another(stepper, trajectory)
-    refuse_changing(stepper, trajectory.parameters)
+    _refuse_forgotten(stepper, trajectory)
     t = _times(stepper, times)
     at = _places(stepper, trajectory.t, trajectory.dt, t)
     q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
@@ -76,14 +77,16 @@ def _states_at(
     multipliers[ended] = trajectory.multipliers[at.rows[ended] - 1]
     iterations[ended] = trajectory.iterations[at.rows[ended] - 1]
     made = _Made(q, p, work, multipliers, iterations)
+    stored = np.rint(((trajectory.t - trajectory.t[0]) / trajectory.dt).astype(float)).astype(int)
     for steps, part in _parts(trajectory, at):
         _go(stepper, trajectory, fill, made, part, trajectory.t[at.rows[part]],
-            np.full(len(part), trajectory.dt), steps=at.steps[part], most=steps)
+            np.full(len(part), trajectory.dt), begun=stored[at.rows[part]], steps=at.steps[part],
+            most=steps)
     rest = np.flatnonzero(at.rest != 0)
     begun = stepper.binding.times(trajectory.t[at.rows], trajectory.dt, at.steps)
     if len(rest):
         _go(stepper, trajectory, fill, made, rest, begun[rest], at.rest[rest],
-            steps=np.ones(len(rest), dtype=int), most=1)
+            begun=(stored[at.rows] + at.steps)[rest], steps=np.ones(len(rest), dtype=int), most=1)
     return _trajectory(stepper, trajectory, t, made)
 
 
@@ -116,12 +119,15 @@ class _Made:
 
 def _go(
     stepper: Stepper, trajectory: Trajectory, fill: Callable[[Course], None], made: _Made,
-    part: Array, t0: Array, dt: Array, *, steps: Array, most: int,
+    part: Array, t0: Array, dt: Array, *, begun: Array, steps: Array, most: int,
 ) -> None:
-    """Take some states on by so many steps of dt each."""
+    """Take some states, after ``begun`` steps of the run, on by so many steps of dt each."""
+    held = trajectory._inputs
+    inputs = None if held is None else held.taken(0 * begun, begun, most)
     columns = {name: np.full(len(part), value, stepper.binding.number_type)
                for name, value in trajectory.parameters.items()}
-    course = run_together(stepper, made.q[part], made.p[part], t0, dt, columns, fill, most)
+    course = run_together(stepper, made.q[part], made.p[part], t0, dt, columns, fill, most,
+                          inputs)
     row = np.arange(len(part))
     rows = course.rows
     made.q[part], made.p[part] = rows.q[row, steps], rows.p[row, steps]
@@ -132,7 +138,7 @@ def _go(
 
 def run_together(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
-    fill: Callable[[Course], None], steps: int,
+    fill: Callable[[Course], None], steps: int, inputs: Inputs | None = None,
 ) -> Course:
     """Return runs of so many steps, each stored, from states that are on their constraints.
 
@@ -144,7 +150,8 @@ def run_together(
     number = stepper.binding.number_type
     own = {name: column[0] for name, column in parameters.items()}
     first = Run(q[0], p[0], dt[0], steps, 1, own, "auto", None, 50, t0[0])
-    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number), parameters))
+    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number), parameters,
+                                     inputs))
     fill(course)
     failed = np.flatnonzero(course.status)
     if len(failed):
@@ -156,7 +163,7 @@ def run_together(
 
 def partial_steps(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
-    fill: Callable[[Course], None],
+    fill: Callable[[Course], None], inputs: Inputs | None = None,
 ) -> tuple[Array, Array]:
     """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing."""
     q, p = q.copy(), p.copy()
@@ -164,7 +171,7 @@ def partial_steps(
     if len(moved):
         course = run_together(stepper, q[moved], p[moved], t0[moved], dt[moved],
                               {name: column[moved] for name, column in parameters.items()}, fill,
-                              1)
+                              1, None if inputs is None else inputs.taken(moved, 0 * moved))
         q[moved], p[moved] = course.q, course.p
     return q, p
 
@@ -216,13 +223,14 @@ def _times(stepper: Stepper, times: ArrayLike) -> Array:
     return np.array(found, dtype=stepper.binding.number_type)
 
 
-def refuse_changing(stepper: Stepper, parameters: Mapping[str, Any]) -> None:
-    """Refuse a run whose inputs change: it does not keep what they were in each step."""
+def _refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
+    """Refuse what does not say which inputs each step had: what was read, or lies between steps."""
     changing = [name for name in stepper.binding.input_names
-                if parameters[name] != parameters[name]]
-    if changing:
-        raise InputError(f"Input {changing[0]!r} changes in this run, which does not keep what it "
-                         "was in each step: ask for the states at its steps, or take shorter ones.")
+                if trajectory.parameters[name] != trajectory.parameters[name]]
+    if changing and trajectory._inputs is None:
+        raise InputError(f"Input {changing[0]!r} changes in this run, and what it was in each step "
+                         "is not kept in files, nor with states between steps: ask the trajectory "
+                         "that integrate returned.")
 
 
 def _refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
@@ -247,4 +255,4 @@ def _trajectory(
     states = States(binding, stepper.manifest, parameters, t, made.q, made.p, after_first,
                     made.iterations[1:], made.work)
     outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
-    return replace(trajectory, **outputs)
+    return replace(trajectory, **outputs, _inputs=None)

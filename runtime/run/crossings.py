@@ -18,7 +18,7 @@ from ..interrupts import ctrl_c
 from ..output.outputs import OUTPUTS, States, value_of
 from ..output.trajectory import Trajectory
 from ..steps.integration import Rows, Run, integrate
-from .between import epsilon_of_times, partial_steps, refuse_changing, run_together
+from .between import epsilon_of_times, partial_steps, run_together
 from .lanes import fill_course, threads_of
 from .runs import Runs
 
@@ -42,7 +42,8 @@ def crossings_of(
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run by the events' names, of what its watch has seen."""
     if runs.inputs is not None:  # they are held throughout, as parameters are
-        runs = Runs.of([runs[i] for i in range(len(runs))], stepper.binding.number_type)
+        runs = replace(Runs.of([runs[i] for i in range(len(runs))], stepper.binding.number_type),
+                       inputs=runs.inputs)
     for watch in watches:
         watch.close()
     found = [watch.brackets for watch in watches]
@@ -64,7 +65,6 @@ def watches_of(stepper: Stepper, levels: Levels | None, runs: Runs) -> list[Watc
         return []
     binding, found = stepper.binding, []
     for run in map(runs.__getitem__, range(len(runs))):
-        refuse_changing(stepper, run.parameters)
         found.append(Watch(levels, binding.parameters(run.parameters, run.t0), run.t0, run.dt))
     return found
 
@@ -108,7 +108,7 @@ def _solved(
     Stopped
         After Ctrl-C while they are solved for, with the states alone.
     """
-    runs = Runs.of([run], stepper.binding.number_type)
+    runs = replace(Runs.of([run], stepper.binding.number_type), inputs=run.inputs)
     with ctrl_c() as interrupts:
         before = interrupts.asked  # that has ended the run, and not what is solved for now
         found = crossings_of(stepper, levels, runs, [watch], lambda course: fill_course(
@@ -152,7 +152,7 @@ def row_of_event(stepper: Stepper, run: Run, brackets: Brackets, event: Crossing
     at = np.flatnonzero(brackets.step == event.steps[0])[:1]
     t0 = stepper.binding.times(run.t0, run.dt, event.steps)
     parameters = {name: np.array([value], stepper.binding.number_type)
-                  for name, value in run.parameters.items()}
+                  for name, value in run.at_step(int(event.steps[0])).parameters.items()}
     rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, event.t - t0, parameters,
                         lambda course: fill_course(course, 1, lambda: False), 1).rows
     return Rows(event.q, event.p, rows.multipliers[:, 1], rows.iterations[:, 1], rows.work[:, 1])
@@ -195,8 +195,10 @@ class _Work:
         owner = self.owner[which]
         t, dt = self.t(which), share * self.runs.dt[owner]
         columns = {name: column[owner] for name, column in self.runs.parameters.items()}
+        held = self.runs.inputs
+        inputs = None if held is None else held.taken(owner, self.brackets.step[which])
         q, p = partial_steps(self.stepper, self.brackets.q[which], self.brackets.p[which], t, dt,
-                             columns, self.fill)
+                             columns, self.fill, inputs)
         return t + dt, q, p, self._values(which, t + dt, q, p)
 
     def _values(self, which: Array, t: Array, q: Array, p: Array) -> Array:

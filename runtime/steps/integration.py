@@ -400,4 +400,5 @@ def trajectory_of(
         parameters=run.parameters,
         report=Report.read(report, q, p, forced=binding.has_forces),
         manifest=manifest,
+        _inputs=run.inputs,
     )
