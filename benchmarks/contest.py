@@ -24,7 +24,7 @@ from .tops import State, energy, state_of, tops
 __all__ = ["Limits", "Row", "compete", "judged", "with_ratios"]
 
 #: Every time step divides it; simulated seconds of the run that foretells the cost of a long one.
-_SHORT = 0.1
+_SHORT = 0.2
 #: Tells which entry is at work.
 Watch = Callable[[str], None]
 

@@ -21,14 +21,15 @@ from .peers.entry import Entry, Run
 from .peers.heyoka_taylor import prepare_batch
 from .peers.optional import version
 from .timing import alternate
-from .tops import INERTIA, LANES, State, parameters, tops
+from .tops import FREE_RATE, INERTIA, LANES, State, parameters, tops
 
 __all__ = ["EnsembleRow", "compare_ensembles", "ensemble_entries"]
 
-#: Stages, time step, γ (None: γ_m) and tolerance (None: round-off) of our rows.
-_OURS: tuple[tuple[int, float, float | None, float | None], ...] = (
-    (4, 1e-2, None, None), (8, 1e-2, None, None), (8, 2e-2, None, None),
-    (8, 2.5e-2, 1.1 * INERTIA[2], None), (8, 2.5e-2, 1.1 * INERTIA[2], 1e-14),
+#: Stages, time step, γ (None: γ_m), tolerance (None: round-off) and frame's rate of our rows.
+_OURS: tuple[tuple[int, float, float | None, float | None, float], ...] = (
+    (4, 1e-2, None, None, 0.0), (8, 1e-2, None, None, 0.0), (8, 2e-2, None, None, 0.0),
+    (8, 2.5e-2, 1.1 * INERTIA[2], None, 0.0), (8, 2.5e-2, 1.1 * INERTIA[2], 1e-14, 0.0),
+    (8, 4e-2, INERTIA[0], None, FREE_RATE), (8, 4e-2, INERTIA[0], 5e-15, FREE_RATE),
 )
 #: Lanes (None: the machine's SIMD width, as heyoka recommends it) and tolerance of its rows.
 _BATCHES: tuple[tuple[int | None, str], ...] = (
@@ -64,9 +65,10 @@ def ensemble_entries(count: int, *, quick: bool = False) -> list[Entry]:
     """Return our ensembles with one and two workers, and heyoka's batches."""
     ours = [
         Entry("gyrospark", __version__,
-              f"G-L s={stages} Δt={dt:g}{_note(gamma, tolerance)}, {_workers(workers)}",
-              partial(_prepare, count, stages, dt, gamma, tolerance, workers), dt, stages < 8)
-        for stages, dt, gamma, tolerance in _OURS for workers in (1, 2)
+              f"G-L s={stages} Δt={dt:g}{_note(gamma, tolerance, spin)}, {_workers(workers)}",
+              partial(_prepare, count, stages, dt, gamma, tolerance, spin, workers), dt,
+              stages < 8)
+        for stages, dt, gamma, tolerance, spin in _OURS for workers in (1, 2)
     ]
     theirs = [_batch(count, width, tol) for width, tol in _BATCHES]
     return [entry for entry in (*ours, *theirs) if entry.quick or not quick]
@@ -83,18 +85,19 @@ def _workers(count: int) -> str:
     return "1 worker" if count == 1 else f"{count} workers"
 
 
-def _note(gamma: float | None, tolerance: float | None) -> str:
-    return ("" if gamma is None else " γ=1.1I₃") + (
-        "" if tolerance is None else f" tol {tolerance:g}")
+def _note(gamma: float | None, tolerance: float | None, spin: float) -> str:
+    named = "" if gamma is None else " γ=1.1I₃" if not spin else " γ=I₁ in its frame"
+    return named + ("" if tolerance is None else f" tol {tolerance:g}")
 
 
 def _prepare(
-    count: int, stages: int, dt: float, gamma: float | None, tolerance: float | None, workers: int
+    count: int, stages: int, dt: float, gamma: float | None, tolerance: float | None,
+    spin: float, workers: int,
 ) -> Run:
-    step = stepper("G-L", stages, "gamma")
+    step = stepper("G-L", stages, "gamma", frame="symmetries" if spin else None)
     starts = tops(count)
     q, p = np.array([top.q for top in starts]), np.array([top.p for top in starts])
-    values = parameters(gamma)
+    values = parameters(gamma) | ({"omega_body": spin} if spin else {})
 
     def run(t_end: float) -> State:
         steps = round(t_end / dt)

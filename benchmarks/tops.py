@@ -18,8 +18,8 @@ from ..runtime.body.inertia import gamma_m
 from ..runtime.body.problems import fast_top
 from ..runtime.body.quaternion import euler_quaternion, momentum
 
-__all__ = ["INERTIA", "LANES", "LEVER", "MGL", "State", "Top", "axis", "energy", "euler_equations",
-           "parameters", "spin_of", "state_of", "tops"]
+__all__ = ["FREE_RATE", "INERTIA", "LANES", "LEVER", "MGL", "State", "Top", "axis", "energy",
+           "euler_equations", "parameters", "spin_of", "state_of", "tops"]
 
 Array = NDArray[Any]
 
@@ -27,6 +27,8 @@ Array = NDArray[Any]
 LEVER = 0.04
 INERTIA = fast_top().inertia
 MGL = fast_top().parameters["mgl"]
+#: (1/I₃ − 1/I₁) I₃ Ω₃: what a free body turns by about its own axis beside l, for frames.
+FREE_RATE = (1 - INERTIA[2] / INERTIA[0]) * 40 * math.pi
 #: Tops in the ensemble; the first is the paper's.
 LANES = 8
 

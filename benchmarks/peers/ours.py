@@ -15,7 +15,7 @@ from ...generator.schemes.scheme import SchemeName
 from ...naming import choose
 from ...runtime.body.quaternion import angular_velocity
 from ...runtime.run.stepper import SOLVERS as KNOWN
-from ..tops import INERTIA, State, parameters, tops
+from ..tops import FREE_RATE, INERTIA, State, parameters, tops
 from .entry import Entry, Run
 from .optional import Unavailable
 
@@ -27,7 +27,10 @@ SOLVERS = ("auto", "newton", "fixed-point")
 
 @dataclass(frozen=True)
 class Method:
-    """A scheme with its time step, its γ or α (None: γ_m) and tolerance (None: round-off)."""
+    """A scheme with its time step, its γ or α (None: γ_m) and tolerance (None: round-off).
+
+    ``spin`` is the rate of a co-moving frame about the body's own axis, 0 for none.
+    """
 
     scheme: SchemeName
     stages: int | None
@@ -36,6 +39,7 @@ class Method:
     inertia: float | None = None
     note: str = ""
     tolerance: float | None = None
+    spin: float = 0.0
 
     @property
     def text(self) -> str:
@@ -57,6 +61,10 @@ _METHODS = (
            tolerance=1e-14),
     Method("G-L", 8, 2.5e-2, inertia=1.1 * INERTIA[2], note=" γ=1.1I₃ tol 1e-12",
            tolerance=1e-12),
+    Method("G-L", 3, 1e-2, inertia=INERTIA[0], note=" γ=I₁ in its frame", spin=FREE_RATE),
+    Method("G-L", 8, 4e-2, inertia=INERTIA[0], note=" γ=I₁ in its frame", spin=FREE_RATE),
+    Method("G-L", 8, 4e-2, inertia=INERTIA[0], note=" γ=I₁ in its frame, tol 5e-15",
+           tolerance=5e-15, spin=FREE_RATE),
     Method("IMS", None, 1e-3, "alpha", sum(INERTIA) / 2, " α=½trJ"),  # pydykit's midpoint rule
 )
 _QUICK = _METHODS[:1]
@@ -86,8 +94,9 @@ def prepare(method: Method, solver: str) -> Run:
     """
     if not available(solver):
         raise Unavailable(f"not available: solver {solver!r}")
-    step = stepper(method.scheme, method.stages, method.rep)
-    known = parameters(method.inertia)
+    step = stepper(method.scheme, method.stages, method.rep,
+                   frame="symmetries" if method.spin else None)
+    known = parameters(method.inertia) | {"omega_body": method.spin, "omega_space": 0.0}
     values = {name: known.get(name, known["gamma"]) for name in step.parameter_domains}
     top = tops()[0]
 
