@@ -33,7 +33,7 @@ from .rigid_body import (
     tensor_symbols,
 )
 
-__all__ = ["GROUND", "Body", "Frame", "Moving", "Push", "Vector", "three_expressions"]
+__all__ = ["GROUND", "Body", "Frame", "Moving", "Particle", "Push", "Vector", "three_expressions"]
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 #: Momenta, and the generalised force on each.
@@ -257,6 +257,55 @@ class Body(Frame):
     def turned(self, torque: Sequence[object]) -> list[Push]:
         """Return what a torque in body axes does."""
         return [(self.p, self.torque_force(torque))] if any(torque) else []
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Particle(Body):
+    """A point with mass: a place and no attitude, 3 coordinates; ``Multibody.point_mass`` makes it.
+
+    Vectors in its axes are in those of space.
+    """
+
+    def __repr__(self) -> str:
+        return f"<Particle {self.name}>"
+
+    @classmethod
+    def named(cls, name: str) -> Particle:
+        """Return the point with the symbols of a name."""
+        x, p_x = (sp.symbols([f"{name}_{more}{axis}" for axis in _AXES], real=True)
+                  for more in ("", "p"))
+        return cls(name, "gamma", (), (), tuple(x), tuple(p_x), _vector(x),
+                   _vector([sp.Integer(0)] * 3), sp.Symbol(f"{name}_m", positive=True), (),
+                   sp.Symbol(f"{name}_gamma"))
+
+    @property
+    def attitude(self) -> tuple[sp.Expr, ...]:
+        """That of space."""
+        return GROUND.attitude
+
+    @cached_property
+    def rotation(self) -> sp.Matrix:
+        """The identity."""
+        return sp.eye(3)
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """Zero."""
+        return GROUND.angular_velocity
+
+    @property
+    def angular_momentum(self) -> Vector:
+        """Zero, about itself."""
+        return GROUND.angular_velocity
+
+    @property
+    def kinetic_energy(self) -> sp.Expr:
+        """|p|²/(2 m)."""
+        return sp.Add(*(p**2 / (2 * self.mass) for p in self.p_x))
+
+    def turned(self, torque: Sequence[object]) -> list[Push]:
+        """Return nothing: there is nothing that a torque could turn."""
+        return []
 
 
 def cross(a: Sequence[object], b: Sequence[object]) -> Vector:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import as_text
 from ...errors import InputError
 from ...naming import proposal, shown
-from .bodies import GROUND, Body, Frame, Moving
+from .bodies import GROUND, Body, Frame, Moving, Particle
 from .joints import Align, Connection, Joint, Revolute, Rod, Spring
 from .pairs import Cylindrical, Planar, Prismatic, Screw, Universal
 from .poses import Start, finite, positive, three, three_or_none, unit
@@ -220,6 +220,10 @@ class Linkage:
                 "at": three_or_none(f"at of {name!r}", at)}
 
     def _join(self, link: Joined) -> Joined:
+        point = next((frame for frame in link.frames if isinstance(frame, Particle)), None)
+        if point is not None and type(link) not in (Joint, Rod, Spring):
+            raise InputError(f"{link.name!r} asks for axes of {point.name!r}, a point mass, which "
+                             "has none; join it by a ball, a rod or a spring, or give a body.")
         self._claim(link.name)
         self._links.append(link)
         return link

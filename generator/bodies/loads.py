@@ -23,7 +23,7 @@ from ...naming import listed, proposal, shown, whole
 from ..algebra.derivatives import derivative
 from ..algebra.evaluation import evaluate
 from ..systems.given import as_expression
-from .bodies import Body, Moving, Push, three_expressions
+from .bodies import Body, Moving, Particle, Push, three_expressions
 from .joints import Connection, Poses, Store, named_number
 from .linkage import Linkage
 from .pairs import Coupling, Drive, Gear, hinge_of
@@ -116,6 +116,9 @@ class Loads(Linkage):
         For a top it is taken about the fixed point.
         """
         turned = self._body(body, "A torque")
+        if isinstance(turned, Particle):
+            raise InputError(f"A torque on {turned.name!r}, a point mass, turns nothing; give a "
+                             "force, or a body.")
         self._pushes += turned.turned(three_expressions(f"torque on {turned.name!r}", torque))
 
     def moving_point(self, name: str, path: Sequence[Any]) -> Moving:

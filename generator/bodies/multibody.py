@@ -32,7 +32,7 @@ from ..systems.given import few
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from ..systems.redundancy import Redundancy, find_redundant
 from ..systems.system import System
-from .bodies import GROUND, Body, Frame, Moving, Push, dot
+from .bodies import GROUND, Body, Frame, Moving, Particle, Push, dot
 from .joints import Connection, Equation, Joint, copies, named_vector
 from .loads import Machine
 from .model import Model
@@ -44,6 +44,7 @@ from .poses import (
     finite,
     in_range,
     nonzero,
+    onto,
     positive,
     settle,
     start_of,
@@ -177,6 +178,42 @@ class Multibody(Machine):
         start = start_of(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
         return self._add(body, start, mass, given, weight)
 
+    def point_mass(
+        self, name: str, *, mass: float, position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+    ) -> Particle:
+        """Add a point with mass, 3 coordinates: for balls, rods, springs and forces.
+
+        ``position`` and ``velocity`` are in space; by default what balls tell, else 0.
+        """
+        self._claim(name)
+        point = Particle.named(name)
+        self._values[str(point.mass)] = positive(f"mass of {name!r}", mass)
+        self._bodies[point] = start_of(name, None, None, position, velocity, (0, 0, 0))
+        return point
+
+    def rotor(
+        self, name: str, body: Frame | str, *, mass: float, inertia: Sequence[float],
+        axis: ArrayLike, at: ArrayLike | None = None, on_body: ArrayLike | None = None,
+        rate: float = 0.0,
+    ) -> Body:
+        """Add a wheel that spins on a body, on the bearing ``NAME_bearing``, a revolute.
+
+        Parameters
+        ----------
+        inertia : two floats
+            Moments about its axis, which is its own third one, and across.
+        axis, at, on_body, rate : optional
+            The axis in space, where the wheel's centre is, in space or on the body, and how fast
+            it spins against the body: as for ``revolute``.
+        """
+        along, across = finite(f"inertia of rotor {name!r}, along and across", inertia, (2,))
+        wheel = self.body(name, mass=mass, inertia=(across, across, along),
+                          quaternion=onto(three(f"axis of {name!r}", axis)))
+        self.revolute(f"{name}_bearing", body, wheel, axis=axis, at=at, on_a=on_body,
+                      on_b=(0, 0, 0), rate=rate)
+        return wheel
+
     # ------------------------------------------------------------ the model
 
     def model(
@@ -250,7 +287,7 @@ class Multibody(Machine):
     ) -> list[Equation]:
         """Return the constraints, each with the later of its bodies."""
         order = {body: index for index, body in enumerate(self._bodies)}
-        rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)]
+        rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)] if body.q else []
                 for body in self._bodies}
         for link in links:
             own = [frame for frame in link.frames if isinstance(frame, Body)]
@@ -302,10 +339,10 @@ class Multibody(Machine):
             q, p, parameters, H, constraints, name=self.name, forces=forces,
             constraint_names=tuple(equation.name for equation in equations),
             time=self.time if self.time in used else None, quantities=quantities,
-            bodies=tuple(body_at(body, kept, values) for body in self._bodies),
+            bodies=tuple(body_at(body, kept, values) for body in self._bodies if body.q),
             joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values)
                          for link in links
-                         if not any(isinstance(frame, Moving) for frame in link.frames)),
+                         if not any(isinstance(frame, Moving | Particle) for frame in link.frames)),
         )
 
     def _state(self, poses: Mapping[Frame, Pose]) -> tuple[Array, Array]:
@@ -313,8 +350,9 @@ class Multibody(Machine):
         p: list[Array] = []
         for body in self._bodies:
             pose = poses[body]
-            q.append(pose.q)
-            p.append(pose.momenta(self._inertia[body]))
+            if body.q:
+                q.append(pose.q)
+                p.append(pose.momenta(self._inertia[body]))
             if body.x:
                 assert pose.x is not None
                 assert pose.v is not None

@@ -24,7 +24,7 @@ from ...naming import shown, unknown, whole
 from .rigid_body import left_matrix, rotation_matrix
 
 __all__ = ["Attitude", "Pose", "Start", "attitude", "check_rep", "clean", "conjugate", "count",
-           "direction", "finite", "in_range", "nonzero", "normals", "positive", "product",
+           "direction", "finite", "in_range", "nonzero", "normals", "onto", "positive", "product",
            "rotation", "settle", "start_of", "three", "three_or_none", "unit"]
 
 Array = NDArray[Any]
@@ -105,6 +105,18 @@ def start_of(
 def numbers(matrix: Any) -> Array:
     """Return a SymPy matrix of numbers as an array."""
     return np.array(matrix.tolist(), dtype=float)
+
+
+def onto(axis: Array) -> Array:
+    """Return a quaternion that turns the third axis into a direction, the shortest way."""
+    size = float(np.linalg.norm(axis))
+    x, y, z = axis / (size or 1.0)
+    across = math.hypot(x, y)
+    if not across:
+        return np.array([1.0, 0, 0, 0] if z >= 0 else [0.0, 1, 0, 0])
+    half = math.atan2(across, z) / 2
+    y, x = y / across, x / across
+    return np.array([math.cos(half), -y * math.sin(half), x * math.sin(half), 0.0])
 
 
 def rotation(q: Array) -> Array:

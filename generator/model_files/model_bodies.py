@@ -26,7 +26,9 @@
 What the keys mean is told by ``multibody``. Formulas know, for a body named a, a_q0..a_q3, a_x,
 a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_omega3 (body axes)
 and t, beside the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
-What acts on joints has ``joints`` in place of bodies:
+Points with mass stand in [[point_masses]] with name, mass, position and velocity; wheels in
+[[rotors]] with name, bodies, mass, inertia = [along, across], axis, at or on_body, and rate: its
+bearing is the joint NAME_bearing. What acts on joints has ``joints`` in place of bodies:
 
     [[joints]]
     name = "mesh"
@@ -44,6 +46,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any, cast
 
 import sympy as sp
@@ -51,7 +54,7 @@ import sympy as sp
 from ...body_values import REPS, RepName
 from ...errors import InputError
 from ...remarks import remark
-from ..bodies.bodies import Body, Frame
+from ..bodies.bodies import Body, Frame, Particle
 from ..bodies.linkage import JOINTS as KINDS
 from ..bodies.model import Model
 from ..bodies.multibody import Multibody
@@ -91,12 +94,15 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
     InputError
         With file, key and cure; for redundant constraints with a smallest set to leave out.
     """
-    content.allow("name", "description", "frame", "bodies", "joints", "forces", "gravity",
-                  "potential", "without", "redundant", "parameters", "inputs", "run",
-                  "quantities", "points", "drives", "events")
+    content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "joints",
+                  "forces", "gravity", "potential", "without", "redundant", "parameters", "inputs",
+                  "run", "quantities", "points", "drives", "events")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)
+    for kind, make in (("point_masses", _point_mass), ("rotors", _rotor)):
+        for table in content.tables(kind):
+            bodies[table.text("name", "")] = _telling(table, partial(make, builder, bodies), table)
     points = content.tables("points")
     if points:
         _parameters(builder, formulas)
@@ -148,8 +154,10 @@ def _drive(builder: Multibody, table: Table, formulas: Formulas) -> None:
 
 def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Frame]:
     tables = content.tables("bodies")
-    if not 1 <= len(tables) <= MAX_BODIES:
-        raise content.error("bodies", f"has {len(tables)} tables; write 1 to {MAX_BODIES}.")
+    count = len(tables) + sum(len(content.tables(kind)) for kind in ("point_masses", "rotors"))
+    if not 1 <= count <= MAX_BODIES:
+        raise content.error("bodies", f"has {count} tables with point_masses and rotors; write 1 "
+                                      f"to {MAX_BODIES}.")
     found: dict[str, Frame] = {"ground": builder.ground}
     for table in tables:
         table.allow("name", "mass", "inertia", "rep", *REPS, "position", *ATTITUDES, "velocity",
@@ -173,6 +181,27 @@ def _body(builder: Multibody, table: Table, rep: str | None) -> Body:
     )
 
 
+def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
+    """Add a point with mass."""
+    table.allow("name", "mass", "position", "velocity")
+    table.require("name", "mass")
+    vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
+    return builder.point_mass(table.symbol("name", table.text("name")), mass=table.number("mass"),
+                              **cast("dict[str, Any]", vectors))
+
+
+def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
+    """Add a wheel on a body; its bearing is a joint that motors may name."""
+    table.allow("name", "bodies", "mass", "inertia", "axis", "at", "on_body", "rate")
+    table.require("name", "bodies", "mass", "inertia", "axis")
+    vectors = {key: table.vector(key, 3) for key in ("axis", "at", "on_body") if key in table}
+    return builder.rotor(
+        table.symbol("name", table.text("name")), *_frames(table, bodies, 1),
+        mass=table.number("mass"), inertia=table.vector("inertia", 2),
+        rate=table.number("rate", RATES) if "rate" in table else 0.0,
+        **cast("dict[str, Any]", vectors))
+
+
 def _telling(table: Table, build: Callable[[Table], Any], argument: Table) -> Any:
     """Call a builder and say which table its refusal belongs to."""
     try:
@@ -190,7 +219,10 @@ def _names(
     place: dict[str, sp.Expr] = {}
     motion: dict[str, sp.Expr] = {"t": builder.time}
     for name, body in bodies.items():
-        if isinstance(body, Body):
+        if isinstance(body, Particle):
+            place |= {str(x): x for x in body.x}
+            motion |= {str(x): x for x in body.p_x}
+        elif isinstance(body, Body):
             R = body.rotation
             place |= {str(x): x for x in (*body.q, *body.x)}
             place |= {f"{name}_R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}

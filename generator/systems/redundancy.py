@@ -95,6 +95,8 @@ def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redu
         on each other than elsewhere.
     """
     refuse_constant(what, constraints.expressions, constraints.constraint_names)
+    if not constraints.expressions:
+        return Redundancy(what, ())
     found = nearest_point(constraints, q)
     names = constraints.constraint_names
     slopes = constraints.G(q if found is None else found)
