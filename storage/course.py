@@ -63,7 +63,7 @@ class Course:
         self.observer = Observer(stepper, run, self.events) if events else None
         self.state, self.first, self.rows = self._begun()
         self.committed = pack(self.binding, replace(self.state, seen=self._seen()))
-        self.pace = Pace.of(run if self.observer is None else self.observer.run)
+        self.pace = Pace(self.observer is not None)
 
     # ------------------------------------------------------------ where it stands
 

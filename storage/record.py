@@ -1,8 +1,7 @@
-"""Records a run: computes states in blocks, commits them, goes on where an earlier call ended.
+"""Records a run: begins its store, or goes on with it; ``course`` does the rest.
 
-One thread computes, another writes. A commit is a block of rows, whole or begun, and the
-checkpoint that belongs to it; at every instant the store holds a run up to some commit. What is
-recorded is what ``Stepper.integrate`` returns, to the bit, however often a run was ended.
+At every instant the store holds a run up to some commit. What is recorded is what
+``Stepper.integrate`` returns, to the bit, however often a run was ended.
 """
 
 from __future__ import annotations

@@ -138,15 +138,10 @@ class Pace:
     Seconds of this thread, not of the clock: a machine that is busy elsewhere changes nothing.
     """
 
-    def __init__(self, largest: int | None = None) -> None:
-        self._largest = largest or _CHUNK
+    def __init__(self, watched: bool = False) -> None:
+        self._largest = _WATCHED if watched else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
         self._began = time.thread_time()
-
-    @classmethod
-    def of(cls, run: Run) -> Pace:
-        """Return the pace of a run."""
-        return cls(None if run.watch is None else _WATCHED)
 
     def begin(self) -> int:
         """Return how many steps to do at most; the clock runs."""
@@ -220,7 +215,7 @@ def fill(
     Returns the status.
     """
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
-    pace = Pace.of(run)
+    pace = Pace(run.watch is not None)
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     step_on = advance if run.watch is None else advance_watched
     ended = run.watch is not None and run.watch.ends_in is not None
