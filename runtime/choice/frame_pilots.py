@@ -62,7 +62,7 @@ class FramePilots:
         bodies: Mapping[str, Any], t0: Number,
     ) -> None:
         self.stepper, self.q, self.p, self.dt, self.steps = stepper, q, p, dt, steps
-        self.directions, self.t0 = directions, t0
+        self.directions, self.t0, self._bodies = directions, t0, bodies
         self.means = {name: float(gamma_m(inertia)) for name, inertia in bodies.items()}
         self.parameters = dict(parameters)
         self.done: list[FramePilot] = []
@@ -91,6 +91,11 @@ class FramePilots:
                 every=finer * self.every, t0=self.t0, parameters=self.parameters | self.values(x))
         except StepFailed:
             return None
+
+    def coarser(self) -> FramePilots:
+        """Return runs over the same time by steps twice as long."""
+        return FramePilots(self.stepper, self.q, self.p, 2 * self.dt, -(-self.steps // 2),
+                           self.parameters, self.directions, self._bodies, self.t0)
 
     @property
     def every(self) -> int:

@@ -33,6 +33,10 @@ Array = NDArray[Any]
 _CLEARLY = 1.5
 #: Searches, from the best of what was tried; steps of each.
 _SEARCHES, _STEPS = 3, 8
+#: Runs of fewer steps see too little.
+_FEW = 32
+#: Of what is chosen by steps twice as long.
+_COARSER = "chosen at twice the step"
 #: Runs for derivatives, of which nobody need be told.
 _SLOPE = "slope"
 #: Searches start from choices that differ by this part at least.
@@ -124,16 +128,22 @@ class Search:
             pilots.stepper.integrate(pilots.q, pilots.p, dt=pilots.dt / 8, steps=8 * pilots.steps,
                                      parameters=pilots.parameters, t0=pilots.t0)  # says why
             raise AssertionError("a step that failed has not failed again")
+        best, reason, _ = self._best(finest)
+        return self._chosen(0, best, reason)
+
+    def _best(self, finest: Trajectory) -> tuple[int, str, Array]:
+        """Return the run that is best, why, and its choice; the first run is that without a frame.
+        """
+        pilots = self.pilots
         always = [pilots.measure("no frame", self.none),
                   pilots.measure("least squares of the start", self.start)]
-        plain = pilots.done[always[0]]
-        if plain.whole <= 4 * pilots.doubt or not (pilots.rates or len(self.ones)):
+        if self._is_rounding(always[0]) or not (pilots.rates or len(self.ones)):
             why = "the error is round-off" if pilots.rates or len(self.ones) else (
                 "there is no symmetry with these parameters")
-            return self._chosen(always[0], always[0], f"no frame: {why}")
-        if pilots.rates and pilots.done[always[1]].whole <= 4 * pilots.doubt:
+            return always[0], f"no frame: {why}", self.none
+        if pilots.rates and self._is_rounding(always[1]):
             label = pilots.done[always[1]].label  # of rounding the next is no better
-            return self._chosen(always[0], always[1], f"{label}: its error is round-off")
+            return always[1], f"{label}: its error is round-off", self.start
         tried = {always[0]: self.none, always[1]: self.start}
         for label, x in self._candidates(finest):
             tried.setdefault(pilots.measure(label, x), x)
@@ -146,7 +156,25 @@ class Search:
             found = min(numbers, key=lambda i: pilots.done[i].half, default=best)
             if pilots.done[found].whole * needed < pilots.done[best].whole:
                 best = found
-        return self._chosen(always[0], best, pilots.done[best].label)
+        known = tried | searched
+        if self._is_rounding(best):
+            coarser = self._at_twice_the_step()
+            if coarser is not None:
+                number = pilots.measure(_COARSER, coarser)
+                known[number] = coarser
+                best = number if self._is_rounding(number) else best
+        return best, pilots.done[best].label, known[best]
+
+    def _is_rounding(self, number: int) -> bool:
+        return bool(self.pilots.done[number].whole <= 4 * self.pilots.doubt)
+
+    def _at_twice_the_step(self) -> Array | None:
+        """Return the choice of longer steps: of the same polynomial of ω, clear of rounding."""
+        if self.pilots.steps < _FEW:
+            return None
+        search = Search(self.pilots.coarser(), self.velocities)
+        finest = search.pilots.set_reference([search.start, search.none])
+        return None if finest is None else search._best(finest)[2]
 
     def _chosen(self, plain: int, best: int, reason: str) -> FrameChoice:
         done, doubt = self.pilots.done, self.pilots.doubt
