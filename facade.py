@@ -92,7 +92,10 @@ def stepper(
 
     Examples
     --------
-    >>> step = gyrospark.stepper("G-L", stages=3, rep="gamma")  # doctest: +SKIP
+    >>> import gyrospark as gs
+    >>> step = gs.stepper("G-L", stages=3, rep="gamma")
+    >>> step.order
+    6
     """
     if frame is None:
         frame = getattr(system, "frame", None) or None  # of a Model

@@ -3,6 +3,7 @@
     {{ name }}     on a page is replaced by what ``tables`` makes of the package
     docstrings     of public names, and commands, end with the pages and examples that use them
     g_q, e^{hA}    in running text are set as signs with what stands below and above them
+    gallery        its list of pages shows the first picture of each
     pictures       without words for those who do not see them are a warning, hence an error
 """
 
@@ -46,6 +47,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("sphinx-click-process-epilog", end_command)
     app.connect("doctree-resolved", ask_for_words)
     app.connect("doctree-resolved", set_signs)
+    app.connect("doctree-resolved", show_first_pictures)
     app.connect("build-finished", copy_mathjax)
     app.connect("build-finished", mend_pages)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
@@ -103,6 +105,20 @@ def _set(text: str) -> list[nodes.Node]:
                  nodes.subscript("", below) if below else nodes.superscript("", above)]
         end = sign.end()
     return [*made, nodes.Text(text[end:])]
+
+
+def show_first_pictures(app: Sphinx, tree: nodes.document, name: str) -> None:
+    """Put the first picture of each page of the gallery before its title in the list."""
+    if name != "gallery/index":
+        return
+    for link in tree.findall(nodes.reference):
+        page = f"gallery/{link['refuri'].removesuffix('.html')}"
+        pictures = app.env.get_doctree(page).findall(nodes.image) if (
+            page in app.env.found_docs) else iter(())
+        first = next(pictures, None)
+        if first is not None:
+            link.insert(0, nodes.image(uri=first["uri"], candidates=first["candidates"], alt="",
+                                       classes=["thumbnail"]))
 
 
 def mend_pages(app: Sphinx, error: Exception | None) -> None:

@@ -154,3 +154,23 @@ def test_every_link_of_the_site_leads_somewhere(site):
             target = (path.parent / file).resolve() if file else path
             assert target.exists(), (path, link)
             assert not place or target not in there or place in there[target], (path, link)
+
+
+@pytest.mark.slow
+def test_what_the_site_makes_of_its_pages(site):
+    """Signs, pictures of the gallery, uses of names and commands, names for landmarks."""
+    def read(name: str) -> str:
+        return (site / f"{name}.html").read_text(encoding="utf-8")
+
+    assert "g<sub>q</sub>" in read("theory/symplecticity")
+    pictures = re.findall(r'<img [^>]*class="thumbnail"[^>]*src="\.\./([^"]*)"', read(
+        "gallery/index")) + re.findall(r'<img [^>]*src="\.\./([^"]*)"[^>]*thumbnail', read(
+            "gallery/index"))
+    assert len(pictures) >= 24
+    assert all((site / picture).is_file() for picture in pictures)
+    assert read("reference/runs").count("Used in") >= 8
+    assert "Used in" in read("reference/command_line")
+    for path in site.rglob("*.html"):
+        text = path.read_text(encoding="utf-8")
+        assert "<pre>" not in text
+        assert 'role="heading">' not in text

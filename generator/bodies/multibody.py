@@ -82,7 +82,7 @@ class Multibody(Machine):
     >>> _ = arm.fixed_point("shoulder", upper, on_body=(0, 0, 0.5), at=(0, 0, 0))
     >>> _ = arm.ball("elbow", upper, lower, on_a=(0, 0, -0.5), on_b=(0, 0, 0.5))
     >>> model = arm.model()
-    >>> model.q0[-1], model.system.n, model.system.m
+    >>> float(model.q0[-1]), model.system.n, model.system.m
     (-1.5, 14, 8)
     """
 

@@ -198,7 +198,9 @@ def body_system(
     --------
     A satellite in a gravity gradient:
 
-    >>> mu, r = sympy.symbols("mu r", positive=True)              # doctest: +SKIP
+    >>> import sympy
+    >>> import gyrospark as gs
+    >>> mu, r = sympy.symbols("mu r", positive=True)
     >>> V = 3*mu/(2*r**3) * sum(I*x**2 for I, x in zip(gs.symbols.inertia, gs.symbols.R[2, :]))
     >>> satellite = gs.body_system("satellite", "gamma", V, (mu, r))
     """

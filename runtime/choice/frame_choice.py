@@ -77,9 +77,12 @@ def choose_frame(
 
     Examples
     --------
-    >>> choice = gyrospark.choose_frame(step, top.q0, top.p0, dt=1e-3,
-    ...                                 parameters=parameters)  # doctest: +SKIP
-    >>> parameters = parameters | choice.values  # doctest: +SKIP
+    >>> import gyrospark as gs
+    >>> step = gs.stepper("G-L", stages=3, frame="symmetries")
+    >>> top = gs.problems.fast_top()
+    >>> parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    >>> choice = gs.choose_frame(step, top.q0, top.p0, dt=1e-3, parameters=parameters)
+    >>> parameters = parameters | choice.values
     """
     known = _usable(stepper, parameters)
     rates = {symmetry.name for symmetry in stepper.symmetries}

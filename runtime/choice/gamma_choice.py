@@ -167,9 +167,11 @@ def choose_gamma(
 
     Examples
     --------
-    >>> choice = gyrospark.choose_gamma(step, top.q0, top.p0, dt=1e-3, parameters=top.parameters,
-    ...                                 bodies={"gamma": top.inertia})  # doctest: +SKIP
-    >>> parameters = top.parameters | choice.values  # doctest: +SKIP
+    >>> import gyrospark as gs
+    >>> step, top = gs.stepper("G-L", stages=3), gs.problems.fast_top()
+    >>> choice = gs.choose_gamma(step, top.q0, top.p0, dt=1e-3, parameters=top.parameters,
+    ...                          bodies={"gamma": top.inertia})
+    >>> parameters = top.parameters | choice.values
     """
     if aim is not None:
         aim = choose("aim", aim, AIMS.values())
