@@ -170,7 +170,7 @@ def furnish(folder: Path) -> Path:
     """Write what a reader has: files of the pages, and main.c where its program is built."""
     for block in (b for path in documents.DOCUMENTS for b in documents.blocks(path, "toml")):
         few = re.sub(r"\bcount = 1000\b", "count = 2", block.text)
-        name = tomllib.loads(block.text)["name"]
+        name = tomllib.loads(block.text).get("name", "loops")  # beside a URDF
         (folder / ("few.toml" if "[grid]" in few else f"{name}.toml")).write_text(few, "utf-8")
     for program in ("plain_c", "run_c"):
         (folder / "examples" / program).mkdir(parents=True)
