@@ -1,4 +1,7 @@
-"""Equations of motion for mpmath's Taylor series: rates(t, state) and the state at t = 0."""
+"""Equations of motion without multipliers: rates(t, state), and the state at t = 0.
+
+For mpmath's Taylor series, SciPy and heyoka: rates take numbers of any kind.
+"""
 
 from __future__ import annotations
 
@@ -24,16 +27,16 @@ def neumann() -> Motion:
 
 def ellipsoid() -> Motion:
     """q'' = −(q'·Aq'/|Aq|²) A q, A = diag(1, 1/2, 1/4)."""
-    A = [mp.mpf(1), mp.mpf(1) / 2, mp.mpf(1) / 4]
+    squares = (1, 2, 4)
 
     def rates(_: Any, state: Sequence[Any]) -> list[Any]:
         q, v = state[:3], state[3:]
-        normal = [a * x for a, x in zip(A, q, strict=True)]
-        pull = sum(a * x**2 for a, x in zip(A, v, strict=True)) / sum(x**2 for x in normal)
+        normal = [x / b for b, x in zip(squares, q, strict=True)]
+        pull = sum(x**2 / b for b, x in zip(squares, v, strict=True)) / sum(x**2 for x in normal)
         return [*v, *(-pull * x for x in normal)]
 
     q = [mp.mpf("0.6"), mp.mpf("0.64") * mp.sqrt(2), mp.mpf("0.96")]
-    normal = [a * x for a, x in zip(A, q, strict=True)]
+    normal = [x / b for b, x in zip(squares, q, strict=True)]
     square = sum(x**2 for x in normal)
     along = [(i == 0) - normal[0] * x / square for i, x in enumerate(normal)]
     length = mp.sqrt(sum(x**2 for x in along))

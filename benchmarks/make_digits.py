@@ -4,7 +4,9 @@ Each problem goes two ways, and each number of both has the same 24 digits:
 
     stepped   8-stage Gauss-Lobatto in float128, with Δt and Δt/2
     closed    Jacobi's functions by mpmath with 50 digits, and 8-stage Gauss-Lobatto in float128;
-              the four-bars by φ(t), and by the equation of motion of φ in mpmath's Taylor series
+              the four-bars by φ(t), and by a quadrature for t(φ)
+    loop      quadrature of the one coordinate that a closed loop has, and 8-stage Gauss-Lobatto in
+              float128 on all bodies and joints
     series    mpmath's Taylor series of equations of motion without multipliers or constraints, and
               8-stage Gauss-Lobatto in float128
 
@@ -30,7 +32,7 @@ from ..references.truth import PATH
 from ..runtime.call.quad import exact
 from ..runtime.call.reals import rounding
 from . import closed_forms as forms
-from . import equations
+from . import equations, loops
 from .closed_forms import Numbers
 
 __all__ = ["WAYS", "digits", "main"]
@@ -110,15 +112,26 @@ def _closed(name: str, steps: int) -> Way:
     return way
 
 
-def _four_bar(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
-    """sin φ and cos φ, beside those of the equation of motion of φ."""
-    t = mp.mpf(problem.seconds)
-    c = forms.four_bar_constant(2)
-    with mp.workdps(_SERIES):
-        phi = mp.odefun(lambda _, y: [y[1], c * mp.sin(y[0])], 0, [mp.mpf(0), mp.mpf(1)])(t)[0]
-        second = {"positions": [mp.sin(phi), mp.cos(phi)]}
-    return ("closed form, mpmath, beside a Taylor series of φ'' = c sin φ",
-            ({"positions": forms.four_bars(2, t)}, second))
+def _loop(motion: Callable[[Any], Numbers], steps: int) -> Way:
+    """Go by quadrature of one coordinate, and by all bodies and joints."""
+    def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
+        with mp.workdps(40):
+            found = motion(mp.mpf(problem.seconds))
+        made = f"quadrature of one coordinate, mpmath, beside float128, 8-G-L, {steps} steps"
+        return made, (found, _run(problem, steps))
+
+    return way
+
+
+def _four_bars(count: int) -> Way:
+    """Return sin φ and cos φ, beside those of t(φ)."""
+    def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
+        t = mp.mpf(problem.seconds)
+        closed = {"positions": forms.four_bars(count, t)}
+        return ("closed form, mpmath, beside t(φ) by quadrature",
+                (closed, loops.four_bars(forms.four_bar_constant(count), t)))
+
+    return way
 
 
 def _series(motion: Callable[[], tuple[Callable[..., Any], Sequence[Any]]], steps: int) -> Way:
@@ -169,7 +182,12 @@ WAYS: dict[str, Way] = {
     "dzhanibekov": _closed("dzhanibekov", 1000),
     "free-body": _closed("free-body", 2000),
     "heavy-top": _closed("heavy-top", 2000),
-    "four-bar": _four_bar,
+    "four-bar": _four_bars(2),
+    "four-bars-40": _four_bars(40),
+    "parallelogram": _four_bars(1),
+    "bricard": _loop(loops.bricard, 500),
+    "bennett": _loop(loops.bennett, 500),
+    "slider-crank": _loop(loops.slider_crank, 5000),
     "kovalevskaya": _series(equations.kovalevskaya, 1000),
     "goryachev-chaplygin": _series(equations.goryachev_chaplygin, 1000),
     "neumann": _series(equations.neumann, 1000),

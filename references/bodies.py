@@ -64,7 +64,7 @@ def _free_omega() -> tuple[Fraction, ...]:
     return M1 / _FREE[0], Fraction(0), M3 / _FREE[2]
 
 
-def _free(name: str, moments: Sequence[Fraction], omega: Sequence[Fraction | str]) -> Model:
+def _free(moments: Sequence[Fraction], omega: Sequence[Fraction | str]) -> Model:
     import sympy as sp
 
     from ..generator.bodies.symbols import R, inertia
@@ -72,7 +72,7 @@ def _free(name: str, moments: Sequence[Fraction], omega: Sequence[Fraction | str
 
     space = R * sp.Matrix([Ii * x for Ii, x in zip(inertia, turning, strict=True)])
     kept = {"Lx": space[0], "Ly": space[1], "Lz": space[2]}
-    return _model(name, sp.Integer(0), kept, moments, omega)
+    return _model("body_that_turns", sp.Integer(0), kept, moments, omega)
 
 
 def _kovalevskaya() -> Model:
@@ -106,7 +106,7 @@ def _heavy_top() -> Model:
 DZHANIBEKOV = Reference(
     name="dzhanibekov", title="Free body that turns over about its middle axis (Dzhanibekov)",
     source="I = (1, 2, 3), Ω = (0.001, 1, 0.001), q = (1, 0, 0, 0)", form="Python",
-    make=lambda: _free("dzhanibekov", _DZHANIBEKOV, ("0.001", "1", "0.001")), seconds="10",
+    make=lambda: _free(_DZHANIBEKOV, ("0.001", "1", "0.001")), seconds="10",
     groups={"attitude": _QUATERNION, "angular velocity": _OMEGA},
     read=lambda run: _end(run, _DZHANIBEKOV),
     invariants={"energy": "Ω·IΩ/2", "Lx": "(R IΩ)₁", "Ly": "(R IΩ)₂", "Lz": "(R IΩ)₃"},
@@ -125,7 +125,7 @@ KOVALEVSKAYA = Reference(
 FREE_BODY = Reference(
     name="free-body", title="Free body of GeometricProblems.jl",
     source="GeometricProblems.jl, rigid_body: I = (2, 1, 2/3), I Ω = (cos 1.1, 0, sin 1.1)",
-    form="Python", make=lambda: _free("free_body_100", _FREE, _free_omega()), seconds="100",
+    form="Python", make=lambda: _free(_FREE, _free_omega()), seconds="100",
     groups={"attitude": _QUATERNION, "angular velocity": _OMEGA},
     read=lambda run: _end(run, _FREE),
     invariants={"energy": "Ω·IΩ/2", "Lx": "(R IΩ)₁", "Ly": "(R IΩ)₂", "Lz": "(R IΩ)₃"},

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ..naming import choose
 from .bodies import DZHANIBEKOV, FREE_BODY, GORYACHEV_CHAPLYGIN, HEAVY_TOP, KOVALEVSKAYA
-from .mechanisms import ANDREWS, CAR_AXIS, FOUR_BAR
+from .linkages import BENNETT, BRICARD, FOUR_BAR, FOUR_BARS, PARALLELOGRAM, SLIDER_CRANK
+from .mechanisms import ANDREWS, CAR_AXIS
 from .pendulums import SIMPLE_PENDULUM, SPHERICAL_PENDULUM
 from .problem import Reference
 from .surfaces import BEAD, ELLIPSOID, NEUMANN
@@ -13,6 +14,7 @@ __all__ = ["REFERENCES", "names", "reference"]
 
 REFERENCES = {found.name: found for found in (
     CAR_AXIS, ANDREWS, SIMPLE_PENDULUM, SPHERICAL_PENDULUM, FOUR_BAR,
+    FOUR_BARS, PARALLELOGRAM, BRICARD, BENNETT, SLIDER_CRANK,
     DZHANIBEKOV, FREE_BODY, HEAVY_TOP, KOVALEVSKAYA, GORYACHEV_CHAPLYGIN, NEUMANN, ELLIPSOID,
     BEAD)}
 

@@ -1,9 +1,8 @@
-"""Mechanisms: the car axis, Andrews' squeezing mechanism, four-bars in a row."""
+"""Mechanisms in their own coordinates: the car axis, Andrews' squeezing mechanism."""
 
 from __future__ import annotations
 
 import runpy
-from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,9 +13,8 @@ from .problem import Attempt, Published, Reference
 
 if TYPE_CHECKING:
     from ..generator.bodies.model import Model
-    from ..runtime.output.trajectory import Trajectory
 
-__all__ = ["ANDREWS", "CAR_AXIS", "FOUR_BAR"]
+__all__ = ["ANDREWS", "CAR_AXIS"]
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 
@@ -78,40 +76,3 @@ ANDREWS = Reference(
         "theta'": "-1424.379294994111", "gamma'": "11.03291221937134",
         "phi'": "19.29337464421385", "delta'": "0.5735699284790808",
         "omega'": "-19.29337464421385", "epsilon'": "0.3231791658026955"}))
-
-
-# ---------------------------------------------------------------- four-bars
-
-
-def four_bars(count: int) -> Model:
-    """Return so many four-bar linkages of rods in a row, upright, at 1 rad/s (IFToMM A02)."""
-    from ..generator.bodies.multibody import Multibody
-
-    build = Multibody(f"a02_{count}", gravity=(0, -9.81, 0))
-    upright, lying = (1 / 12, 1e-3, 1 / 12), (1e-3, 1 / 12, 1 / 12)
-    for i in range(count + 1):
-        build.body(f"v{i}", mass=1, inertia=upright, position=(i, 0.5, 0), velocity=(0.5, 0, 0),
-                   angular_velocity=(0, 0, -1.0))
-        if i:
-            build.body(f"c{i}", mass=1, inertia=lying, position=(i - 0.5, 1, 0), velocity=(1, 0, 0))
-    for i in range(count + 1):
-        build.revolute(f"g{i}", "ground", f"v{i}", axis=(0, 0, 1), at=(i, 0, 0))
-    for i in range(1, count + 1):
-        build.revolute(f"l{i}", f"v{i - 1}", f"c{i}", axis=(0, 0, 1), at=(i - 1, 1, 0))
-        build.revolute(f"r{i}", f"c{i}", f"v{i}", axis=(0, 0, 1), at=(i, 1, 0))
-    return build.model(redundant="leave out")
-
-
-def _b0(run: Trajectory) -> Mapping[str, Any]:
-    """The first rod's end: its centre is half way from the origin."""
-    return {"positions": 2 * run.q[-1, 4:6]}
-
-
-FOUR_BAR = Reference(
-    name="four-bar", title="Two four-bar linkages in a row, five bodies",
-    source="IFToMM library of multibody problems, A02 with N = 2: through its change points",
-    form="bodies and joints", make=lambda: four_bars(2), seconds="10",
-    groups={"positions": ("x_B0", "y_B0")}, read=_b0, invariants={"energy": "T + V"},
-    attempts=(Attempt("G-L", 3, (1000, 2500, 5000)),),
-    published=Published("EXUDYN, TestModels/fourBarMechanismIftomm.py, h = 1.25e-4 s",
-                        {"x_B0": "0.3284573768"}))

@@ -1,0 +1,245 @@
+"""Closed loops with one degree of freedom, by quadrature: t(s) = ∫ √(m/2(E − V)) dθ.
+
+Each loop tells what it is at a coordinate θ: the points that are compared, their velocities per
+θ', the mass m = 2T/θ'² and the potential V. Nothing of the engine is in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mpmath as mp
+
+from .closed_forms import Numbers
+
+__all__ = ["bennett", "bricard", "four_bars", "slider_crank"]
+
+Vector = Sequence[Any]
+_G = "9.81"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A loop at one value of its coordinate; velocities are per rate of it."""
+
+    mass: Any
+    potential: Any
+    points: Sequence[Vector]
+    velocities: Sequence[Vector]
+
+
+def four_bars(c: Any, t: Any) -> Numbers:
+    """sin φ and cos φ of φ'' = c sin φ, φ = 0, φ' = 1: φ grows all the time."""
+    phi = _reached(lambda phi: 1 / mp.sqrt(1 + 2 * c * (1 - mp.cos(phi))), t)
+    return {"positions": [mp.sin(phi), mp.cos(phi)]}
+
+
+def slider_crank(t: Any) -> Numbers:
+    """The spatial slider-crank by its crank's angle, which grows all the time."""
+    begin = _slider_crank(mp.mpf(0))
+    energy = begin.mass * 18 + begin.potential
+
+    def rate(angle: Any) -> Any:
+        place = _slider_crank(angle)
+        return mp.sqrt(2 * (energy - place.potential) / place.mass)
+
+    angle = _reached(lambda a: 1 / rate(a), t)
+    place, speed = _slider_crank(angle), rate(angle)
+    (_, y, z), (x, _, _) = place.points
+    (_, vy, vz), (vx, _, _) = place.velocities
+    return {"positions": [y, z, x], "velocities": [speed * v for v in (vy, vz, vx)]}
+
+
+def _slider_crank(angle: Any) -> Place:
+    """The conrod's vector X that is x at the start stays across y, and at its angle to the rod."""
+    length, arm = mp.mpf("0.3"), mp.mpf("0.08")
+    out, up = [0, -mp.sin(angle), mp.cos(angle)], [0, -mp.cos(angle), -mp.sin(angle)]
+    crank = [mp.mpf(0), mp.mpf("0.1"), mp.mpf("0.12")]
+    B = [c + arm * x for c, x in zip(crank, out, strict=True)]
+    vB = [arm * x for x in up]
+    x = mp.sqrt(length**2 - _dot(B, B))
+    C, vC = [x, mp.mpf(0), mp.mpf(0)], [-_dot(B, vB) / x, mp.mpf(0), mp.mpf(0)]
+    d, rate = (_times(1 / length, _minus(*ends)) for ends in ((C, B), (vC, vB)))
+    turn = mp.atan2(d[2], d[0]) + mp.acos(mp.mpf(2) / 3 / mp.hypot(d[0], d[2]))
+    X = [mp.cos(turn), mp.mpf(0), mp.sin(turn)]
+    across = _cross(d, rate)
+    own = -_cross(across, X)[1] / _cross(d, X)[1]
+    centre = _times(mp.mpf(1) / 2, _plus(vB, vC))
+    mass = (mp.mpf("1e-4") + mp.mpf("0.12") * (arm / 2) ** 2 + _dot(centre, centre) / 2
+            + mp.mpf("4e-3") * _dot(across, across) + mp.mpf("4e-4") * own**2 + 2 * vC[0] ** 2)
+    height = mp.mpf("0.12") * (crank[2] + B[2]) / 2 + B[2] / 4
+    return Place(mass, mp.mpf(_G) * height, [B, C], [vB, vC])
+
+
+def bricard(t: Any) -> Numbers:
+    """Bricard's mechanism of IFToMM A04 by the angle of its first hinge, between 0 and π."""
+    place, _ = _swing(_bricard, mp.pi, t)
+    (x, _, z), third = place.points
+    return {"positions": [x, z, *third]}
+
+
+def _bricard(theta: Any) -> Place:
+    """Turns θ, φ, θ, φ, θ, φ with (1 + sin θ)(1 + sin φ) = 1; sections are 0.1 m square."""
+    phi = mp.asin(1 / (1 + mp.sin(theta)) - 1)
+    slope = -mp.cos(theta) * (1 + mp.sin(phi)) / (1 + mp.sin(theta)) / mp.cos(phi)
+    x, y, z = ([mp.mpf(i == k) for i in range(3)] for k in range(3))
+    first = [(y, 1), (z, slope), (x, 1)]  # hinges 0, 1, 2 with their rates
+    last = [(x, -slope), (z, -1)]  # hinges 5 and 4, backwards
+    rods = [*_chain(first, [theta, phi, theta], [0, 0, 0], [x, _times(-1, y), z]),
+            *_chain(last, [-phi, -theta], [0, 0, 1], [_times(-1, y), x])]
+    mass, potential = _energies(rods, mp.mpf("1.01") / 12, mp.mpf("0.01") / 6, y)
+    ends = [rods[0], rods[4]]
+    return Place(mass, potential, [rod.end for rod in ends], [rod.end_rate for rod in ends])
+
+
+def bennett(t: Any) -> Numbers:
+    """Bennett's linkage of four equal links by the angle of its hinge at A, from rest."""
+    start = _bennett(mp.mpf(0)).potential
+    far = mp.findroot(lambda a: (_bennett(a).potential - start) / a, _FAR)
+    place, rate = _swing(_bennett, far, t)
+    return {"positions": [x for point in place.points for x in point],
+            "velocities": [rate * v for velocity in place.velocities for v in velocity]}
+
+
+#: About where Bennett's linkage turns back.
+_FAR = 3.6
+
+
+def _bennett(theta: Any) -> Place:
+    """tan ½A tan ½B = 16/25 of the angles at A and B, both 2 atan 4/5 at the start."""
+    A, B, C, D = ([mp.mpf(x) for x in point.split()] for point in (
+        "0.8 0 -0.3", "0 0.8 0.3", "-0.8 0 -0.3", "0 -0.8 0.3"))
+    k = mp.mpf(16) / 25
+    half = mp.tan(mp.atan(mp.mpf(4) / 5) + theta / 2)
+    phi = 2 * (mp.atan(k / half) - mp.atan(mp.mpf(4) / 5))
+    slope = -k * (1 + half**2) / (half**2 + k**2)
+    at_a, at_b, at_d = ([mp.mpf(x) for x in axis.split()] for axis in (
+        "0.6 0 0.8", "0 0.6 -0.8", "0 -0.6 -0.8"))
+    DA, = _chain([(at_a, 1)], [theta], A, [_minus(D, A)])
+    BC, = _chain([(at_b, slope)], [phi], B, [_minus(C, B)])
+    axis, along = _turned(at_a, theta, at_d), _minus(BC.end, DA.end)
+    lever = _cross(axis, along)
+    past = _minus(_minus(BC.end_rate, DA.end_rate), _cross(DA.turn, along))
+    turn = _plus(DA.turn, _times(_dot(past, lever) / _dot(lever, lever), axis))
+    rods = [DA, BC, Rod(DA.end, along, DA.end_rate, turn)]
+    mass, potential = _energies(rods, mp.mpf("1.65") / 12, mp.mpf("0.01") / 6,
+                                [mp.mpf(0), mp.mpf(0), mp.mpf(1)])
+    return Place(mass, potential, [BC.end, DA.end], [BC.end_rate, DA.end_rate])
+
+
+# ---------------------------------------------------------------- time
+
+
+def _swing(loop: Callable[[Any], Place], far: Any, t: Any) -> tuple[Place, Any]:
+    """Return a loop that begins at rest at 0 and turns back at ``far``, with its rate.
+
+    θ = ½ far (1 − cos s): dt/ds has no singularity where it turns back.
+    """
+    start = loop(mp.mpf(0)).potential
+
+    def speed(s: Any) -> Any:
+        place = loop(far * (1 - mp.cos(s)) / 2)
+        return abs(far * mp.sin(s)) / 2 * mp.sqrt(place.mass / 2 / (start - place.potential))
+
+    s = _reached(speed, t)
+    place = loop(far * (1 - mp.cos(s)) / 2)
+    return place, far * mp.sin(s) / 2 / speed(s)
+
+
+def _reached(slope: Callable[[Any], Any], t: Any, piece: float = 0.25) -> Any:
+    """Return s with ∫₀ˢ slope = t, for slope > 0: by pieces, and Newton in the last."""
+    step = mp.pi * piece
+    s, left = mp.mpf(0), t
+    while (more := mp.quadgl(slope, [s, s + step])) <= left:
+        s, left = s + step, left - more
+    for _ in range(60):
+        ds = left / slope(s + step * mp.mpf("1e-9"))
+        left -= mp.quadgl(slope, [s, s + ds])
+        s += ds
+        if abs(left) < mp.mpf(10) ** (8 - mp.mp.dps):
+            break
+    return s
+
+
+# ---------------------------------------------------------------- rods
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A rod of 1 kg from a point along a vector; rates are per that of the coordinate."""
+
+    begin: Vector
+    along: Vector
+    begin_rate: Vector
+    turn: Vector
+
+    @property
+    def end(self) -> Vector:
+        """Where it ends."""
+        return _plus(self.begin, self.along)
+
+    @property
+    def end_rate(self) -> Vector:
+        """The velocity of its end."""
+        return _plus(self.begin_rate, _cross(self.turn, self.along))
+
+
+def _chain(hinges: Sequence[tuple[Vector, Any]], angles: Sequence[Any], begin: Vector,
+           along: Sequence[Vector]) -> list[Rod]:
+    """Return rods from hinge to hinge; axes and directions are those of the start."""
+    rods: list[Rod] = []
+    point: Vector = begin
+    rate: Vector = [mp.mpf(0)] * 3
+    turn: Vector = rate
+    for k, (axis, speed) in enumerate(hinges):
+        turned: Vector = axis
+        for j in reversed(range(k)):
+            turned = _turned(hinges[j][0], angles[j], turned)
+        turn = _plus(turn, _times(speed, turned))
+        vector = along[k]
+        for j in reversed(range(k + 1)):
+            vector = _turned(hinges[j][0], angles[j], vector)
+        rods.append(Rod(point, vector, rate, turn))
+        point, rate = rods[-1].end, rods[-1].end_rate
+    return rods
+
+
+def _energies(rods: Sequence[Rod], across: Any, own: Any, up: Vector) -> tuple[Any, Any]:
+    """Return 2T/θ'² and V of rods of 1 kg with moments across and about their axis."""
+    mass, height = mp.mpf(0), mp.mpf(0)
+    for rod in rods:
+        v = _times(mp.mpf(1) / 2, _plus(rod.begin_rate, rod.end_rate))
+        spin = _dot(rod.turn, rod.along) ** 2 / _dot(rod.along, rod.along)
+        mass += _dot(v, v) + across * (_dot(rod.turn, rod.turn) - spin) + own * spin
+        height += _dot(up, _plus(rod.begin, rod.end)) / 2
+    return mass, mp.mpf(_G) * height
+
+
+def _turned(axis: Vector, angle: Any, v: Vector) -> Vector:
+    """Return a vector turned about a unit axis, by Rodrigues' formula."""
+    c, s = mp.cos(angle), mp.sin(angle)
+    return [c * x + s * y + (1 - c) * _dot(axis, v) * n
+            for x, y, n in zip(v, _cross(axis, v), axis, strict=True)]
+
+
+def _plus(a: Vector, b: Vector) -> Vector:
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def _minus(a: Vector, b: Vector) -> Vector:
+    return [x - y for x, y in zip(a, b, strict=True)]
+
+
+def _times(k: Any, v: Vector) -> Vector:
+    return [k * x for x in v]
+
+
+def _dot(a: Vector, b: Vector) -> Any:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    (a1, a2, a3), (b1, b2, b3) = a, b
+    return [a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1]

@@ -1,0 +1,223 @@
+"""Linkages of rigid bodies on joints, redundant constraints left out by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .problem import Attempt, Published, Reference
+
+if TYPE_CHECKING:
+    from ..generator.bodies.model import Model
+    from ..generator.bodies.multibody import Multibody
+    from ..runtime.output.trajectory import Trajectory
+
+__all__ = ["BENNETT", "BRICARD", "FOUR_BAR", "FOUR_BARS", "PARALLELOGRAM", "SLIDER_CRANK",
+           "four_bars"]
+
+_AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+#: Largest denominator of a number of these models, and how far a double of it may be off.
+_DENOMINATOR, _ROUNDING = 10**5, Fraction(1, 2**46)
+
+
+def _meant(build: Multibody) -> Model:
+    """Return the model with the fractions that its doubles stand for: 1/12, not 0.08333….
+
+    Raises
+    ------
+    ArithmeticError
+        For a number that is near no fraction with a small denominator.
+    """
+    model = build.model(redundant="leave out")
+
+    def fraction(value: Any) -> Fraction:
+        given = Fraction(float(value))
+        found = given.limit_denominator(_DENOMINATOR)
+        if abs(found - given) > _ROUNDING * (1 + abs(given)):
+            raise ArithmeticError(f"{value} in {model.name} is no fraction that can be told.")
+        return found
+
+    values: dict[str, Any] = {name: fraction(x) for name, x in model.parameters.items()}
+    q0, p0 = (np.array([fraction(x) for x in state]) for state in (model.q0, model.p0))
+    return replace(model, parameters=values, q0=q0, p0=p0)
+
+
+def _at(run: Trajectory, body: str) -> tuple[Any, Any]:
+    """Return x and p of a body's centre at the end."""
+    first = run.coordinates.index(f"{body}_x")
+    return run.q[-1, first : first + 3], run.p[-1, first : first + 3]
+
+
+def rod_inertia(along: Sequence[Fraction], mass: int = 1) -> tuple[tuple[Fraction, ...], ...]:
+    """Return the tensor of a rod of square section, 0.1 m wide, in space axes."""
+    square, width = sum(x * x for x in along), Fraction("0.01")
+    across, own = mass * (square + width) / 12, mass * width / 6
+    return tuple(tuple((across if i == j else 0) - (across - own) * x * y / square
+                       for j, y in enumerate(along)) for i, x in enumerate(along))
+
+
+# ---------------------------------------------------------------- four-bars in a row
+
+
+def four_bars(count: int) -> Model:
+    """Return so many four-bar linkages of rods in a row, upright, at 1 rad/s (IFToMM A02)."""
+    from ..generator.bodies.multibody import Multibody
+
+    build = Multibody(f"a02_{count}", gravity=(0, -9.81, 0))
+    upright, lying = (1 / 12, 1e-3, 1 / 12), (1e-3, 1 / 12, 1 / 12)
+    for i in range(count + 1):
+        build.body(f"v{i}", mass=1, inertia=upright, position=(i, 0.5, 0), velocity=(0.5, 0, 0),
+                   angular_velocity=(0, 0, -1.0))
+        if i:
+            build.body(f"c{i}", mass=1, inertia=lying, position=(i - 0.5, 1, 0), velocity=(1, 0, 0))
+    for i in range(count + 1):
+        build.revolute(f"g{i}", "ground", f"v{i}", axis=(0, 0, 1), at=(i, 0, 0))
+    for i in range(1, count + 1):
+        build.revolute(f"l{i}", f"v{i - 1}", f"c{i}", axis=(0, 0, 1), at=(i - 1, 1, 0))
+        build.revolute(f"r{i}", f"c{i}", f"v{i}", axis=(0, 0, 1), at=(i, 1, 0))
+    return build.model(redundant="leave out")
+
+
+def _b0(run: Trajectory) -> Mapping[str, Any]:
+    """The first rod's end: its centre is half way from the origin."""
+    return {"positions": 2 * _at(run, "v0")[0][:2]}
+
+
+_A02 = "IFToMM library of multibody problems, A02"
+FOUR_BAR = Reference(
+    name="four-bar", title="Two four-bar linkages in a row, five bodies",
+    source=f"{_A02} with N = 2: through its change points",
+    form="bodies and joints", make=lambda: four_bars(2), seconds="10",
+    groups={"positions": ("x_B0", "y_B0")}, read=_b0, invariants={"energy": "T + V"},
+    attempts=(Attempt("G-L", 3, (1000, 2500, 5000)),),
+    published=Published("EXUDYN, TestModels/fourBarMechanismIftomm.py, h = 1.25e-4 s",
+                        {"x_B0": "0.3284573768"}))
+
+FOUR_BARS = Reference(
+    name="four-bars-40", title="Forty four-bar linkages in a row, 81 bodies",
+    source=f"{_A02} with N = 40: freedoms jump from 1 to 41 where the rods are level",
+    form="bodies and joints", make=lambda: four_bars(40), seconds="10",
+    groups={"positions": ("x_B0", "y_B0")}, read=_b0, invariants={"energy": "T + V"},
+    attempts=(Attempt("G-L", 3, (1000, 2500)),))
+
+PARALLELOGRAM = Reference(
+    name="parallelogram", title="A parallelogram of rods, 104 times through its change points",
+    source=f"{_A02} with N = 1, for 100 s: where the rods are level, they could fold",
+    form="bodies and joints", make=lambda: four_bars(1), seconds="100",
+    groups={"positions": ("x_B0", "y_B0")}, read=_b0, invariants={"energy": "T + V"},
+    attempts=(Attempt("G-L", 4, (10000, 20000)), Attempt("G-L", 3, (20000, 50000))))
+
+
+# ---------------------------------------------------------------- spatial loops
+
+
+def _bricard() -> Model:
+    from ..generator.bodies.multibody import Multibody
+
+    points = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
+    build = Multibody("bricard", gravity=(0, -9.81, 0))
+    names = ["ground", *(f"rod{i}" for i in range(5)), "ground"]
+    for name, a, b in zip(names[1:], points, points[1:], strict=False):
+        inertia = rod_inertia([Fraction(y - x) for x, y in zip(a, b, strict=True)])
+        build.body(name, mass=1, inertia=[float(inertia[i][i]) for i in range(3)],
+                   position=np.add(a, b) / 2)
+    for i, (axis, at) in enumerate(zip("yzxyzx", points, strict=True)):
+        build.revolute(f"h{i}", names[i], names[i + 1], axis=_AXES[axis], at=at)
+    return _meant(build)
+
+
+def _bricard_end(run: Trajectory) -> Mapping[str, Any]:
+    """P1 and P3, from both ends of the chain; y of P1 stays 0."""
+    first, third, fourth = (_at(run, f"rod{i}")[0] for i in (0, 3, 4))
+    return {"positions": [*(2 * first[::2]), *(2 * third - 2 * fourth + [0, 0, 1])]}
+
+
+BRICARD = Reference(
+    name="bricard", title="Bricard's mechanism, five rods on six hinges",
+    source="IFToMM library of multibody problems, A04: rods of 1 m and 1 kg, 0.1 m square",
+    form="bodies and joints", make=_bricard, seconds="10",
+    groups={"positions": ("x_P1", "z_P1", "x_P3", "y_P3", "z_P3")}, read=_bricard_end,
+    invariants={"energy": "T + V"},
+    attempts=(Attempt("G-L", 3, (250, 500, 1000)), Attempt("G-L", 4, (250, 500)),
+              Attempt("G-L", 2, (500, 1000, 2000))))
+
+
+def _bennett() -> Model:
+    """A skew rhombus with each hinge across its two links: three redundant constraints."""
+    from ..generator.bodies.multibody import Multibody
+
+    corners = {"A": (".8", "0", "-.3"), "B": ("0", ".8", ".3"), "C": ("-.8", "0", "-.3"),
+               "D": ("0", "-.8", ".3")}
+    axes = {"A": (0.6, 0, 0.8), "B": (0, 0.6, -0.8), "C": (-0.6, 0, 0.8), "D": (0, -0.6, -0.8)}
+    places = {name: np.array([Fraction(x) for x in at]) for name, at in corners.items()}
+    build = Multibody("bennett")
+    for a, b in map(tuple, ("BC", "CD", "DA")):
+        inertia = np.array(rod_inertia(places[b] - places[a]), dtype=float)
+        build.body(a + b, mass=1, inertia=inertia,
+                   position=((places[a] + places[b]) / 2).astype(float))
+    for corner, a, b in (("B", "ground", "BC"), ("C", "BC", "CD"), ("D", "CD", "DA"),
+                         ("A", "DA", "ground")):
+        build.revolute(corner, a, b, axis=axes[corner], at=places[corner].astype(float))
+    return _meant(build)
+
+
+def _bennett_end(run: Trajectory) -> Mapping[str, Any]:
+    """C and D: the ends of the links that turn about B and A."""
+    (bc, v_bc), (da, v_da) = _at(run, "BC"), _at(run, "DA")
+    C, D = ((20 * x - at) / 10 for x, at in ((bc, [0, 8, 3]), (da, [8, 0, -3])))
+    return {"positions": [*C, *D], "velocities": [*(2 * v_bc), *(2 * v_da)]}
+
+
+_CORNERS = tuple(f"{axis}_{corner}" for corner in "CD" for axis in "xyz")
+BENNETT = Reference(
+    name="bennett", title="Bennett's linkage, four hinges in space",
+    source="rods of 1 kg, 0.1 m square, between (0.8, 0, −0.3), (0, 0.8, 0.3), (−0.8, 0, −0.3), "
+           "(0, −0.8, 0.3), each hinge across its two rods, the first rod fixed, from rest",
+    form="bodies and joints", make=_bennett, seconds="5",
+    groups={"positions": _CORNERS, "velocities": tuple(f"{x}'" for x in _CORNERS)},
+    read=_bennett_end, invariants={"energy": "T + V"},
+    attempts=(Attempt("G-L", 3, (500, 1000, 2000)), Attempt("G-L", 4, (200, 500, 1000))))
+
+
+def _slider_crank() -> Model:
+    from ..generator.bodies.multibody import Multibody
+
+    build = Multibody("slider_crank_3d")
+    rod = np.array([2, -1, -2]) / 3
+    inertia = 0.004 * np.eye(3) - 0.0036 * np.outer(rod, rod)
+    build.body("crank", mass=0.12, inertia=(1e-4, 1e-4, 1e-5), position=(0, 0.1, 0.16),
+               angular_velocity=(6, 0, 0), velocity=(0, -0.24, 0))
+    build.body("conrod", mass=0.5, inertia=inertia, position=(0.1, 0.05, 0.1),
+               angular_velocity=(2.4, -1.2, 0), velocity=(0.12, -0.24, 0))
+    build.body("slider", mass=2, inertia=(1e-4, 1e-4, 1e-4), position=(0.2, 0, 0),
+               velocity=(0.24, 0, 0), angular_velocity=(0, 0, 0))
+    build.revolute("bearing", "ground", "crank", axis=(1, 0, 0), at=(0, 0.1, 0.12))
+    build.ball("pin", "crank", "conrod", at=(0, 0.1, 0.2))
+    build.universal("cross", "conrod", "slider", axis_a=(1, 0, 0), axis_b=(0, 1, 0),
+                    at=(0.2, 0, 0))
+    build.prismatic("guide", "ground", "slider", axis=(1, 0, 0), at=(0, 0, 0))
+    return _meant(build)
+
+
+def _slider_crank_end(run: Trajectory) -> Mapping[str, Any]:
+    """The crank's pin, and the slider: what the crank's centre tells twice."""
+    (crank, push), (slider, slide) = _at(run, "crank"), _at(run, "slider")
+    pin = (200 * crank[1:] - [10, 12]) / 100
+    return {"positions": [*pin, slider[0]], "velocities": [*(push[1:] * 50 / 3), slide[0] / 2]}
+
+
+SLIDER_CRANK = Reference(
+    name="slider-crank", title="Spatial slider-crank, rigid",
+    source="IFToMM library of multibody problems: crank 0.08 m at 6 rad/s, rod 0.3 m with its "
+           "slender axis in it; the cross at the slider has its arms along x in the rod and "
+           "along y in the slider, as in EXUDYN",
+    form="bodies and joints", make=_slider_crank, seconds="5",
+    groups={"positions": ("y_B", "z_B", "x_C"), "velocities": ("y_B'", "z_B'", "x_C'")},
+    read=_slider_crank_end, invariants={"energy": "T + V"},
+    attempts=(Attempt("G-L", 4, (1000, 2000, 4000)), Attempt("G-L", 3, (1000, 2000, 4000))),
+    published=Published("one of three submissions, by P. Masarati; their angles differ by 5 %",
+                        {"x_C": "0.2517906"}))
