@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from .generator.bodies.model import Model
     from .generator.bodies.multibody import Multibody
     from .generator.bodies.rigid_body import body_system, rotation_matrix
+    from .generator.model_files.robots import load_urdf, read_urdf
     from .generator.systems.system import System
-    from .generator.urdf.urdf import load_urdf, read_urdf
     from .projection import Projection
     from .runtime.body import problems
     from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
@@ -82,8 +82,8 @@ _HOMES = {
     "load_model": "facade",
     "rotation_matrix": "generator.bodies.rigid_body",
     "System": "generator.systems.system",
-    "load_urdf": "generator.urdf.urdf",
-    "read_urdf": "generator.urdf.urdf",
+    "load_urdf": "generator.model_files.robots",
+    "read_urdf": "generator.model_files.robots",
     "from_mechanics": "generator.systems.mechanics",
     "Projection": "projection",
     "Crossings": "runtime.events.found",

@@ -250,9 +250,11 @@ def model_stepper(
         With file, key and cure, for whatever in the file is no model.
     """
     text = model_text(spec.model or "")
+    loops = [model_text(settings["loops"])] if is_urdf(spec.model or "") and "loops" in settings \
+        else []
 
     def found(changes: Mapping[str, str]) -> tuple[Stepper, Start]:
-        return _kept_model(("model", text, allow_invalid, sorted(changes.items())), spec,
+        return _kept_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
                            lambda: _model_of_file(spec, text, changes), allow_invalid)
 
     numbers = {key: number for key, value in settings.items()

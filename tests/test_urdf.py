@@ -244,3 +244,82 @@ def test_files_cannot_grow(tmp_path, text, said):
         gs.load_urdf(path)
     with pytest.raises(gs.InputError, match=said):
         gs.load_model(path)
+
+
+# ---------------------------------------------------------------- loops
+
+FOUR_BAR = """<robot name="four_bar">
+  <link name="base"/>
+  <link name="frame"/>
+  <joint name="bolt" type="fixed"><origin xyz="0 0 0.5"/><parent link="base"/>
+  <child link="frame"/></joint>
+""" + "".join(f"""<link name="{name}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="1"/>
+  <inertia ixx="0.001" ixy="0" ixz="0" iyy="{length**2 / 12}" iyz="0" izz="{length**2 / 12}"/>
+  </inertial></link>
+  <joint name="{name}_pin" type="revolute"><origin xyz="{x} 0 0"/><parent link="{parent}"/>
+  <child link="{name}"/><axis xyz="0 -1 0"/></joint>""" for name, parent, x, length in (
+    ("crank", "frame", 0, 0.4), ("coupler", "crank", 0.4, 1.0), ("rocker", "coupler", 1.0, 0.7))
+) + "</robot>"
+CLOSING = """
+redundant = "leave out"
+[[joints]]
+name = "closing"
+type = "revolute"
+bodies = ["rocker", "frame"]
+on_a = [0.7, 0, 0]
+on_b = [1.1, 0, 0]
+axis = [0, 1, 0]
+"""
+
+
+ANGLES = {"crank_pin": 1.2, "coupler_pin": -0.9, "rocker_pin": -1.9}
+
+
+def closed(q1, q2, q3):
+    """Return the end of the last bar less the pin that it belongs to, in the plane."""
+    a, b, c = q1, q1 + q2, q1 + q2 + q3
+    return (0.4 * np.cos(a) + np.cos(b) + 0.7 * np.cos(c) - 1.1,
+            0.4 * np.sin(a) + np.sin(b) + 0.7 * np.sin(c))
+
+
+def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
+    """A four-bar: one freedom is left, its energy is kept, and the loop by its own equations."""
+    robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
+    robot.write_text(FOUR_BAR)
+    loops.write_text(CLOSING)
+    with pytest.warns(gs.InputWarning, match="They are left out, as the file asks"):
+        model = gs.load_urdf(robot, loops=loops, angles=ANGLES)
+    assert model.system.n - model.system.m == 1
+    done = gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=0.005, steps=200, parameters=model.parameters)
+    found = [done.quantity(f"{name}_pin_angle") for name in ("crank", "coupler", "rocker")]
+    assert np.abs(closed(*found)).max() < 1e-13
+    assert np.ptp(found[0]) > 0.5
+    assert done.report.energy_error_max < 1e-8
+    run = ["run", robot, "--set", f"loops={loops}", "--dt", "5e-3", "--steps", "200", "--json",
+           *(part for name, value in ANGLES.items() for part in ("--set", f"{name}={value}"))]
+    answer = gyrospark(*run)
+    assert answer.code == 0, answer.stderr
+    loops.write_text(CLOSING.replace("1.1", "1.0"))  # what is kept belongs to the file as it was
+    assert gyrospark(*run).document != answer.document
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("", "it closes no loop; write [[joints]]."),
+    (CLOSING.replace("rocker", "rockr"), "names 'rockr', which is none of ground, base, frame"),
+    (CLOSING.replace("on_a", "onn"), "onn"), (CLOSING.replace("revolute", "hinge"), "'hinge'"),
+    (CLOSING.replace('"frame"]', '"rocker"]'), "joins a body to itself"),
+    (CLOSING.replace("[0, 1, 0]", "[0, 0, 0]"), "axis of 'closing' is zero"),
+    (CLOSING.replace('redundant = "leave out"', ""), "are redundant"),
+    (CLOSING.replace("bodies =", "links ="), "bodies"), ("joints = 3", "joints"),
+    (CLOSING + "\n[run]\ndt = 1", "run"),
+])
+def test_bad_loops_are_told_in_a_sentence(tmp_path, text, said):
+    robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
+    robot.write_text(FOUR_BAR)
+    loops.write_text(text)
+    with pytest.raises(gs.InputError) as told:
+        gs.load_urdf(robot, loops=loops, angles=ANGLES)
+    assert said in str(told.value)
+    assert "\n" not in str(told.value)
+    assert "loops.toml" in str(told.value)

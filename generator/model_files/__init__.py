@@ -7,5 +7,6 @@
     attitude           the start of a body in numbers, to 50 digits
     model_body         a body with a fixed point
     model_bodies       several bodies with joints
+    robots             URDF, and what closes a robot's loops
     model_system       any Hamiltonian system
 """

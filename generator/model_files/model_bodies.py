@@ -64,7 +64,7 @@ from .model_body import ATTITUDES, inertia_numbers, read_attitude
 from .model_parts import Formulas, run_length
 from .model_table import Table
 
-__all__ = ["read_bodies"]
+__all__ = ["finished", "join", "read_bodies", "telling"]
 
 MAX_BODIES = 100
 POINTS = ("on_a", "on_b")
@@ -102,28 +102,33 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
     bodies = _bodies(content, builder, rep)
     for kind, make in (("point_masses", _point_mass), ("rotors", _rotor)):
         for table in content.tables(kind):
-            bodies[table.text("name", "")] = _telling(table, partial(make, builder, bodies), table)
+            bodies[table.text("name", "")] = telling(table, partial(make, builder, bodies), table)
     points = content.tables("points")
     if points:
         _parameters(builder, formulas)
     for table in points:
-        bodies |= {table.text("name", ""): _telling(
+        bodies |= {table.text("name", ""): telling(
             table, lambda table: _point(builder, table, formulas), table)}
     for table in content.tables("joints"):
-        _telling(table, lambda table: _join(builder, bodies, table), table)
+        telling(table, lambda table: join(builder, bodies, table), table)
     place, motion = _names(builder, bodies, formulas.parameters)
     if not points:
         _parameters(builder, formulas)
     for table in content.tables("drives"):
-        _telling(table, lambda table: _drive(builder, table, formulas), table)
+        telling(table, lambda table: _drive(builder, table, formulas), table)
     for table in content.tables("forces"):
-        _telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
+        telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
     if "potential" in content:
         time = {} if "t" in formulas.parameters else {"t": builder.time}
         builder.potential(formulas.read(content, "potential", content.formula("potential"),
                                         place | time))
     for key, e in formulas.quantities(motion).items():
         builder.quantity(key, e)
+    return finished(builder, content)
+
+
+def finished(builder: Multibody, content: Table) -> Model:
+    """Return the model, without the redundant constraints that the file says."""
     redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
     model = builder.model(without=content.strings("without"), redundant=cast("Any", redundant))
     if builder.redundancy and builder.redundancy.left_out:
@@ -164,7 +169,7 @@ def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Fr
                     "angular_velocity")
         table.require("name", "mass", "inertia")
         name = table.symbol("name", table.text("name"))
-        found[name] = _telling(table, lambda table: _body(builder, table, rep), table)
+        found[name] = telling(table, lambda table: _body(builder, table, rep), table)
     return found
 
 
@@ -202,7 +207,7 @@ def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Bod
         **cast("dict[str, Any]", vectors))
 
 
-def _telling(table: Table, build: Callable[[Table], Any], argument: Table) -> Any:
+def telling(table: Table, build: Callable[[Table], Any], argument: Table) -> Any:
     """Call a builder and say which table its refusal belongs to."""
     try:
         return build(argument)
@@ -233,8 +238,11 @@ def _names(
     return place, place | motion
 
 
-def _join(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> None:
-    """Call the method of the joint's type with the keys of its table."""
+def join(
+    builder: Multibody, bodies: Mapping[str, Frame], table: Table,
+    told: Callable[[dict[str, Any]], dict[str, Any]] = dict,
+) -> None:
+    """Call the method of the joint's type with the keys of its table, as ``told`` has them."""
     keys = {kind: {key: one for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
             for kind, parameters in JOINTS.items()}
     kind = _kind(table, {kind: tuple(found) for kind, found in keys.items()})
@@ -246,7 +254,7 @@ def _join(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> None
               table.vector(key, 2) if "tuple" in str(one.annotation) else
               table.number(key, WITH_UNITS.get(key, {}))
               for key, one in keys[kind].items() if key in table}
-    getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **values)
+    getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **told(values))
 
 
 def _force(

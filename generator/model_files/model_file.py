@@ -67,6 +67,7 @@ from .model_body import read_body
 from .model_parts import Formulas, Numbers
 from .model_system import read_system
 from .model_table import Table, load_toml
+from .robots import read_loops
 
 __all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
 
@@ -147,7 +148,10 @@ def _read(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> ModelFile:
     if is_urdf(path):
-        return ModelFile(read_settings(text, path, rep, settings).model(), [])
+        own = dict(settings)
+        loops = read_loops(own.pop("loops")) if "loops" in own else None
+        build = read_settings(text, path, rep, own, loops.close if loops else None)
+        return ModelFile(loops.model(build) if loops else build.model(), [])
     content = load_toml(text, Path(path))
     for key, value in settings.items():
         _set(content, key, value)

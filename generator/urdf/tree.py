@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...naming import shown
+from ..bodies.bodies import Frame
 from .robot import HERE, Joint, Link, Place, Robot, turn
 
-__all__ = ["Limb", "limbs_of", "placed"]
+__all__ = ["Limb", "Mount", "limbs_of", "placed"]
 
 Array = NDArray[np.float64]
 
@@ -60,6 +61,15 @@ class Limb:
             inertia += place.R @ link.inertia @ place.R.T
             inertia += link.mass * (d @ d * np.eye(3) - np.outer(d, d))
         return mass, centre, (inertia + inertia.T) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A link as part of a body, or of the ground: where its frame is there, and in space."""
+
+    frame: Frame
+    inner: Place
+    space: Place
 
 
 def limbs_of(robot: Robot) -> list[Limb]:

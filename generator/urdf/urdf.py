@@ -11,33 +11,34 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
 
-from ...arguments import as_items, as_mapping, as_path, as_text
-from ...body_values import RepName
+from ...arguments import as_items, as_mapping, as_text
 from ...catalogue import SYSTEMS
 from ...errors import InputError
 from ...exact import decimal
 from ...naming import choose, listed, proposal, shown
-from ..bodies.bodies import Frame
-from ..bodies.model import Model
+from ..bodies.bodies import GROUND, Frame
 from ..bodies.multibody import Multibody
 from ..bodies.poses import attitude, finite, rotation, three
 from ..text.c_names import KEYWORDS
-from ..text.text_file import model_text
 from .robot import MOVING, Joint, Place, Robot, read_robot
-from .tree import Limb, limbs_of, placed
+from .tree import Limb, Mount, limbs_of, placed
 from .xml_text import read_xml
 
-__all__ = ["BASES", "load_urdf", "parse_urdf", "read_settings", "read_urdf"]
+__all__ = ["BASES", "Close", "parse_urdf", "read_settings"]
 
 BASES = ("fixed", "floating")
 _VECTORS = ("gravity", "position", "quaternion", "velocity", "angular_velocity")
+
+
+#: Adds to a robot's bodies and joints, by the names of its links.
+Close = Callable[[Multibody, Mapping[str, Mount]], None]
 
 
 @dataclass(frozen=True)
@@ -51,85 +52,16 @@ class Start:
     angular_velocity: Any
 
 
-def read_urdf(
-    path: str | Path, *, base: Literal["fixed", "floating"] = "fixed",
-    angles: Mapping[str, float] | None = None, rates: Mapping[str, float] | None = None,
-    ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
-    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
-    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma",
-) -> Multibody:
-    """Return the bodies and joints of a URDF file, to which more can be added.
-
-    Parameters
-    ----------
-    path : path
-        The file, at most 1 MiB of UTF-8; macros of xacro expanded.
-    base : {"fixed", "floating"}
-        Whether the root link is space, or a body.
-    angles, rates : mapping of str to float, optional
-        Angles or travels of joints at the start, and their rates (rad, m, rad/s, m/s); 0 by
-        default. Joints with <mimic> follow theirs.
-    ignore : names
-        What to do without that a file has: "limits", "friction", "collision", "contact",
-        "transmission", "gazebo", "safety_controller", or "all". What is there and is not ignored
-        is refused. <visual> and <material> move nothing.
-    gravity : three floats
-        In space.
-    position, quaternion : optional
-        Where the frame of the root link is in space.
-    velocity, angular_velocity : three floats, optional
-        Of a floating root: of its centre of mass in space, and in its own axes.
-    rep : {"gamma", "alpha"}
-        Inertia representation.
-
-    Returns
-    -------
-    Multibody
-        Bodies named as the first of the links that are fixed to each other, joints as joints,
-        with ``_`` for what no name in C has; axes of a body are those of its link.
-
-    Raises
-    ------
-    InputError
-        With file, link or joint, and cure.
-    """
-    file = as_path("path", path, "robot.urdf")
-    return parse_urdf(
-        model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
-        gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep)
-
-
-def load_urdf(
-    path: str | Path, *, base: Literal["fixed", "floating"] = "fixed",
-    angles: Mapping[str, float] | None = None, rates: Mapping[str, float] | None = None,
-    ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
-    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
-    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma",
-) -> Model:
-    """Return the model of a robot in URDF: ``read_urdf(...).model()``, with its arguments.
-
-    Its system has the quantities JOINT_angle and JOINT_rate, or JOINT_travel and JOINT_speed.
-
-    Raises
-    ------
-    InputError
-        With file, link or joint, and cure.
-    """
-    return read_urdf(
-        path, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
-        position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep).model()
-
-
 def parse_urdf(
     text: str, path: str | Path, *, base: Any = "fixed", angles: Any = None, rates: Any = None,
     ignore: Any = (), gravity: Any = (0.0, 0.0, -9.81), position: Any = (0.0, 0.0, 0.0),
     quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
+    close: Close | None = None,
 ) -> Multibody:
-    """Return the bodies and joints of a text that was read from a file; see ``read_urdf``."""
+    """Return the bodies and joints of a text that was read from a file; see ``read_urdf``.
+
+    ``close`` may add to them what closes loops, knowing where each link is.
+    """
     choose("base", base, BASES)
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
@@ -138,13 +70,17 @@ def parse_urdf(
         robot = read_robot(read_xml(text), left_out)
         start = Start(_coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates),
                       pose, velocity, angular_velocity)
-        return _build(robot, base, start, gravity, rep)
+        builder, mounts = _build(robot, base, start, gravity, rep)
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
+    if close is not None:
+        close(builder, mounts)
+    return builder
 
 
 def read_settings(
-    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
+    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str],
+    close: Close | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a text, with settings as a command has them.
 
@@ -163,7 +99,7 @@ def read_settings(
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
             options[kind][name] = _number(key, value)
-    return parse_urdf(text, path, **options)
+    return parse_urdf(text, path, close=close, **options)
 
 
 def _number(key: str, text: str) -> float:
@@ -195,7 +131,10 @@ def _coordinates(robot: Robot, what: str, given: Any) -> dict[str, float]:
     return {name: value(joint) for name, joint in moving.items()}
 
 
-def _build(robot: Robot, base: str, start: Start, gravity: Any, rep: Any) -> Multibody:
+def _build(
+    robot: Robot, base: str, start: Start, gravity: Any, rep: Any
+) -> tuple[Multibody, dict[str, Mount]]:
+    """Return bodies and joints, and where each link is."""
     limbs = limbs_of(robot)
     builder = Multibody(_system_name(robot.name), gravity=gravity,
                         description=f"The robot {robot.name}, of a URDF file.")
@@ -207,11 +146,12 @@ def _build(robot: Robot, base: str, start: Start, gravity: Any, rep: Any) -> Mul
     if told and len(floating) != 1:
         raise InputError(f"velocity and angular_velocity are those of one floating body, and there "
                          f"{'are several' if floating else 'is none'}; leave them out.")
-    names = _Names()
+    names, centres = _Names(), {limbs[0]: np.zeros(3)}
     frames: dict[Limb, Frame] = {limbs[0]: builder.ground}
     places = placed(limbs, start.base, start.coordinates)
     for limb in moved:
         mass, centre, inertia = limb.body()
+        centres[limb] = centre
         motion = {"velocity": start.velocity, "angular_velocity": start.angular_velocity}
         frames[limb] = builder.body(
             names.free(limb.name), mass=mass, inertia=inertia, rep=rep,
@@ -226,7 +166,16 @@ def _build(robot: Robot, base: str, start: Start, gravity: Any, rep: Any) -> Mul
                            offset=offset)
         if joint.damping and name in joined:
             builder.joint_spring(names.free(f"{name}_damper"), joined[name], damping=joint.damping)
-    return builder
+    return builder, {link.name: _mount(frames[limb], centres[limb], place, places[limb])
+                     for limb in limbs for place, link in limb.parts}
+
+
+def _mount(frame: Frame, centre: Any, inner: Place, limb: Place) -> Mount:
+    """Return where a link is that is ``inner`` in its limb, and that in space."""
+    space = limb.then(inner)
+    if frame is GROUND:
+        return Mount(frame, space, space)
+    return Mount(frame, Place(inner.x - centre, inner.R), space)
 
 
 def _join(
