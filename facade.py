@@ -206,9 +206,8 @@ def load_model(
 def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Tableau:
     """Return an exact SPARK tableau, of ``"G-L"``, ``"LIIIA-B"`` or ``"Radau-L"`` or a JSON file.
 
-    ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples,
-    ``.numeric(digits=50)`` the same attributes as nested lists of mpmath numbers, ``.order`` the
-    derived order.
+    ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples, ``.order``
+    the derived order, ``.numeric(digits=50)`` the same as nested lists of mpmath numbers.
     """
     from .generator.pipeline import tableau_of
 
@@ -253,8 +252,8 @@ def model_stepper(
         With file, key and cure, for whatever in the file is no model.
     """
     text = model_text(spec.model or "")
-    loops = [model_text(settings["loops"])] if is_urdf(spec.model or "") and "loops" in settings \
-        else []
+    beside = is_urdf(spec.model or "") and "loops" in settings
+    loops = [model_text(settings["loops"])] if beside else []
 
     def found(changes: Mapping[str, str]) -> tuple[Stepper, Start]:
         return _kept_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
