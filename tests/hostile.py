@@ -150,11 +150,11 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("load_urdf", gs.load_urdf, path=str(tmp_path / "none.urdf"), base="fixed",
               angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
               position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,
-              rep="gamma"),
+              rep="gamma", loops=None),
         plain("read_urdf", gs.read_urdf, path=str(tmp_path / "none.urdf"), base="fixed",
               angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
               position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,
-              rep="gamma"),
+              rep="gamma", loops=None),
         plain("residual", step.residual, x=np.zeros(step.unknowns), **state, **run, t=0.0),
         plain("jacobian", step.jacobian, x=np.zeros(step.unknowns), **state, **run, t=0.0),
         plain("guess", step.guess, **state, **run, t=0.0),
@@ -276,6 +276,9 @@ def multibody_calls() -> Iterator[Call]:
     yield of("body", name="c", mass=1.0, inertia=inertia, rotation=np.eye(3))
     yield of("top", name="c", mass=1.0, inertia=inertia, centre=(0, 0, 1), at=(0, 0, 0),
              rep="gamma", weight=0.1, quaternion=(1, 0, 0, 0), angular_velocity=(0, 0, 0))
+    yield of("point_mass", name="c", mass=1.0, position=(0, 0, 0), velocity=(0, 0, 0))
+    yield of("rotor", name="c", body="body", mass=1.0, inertia=(1.0, 0.6), axis=(0, 0, 1),
+             at=None, on_body=(0, 0, 0), rate=1.0)
     yield of("ball", name="j", a="top", b="body", at=None, on_a=(0, 0, 1), on_b=(0, 0, 0))
     yield of("fixed_point", name="j", body="body", at=(0, 0, 0), on_body=(0, 0, 1))
     yield of("revolute", name="j", a="top", b="body", axis=(0, 0, 1), at=None, on_a=(0, 0, 1),
