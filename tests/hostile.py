@@ -205,7 +205,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         Call("record", lambda: (gs.record, {
             "stepper": step, **state, **run, "out": tmp_path / "a.zarr", "steps": 3, "t0": 0.0,
             "every": 1, "solver": "auto", "tolerance": 1e-12, "max_iterations": 50,
-            "resume": True, "seed": 1, "progress": None})),
+            "resume": True, "seed": 1, "progress": None, "events": gs.Event("q1")})),
         Call("sweep", lambda: (gs.sweep, {
             "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
             "rep": "gamma", "real": "double", "frame": None, "parameters": {}, "dt": 1e-3,
