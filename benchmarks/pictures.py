@@ -7,6 +7,9 @@ from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..references.measuring import LIMIT, Run
 from ..runtime.show.plots import figure_class
 from .bodies import BodyRow
 from .contest import Row
@@ -16,11 +19,14 @@ from .growth import Size, laws
 if TYPE_CHECKING:
     from .sweeping import SweepRow
 
-__all__ = ["draw_bodies", "draw_drift", "draw_growth", "draw_sweeps", "draw_work_precision"]
+__all__ = ["draw_bodies", "draw_drift", "draw_growth", "draw_references", "draw_sweeps",
+           "draw_work_precision"]
 
 _MARKS = "osD^vPX*<>hp"
 #: Errors below this are round-off and are drawn at it.
 _FLOOR = 1e-18
+#: The same of errors that are relative and at a double's rounding.
+_ROUNDED = 1e-16
 
 
 def draw_work_precision(rows: Sequence[Row], path: Path) -> None:
@@ -124,6 +130,42 @@ def draw_bodies(rows: Sequence[BodyRow], path: Path) -> None:
                           label=family if number == 0 else None)
         _finish(axes, "largest distance of a mass centre to the reference, in m", "CPU ms")
     figure.savefig(path, dpi=150)
+
+
+def draw_references(measured: Sequence[tuple[str, Sequence[Run]]], path: Path) -> None:
+    """Draw error against CPU time, a panel for each problem and a line for each scheme and peer.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    columns = min(4, len(measured))
+    rows = -(-len(measured) // columns)
+    figure = figure_class()(figsize=(3 * columns + 1, 2.4 * rows + 0.8), layout="constrained")
+    families = list(dict.fromkeys(run.peer or run.scheme for _, runs in measured for run in runs))
+    named: dict[str, Any] = {}
+    for number, (title, runs) in enumerate(measured, start=1):
+        axes = figure.add_subplot(rows, columns, number)
+        axes.set_title(title, fontsize=8)
+        for place, family in enumerate(families):
+            points = [(run.cpu_seconds * 1e3, max(run.error, _ROUNDED)) for run in runs
+                      if (run.peer or run.scheme) == family]
+            if points:
+                line, = axes.plot(*zip(*points, strict=True), f"{_MARKS[place % len(_MARKS)]}-",
+                                  color=f"C{place % 10}", ms=3, lw=1)
+                named.setdefault(family, line)
+        axes.axhline(LIMIT, color="0.6", lw=0.6)
+        axes.set(xscale="log", yscale="log", ylim=(_ROUNDED / 2, 1))
+        costs = np.log10([run.cpu_seconds * 1e3 for run in runs])
+        axes.set_xlim(10.0 ** np.floor(costs.min()), 10.0 ** (np.floor(costs.max()) + 1))
+        axes.tick_params(labelsize=6)
+        axes.tick_params(which="minor", labelbottom=False)
+    figure.supxlabel("CPU ms", fontsize=8)
+    figure.supylabel("error", fontsize=8)
+    figure.legend(named.values(), named.keys(), loc="outside upper center", fontsize=8,
+                  ncols=len(named))
+    figure.savefig(path, dpi=80)
 
 
 def draw_sweeps(rows: Sequence[SweepRow], path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .generate import write_files
-from .options import check_ending, check_writable, json_option
+from .options import check_ending, check_picture, check_writable, json_option
 
 if TYPE_CHECKING:
     from ..references.measuring import Run
@@ -21,10 +22,14 @@ __all__ = ["reference"]
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("name", metavar="list|NAME|all", default="list")
 @click.option("--quick", is_flag=True, help="The first scheme of each problem alone, timed once.")
+@click.option("--peers", is_flag=True, help="SciPy and heyoka too, where they can go.")
+@click.option("--plot", metavar="FILE.png", type=click.Path(path_type=Path),
+              help="Draw error against CPU time, a panel for each problem.")
 @click.option("--out", metavar="FILE.md", type=click.Path(path_type=Path),
               help="Write a page with digits and runs, as docs/references.md is.")
 @json_option
-def reference(name: str, quick: bool, out: Path | None, as_json: bool) -> int:
+def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path | None,
+              as_json: bool) -> int:
     """Run problems of the field with known digits: error against CPU seconds for our schemes.
 
     Exits with 1 unless one of the schemes has the digits of each problem to 1e-12.
@@ -33,7 +38,8 @@ def reference(name: str, quick: bool, out: Path | None, as_json: bool) -> int:
     gyrospark reference list
     gyrospark reference spherical-pendulum
     gyrospark reference all --json
-    gyrospark reference all --out docs/references.md
+    gyrospark reference neumann --peers
+    gyrospark reference all --peers --out docs/references.md --plot docs/references.png
     """
     import json
 
@@ -48,21 +54,40 @@ def reference(name: str, quick: bool, out: Path | None, as_json: bool) -> int:
     if out is not None:
         check_writable("--out", out)
         check_ending("--out", out, (".md",))
+    if plot is not None:
+        check_picture(plot)
     problems = [named(known) for known in (names() if name == "all" else [name])]
-    measured = [(problem, list(measure(problem, rounds=1 if quick else 3, quick=quick)))
+    rounds = 1 if quick else 3
+    measured = [(problem, list(measure(problem, rounds=rounds, quick=quick)))
                 for problem in problems]
+    if peers:
+        from ..benchmarks.reference_peers import measure_peers
+
+        for problem, runs in measured:
+            runs += measure_peers(problem, rounds=rounds, watch=_note)
     if as_json:
         rows = [run.as_dict() for _, runs in measured for run in runs]
         click.echo(json.dumps(rows, ensure_ascii=False, indent=2))
     else:
         for problem, runs in measured:
             _print(problem, runs)
+    if plot is not None:
+        from ..benchmarks.pictures import draw_references
+
+        draw_references([(problem.name, runs) for problem, runs in measured], plot)
     if out is not None:
-        write_files({out.name: page(measured)}, out.parent)
+        picture = "" if plot is None else os.path.relpath(plot, out.parent)
+        write_files({out.name: page(measured, Path(picture).as_posix() if picture else "")},
+                    out.parent)
     missed = [problem.name for problem, runs in measured if not reached(runs)]
     if missed:
         click.echo(f"reference: no scheme has the digits of {', '.join(missed)}.", err=True)
     return 1 if missed else 0
+
+
+def _note(text: str) -> None:
+    if "left out" in text:
+        click.echo(f"reference: {text}", err=True)
 
 
 def _list(problems: Sequence[Reference], as_json: bool) -> None:
@@ -89,5 +114,5 @@ def _print(problem: Reference, runs: Sequence[Run]) -> None:
         click.echo(f"  published ({problem.published.source}): off by up to {off:.0e}, in {worst}")
     for run in runs:
         kept = ", ".join(f"{name} {value:.0e}" for name, value in run.invariants.items())
-        click.echo(f"  {run.scheme:<10} {run.steps:>6} steps  error {run.error:.1e}  "
+        click.echo(f"  {run.label:<10} {run.steps:>6} steps  error {run.error:.1e}  "
                    f"{run.cpu_seconds * 1e3:9.2f} ms  {kept}")

@@ -180,7 +180,7 @@ BENNETT = Reference(
     form="bodies and joints", make=_bennett, seconds="5",
     groups={"positions": _CORNERS, "velocities": tuple(f"{x}'" for x in _CORNERS)},
     read=_bennett_end, invariants={"energy": "T + V"},
-    attempts=(Attempt("G-L", 3, (500, 1000, 2000)), Attempt("G-L", 4, (200, 500, 1000))))
+    attempts=(Attempt("G-L", 4, (100, 150, 200)), Attempt("G-L", 3, (150, 250, 500, 1000))))
 
 
 def _slider_crank() -> Model:

@@ -42,6 +42,8 @@ class Run:
     invariants : mapping of str to float
         Largest error of energy (or of its balance) and of the constraints over all steps, and
         what each other invariant has moved from start to end.
+    peer : str
+        The program that went there, "" for gyrospark.
     """
 
     name: str
@@ -50,6 +52,12 @@ class Run:
     error: float
     cpu_seconds: float
     invariants: dict[str, float]
+    peer: str = ""
+
+    @property
+    def label(self) -> str:
+        """As in tables: ``3-G-L``, ``heyoka Taylor, 1e-12``."""
+        return f"{self.peer} {self.scheme}".strip()
 
     def as_dict(self) -> dict[str, Any]:
         """Return what JSON holds of it."""

@@ -12,23 +12,31 @@ __all__ = ["page", "reached"]
 _HEAD = """# Reference problems
 
 Problems of the field with digits that hold, and what our schemes make of them. This page is what
-`gyrospark reference all --out docs/references.md` writes; the digits are those of
-`python -m gyrospark.benchmarks.make_digits`, which anyone can run: each problem goes two ways.
+`gyrospark reference all --peers --out docs/references.md --plot docs/references.png` writes; the
+digits are those of `python -m gyrospark.benchmarks.make_digits`, which anyone can run: each problem
+goes two ways.
 
 An error is that of the numbers at the end, relative to the largest of its kind (positions,
 velocities). CPU seconds are those of one run with a compiled stepper on the machine that wrote the
 page. Invariants are the largest errors over all steps of the most exact run.
+
+Peers go where equations of motion without multipliers are at hand. SciPy's DOP853 has its state
+projected onto the constraints after every step; its steps, and that, are Python. heyoka's Taylor
+series are compiled for the equations. exudyn and MuJoCo, of order 2 with joints and of order 4
+without, are compared by `gyrospark bench bodies` and `gyrospark bench contest`.
 """
 
 
 def reached(runs: Iterable[Run]) -> bool:
     """Return whether one of the runs of a problem has its digits."""
-    return any(run.error <= LIMIT for run in runs)
+    return any(run.error <= LIMIT for run in runs if not run.peer)
 
 
-def page(measured: Sequence[tuple[Reference, Sequence[Run]]]) -> str:
-    """Return the page of all problems that were measured."""
+def page(measured: Sequence[tuple[Reference, Sequence[Run]]], picture: str = "") -> str:
+    """Return the page of all problems that were measured, with a picture of a file name."""
     parts = [_HEAD, _summary(measured)]
+    if picture:
+        parts.append(f"![Error against CPU time, a panel for each problem]({picture})\n")
     for problem, runs in measured:
         parts += [f"## {problem.title}\n", _about(problem), _numbers(problem), _costs(runs)]
     return "\n".join(parts)
@@ -37,7 +45,7 @@ def page(measured: Sequence[tuple[Reference, Sequence[Run]]]) -> str:
 def _summary(measured: Sequence[tuple[Reference, Sequence[Run]]]) -> str:
     rows = []
     for problem, runs in measured:
-        enough = [run for run in runs if run.error <= LIMIT]
+        enough = [run for run in runs if run.error <= LIMIT and not run.peer]
         best = min(enough, key=lambda run: run.cpu_seconds, default=None)
         cells = ["missed"] * 4 if best is None else [
             best.scheme, f"{best.steps}", f"{best.error:.0e}", f"{best.cpu_seconds * 1e3:.1f}"]
@@ -65,9 +73,9 @@ def _numbers(problem: Reference) -> str:
 
 
 def _costs(runs: Sequence[Run]) -> str:
-    invariants = min(runs, key=lambda run: run.error).invariants
+    invariants = min((run for run in runs if not run.peer), key=lambda run: run.error).invariants
     table = _table(["scheme", "steps", "error", "CPU ms"], [
-        [run.scheme, f"{run.steps}", f"{run.error:.1e}", f"{run.cpu_seconds * 1e3:.2f}"]
+        [run.label, f"{run.steps}", f"{run.error:.1e}", f"{run.cpu_seconds * 1e3:.2f}"]
         for run in runs])
     return table + "\nInvariants: " + ", ".join(
         f"{name} {value:.0e}" for name, value in invariants.items()) + ".\n"

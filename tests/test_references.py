@@ -12,6 +12,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.benchmarks import loops, make_digits
+from gyrospark.benchmarks.reference_peers import measure_peers
 from gyrospark.references.catalogue import REFERENCES
 from gyrospark.references.measuring import LIMIT, measure
 from gyrospark.references.page import page, reached
@@ -203,7 +204,31 @@ def test_the_command(gyrospark, tmp_path):
     assert rows[1]["published"]["off_by"]["gamma'"] > 1e-8
 
 
+def test_peers_reach_the_digits_by_themselves():
+    """Equations without multipliers in SciPy; what is not installed is left out and told."""
+    told = []
+    runs = list(measure_peers(REFERENCES["neumann"], rounds=1, watch=told.append))
+    scipy = [run for run in runs if run.peer == "SciPy"]
+    assert [run.error < 10 * 10.0**power
+            for run, power in zip(scipy, (-6, -9, -12, -13), strict=True)] == [True] * 4
+    assert not reached(scipy)  # they do not count as ours
+    if not any(run.peer == "heyoka" for run in runs):
+        assert "heyoka is left out: not installed (pip install heyoka)." in told
+    assert list(measure_peers(REFERENCES["bricard"])) == []
+
+
+def test_the_picture(gyrospark, tmp_path):
+    answer = gyrospark("reference", "neumann", "--quick", "--peers", "--plot", "error.svg",
+                       "--out", "page.md", "--json")
+    assert answer.code == 0, answer.stderr
+    peers = {row["peer"] for row in answer.document}
+    assert {"", "SciPy"} <= peers
+    assert "4-G-L" in (tmp_path / "error.svg").read_text(encoding="utf-8")
+    assert "](error.svg)" in (tmp_path / "page.md").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(("arguments", "said"), [
+    (["andrews", "--plot", "x.txt"], "A picture cannot be written as 'x.txt'; end it in .png"),
     (["andrew"], "Unknown reference problem 'andrew'; choose .* or all .did you mean andrews"),
     (["andrews", "--out", "x.txt"], "ends in '.txt', which cannot be written"),
     (["andrews", "--out", "no/x.md"], "is not there or cannot be written"),
@@ -218,12 +243,13 @@ def test_the_page_is_what_the_command_writes():
     """Titles, digits and tables' heads; times are of the machine that wrote it."""
     kept = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
     run = gs.references.Run("", "G-L", 1, 1.0, 1.0, {"energy": 0.0})
-    made = page([(problem, [run]) for problem in REFERENCES.values()])
+    made = page([(problem, [run]) for problem in REFERENCES.values()], "references.png")
     assert _fixed(made) == _fixed(kept)
     assert "missed" not in kept
+    assert 0 < (ROOT / "docs" / "references.png").stat().st_size < 300_000
 
 
 def _fixed(text):
     """Lines that no run changes: all but rows of schemes, of the summary, and invariants."""
-    changing = re.compile(r"\| (`|\d-|G-L|LIIIA|EMS|IMS)|Invariants: ")
+    changing = re.compile(r"\| (`|\d-|G-L|LIIIA|EMS|IMS|SciPy|heyoka)|Invariants: ")
     return [line for line in text.splitlines() if not changing.match(line)]

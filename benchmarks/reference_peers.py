@@ -1,0 +1,144 @@
+"""SciPy and heyoka on reference problems whose equations of motion need no multipliers.
+
+    SciPy    DOP853 at a tolerance, the state projected onto |q| = 1 or the surface, and the
+             velocity onto its tangent, after every step
+    heyoka   Taylor series, compiled for the equations, at a tolerance
+
+A package that is not installed is left out with a sentence.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..references.measuring import Run
+from ..references.problem import Reference, largest_error
+from . import equations
+from .peers.optional import Unavailable, need
+
+__all__ = ["measure_peers"]
+
+Array = NDArray[np.float64]
+_TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-14)
+
+
+@dataclass(frozen=True)
+class _Way:
+    """Equations of motion, and what brings a state back onto its constraints."""
+
+    motion: Callable[[], equations.Motion]
+    back: Callable[[Array], Array]
+
+
+def _on_surface(squares: Sequence[float]) -> Callable[[Array], Array]:
+    """Return the projection of (q, v) onto Σ q²/b = 1 and its tangent: one step of Newton."""
+    weights = 1 / np.array(squares)
+
+    def back(state: Array) -> Array:
+        q, v = state[:3], state[3:]
+        normal = weights * q
+        q = q - normal * ((q @ normal - 1) / (2 * normal @ normal))
+        normal = weights * q
+        return np.concatenate([q, v - normal * (v @ normal / (normal @ normal))])
+
+    return back
+
+
+def _unit(state: Array) -> Array:
+    """Return (q, Ω) with |q| = 1."""
+    return np.concatenate([state[:4] / np.linalg.norm(state[:4]), state[4:]])
+
+
+_WAYS: Mapping[str, _Way] = {
+    "kovalevskaya": _Way(equations.kovalevskaya, _unit),
+    "goryachev-chaplygin": _Way(equations.goryachev_chaplygin, _unit),
+    "neumann": _Way(equations.neumann, _on_surface((1, 1, 1))),
+    "ellipsoid": _Way(equations.ellipsoid, _on_surface((1, 2, 4))),
+}
+
+
+def measure_peers(problem: Reference, *, rounds: int = 3,
+                  watch: Callable[[str], None] = lambda text: None) -> Iterator[Run]:
+    """Yield runs of a problem by peers; none where they cannot go.
+
+    Parameters
+    ----------
+    problem, rounds
+        As of ``gs.references.measure``.
+    watch : callable
+        Is told what is at work, and which package is missing.
+    """
+    if problem.name not in _WAYS:
+        return
+    for peer, prepare in (("SciPy", _scipy), ("heyoka", _heyoka)):
+        watch(f"{problem.name}, {peer}")
+        try:
+            yield from _runs(problem, peer, prepare, rounds)
+        except Unavailable as missing:
+            watch(f"{peer} is left out: {missing}.")
+
+
+Prepared = Callable[[], tuple[Array, int]]
+
+
+def _runs(problem: Reference, peer: str, prepare: Callable[[_Way, float, float], Prepared],
+          rounds: int) -> Iterator[Run]:
+    true = [[problem.truth.value(name) for name in names] for names in problem.groups.values()]
+    scheme = {"SciPy": "DOP853, projected", "heyoka": "Taylor"}[peer]
+    for tolerance in _TOLERANCES:
+        go = prepare(_WAYS[problem.name], tolerance, float(problem.seconds))
+        seconds = []
+        for _ in range(rounds):
+            start = time.thread_time()
+            end, steps = go()
+            seconds.append(time.thread_time() - start)
+        parts = np.split(end, [len(true[0])])
+        error = max(largest_error(found.tolist(), wanted)
+                    for found, wanted in zip(parts, true, strict=True))
+        yield Run(problem.name, f"{scheme}, {tolerance:.0e}", steps, error,
+                  statistics.median(seconds), {}, peer)
+
+
+def _scipy(way: _Way, tolerance: float, seconds: float) -> Prepared:
+    integrate = need("scipy.integrate", "scipy")
+    rates, start = way.motion()
+    initial = np.array([float(x) for x in start])
+
+    def right(t: float, state: Array) -> Array:
+        return np.array(rates(t, state.tolist()))
+
+    def go() -> tuple[Array, int]:
+        solver = integrate.DOP853(right, 0.0, initial, seconds, rtol=max(tolerance, 3e-14),
+                                  atol=tolerance)
+        steps = 0
+        while solver.status == "running":
+            solver.step()
+            solver.y = way.back(solver.y)
+            solver.f = right(solver.t, solver.y)
+            steps += 1
+        return solver.y, steps
+
+    return go
+
+
+def _heyoka(way: _Way, tolerance: float, seconds: float) -> Prepared:
+    heyoka = need("heyoka")
+    rates, start = way.motion()
+    initial = np.array([float(x) for x in start])
+    variables = heyoka.make_vars(*(f"x{i}" for i in range(len(initial))))
+    motion = heyoka.taylor_adaptive(list(zip(variables, rates(None, variables), strict=True)),
+                                    initial, tol=max(tolerance, 2.3e-16))
+
+    def go() -> tuple[Array, int]:
+        motion.time = 0.0
+        motion.state[:] = initial
+        steps = motion.propagate_until(seconds)[3]
+        return motion.state.copy(), int(steps)
+
+    return go
