@@ -23,7 +23,7 @@ lint: .venv/ready
 
 # The site, in build/site; warnings are errors, outputs of cells are kept in build/cells.
 docs: .venv/docs
-	$(BIN)/sphinx-build -W --keep-going --quiet docs build/site
+	$(BIN)/sphinx-build -W --keep-going --quiet -j auto docs build/site
 
 # Bring the checked-in steppers up to date.
 generated: .venv/ready
