@@ -319,9 +319,12 @@ class Toy:
         solver, sweeps = proved.solver_files(fast=True), proved.sweep_files(one, many)
         scheme = proved.scheme_files()
         lines += includes([*before, *solver["files"], *scheme["stage_files"],
-                           *scheme["finish_files"], *solver["solver_files"], "objects", "judge",
-                           "predict",
-                           *sweeps["lane_files"]])
+                           *scheme["finish_files"], *solver["solver_files"], "objects", "picks",
+                           "judge"])
+        lines += ["#undef ON", "#undef NUMBER", "#define ON(name) lanes_##name",
+                  "#define NUMBER lanes", *includes(["judge"]), "#undef ON", "#undef NUMBER",
+                  "#define ON(name) name", "#define NUMBER real"]
+        lines += includes(["predict", *sweeps["lane_files"]])
         for run in dict.fromkeys((one, many)):
             lines += as_run(run, run == one, sweeps["sweep_files"][run])
         lines += as_run(one, True, sweeps["one_files"])
