@@ -2463,6 +2463,20 @@ static void stages_set_weights(stages_t *w)
     }
 }
 
+/* Q_i = q + sum_j mu_ij L_j */
+INLINE void stages_places(const stages_t *w, const lanes *L, lanes *Q)
+{
+    stages_stages_of_stages(w->q, 0, w->mu, L, Q);
+}
+
+/* base_i + sum_j mu^_ij L^_j */
+INLINE void stages_pushes(const stages_t *w, const lanes *base, int stride, const lanes *L_hat,
+    lanes *momentum)
+{
+    (void)w;
+    stages_stages_of_stages(base, stride, w->mu_hat, L_hat, momentum);
+}
+
 PRODUCT void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
@@ -2496,6 +2510,18 @@ static void stages_set_nodes(stages_t *w)
     stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
     for (int l = 0; l < stages_P*LANES; ++l)
         set_part(&w->moves[l/LANES], l % LANES, l < P - 1);
+}
+
+/* D_l = sum_j nu_lj L_j */
+INLINE void stages_displace(const stages_t *w, const lanes *L, lanes *D)
+{
+    stages_nodes_of_stages(w->zero, 0, w->nu, L, D);
+}
+
+/* C_i = p + sum_j nu~_ij Y_j */
+INLINE void stages_pulls(const stages_t *w, const lanes *Y, lanes *C)
+{
+    stages_stages_of_nodes(w->p, 0, w->nu_tilde, Y, C);
 }
 
 /* Multipliers of lane i, from its impulses. */
@@ -2581,13 +2607,13 @@ INLINE void stages_forces(stages_t *w, lanes *C)
         for (int a = 0; a < N; ++a)
             Y[a] = -Y[a];
     }
-    stages_stages_of_nodes(w->p, 0, w->nu_tilde, w->now.Y, C);
+    stages_pulls(w, w->now.Y, C);
 }
 
 /* From starting values: the places of the nodes and the constraint forces there. */
 INLINE void stages_begin(stages_t *w)
 {
-    stages_nodes_of_stages(w->zero, 0, w->nu, w->now.x, w->now.D);
+    stages_displace(w, w->now.x, w->now.D);
     stages_forces(w, w->now.C);
     stages_factor(w);
 }
@@ -2595,7 +2621,7 @@ INLINE void stages_begin(stages_t *w)
 /* P_i = C_i + sum_j mu^_ij L^_j */
 INLINE void stages_momenta(const stages_t *w, const lanes *L_hat, lanes *momentum)
 {
-    stages_stages_of_stages(w->now.C, N, w->mu_hat, L_hat, momentum);
+    stages_pushes(w, w->now.C, N, L_hat, momentum);
 }
 
 /*
@@ -2605,7 +2631,7 @@ INLINE void stages_momenta(const stages_t *w, const lanes *L_hat, lanes *momentu
 INLINE void stages_constrain(stages_t *w, const lanes *L, lanes *C)
 {
     lanes g[stages_P*M], defect[stages_P*M];
-    stages_nodes_of_stages(w->zero, 0, w->nu, L, w->now.D);
+    stages_displace(w, L, w->now.D);
     for (int l = 0; l < stages_P; ++l) {
         lanes increment[M];
         lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
@@ -2646,14 +2672,17 @@ INLINE void stages_take(stages_t *w, int i, const lanes *L_new, const lanes *H_q
     lanes *p_change)
 {
     lanes *L = w->now.x + i*N, *L_hat = w->now.x + stages_HAT + i*N;
+    lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->hb_hat[i]*H_q[a];
         const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
-        *q_change += dq*dq;
-        *p_change += dp*dp;
+        dq_square += dq*dq;
+        dp_square += dp*dp;
         L[a] = L_new[i*N + a];
         L_hat[a] = force;
     }
+    *q_change += dq_square;
+    *p_change += dp_square;
 }
 
 /*
@@ -3024,7 +3053,7 @@ INLINE void stages_sweep(stages_t *w)
 {
     lanes Q[stages_S*N], momentum[stages_S*N], L_new[stages_S*N], shared[stages_S][SHARED];
     lanes q_change = splat(0), p_change = splat(0);
-    stages_stages_of_stages(w->q, 0, w->mu, w->now.x, Q);
+    stages_places(w, w->now.x, Q);
     stages_momenta(w, w->now.x + stages_HAT, momentum);
     for (int i = 0; i < stages_S; ++i) {
         lanes H_p[N];
@@ -3289,16 +3318,17 @@ static void trajectories_set_weights(trajectories_t *w)
     }
 }
 
-NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
+INLINE void trajectories_places(const trajectories_t *w, const lanes *L, lanes *Q)
 {
-    trajectories_product(trajectories_P, S, N, base, stride, table, x, y);
+    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], L, Q);
 }
 
-NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
+INLINE void trajectories_pushes(const trajectories_t *w, const lanes *base, int stride,
+    const lanes *L_hat,
+    lanes *momentum)
 {
-    trajectories_product(trajectories_S, P, N, base, stride, table, x, y);
+    (void)w;
+    trajectories_stages_of_stages(base, stride, &fast_mu_hat[0][0], L_hat, momentum);
 }
 
 NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
@@ -3316,6 +3346,28 @@ INLINE void trajectories_node(const trajectories_t *w, int j, lanes *place)
 static void trajectories_set_nodes(trajectories_t *w)
 {
     (void)w;
+}
+
+NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    trajectories_product(trajectories_P, S, N, base, stride, table, x, y);
+}
+
+NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    trajectories_product(trajectories_S, P, N, base, stride, table, x, y);
+}
+
+INLINE void trajectories_displace(const trajectories_t *w, const lanes *L, lanes *D)
+{
+    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L, D);
+}
+
+INLINE void trajectories_pulls(const trajectories_t *w, const lanes *Y, lanes *C)
+{
+    trajectories_stages_of_nodes(w->p, 0, &fast_nu_tilde[0][0], Y, C);
 }
 
 static void trajectories_multipliers(const trajectories_t *w, int lane, real *multipliers)
@@ -3391,25 +3443,25 @@ INLINE void trajectories_forces(trajectories_t *w, lanes *C)
         for (int a = 0; a < N; ++a)
             Y[a] = -Y[a];
     }
-    trajectories_stages_of_nodes(w->p, 0, &fast_nu_tilde[0][0], w->now.Y, C);
+    trajectories_pulls(w, w->now.Y, C);
 }
 
 INLINE void trajectories_begin(trajectories_t *w)
 {
-    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], w->now.x, w->now.D);
+    trajectories_displace(w, w->now.x, w->now.D);
     trajectories_forces(w, w->now.C);
     trajectories_factor(w);
 }
 
 INLINE void trajectories_momenta(const trajectories_t *w, const lanes *L_hat, lanes *momentum)
 {
-    trajectories_stages_of_stages(w->now.C, N, &fast_mu_hat[0][0], L_hat, momentum);
+    trajectories_pushes(w, w->now.C, N, L_hat, momentum);
 }
 
 INLINE void trajectories_constrain(trajectories_t *w, const lanes *L, lanes *C)
 {
     lanes g[trajectories_P*M], defect[trajectories_P*M];
-    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L, w->now.D);
+    trajectories_displace(w, L, w->now.D);
     for (int l = 0; l < trajectories_P; ++l) {
         lanes increment[M];
         lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
@@ -3449,14 +3501,17 @@ INLINE void trajectories_take(trajectories_t *w, int i, const lanes *L_new, cons
     lanes *p_change)
 {
     lanes *L = w->now.x + i*N, *L_hat = w->now.x + trajectories_HAT + i*N;
+    lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->hb_hat[i]*H_q[a];
         const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
-        *q_change += dq*dq;
-        *p_change += dp*dp;
+        dq_square += dq*dq;
+        dp_square += dp*dp;
         L[a] = L_new[i*N + a];
         L_hat[a] = force;
     }
+    *q_change += dq_square;
+    *p_change += dp_square;
 }
 
 INLINE void trajectories_follow(trajectories_t *w, lanes *Q, lanes *momentum, lanes *L_new,
@@ -3815,7 +3870,7 @@ INLINE void trajectories_sweep(trajectories_t *w)
     lanes Q[trajectories_S*N], momentum[trajectories_S*N], L_new[trajectories_S*N],
         shared[trajectories_S][SHARED];
     lanes q_change = splat(0), p_change = splat(0);
-    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], w->now.x, Q);
+    trajectories_places(w, w->now.x, Q);
     trajectories_momenta(w, w->now.x + trajectories_HAT, momentum);
     for (int i = 0; i < trajectories_S; ++i) {
         lanes H_p[N];
