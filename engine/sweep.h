@@ -114,8 +114,7 @@ static void RUN(set_up)(RUN(t) *w)
     RUN(set_nodes)(w);
     RUN(set_schur)(w);
     TURNED(RUN(wake)(w));
-    forget(&w->predictor);
-    RUN(forget_lessons)(w);
+    RUN(forget)(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);

@@ -2018,9 +2018,23 @@ static void end_training(predictor_t *s)
     }
 }
 
+/* The values x of the step just done become the past. */
+INLINE void note(predictor_t *s, lanes *past, int length, const lanes *x)
+{
+    ++s->count;
+    lanes *newest = past_values(s, past, length, 0);
+    for (int i = 0; i < length; ++i)
+        newest[i] = x[i];
+    if (s->count == 1) {
+        s->order = 1;
+        for (int group = 0; group < GROUPS; ++group)
+            s->coefficient[group][0] = splat(1);
+    }
+}
+
 /*
- * Records the values x of the step just done. Equations for a fit come from the first `rows` of
- * each group: its other values obey the same recurrence.
+ * Records them, for a recurrence too. Equations for a fit come from the first `rows` of each group:
+ * its other values obey the same recurrence.
  */
 INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, const int *rows,
     const lanes *through, const lanes *x)
@@ -2038,15 +2052,7 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
         end_training(s);
         s->training = s->count + (s->count < 4096 ? 16*s->count : 65536);
     }
-    ++s->count;
-    lanes *newest = past_values(s, past, length, 0);
-    for (int i = 0; i < length; ++i)
-        newest[i] = x[i];
-    if (s->count == 1) {
-        s->order = 1;
-        for (int group = 0; group < GROUPS; ++group)
-            s->coefficient[group][0] = splat(1);
-    }
+    note(s, past, length, x);
 }
 
 /* ---------------------------------------------------------------- sweeps: one mean value a step */
@@ -2324,11 +2330,17 @@ static void mean_prepare(mean_t *w, int lane, const constants *c, real h)
     set_part(&w->h_inverse, lane, 1/h);
 }
 
+/* What is known of the past. */
+static void mean_forget(mean_t *w)
+{
+    forget(&w->predictor);
+}
+
 /* What follows from the constants and steps of all lanes. */
 static void mean_set_up(mean_t *w)
 {
     mean_set_schur(w);
-    forget(&w->predictor);
+    mean_forget(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -2806,7 +2818,7 @@ static void take_over(work_t *w, const real q[N], const real p[N])
 static void recover(work_t *w)
 {
     mean_t *s = &fast_of(w)->run;
-    forget(&s->predictor);
+    mean_forget(s);
     s->work = splat(work_so_far(&w->held.report));
     s->work_low = splat(0);
 }

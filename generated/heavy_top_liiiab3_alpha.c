@@ -2107,9 +2107,23 @@ static void end_training(predictor_t *s)
     }
 }
 
+/* The values x of the step just done become the past. */
+INLINE void note(predictor_t *s, lanes *past, int length, const lanes *x)
+{
+    ++s->count;
+    lanes *newest = past_values(s, past, length, 0);
+    for (int i = 0; i < length; ++i)
+        newest[i] = x[i];
+    if (s->count == 1) {
+        s->order = 1;
+        for (int group = 0; group < GROUPS; ++group)
+            s->coefficient[group][0] = splat(1);
+    }
+}
+
 /*
- * Records the values x of the step just done. Equations for a fit come from the first `rows` of
- * each group: its other values obey the same recurrence.
+ * Records them, for a recurrence too. Equations for a fit come from the first `rows` of each group:
+ * its other values obey the same recurrence.
  */
 INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, const int *rows,
     const lanes *through, const lanes *x)
@@ -2127,15 +2141,7 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
         end_training(s);
         s->training = s->count + (s->count < 4096 ? 16*s->count : 65536);
     }
-    ++s->count;
-    lanes *newest = past_values(s, past, length, 0);
-    for (int i = 0; i < length; ++i)
-        newest[i] = x[i];
-    if (s->count == 1) {
-        s->order = 1;
-        for (int group = 0; group < GROUPS; ++group)
-            s->coefficient[group][0] = splat(1);
-    }
+    note(s, past, length, x);
 }
 
 static const real fast_mu[3][3] = {
@@ -2191,24 +2197,16 @@ static const real fast_onward_nodes[2][2] = {
  */
 enum { PICKS = S > 1 ? 2 : 1, LAGS = 12, KNOWN = S + PICKS*LAGS };
 enum { WIDEST = S + 2*LAGS, LESSON_ROWS = 16 }; /* no less than ORDER */
+enum { FIRST_LESSON = HISTORY/4, SECOND_LESSON = 3*HISTORY/4 }; /* after so many steps */
+/* Columns stand in blocks, those of the right sides in blocks of their own. */
+enum { RIGHTS = (S + LANES - 1)/LANES, BLOCKS = (WIDEST + LANES - 1)/LANES + RIGHTS };
 
 typedef struct {
-    int known, rights; /* unknown coefficients; right sides */
+    int known, rights; /* unknown coefficients; the first block of the right sides */
     int count;         /* equations that wait in A */
-    real R[WIDEST][WIDEST + S]; /* triangular, right sides last */
-    real A[LESSON_ROWS][WIDEST + S];
+    lanes R[WIDEST][BLOCKS]; /* triangular, and right sides */
+    lanes A[LESSON_ROWS][BLOCKS];
 } lesson_t;
-
-/* Regressor k is a stage of some steps ago. */
-INLINE int known_lag(int k)
-{
-    return k < S ? 1 : 2 + (k - S)/PICKS;
-}
-
-INLINE int known_stage(int k)
-{
-    return k < S ? k : (k - S) % PICKS*(S/2);
-}
 
 /* How many steps before the last there are equations for, after `steps` steps; -1: for none. */
 static int lags_after(long steps)
@@ -2225,69 +2223,102 @@ static int stride_of(int available, int known)
     return available > 3*known ? (available - 1)/(3*known) + 1 : 1;
 }
 
-static void begin_lesson(lesson_t *l, int known, int rights, real ridge)
+INLINE real *numbers_of(lanes *row)
+{
+    return (real *)row;
+}
+
+static void begin_lesson(lesson_t *l, int known, real ridge)
 {
     l->known = known;
-    l->rights = rights;
+    l->rights = (known + LANES - 1)/LANES;
     l->count = 0;
     for (int k = 0; k < known; ++k) {
-        for (int j = 0; j < known + rights; ++j)
-            l->R[k][j] = 0;
-        l->R[k][k] = ridge;
+        for (int block = 0; block < l->rights + RIGHTS; ++block)
+            l->R[k][block] = splat(0);
+        numbers_of(l->R[k])[k] = ridge;
     }
 }
 
-/* Reflections put the equations in A into R, column by column. */
+/*
+ * Reflections put the equations in A into R, column by column. Columns before the one in turn, in
+ * the same block, are void from then on.
+ */
 static void take_in(lesson_t *l)
 {
-    const int width = l->known + l->rights;
+    const int blocks = l->rights + RIGHTS;
+    for (; l->count < LESSON_ROWS; ++l->count)
+        for (int block = 0; block < blocks; ++block)
+            l->A[l->count][block] = splat(0);
     for (int k = 0; k < l->known; ++k) {
-        const real diagonal = l->R[k][k];
-        real square = diagonal*diagonal, share[WIDEST + S];
-        for (int i = 0; i < l->count; ++i)
-            square += l->A[i][k]*l->A[i][k];
-        const real length = sqrt(square);
+        lanes value[LESSON_ROWS];
+        real squares[4] = { 0 };
+        for (int i = 0; i < LESSON_ROWS; ++i) {
+            const real number = numbers_of(l->A[i])[k];
+            value[i] = splat(number);
+            squares[i % 4] += number*number;
+        }
+        const real diagonal = numbers_of(l->R[k])[k];
+        const real rest = (squares[0] + squares[1]) + (squares[2] + squares[3]);
+        const real length = sqrt(diagonal*diagonal + rest);
         const real first = diagonal < 0 ? diagonal - length : diagonal + length;
         const real factor = 1/(length*(first < 0 ? -first : first)); /* 2/|v|^2 */
-        for (int j = k; j < width; ++j)
-            share[j] = first*l->R[k][j];
-        for (int i = 0; i < l->count; ++i) {
-            const real value = l->A[i][k];
-            for (int j = k; j < width; ++j)
-                share[j] += value*l->A[i][j];
-        }
-        for (int j = k; j < width; ++j) {
-            share[j] *= factor;
-            l->R[k][j] -= first*share[j];
-        }
-        for (int i = 0; i < l->count; ++i) {
-            const real value = l->A[i][k];
-            for (int j = k; j < width; ++j)
-                l->A[i][j] -= value*share[j];
+        for (int block = k/LANES; block < blocks; ++block) {
+            lanes even = first*l->R[k][block], odd = splat(0);
+            for (int i = 0; i < LESSON_ROWS; i += 2) {
+                even += value[i]*l->A[i][block];
+                odd += value[i + 1]*l->A[i + 1][block];
+            }
+            const lanes share = factor*(even + odd);
+            l->R[k][block] -= first*share;
+            for (int i = 0; i < LESSON_ROWS; ++i)
+                l->A[i][block] -= value[i]*share;
         }
     }
     l->count = 0;
 }
 
-/* The next equation, to be filled in. */
+/* The next equation, to be filled in; its right sides come from right_sides on. */
 static real *next_row(lesson_t *l)
 {
     if (l->count == LESSON_ROWS)
         take_in(l);
-    return l->A[l->count++];
+    lanes *row = l->A[l->count++];
+    row[l->rights - 1] = splat(0); /* there may be columns of no use */
+    for (int block = l->rights; block < l->rights + RIGHTS; ++block)
+        row[block] = splat(0);
+    return numbers_of(row);
+}
+
+INLINE int right_sides(const lesson_t *l)
+{
+    return l->rights*LANES;
 }
 
 /* Coefficients in place of the right sides. */
 static void end_lesson(lesson_t *l)
 {
     take_in(l);
-    for (int k = l->known - 1; k >= 0; --k)
-        for (int i = l->known; i < l->known + l->rights; ++i) {
-            real sum = l->R[k][i];
-            for (int j = k + 1; j < l->known; ++j)
-                sum -= l->R[k][j]*l->R[j][i];
-            l->R[k][i] = sum/l->R[k][k];
+    for (int k = l->known - 1; k >= 0; --k) {
+        const real *row = numbers_of(l->R[k]);
+        for (int block = l->rights; block < l->rights + RIGHTS; ++block) {
+            lanes even = l->R[k][block], odd = splat(0);
+            int j = k + 1;
+            for (; j + 1 < l->known; j += 2) {
+                even -= row[j]*l->R[j][block];
+                odd -= row[j + 1]*l->R[j + 1][block];
+            }
+            if (j < l->known)
+                even -= row[j]*l->R[j][block];
+            l->R[k][block] = (even + odd)/row[k];
         }
+    }
+}
+
+/* Coefficient k for right side j. */
+INLINE real learnt(lesson_t *l, int k, int j)
+{
+    return k < l->known ? numbers_of(l->R[k])[right_sides(l) + j] : 0;
 }
 
 /* W = G H_pp G^T or what takes its place: one number, and its inverse in place of it. */
@@ -2362,6 +2393,7 @@ typedef struct {
     real error[stages_TRACKS];  /* of the function, squared, when it was on trial */
     int lags, order;          /* the most in use */
     int taken[stages_TRACKS];   /* whether a trajectory goes by its function */
+    int settled[stages_TRACKS]; /* whether it does for good */
     int trial[stages_TRACKS];   /* whether the next step shows which prediction is better */
     long latest[stages_TRACKS]; /* when the function was fitted */
 } stages_lessons;
@@ -2803,7 +2835,7 @@ static void stages_learn_nodes(stages_t *w, lesson_t *l, int track)
 {
     const int steps = stages_steps_recalled(w), order = stages_order_after(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    begin_lesson(l, order, 1,
+    begin_lesson(l, order,
         stages_ridge(stages_recalled(w, 1) + stages_IMPULSE, stages_X - stages_IMPULSE, track));
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
@@ -2811,11 +2843,12 @@ static void stages_learn_nodes(stages_t *w, lesson_t *l, int track)
         for (int k = 0; k < order; ++k)
             row[k] = stages_number(stages_recalled(w, ago + 1 + k) + stages_IMPULSE, track, j, M,
                 mu);
-        row[order] = stages_number(stages_recalled(w, ago) + stages_IMPULSE, track, j, M, mu);
+        row[right_sides(l)] = stages_number(stages_recalled(w, ago) + stages_IMPULSE, track, j, M,
+            mu);
     }
     end_lesson(l);
     for (int k = 0; k < ORDER; ++k)
-        stages_set_track(&w->lessons.wave[k], track, k < order ? l->R[k][order] : 0);
+        stages_set_track(&w->lessons.wave[k], track, learnt(l, k, 0));
     w->lessons.order = order;
 }
 
@@ -2881,22 +2914,26 @@ static void stages_learn_stages(stages_t *w, lesson_t *l, int group, int track, 
     const int steps = stages_steps_recalled(w);
     const int at = group*stages_HAT, known = S + PICKS*lags;
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
-    begin_lesson(l, known, S, stages_ridge(stages_recalled(w, 1) + at, stages_HAT, track));
+    begin_lesson(l, known, stages_ridge(stages_recalled(w, 1) + at, stages_HAT, track));
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/N, a = e % N;
         real *row = next_row(l);
-        for (int k = 0; k < known; ++k)
-            row[k] = stages_number(stages_recalled(w, ago + known_lag(k)) + at, track,
-                known_stage(k),
-                N, a);
-        for (int j = 0; j < S; ++j)
-            row[known + j] = stages_number(stages_recalled(w, ago) + at, track, j, N, a);
+        const lanes *x = stages_recalled(w, ago) + at, *before = stages_recalled(w, ago + 1) + at;
+        for (int j = 0; j < S; ++j) {
+            row[j] = stages_number(before, track, j, N, a);
+            row[right_sides(l) + j] = stages_number(x, track, j, N, a);
+        }
+        for (int m = 1; m <= lags; ++m) {
+            before = stages_recalled(w, ago + 1 + m) + at;
+            for (int pick = 0; pick < PICKS; ++pick)
+                row[S + (m - 1)*PICKS + pick] = stages_number(before, track, pick*(S/2), N, a);
+        }
     }
     end_lesson(l);
     for (int k = 0; k < KNOWN; ++k)
         for (int j = 0; j < S; ++j)
             set_part(&s->next[group][k*stages_S + j/stages_PER], track + j % stages_PER,
-                k < known ? l->R[k][known + j] : 0);
+                learnt(l, k, j));
 }
 
 /* A lesson of one trajectory, and from then on a trial. */
@@ -2940,6 +2977,15 @@ INLINE void stages_extrapolate(stages_t *w)
     predict(&w->predictor, w->past, stages_X, stages_ends, w->through, w->now.x);
 }
 
+/* Whether all trajectories go by their functions for good: no recurrence is asked for any more. */
+INLINE int stages_all_settled(const stages_t *w)
+{
+    int settled = 1;
+    for (int i = 0; i < stages_tracks(w); ++i)
+        settled &= w->lessons.settled[i];
+    return settled;
+}
+
 /* Starting values from the past, of each trajectory by what is better for it. */
 INLINE void stages_foresee(stages_t *w)
 {
@@ -2950,8 +2996,10 @@ INLINE void stages_foresee(stages_t *w)
         taken += s->taken[i];
         trials += s->trial[i];
     }
-    if (trials == 0 && taken == tracks && w->predictor.fitted) {
+    if (stages_all_settled(w) || (trials == 0 && taken == tracks && w->predictor.fitted)) {
         stages_ahead(w, w->now.x);
+        for (int e = 0; e < stages_IMPULSE && trials > 0; ++e)
+            s->learnt[e] = w->now.x[e];
         return;
     }
     stages_extrapolate(w);
@@ -2966,11 +3014,15 @@ INLINE void stages_foresee(stages_t *w)
                 set_part(&w->now.x[e], j, part(&s->learnt[e], j));
 }
 
-/* The trials that the step just done decides: what was learnt must be clearly better. */
+/*
+ * The trials that the step just done decides: what was learnt must be clearly better. That of the
+ * second lesson decides for good, while nobody has trained a recurrence: a trajectory that goes by
+ * what it learns does so whatever its mates do.
+ */
 static void stages_decide(stages_t *w)
 {
     stages_lessons *s = &w->lessons;
-    const real rough = 64*epsilon;
+    const real rough = 256*epsilon;
     lanes learnt = splat(0), other = splat(0);
     for (int e = 0; e < stages_IMPULSE; ++e) {
         const lanes size = e < stages_HAT ? w->q_size : w->p_size;
@@ -2983,13 +3035,16 @@ static void stages_decide(stages_t *w)
             continue;
         const real error = stages_of_track(&other, i);
         s->error[i] = stages_of_track(&learnt, i);
-        s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (!s->settled[i])
+            s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (s->latest[i] == SECOND_LESSON && w->predictor.count == SECOND_LESSON)
+            s->settled[i] = s->taken[i];
         s->trial[i] = 0;
     }
 }
 
 /*
- * Records the step just done. Lessons are few: a motion that stays what it was needs no other, and
+ * Records the step just done; for a recurrence only while somebody may ask for it. Lessons are few: a motion that stays what it was needs no other, and
  * none is given early where predictions are close without.
  * Where predictions have become much worse than they were there is one more.
  */
@@ -3004,9 +3059,12 @@ NOINLINE void stages_remember(stages_t *w)
         trials += s->trial[i];
     if (trials > 0)
         stages_decide(w);
-    record(predictor, w->past, stages_X, stages_ends, stages_rows, w->through, w->now.x);
+    if (stages_all_settled(w))
+        note(predictor, w->past, stages_X, w->now.x);
+    else
+        record(predictor, w->past, stages_X, stages_ends, stages_rows, w->through, w->now.x);
     const long count = predictor->count;
-    const int early = count == HISTORY/4 || count == 3*HISTORY/4;
+    const int early = count == FIRST_LESSON || count == SECOND_LESSON;
     for (int i = 0; i < tracks; ++i) {
         const int worse = s->taken[i] && count >= s->latest[i] + HISTORY
             && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
@@ -3018,12 +3076,15 @@ NOINLINE void stages_remember(stages_t *w)
     }
 }
 
-static void stages_forget_lessons(stages_t *w)
+/* What is known of the past. */
+static void stages_forget(stages_t *w)
 {
     stages_lessons *s = &w->lessons;
+    forget(&w->predictor);
     s->lags = s->order = 0;
+    w->predictor.training = SECOND_LESSON + 3; /* when it is known who needs a recurrence */
     for (int i = 0; i < stages_TRACKS; ++i) {
-        s->taken[i] = s->trial[i] = 0;
+        s->taken[i] = s->settled[i] = s->trial[i] = 0;
         s->latest[i] = 0;
         s->error[i] = 0;
     }
@@ -3143,8 +3204,7 @@ static void stages_set_up(stages_t *w)
     stages_set_weights(w);
     stages_set_nodes(w);
     stages_set_schur(w);
-    forget(&w->predictor);
-    stages_forget_lessons(w);
+    stages_forget(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -3232,6 +3292,7 @@ typedef struct {
     real error[trajectories_TRACKS];  /* of the function, squared, when it was on trial */
     int lags, order;          /* the most in use */
     int taken[trajectories_TRACKS];   /* whether a trajectory goes by its function */
+    int settled[trajectories_TRACKS]; /* whether it does for good */
     int trial[trajectories_TRACKS];   /* whether the next step shows which prediction is better */
     long latest[trajectories_TRACKS]; /* when the function was fitted */
 } trajectories_lessons;
@@ -3616,7 +3677,7 @@ static void trajectories_learn_nodes(trajectories_t *w, lesson_t *l, int track)
 {
     const int steps = trajectories_steps_recalled(w), order = trajectories_order_after(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    begin_lesson(l, order, 1,
+    begin_lesson(l, order,
         trajectories_ridge(trajectories_recalled(w, 1) + trajectories_IMPULSE,
             trajectories_X - trajectories_IMPULSE, track));
     for (int e = 0; e < available; e += stride) {
@@ -3625,12 +3686,12 @@ static void trajectories_learn_nodes(trajectories_t *w, lesson_t *l, int track)
         for (int k = 0; k < order; ++k)
             row[k] = trajectories_number(trajectories_recalled(w,
                 ago + 1 + k) + trajectories_IMPULSE, track, j, M, mu);
-        row[order] = trajectories_number(trajectories_recalled(w, ago) + trajectories_IMPULSE,
-            track, j, M, mu);
+        row[right_sides(l)] = trajectories_number(trajectories_recalled(w,
+            ago) + trajectories_IMPULSE, track, j, M, mu);
     }
     end_lesson(l);
     for (int k = 0; k < ORDER; ++k)
-        trajectories_set_track(&w->lessons.wave[k], track, k < order ? l->R[k][order] : 0);
+        trajectories_set_track(&w->lessons.wave[k], track, learnt(l, k, 0));
     w->lessons.order = order;
 }
 
@@ -3704,25 +3765,30 @@ static void trajectories_learn_stages(trajectories_t *w, lesson_t *l, int group,
     const int steps = trajectories_steps_recalled(w);
     const int at = group*trajectories_HAT, known = S + PICKS*lags;
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
-    begin_lesson(l, known, S, trajectories_ridge(trajectories_recalled(w, 1) + at,
-        trajectories_HAT, track));
+    begin_lesson(l, known, trajectories_ridge(trajectories_recalled(w, 1) + at, trajectories_HAT,
+        track));
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/N, a = e % N;
         real *row = next_row(l);
-        for (int k = 0; k < known; ++k)
-            row[k] = trajectories_number(trajectories_recalled(w, ago + known_lag(k)) + at, track,
-                known_stage(k),
-                N, a);
-        for (int j = 0; j < S; ++j)
-            row[known + j] = trajectories_number(trajectories_recalled(w, ago) + at, track, j, N,
-                a);
+        const lanes *x = trajectories_recalled(w, ago) + at, *before = trajectories_recalled(w,
+            ago + 1) + at;
+        for (int j = 0; j < S; ++j) {
+            row[j] = trajectories_number(before, track, j, N, a);
+            row[right_sides(l) + j] = trajectories_number(x, track, j, N, a);
+        }
+        for (int m = 1; m <= lags; ++m) {
+            before = trajectories_recalled(w, ago + 1 + m) + at;
+            for (int pick = 0; pick < PICKS; ++pick)
+                row[S + (m - 1)*PICKS + pick] = trajectories_number(before, track, pick*(S/2), N,
+                    a);
+        }
     }
     end_lesson(l);
     for (int k = 0; k < KNOWN; ++k)
         for (int j = 0; j < S; ++j)
             set_part(&s->next[group][k*trajectories_S + j/trajectories_PER],
                 track + j % trajectories_PER,
-                k < known ? l->R[k][known + j] : 0);
+                learnt(l, k, j));
 }
 
 NOINLINE void trajectories_learn(trajectories_t *w, int track)
@@ -3764,6 +3830,14 @@ INLINE void trajectories_extrapolate(trajectories_t *w)
     predict(&w->predictor, w->past, trajectories_X, trajectories_ends, w->through, w->now.x);
 }
 
+INLINE int trajectories_all_settled(const trajectories_t *w)
+{
+    int settled = 1;
+    for (int i = 0; i < trajectories_tracks(w); ++i)
+        settled &= w->lessons.settled[i];
+    return settled;
+}
+
 INLINE void trajectories_foresee(trajectories_t *w)
 {
     trajectories_lessons *s = &w->lessons;
@@ -3773,8 +3847,10 @@ INLINE void trajectories_foresee(trajectories_t *w)
         taken += s->taken[i];
         trials += s->trial[i];
     }
-    if (trials == 0 && taken == tracks && w->predictor.fitted) {
+    if (trajectories_all_settled(w) || (trials == 0 && taken == tracks && w->predictor.fitted)) {
         trajectories_ahead(w, w->now.x);
+        for (int e = 0; e < trajectories_IMPULSE && trials > 0; ++e)
+            s->learnt[e] = w->now.x[e];
         return;
     }
     trajectories_extrapolate(w);
@@ -3792,7 +3868,7 @@ INLINE void trajectories_foresee(trajectories_t *w)
 static void trajectories_decide(trajectories_t *w)
 {
     trajectories_lessons *s = &w->lessons;
-    const real rough = 64*epsilon;
+    const real rough = 256*epsilon;
     lanes learnt = splat(0), other = splat(0);
     for (int e = 0; e < trajectories_IMPULSE; ++e) {
         const lanes size = e < trajectories_HAT ? w->q_size : w->p_size;
@@ -3805,7 +3881,10 @@ static void trajectories_decide(trajectories_t *w)
             continue;
         const real error = trajectories_of_track(&other, i);
         s->error[i] = trajectories_of_track(&learnt, i);
-        s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (!s->settled[i])
+            s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (s->latest[i] == SECOND_LESSON && w->predictor.count == SECOND_LESSON)
+            s->settled[i] = s->taken[i];
         s->trial[i] = 0;
     }
 }
@@ -3821,10 +3900,13 @@ NOINLINE void trajectories_remember(trajectories_t *w)
         trials += s->trial[i];
     if (trials > 0)
         trajectories_decide(w);
-    record(predictor, w->past, trajectories_X, trajectories_ends, trajectories_rows, w->through,
-        w->now.x);
+    if (trajectories_all_settled(w))
+        note(predictor, w->past, trajectories_X, w->now.x);
+    else
+        record(predictor, w->past, trajectories_X, trajectories_ends, trajectories_rows,
+            w->through, w->now.x);
     const long count = predictor->count;
-    const int early = count == HISTORY/4 || count == 3*HISTORY/4;
+    const int early = count == FIRST_LESSON || count == SECOND_LESSON;
     for (int i = 0; i < tracks; ++i) {
         const int worse = s->taken[i] && count >= s->latest[i] + HISTORY
             && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
@@ -3836,12 +3918,14 @@ NOINLINE void trajectories_remember(trajectories_t *w)
     }
 }
 
-static void trajectories_forget_lessons(trajectories_t *w)
+static void trajectories_forget(trajectories_t *w)
 {
     trajectories_lessons *s = &w->lessons;
+    forget(&w->predictor);
     s->lags = s->order = 0;
+    w->predictor.training = SECOND_LESSON + 3; /* when it is known who needs a recurrence */
     for (int i = 0; i < trajectories_TRACKS; ++i) {
-        s->taken[i] = s->trial[i] = 0;
+        s->taken[i] = s->settled[i] = s->trial[i] = 0;
         s->latest[i] = 0;
         s->error[i] = 0;
     }
@@ -3950,8 +4034,7 @@ static void trajectories_set_up(trajectories_t *w)
     trajectories_set_weights(w);
     trajectories_set_nodes(w);
     trajectories_set_schur(w);
-    forget(&w->predictor);
-    trajectories_forget_lessons(w);
+    trajectories_forget(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -4439,7 +4522,7 @@ static void take_over(work_t *w, const real q[N], const real p[N])
 static void recover(work_t *w)
 {
     stages_t *s = &fast_of(w)->run;
-    forget(&s->predictor);
+    stages_forget(s);
     s->work = splat(work_so_far(&w->held.report));
     s->work_low = splat(0);
 }
