@@ -27,6 +27,12 @@ static int why(real change, real before)
     return failure(MATH(sqrt)(change), before > 0 ? MATH(sqrt)(change/before) : 0);
 }
 
+/* Apart from its loop: else compilers carry vectors from one sweep to the next, and spill them. */
+NOINLINE void sweep_once(ONE(t) *w)
+{
+    ONE(sweep)(w);
+}
+
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps)
 {
@@ -36,7 +42,7 @@ static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps
     int round = 0;
     ONE(start)(w, predicted);
     do {
-        ONE(sweep)(w);
+        sweep_once(w);
         const real change = ONE(of_lanes)(&w->change);
         const real defect = ONE(of_lanes)(&w->bound.defect);
         if (calls_for_look(&progress, change)) {

@@ -2532,6 +2532,12 @@ static int why(real change, real before)
     return failure(sqrt(change), before > 0 ? sqrt(change/before) : 0);
 }
 
+/* Apart from its loop: else compilers carry vectors from one sweep to the next, and spill them. */
+NOINLINE void sweep_once(mean_t *w)
+{
+    mean_sweep(w);
+}
+
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps)
 {
@@ -2541,7 +2547,7 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
     int round = 0;
     mean_start(w, predicted);
     do {
-        mean_sweep(w);
+        sweep_once(w);
         const real change = mean_of_lanes(&w->change);
         const real defect = mean_of_lanes(&w->bound.defect);
         if (calls_for_look(&progress, change)) {

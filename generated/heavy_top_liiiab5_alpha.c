@@ -2230,7 +2230,7 @@ static const real fast_onward_nodes[4][4] = {
 };
 
 /* Inlined only where small: else compilers keep the table in registers they do not have. */
-#define PRODUCT NOINLINE
+#define PRODUCT INLINE
 
 /* Keeps the compiler from holding more values in registers than there are, and spilling them. */
 #if defined(__GNUC__)
@@ -2482,20 +2482,28 @@ typedef struct {
 INLINE void stages_four(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
 {
-    lanes sum[4][stages_S > stages_P ? stages_S : stages_P];
+    /* Few numbers at a time take several sums each: additions wait for one another. */
+    const int sums = count == 1 ? 4 : count == 2 ? 2 : 1;
+    lanes sum[4][4][stages_S > stages_P ? stages_S : stages_P];
+    LOAD_AGAIN(x);
     for (int a = 0; a < count; ++a)
-        for (int i = 0; i < rows; ++i)
-            sum[a][i] = base[i*stride + a];
+        for (int i = 0; i < rows; ++i) {
+            sum[0][a][i] = base[i*stride + a];
+            for (int k = 1; k < sums; ++k)
+                sum[k][a][i] = splat(0);
+        }
     for (int from = 0; from < columns; from += LANES, x += width)
         for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
             for (int a = 0; a < count; ++a) {
                 const lanes value = splat(part(&x[a], j));
                 for (int i = 0; i < rows; ++i)
-                    sum[a][i] += table[i]*value;
+                    sum[j % sums][a][i] += table[i]*value;
             }
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < rows; ++i)
-            y[i*width + a] = sum[a][i];
+            y[i*width + a] = sums == 4 ? (sum[0][a][i] + sum[1][a][i])
+                    + (sum[2][a][i] + sum[3][a][i])
+                : sums == 2 ? sum[0][a][i] + sum[1][a][i] : sum[0][a][i];
 }
 
 INLINE void stages_product(int rows, int columns, int width, const lanes *base, int stride,
@@ -3096,9 +3104,9 @@ static void stages_decide(stages_t *w)
 }
 
 /*
- * Records the step just done; for a recurrence only while somebody may ask for it. Lessons are few: a motion that stays what it was needs no other, and
- * none is given early where predictions are close without.
- * Where predictions have become much worse than they were there is one more.
+ * Records the step just done; for a recurrence only while somebody may ask for it. Lessons are few:
+ * a motion that stays what it was needs no other, and none is given early where predictions are
+ * close without. Where predictions have become much worse than they were there is one more.
  */
 NOINLINE void stages_remember(stages_t *w)
 {
@@ -4247,6 +4255,12 @@ static int why(real change, real before)
     return failure(sqrt(change), before > 0 ? sqrt(change/before) : 0);
 }
 
+/* Apart from its loop: else compilers carry vectors from one sweep to the next, and spill them. */
+NOINLINE void sweep_once(stages_t *w)
+{
+    stages_sweep(w);
+}
+
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(stages_t *w, const options_t *options, int predicted, int *sweeps)
 {
@@ -4256,7 +4270,7 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
     int round = 0;
     stages_start(w, predicted);
     do {
-        stages_sweep(w);
+        sweep_once(w);
         const real change = stages_of_lanes(&w->change);
         const real defect = stages_of_lanes(&w->bound.defect);
         if (calls_for_look(&progress, change)) {
