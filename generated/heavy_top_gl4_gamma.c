@@ -2420,16 +2420,17 @@ typedef struct {
 INLINE void stages_four(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
 {
-    /* Few numbers at a time take several sums each: additions wait for one another. */
+    /*
+     * Few numbers at a time take several sums each: additions wait for one another. The base, which
+     * is large, comes last: so the sum is rounded to it once.
+     */
     const int sums = count == 1 ? 4 : count == 2 ? 2 : 1;
     lanes sum[4][4][stages_S > stages_P ? stages_S : stages_P];
     LOAD_AGAIN(x);
     for (int a = 0; a < count; ++a)
-        for (int i = 0; i < rows; ++i) {
-            sum[0][a][i] = base[i*stride + a];
-            for (int k = 1; k < sums; ++k)
+        for (int i = 0; i < rows; ++i)
+            for (int k = 0; k < sums; ++k)
                 sum[k][a][i] = splat(0);
-        }
     for (int from = 0; from < columns; from += LANES, x += width)
         for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
             for (int a = 0; a < count; ++a) {
@@ -2438,10 +2439,14 @@ INLINE void stages_four(int rows, int columns, int width, int count, const lanes
                     sum[j % sums][a][i] += table[i]*value;
             }
     for (int a = 0; a < count; ++a)
-        for (int i = 0; i < rows; ++i)
-            y[i*width + a] = sums == 4 ? (sum[0][a][i] + sum[1][a][i])
-                    + (sum[2][a][i] + sum[3][a][i])
-                : sums == 2 ? sum[0][a][i] + sum[1][a][i] : sum[0][a][i];
+        for (int i = 0; i < rows; ++i) {
+            lanes total = sum[0][a][i];
+            if (sums > 1)
+                total += sum[1][a][i];
+            if (sums > 2)
+                total += sum[2][a][i] + sum[3][a][i];
+            y[i*width + a] = base[i*stride + a] + total;
+        }
 }
 
 INLINE void stages_product(int rows, int columns, int width, const lanes *base, int stride,
