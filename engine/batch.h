@@ -20,31 +20,26 @@ static batch_t *batch_of(batch_memory *memory)
 
 enum { WHOLE = sizeof(MANY(iterate))/sizeof(lanes) };
 
-/* The first `count` lanes of an iterate, for one trajectory. */
-static void copy_lane(MANY(iterate) *to, const MANY(iterate) *from, int lane, int count)
+/* The first `count` numbers of an iterate, in the lanes of m. */
+INLINE void keep(lanes_mask m, int count, const MANY(iterate) *from, MANY(iterate) *to)
 {
-    lanes *target = (lanes *)(void *)to;
-    const lanes *source = (const lanes *)(const void *)from;
-    for (int e = 0; e < count; ++e)
-        set_part(&target[e], lane, part(&source[e], lane));
+    renew(m, count, (const lanes *)(const void *)from, (lanes *)(void *)to);
 }
 
 /*
- * The lanes marked in `fresh` begin at the rates at the start of the step (or, with x given, at
- * those unknowns); the others are not touched, to the bit.
+ * The lanes in `fresh` begin at the rates at the start of the step (or, with x given, at those
+ * unknowns); the others are not touched, to the bit.
  */
-static void restart(batch_t *b, const int *fresh, const real *x)
+static void restart(batch_t *b, lanes_mask fresh, const real *x)
 {
     b->kept = b->run.now;
     if (x == NULL)
         MANY(guess)(&b->run);
     for (int i = 0; i < LANES; ++i)
-        if (x != NULL && fresh[i])
+        if (x != NULL && holds(&fresh, i))
             MANY(load)(&b->run, i, x);
     MANY(begin)(&b->run);
-    for (int i = 0; i < LANES; ++i)
-        if (!fresh[i])
-            copy_lane(&b->run.now, &b->kept, i, WHOLE);
+    keep(lanes_others(fresh), WHOLE, &b->kept, &b->run.now);
 }
 
 /*
@@ -55,70 +50,68 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     int *sweeps)
 {
     MANY(t) *run = &b->run;
-    const real far = (real)0.02;
+    const lanes far = splat((real)0.02);
     const int predicted = run->predictor.count > 0;
-    progress_t progress[LANES];
-    int busy[LANES], early[LANES], fresh[LANES], left = 0;
+    lanes rate = splat(0), taken = splat(0), living = splat(0);
     for (int i = 0; i < LANES; ++i) {
-        progress[i] = start_of_sweeps(run->predictor.rate[i]);
-        busy[i] = alive[i];
-        early[i] = lost[i] = 0;
-        left += alive[i];
+        set_part(&rate, i, run->predictor.rate[i]);
+        set_part(&living, i, (real)alive[i]);
+        lost[i] = OK;
     }
+    lanes_progress_t progress = lanes_start_of_sweeps(rate);
+    lanes_mask busy = living > splat(0), early = busy & lanes_others(busy);
     MANY(start)(run, predicted);
-    for (int round = 1; left > 0; ++round) {
-        int again = 0, looks = 0;
+    for (int round = 1; lanes_any(busy); ++round) {
         MANY(sweep)(run);
-        for (int i = 0; i < LANES; ++i)
-            looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
-        if (looks)
+        const lanes change = run->change;
+        const lanes_mask looks = busy & lanes_calls_for_look(&progress, change);
+        if (lanes_any(looks)) {
             MANY(noise)(run);
-        for (int i = 0; i < LANES; ++i) {
-            fresh[i] = 0;
-            if (!busy[i])
-                continue;
-            const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
-            if (calls_for_look(&progress[i], change))
-                look(&progress[i], part(&run->noise, i));
-            const enum verdict verdict = judge(&progress[i], change, defect,
-                part(&run->moved, i), options->tolerance, options->max_iterations);
-            ++sweeps[i];
-            if (predicted && round == 1)
-                run->predictor.first[i] = change;
-            if (predicted && round == 1 && !(change < far*far)) {
-                fresh[i] = again = 1; /* a far prediction may lead to another root */
-                progress[i] = start_of_sweeps(run->predictor.rate[i]);
-            } else if (verdict != SWEEP_AGAIN) {
-                busy[i] = 0;
-                lost[i] = verdict == GIVE_UP ? why(&progress[i]) : OK;
-                early[i] = 1;
-                --left;
-            }
+            lanes_look(&progress, looks, run->noise);
         }
-        if (again)
-            restart(b, fresh, NULL);
-        for (int i = 0; i < LANES && left > 0; ++i)
-            if (early[i] == 1) {
-                early[i] = 2;
-                copy_lane(&b->kept, &run->now, i, MANY(RESULT));
+        lanes_verdict_t verdict = lanes_judge(&progress, change, run->bound.defect, run->moved,
+            options->tolerance, options->max_iterations);
+        taken = lanes_pick(busy, taken + 1, taken);
+        if (predicted && round == 1) {
+            const lanes_mask fresh = busy & lanes_others(change < far*far);
+            for (int i = 0; i < LANES; ++i)
+                if (holds(&busy, i))
+                    run->predictor.first[i] = part(&change, i);
+            if (lanes_any(fresh)) { /* a far prediction may lead to another root */
+                const lanes_progress_t start = lanes_start_of_sweeps(rate);
+                renew(fresh, sizeof(progress)/sizeof(lanes), &start.sweeps, &progress.sweeps);
+                restart(b, fresh, NULL);
             }
-        if (!predicted && left > 0 && (round == 1 || round == 3)) {
+            verdict.ended &= lanes_others(fresh);
+        }
+        const lanes_mask ends = busy & verdict.ended;
+        for (int i = 0; i < LANES; ++i)
+            if (holds(&ends, i) && holds(&verdict.failed, i))
+                lost[i] = why(part(&progress.change, i), part(&progress.before, i));
+        rate = lanes_pick(ends, progress.rate, rate);
+        busy &= lanes_others(ends);
+        if (lanes_any(ends) && lanes_any(busy)) {
+            early |= ends;
+            keep(ends, MANY(RESULT), &run->now, &b->kept);
+        }
+        if (!predicted && lanes_any(busy) && (round == 1 || round == 3)) {
             MANY(sizes)(run);
             MANY(factor)(run);
         }
     }
     for (int i = 0; i < LANES; ++i) {
-        run->predictor.rate[i] = progress[i].rate;
-        if (early[i] == 2)
-            copy_lane(&run->now, &b->kept, i, MANY(RESULT));
+        run->predictor.rate[i] = part(&rate, i);
+        sweeps[i] += (int)part(&taken, i);
     }
+    if (lanes_any(early))
+        keep(early, MANY(RESULT), &b->kept, &run->now);
 }
 
 /* Lane i by full Newton, as solver NEWTON does it. */
 static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
 {
     real q[N], p[N];
-    int fresh[LANES] = { 0 }, taken;
+    int taken;
     get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
@@ -132,24 +125,13 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
     *iterations += taken;
     if (status != OK)
         return status;
-    fresh[lane] = 1;
-    restart(b, fresh, w->x);
+    lanes number = splat(0);
+    set_part(&number, lane, 1);
+    restart(b, number > splat(0), w->x);
     return OK;
-}
-
-/* Larger of two, lane by lane */
-INLINE lanes lanes_larger(lanes a, lanes b)
-{
-    lanes result = a;
-    for (int i = 0; i < LANES; ++i)
-        set_part(&result, i, larger(part(&b, i), part(&a, i)));
-    return result;
 }
 
 INLINE lanes lanes_size(lanes a)
 {
-    lanes result = a;
-    for (int i = 0; i < LANES; ++i)
-        set_part(&result, i, MATH(fabs)(part(&a, i)));
-    return result;
+    return lanes_larger(a, -a);
 }

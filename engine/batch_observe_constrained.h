@@ -7,8 +7,8 @@ static void observe_lane_defects(batch_t *b)
         g_size = lanes_larger(g_size, lanes_size(run->bound.g_rounded[mu]));
         f_size = lanes_larger(f_size, lanes_size(f[mu]));
     }
-    b->g_max = lanes_larger(b->g_max, g_size);
+    b->g_max = lanes_larger(g_size, b->g_max);
     b->g_sum += g_size;
-    b->f_max = lanes_larger(b->f_max, f_size);
+    b->f_max = lanes_larger(f_size, b->f_max);
     b->f_sum += f_size;
 }

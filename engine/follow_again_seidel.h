@@ -18,7 +18,7 @@ INLINE void RUN(follow)(RUN(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
         for (int a = 0; a < N; ++a)
             L_new[i*N + a] = w->hb[i]*H_p[a];
     }
-    RUN(stages_of_stages)(w->q, 0, TABLE(mu), L_new, Q);
+    RUN(places)(w, L_new, Q);
     for (int i = 0; i < RUN(S); ++i) {
         lanes H_q[N], H_p[N];
         const lanes t = w->t + w->late[i];

@@ -5,7 +5,7 @@
 INLINE void RUN(follow)(RUN(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
 {
-    RUN(stages_of_stages)(w->q, 0, TABLE(mu), L_new, Q);
+    RUN(places)(w, L_new, Q);
     for (int i = 0; i < RUN(S); ++i) {
         lanes H_q[N], H_p[N];
         const lanes t = w->t + w->late[i];

@@ -10,7 +10,7 @@ INLINE void RUN(follow)(RUN(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     RUN(constrain)(w, L_new, C);
     for (int e = 0; e < RUN(S)*N; ++e)
         L_new[e] += w->hb[e/N]*w->bound.correction*(C[e] - w->now.C[e]);
-    RUN(stages_of_stages)(w->q, 0, TABLE(mu), L_new, Q);
+    RUN(places)(w, L_new, Q);
     for (int i = 0; i < RUN(S); ++i) {
         lanes H_q[N], H_p[N];
         for (int a = 0; a < N; ++a) {

@@ -5,21 +5,26 @@ static void RUN(learn_stages)(RUN(t) *w, lesson_t *l, int group, int track, int 
     const int steps = RUN(steps_recalled)(w);
     const int at = group*RUN(HAT), known = S + PICKS*lags;
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
-    begin_lesson(l, known, S, RUN(ridge)(RUN(recalled)(w, 1) + at, RUN(HAT), track));
+    begin_lesson(l, known, RUN(ridge)(RUN(recalled)(w, 1) + at, RUN(HAT), track));
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/N, a = e % N;
         real *row = next_row(l);
-        for (int k = 0; k < known; ++k)
-            row[k] = RUN(number)(RUN(recalled)(w, ago + known_lag(k)) + at, track, known_stage(k),
-                N, a);
-        for (int j = 0; j < S; ++j)
-            row[known + j] = RUN(number)(RUN(recalled)(w, ago) + at, track, j, N, a);
+        const lanes *x = RUN(recalled)(w, ago) + at, *before = RUN(recalled)(w, ago + 1) + at;
+        for (int j = 0; j < S; ++j) {
+            row[j] = RUN(number)(before, track, j, N, a);
+            row[right_sides(l) + j] = RUN(number)(x, track, j, N, a);
+        }
+        for (int m = 1; m <= lags; ++m) {
+            before = RUN(recalled)(w, ago + 1 + m) + at;
+            for (int pick = 0; pick < PICKS; ++pick)
+                row[S + (m - 1)*PICKS + pick] = RUN(number)(before, track, pick*(S/2), N, a);
+        }
     }
     end_lesson(l);
     for (int k = 0; k < KNOWN; ++k)
         for (int j = 0; j < S; ++j)
             set_part(&s->next[group][k*RUN(S) + j/RUN(PER)], track + j % RUN(PER),
-                k < known ? l->R[k][known + j] : 0);
+                learnt(l, k, j));
 }
 
 /* A lesson of one trajectory, and from then on a trial. */
@@ -63,6 +68,15 @@ INLINE void RUN(extrapolate)(RUN(t) *w)
     predict(&w->predictor, w->past, RUN(X), RUN(ends), w->through, w->now.x);
 }
 
+/* Whether all trajectories go by their functions for good: no recurrence is asked for any more. */
+INLINE int RUN(all_settled)(const RUN(t) *w)
+{
+    int settled = 1;
+    for (int i = 0; i < RUN(tracks)(w); ++i)
+        settled &= w->lessons.settled[i];
+    return settled;
+}
+
 /* Starting values from the past, of each trajectory by what is better for it. */
 INLINE void RUN(foresee)(RUN(t) *w)
 {
@@ -73,8 +87,10 @@ INLINE void RUN(foresee)(RUN(t) *w)
         taken += s->taken[i];
         trials += s->trial[i];
     }
-    if (trials == 0 && taken == tracks && w->predictor.fitted) {
+    if (RUN(all_settled)(w) || (trials == 0 && taken == tracks && w->predictor.fitted)) {
         RUN(ahead)(w, w->now.x);
+        for (int e = 0; e < RUN(IMPULSE) && trials > 0; ++e)
+            s->learnt[e] = w->now.x[e];
         return;
     }
     RUN(extrapolate)(w);
@@ -89,11 +105,15 @@ INLINE void RUN(foresee)(RUN(t) *w)
                 set_part(&w->now.x[e], j, part(&s->learnt[e], j));
 }
 
-/* The trials that the step just done decides: what was learnt must be clearly better. */
+/*
+ * The trials that the step just done decides: what was learnt must be clearly better. That of the
+ * second lesson decides for good, while nobody has trained a recurrence: a trajectory that goes by
+ * what it learns does so whatever its mates do.
+ */
 static void RUN(decide)(RUN(t) *w)
 {
     RUN(lessons) *s = &w->lessons;
-    const real rough = 64*epsilon;
+    const real rough = 256*epsilon;
     lanes learnt = splat(0), other = splat(0);
     for (int e = 0; e < RUN(IMPULSE); ++e) {
         const lanes size = e < RUN(HAT) ? w->q_size : w->p_size;
@@ -106,15 +126,18 @@ static void RUN(decide)(RUN(t) *w)
             continue;
         const real error = RUN(of_track)(&other, i);
         s->error[i] = RUN(of_track)(&learnt, i);
-        s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (!s->settled[i])
+            s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (s->latest[i] == SECOND_LESSON && w->predictor.count == SECOND_LESSON)
+            s->settled[i] = s->taken[i];
         s->trial[i] = 0;
     }
 }
 
 /*
- * Records the step just done. Lessons are few: a motion that stays what it was needs no other, and
- * none is given early where predictions are close without.
- * Where predictions have become much worse than they were there is one more.
+ * Records the step just done; for a recurrence only while somebody may ask for it. Lessons are few:
+ * a motion that stays what it was needs no other, and none is given early where predictions are
+ * close without. Where predictions have become much worse than they were there is one more.
  */
 NOINLINE void RUN(remember)(RUN(t) *w)
 {
@@ -127,9 +150,12 @@ NOINLINE void RUN(remember)(RUN(t) *w)
         trials += s->trial[i];
     if (trials > 0)
         RUN(decide)(w);
-    record(predictor, w->past, RUN(X), RUN(ends), RUN(rows), w->through, w->now.x);
+    if (RUN(all_settled)(w))
+        note(predictor, w->past, RUN(X), w->now.x);
+    else
+        record(predictor, w->past, RUN(X), RUN(ends), RUN(rows), w->through, w->now.x);
     const long count = predictor->count;
-    const int early = count == HISTORY/4 || count == 3*HISTORY/4;
+    const int early = count == FIRST_LESSON || count == SECOND_LESSON;
     for (int i = 0; i < tracks; ++i) {
         const int worse = s->taken[i] && count >= s->latest[i] + HISTORY
             && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
@@ -141,12 +167,15 @@ NOINLINE void RUN(remember)(RUN(t) *w)
     }
 }
 
-static void RUN(forget_lessons)(RUN(t) *w)
+/* What is known of the past. */
+static void RUN(forget)(RUN(t) *w)
 {
     RUN(lessons) *s = &w->lessons;
+    forget(&w->predictor);
     s->lags = s->order = 0;
+    w->predictor.training = SECOND_LESSON + 3; /* when it is known who needs a recurrence */
     for (int i = 0; i < RUN(TRACKS); ++i) {
-        s->taken[i] = s->trial[i] = 0;
+        s->taken[i] = s->settled[i] = s->trial[i] = 0;
         s->latest[i] = 0;
         s->error[i] = 0;
     }

@@ -24,7 +24,7 @@ static void take_over(work_t *w, const real q[N], const real p[N])
 static void recover(work_t *w)
 {
     ONE(t) *s = &fast_of(w)->run;
-    forget(&s->predictor);
+    ONE(forget)(s);
     s->work = splat(work_so_far(&w->held.report));
     s->work_low = splat(0);
 }

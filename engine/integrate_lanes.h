@@ -3,7 +3,7 @@ static void observe_lanes(batch_t *b)
     MANY(t) *run = &b->run;
     const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
         - b->energy_start - run->work);
-    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_max = lanes_larger(error, b->energy_error_max);
     b->energy_error_sum += error;
     observe_lane_defects(b);
 }

@@ -1,60 +1,65 @@
 /* ------------------------------------------------------------------- when a sweep has converged */
 
-/* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
+/* What is known of the sweeps of one step, in numbers alone. Changes and defects are squares. */
 typedef struct {
-    int sweeps;
-    int calm;    /* sweeps near round-off that brought nothing more */
-    int idle;    /* sweeps that brought the constraints no nearer */
-    int looked;  /* whether the floor is what rounding was seen to be worth */
-    real floor;  /* changes below it may be rounding: a size, no square */
-    real change; /* of the last sweep: the sum of its squared increments relative to the state */
-    real before; /* of the sweep before it */
-    real first;  /* of the first */
-    real least;  /* of all sweeps */
-    real left;   /* what is expected of the next sweep, were it not for rounding */
-    real defect; /* of the constraints in the last sweep, relative to the state */
-    real least_defect;
-    real rate;   /* ratio of two changes far from round-off, the mean of many steps */
-    real seen;   /* the same, last seen in this step */
-} progress_t;
+    NUMBER sweeps;
+    NUMBER turn;   /* the same modulo 8 */
+    NUMBER calm;   /* sweeps near round-off that brought nothing more */
+    NUMBER idle;   /* sweeps that brought the constraints no nearer */
+    NUMBER looked; /* 1 where the floor is what rounding was seen to be worth */
+    NUMBER floor;  /* changes below it may be rounding: a size, no square */
+    NUMBER change; /* of the last sweep: the sum of its squared increments relative to the state */
+    NUMBER before; /* of the sweep before it */
+    NUMBER first;  /* of the first */
+    NUMBER least;  /* of all sweeps */
+    NUMBER left;   /* what is expected of the next sweep, were it not for rounding */
+    NUMBER defect; /* of the constraints in the last sweep, relative to the state */
+    NUMBER least_defect;
+    NUMBER rate;   /* ratio of two changes far from round-off, the mean of many steps */
+    NUMBER seen;   /* the same, last seen in this step */
+} ON(progress_t);
 
-enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
+/* Where the sweeps have ended, and where they did without success. */
+typedef struct {
+    ON(mask) ended, failed;
+} ON(verdict_t);
 
-static progress_t start_of_sweeps(real rate)
+static ON(progress_t) ON(start_of_sweeps)(NUMBER rate)
 {
-    const real huge = (real)HUGE_VAL;
-    const progress_t start = { .floor = 16*epsilon, .least = huge, .left = huge, .defect = huge,
-        .least_defect = huge, .rate = rate };
+    const NUMBER none = ON(all)(0), huge = ON(all)((real)HUGE_VAL), floor = ON(all)(16*epsilon);
+    const ON(progress_t) start = { none, none, none, none, none, floor, none, none, none, huge,
+        huge, huge, huge, rate, none };
     return start;
 }
 
 /*
- * Whether a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
+ * Where a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
  * a stiff spring k rounds its force by epsilon k |q|, whatever the momentum.
  */
-static int calls_for_look(const progress_t *s, real change)
+INLINE ON(mask) ON(calls_for_look)(const ON(progress_t) *s, NUMBER change)
 {
-    return !s->looked && s->sweeps >= 2 && change > s->change/4 && !(change < s->floor*s->floor);
+    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+        & ON(others)(change < s->floor*s->floor);
 }
 
 /* `noise` is what stages some units in the last place away change in a sweep, squared. */
-static void look(progress_t *s, real noise)
+static void ON(look)(ON(progress_t) *s, ON(mask) looks, NUMBER noise)
 {
-    s->looked = 1;
-    s->floor = larger(s->floor, 16*MATH(sqrt)(noise));
+    s->looked = ON(pick)(looks, ON(all)(1), s->looked);
+    s->floor = ON(pick)(looks, ON(larger)(s->floor, 16*ON(root)(noise)), s->floor);
 }
 
 /* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
-static int is_met(progress_t *s, real defect)
+INLINE ON(mask) ON(is_met)(ON(progress_t) *s, NUMBER defect)
 {
-    const real next = defect*larger(defect/s->defect, (real)0.0001);
-    s->idle = defect < (real)0.8*s->least_defect ? 0 : s->idle + 1;
-    s->defect = defect;
-    if (defect < s->least_defect)
-        s->least_defect = defect;
+    const NUMBER next = defect*ON(larger)(defect/s->defect, ON(all)((real)0.0001));
     const real floor = 4*epsilon*epsilon;
     const real low = 4096*epsilon; /* above that, constraints that idle are not met */
-    return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
+    s->idle = ON(pick)(defect < (real)0.8*s->least_defect, ON(all)(0), s->idle + 1);
+    s->defect = defect;
+    s->least_defect = ON(pick)(defect < s->least_defect, defect, s->least_defect);
+    return (defect <= floor) | ON(others)(next > floor)
+        | ((s->idle > 2) & (defect < low*low));
 }
 
 /*
@@ -62,76 +67,73 @@ static int is_met(progress_t *s, real defect)
  * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
  * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
  */
-static void watch(progress_t *s, real change, real two_ago)
+INLINE void ON(watch)(ON(progress_t) *s, NUMBER change, NUMBER two_ago, NUMBER rate)
 {
-    const int unknown = !(s->rate < 1);
-    const int clear = unknown || 16*two_ago*s->rate*s->rate > s->floor*s->floor;
-    if (s->sweeps < 4 || !(change < two_ago) || !clear)
-        return;
-    s->seen = MATH(sqrt)(change/two_ago);
-    s->rate = unknown ? s->seen : s->rate + (s->seen - s->rate)/16;
+    const ON(mask) unknown = ON(others)(s->rate < 1);
+    const ON(mask) clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
+    const ON(mask) seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
+    s->seen = ON(pick)(seen, rate, s->seen);
+    s->rate = ON(pick)(seen, ON(pick)(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
 }
 
 /*
  * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
  * nothing, but what is left goes on shrinking there as it did before.
  */
-static real what_is_left(const progress_t *s, real change, real ratio, real of_two)
+INLINE NUMBER ON(what_is_left)(const ON(progress_t) *s, ON(mask) near, NUMBER change, NUMBER ratio,
+    NUMBER rate)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
-    const real slow = (real)0.0001, usual = larger(slow, larger(s->rate, s->seen));
-    const real next = larger(ratio, s->sweeps == 2 ? slow : MATH(sqrt)(of_two));
-    if (!(change < s->floor*s->floor))
-        return change*larger(next, usual);
-    return (s->left < change ? s->left : change)*(usual < next ? usual : next);
+    const NUMBER slow = ON(all)((real)0.0001);
+    const NUMBER usual = ON(larger)(slow, ON(larger)(s->rate, s->seen));
+    const NUMBER next = ON(larger)(ratio, ON(pick)(s->sweeps < 3, slow, rate));
+    return ON(pick)(near, ON(smaller)(s->left, change)*ON(smaller)(usual, next),
+        change*ON(larger)(next, usual));
+}
+
+/* Where changes at the rate of all sweeps so far would not come to the floor in time. */
+NOINLINE ON(mask) ON(is_late)(const ON(progress_t) *s, int most)
+{
+    const NUMBER left = ((real)most - s->sweeps)/(s->sweeps - 1);
+    const NUMBER last = s->change*ON(power)(s->change/s->first, left);
+    return last > s->floor*s->floor;
 }
 
 /*
  * Ends the sweeps when what is left is far below what rounding is worth in a step that has `moved`
  * the state (squared and relative): it adds up from step to step, as it is not random. Or when
  * changes near round-off have stopped shrinking. Not while the constraints are still coming nearer.
- * Gives up when changes grow, or would not get there in time.
+ * They fail when changes grow, or would not get there in time. Each lane by itself: what it comes
+ * to depends on no other.
  */
-static enum verdict judge(progress_t *s, real change, real defect, real moved, real tolerance,
-    int most)
+static ON(verdict_t) ON(judge)(ON(progress_t) *s, NUMBER change, NUMBER defect, NUMBER moved,
+    real tolerance, int most)
 {
-    const real round_off = epsilon*epsilon*moved;
-    const real noise = s->looked ? larger(round_off, s->floor*s->floor/256) : round_off;
-    const real ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
-    const int near = change < s->floor*s->floor, least = change < s->least, met = is_met(s, defect);
+    const NUMBER floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
+    const NUMBER noise = ON(pick)(s->looked > 0, ON(larger)(round_off, floor/256), round_off);
+    const NUMBER ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
+    const NUMBER rate = ON(root)(of_two);
+    const ON(mask) near = change < floor, far = ON(others)(near), met = ON(is_met)(s, defect);
+    const ON(mask) stalls = near & ON(others)(change < s->least);
     s->before = s->change;
     s->change = change;
-    if (least)
-        s->least = change;
-    if (++s->sweeps > most)
-        return GIVE_UP;
-    if (s->sweeps == 1) {
-        s->first = change;
-        return change > 0 ? SWEEP_AGAIN : isnan(change) ? GIVE_UP : CONVERGED;
-    }
-    if (!(change < 9))
-        return GIVE_UP;
-    watch(s, change, two_ago);
-    if (change <= tolerance*tolerance)
-        return CONVERGED;
-    s->left = what_is_left(s, change, ratio, of_two);
-    if (met && 65536*s->left < noise)
-        return CONVERGED;
-    s->calm = near && !least ? s->calm + 1 : 0;
-    if (met && s->calm >= 4)
-        return CONVERGED;
-    if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
-        return GIVE_UP;
-    if (s->sweeps % 8 == 0 && !near) { /* at the rate of all sweeps so far: would it get there? */
-        const real left = (real)(most - s->sweeps)/(real)(s->sweeps - 1);
-        if (change*MATH(pow)(change/s->first, left) > s->floor*s->floor)
-            return GIVE_UP;
-    }
-    return SWEEP_AGAIN;
-}
-
-/* Why the sweeps of a step were given up. */
-static int why(const progress_t *s)
-{
-    return failure(MATH(sqrt)(s->change), s->before > 0 ? MATH(sqrt)(s->change/s->before) : 0);
+    s->least = ON(smaller)(change, s->least);
+    s->sweeps += 1;
+    s->turn = ON(pick)(s->turn < 7, s->turn + 1, ON(all)(0));
+    const ON(mask) one = s->sweeps < 2, over = s->sweeps > (real)most;
+    s->first = ON(pick)(one, change, s->first);
+    ON(watch)(s, change, two_ago, rate);
+    s->left = ON(what_is_left)(s, near, change, ratio, rate);
+    s->calm = ON(pick)(stalls, s->calm + 1, ON(all)(0));
+    const ON(mask) small = (change <= tolerance*tolerance)
+        | (met & ((65536*s->left < noise) | (s->calm > 3)));
+    const ON(mask) bounded = change < 9, grows = (ratio > 1) & (of_two > 1);
+    const ON(mask) late = far & ON(others)(one) & (s->turn < 1);
+    const ON(mask) done = ON(pick_mask)(one, change <= 0, bounded & small);
+    ON(mask) failed = ON(pick_mask)(one, ON(others)(change >= 0), ON(others)(bounded)
+        | (s->sweeps > (real)most - 1) | (grows & far & (s->sweeps > 3)));
+    if (ON(any)(late & ON(others)(failed)))
+        failed |= late & ON(is_late)(s, most);
+    const ON(verdict_t) verdict = { done | failed | over, over | (failed & ON(others)(done)) };
+    return verdict;
 }

@@ -8,24 +8,16 @@
  */
 enum { PICKS = S > 1 ? 2 : 1, LAGS = 12, KNOWN = S + PICKS*LAGS };
 enum { WIDEST = S + 2*LAGS, LESSON_ROWS = 16 }; /* no less than ORDER */
+enum { FIRST_LESSON = HISTORY/4, SECOND_LESSON = 3*HISTORY/4 }; /* after so many steps */
+/* Columns stand in blocks, those of the right sides in blocks of their own. */
+enum { RIGHTS = (S + LANES - 1)/LANES, BLOCKS = (WIDEST + LANES - 1)/LANES + RIGHTS };
 
 typedef struct {
-    int known, rights; /* unknown coefficients; right sides */
+    int known, rights; /* unknown coefficients; the first block of the right sides */
     int count;         /* equations that wait in A */
-    real R[WIDEST][WIDEST + S]; /* triangular, right sides last */
-    real A[LESSON_ROWS][WIDEST + S];
+    lanes R[WIDEST][BLOCKS]; /* triangular, and right sides */
+    lanes A[LESSON_ROWS][BLOCKS];
 } lesson_t;
-
-/* Regressor k is a stage of some steps ago. */
-INLINE int known_lag(int k)
-{
-    return k < S ? 1 : 2 + (k - S)/PICKS;
-}
-
-INLINE int known_stage(int k)
-{
-    return k < S ? k : (k - S) % PICKS*(S/2);
-}
 
 /* How many steps before the last there are equations for, after `steps` steps; -1: for none. */
 static int lags_after(long steps)
@@ -42,67 +34,100 @@ static int stride_of(int available, int known)
     return available > 3*known ? (available - 1)/(3*known) + 1 : 1;
 }
 
-static void begin_lesson(lesson_t *l, int known, int rights, real ridge)
+INLINE real *numbers_of(lanes *row)
+{
+    return (real *)row;
+}
+
+static void begin_lesson(lesson_t *l, int known, real ridge)
 {
     l->known = known;
-    l->rights = rights;
+    l->rights = (known + LANES - 1)/LANES;
     l->count = 0;
     for (int k = 0; k < known; ++k) {
-        for (int j = 0; j < known + rights; ++j)
-            l->R[k][j] = 0;
-        l->R[k][k] = ridge;
+        for (int block = 0; block < l->rights + RIGHTS; ++block)
+            l->R[k][block] = splat(0);
+        numbers_of(l->R[k])[k] = ridge;
     }
 }
 
-/* Reflections put the equations in A into R, column by column. */
+/*
+ * Reflections put the equations in A into R, column by column. Columns before the one in turn, in
+ * the same block, are void from then on.
+ */
 static void take_in(lesson_t *l)
 {
-    const int width = l->known + l->rights;
+    const int blocks = l->rights + RIGHTS;
+    for (; l->count < LESSON_ROWS; ++l->count)
+        for (int block = 0; block < blocks; ++block)
+            l->A[l->count][block] = splat(0);
     for (int k = 0; k < l->known; ++k) {
-        const real diagonal = l->R[k][k];
-        real square = diagonal*diagonal, share[WIDEST + S];
-        for (int i = 0; i < l->count; ++i)
-            square += l->A[i][k]*l->A[i][k];
-        const real length = MATH(sqrt)(square);
+        lanes value[LESSON_ROWS];
+        real squares[4] = { 0 };
+        for (int i = 0; i < LESSON_ROWS; ++i) {
+            const real number = numbers_of(l->A[i])[k];
+            value[i] = splat(number);
+            squares[i % 4] += number*number;
+        }
+        const real diagonal = numbers_of(l->R[k])[k];
+        const real rest = (squares[0] + squares[1]) + (squares[2] + squares[3]);
+        const real length = MATH(sqrt)(diagonal*diagonal + rest);
         const real first = diagonal < 0 ? diagonal - length : diagonal + length;
         const real factor = 1/(length*(first < 0 ? -first : first)); /* 2/|v|^2 */
-        for (int j = k; j < width; ++j)
-            share[j] = first*l->R[k][j];
-        for (int i = 0; i < l->count; ++i) {
-            const real value = l->A[i][k];
-            for (int j = k; j < width; ++j)
-                share[j] += value*l->A[i][j];
-        }
-        for (int j = k; j < width; ++j) {
-            share[j] *= factor;
-            l->R[k][j] -= first*share[j];
-        }
-        for (int i = 0; i < l->count; ++i) {
-            const real value = l->A[i][k];
-            for (int j = k; j < width; ++j)
-                l->A[i][j] -= value*share[j];
+        for (int block = k/LANES; block < blocks; ++block) {
+            lanes even = first*l->R[k][block], odd = splat(0);
+            for (int i = 0; i < LESSON_ROWS; i += 2) {
+                even += value[i]*l->A[i][block];
+                odd += value[i + 1]*l->A[i + 1][block];
+            }
+            const lanes share = factor*(even + odd);
+            l->R[k][block] -= first*share;
+            for (int i = 0; i < LESSON_ROWS; ++i)
+                l->A[i][block] -= value[i]*share;
         }
     }
     l->count = 0;
 }
 
-/* The next equation, to be filled in. */
+/* The next equation, to be filled in; its right sides come from right_sides on. */
 static real *next_row(lesson_t *l)
 {
     if (l->count == LESSON_ROWS)
         take_in(l);
-    return l->A[l->count++];
+    lanes *row = l->A[l->count++];
+    row[l->rights - 1] = splat(0); /* there may be columns of no use */
+    for (int block = l->rights; block < l->rights + RIGHTS; ++block)
+        row[block] = splat(0);
+    return numbers_of(row);
+}
+
+INLINE int right_sides(const lesson_t *l)
+{
+    return l->rights*LANES;
 }
 
 /* Coefficients in place of the right sides. */
 static void end_lesson(lesson_t *l)
 {
     take_in(l);
-    for (int k = l->known - 1; k >= 0; --k)
-        for (int i = l->known; i < l->known + l->rights; ++i) {
-            real sum = l->R[k][i];
-            for (int j = k + 1; j < l->known; ++j)
-                sum -= l->R[k][j]*l->R[j][i];
-            l->R[k][i] = sum/l->R[k][k];
+    for (int k = l->known - 1; k >= 0; --k) {
+        const real *row = numbers_of(l->R[k]);
+        for (int block = l->rights; block < l->rights + RIGHTS; ++block) {
+            lanes even = l->R[k][block], odd = splat(0);
+            int j = k + 1;
+            for (; j + 1 < l->known; j += 2) {
+                even -= row[j]*l->R[j][block];
+                odd -= row[j + 1]*l->R[j + 1][block];
+            }
+            if (j < l->known)
+                even -= row[j]*l->R[j][block];
+            l->R[k][block] = (even + odd)/row[k];
         }
+    }
+}
+
+/* Coefficient k for right side j. */
+INLINE real learnt(lesson_t *l, int k, int j)
+{
+    return k < l->known ? numbers_of(l->R[k])[right_sides(l) + j] : 0;
 }

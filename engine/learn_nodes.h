@@ -12,18 +12,18 @@ static void RUN(learn_nodes)(RUN(t) *w, lesson_t *l, int track)
 {
     const int steps = RUN(steps_recalled)(w), order = RUN(order_after)(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    begin_lesson(l, order, 1,
+    begin_lesson(l, order,
         RUN(ridge)(RUN(recalled)(w, 1) + RUN(IMPULSE), RUN(X) - RUN(IMPULSE), track));
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
         real *row = next_row(l);
         for (int k = 0; k < order; ++k)
             row[k] = RUN(number)(RUN(recalled)(w, ago + 1 + k) + RUN(IMPULSE), track, j, M, mu);
-        row[order] = RUN(number)(RUN(recalled)(w, ago) + RUN(IMPULSE), track, j, M, mu);
+        row[right_sides(l)] = RUN(number)(RUN(recalled)(w, ago) + RUN(IMPULSE), track, j, M, mu);
     }
     end_lesson(l);
     for (int k = 0; k < ORDER; ++k)
-        RUN(set_track)(&w->lessons.wave[k], track, k < order ? l->R[k][order] : 0);
+        RUN(set_track)(&w->lessons.wave[k], track, learnt(l, k, 0));
     w->lessons.order = order;
 }
 

@@ -9,6 +9,7 @@ typedef struct {
     real error[RUN(TRACKS)];  /* of the function, squared, when it was on trial */
     int lags, order;          /* the most in use */
     int taken[RUN(TRACKS)];   /* whether a trajectory goes by its function */
+    int settled[RUN(TRACKS)]; /* whether it does for good */
     int trial[RUN(TRACKS)];   /* whether the next step shows which prediction is better */
     long latest[RUN(TRACKS)]; /* when the function was fitted */
 } RUN(lessons);

@@ -89,12 +89,18 @@ static void RUN(prepare)(RUN(t) *w, int lane, const constants *c, real h)
     set_part(&w->h_inverse, lane, 1/h);
 }
 
+/* What is known of the past. */
+static void RUN(forget)(RUN(t) *w)
+{
+    forget(&w->predictor);
+}
+
 /* What follows from the constants and steps of all lanes. */
 static void RUN(set_up)(RUN(t) *w)
 {
     RUN(set_schur)(w);
     TURNED(RUN(wake)(w));
-    forget(&w->predictor);
+    RUN(forget)(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = splat(0);
     w->work = w->work_low = splat(0);

@@ -183,9 +183,23 @@ static void end_training(predictor_t *s)
     }
 }
 
+/* The values x of the step just done become the past. */
+INLINE void note(predictor_t *s, lanes *past, int length, const lanes *x)
+{
+    ++s->count;
+    lanes *newest = past_values(s, past, length, 0);
+    for (int i = 0; i < length; ++i)
+        newest[i] = x[i];
+    if (s->count == 1) {
+        s->order = 1;
+        for (int group = 0; group < GROUPS; ++group)
+            s->coefficient[group][0] = splat(1);
+    }
+}
+
 /*
- * Records the values x of the step just done. Equations for a fit come from the first `rows` of
- * each group: its other values obey the same recurrence.
+ * Records them, for a recurrence too. Equations for a fit come from the first `rows` of each group:
+ * its other values obey the same recurrence.
  */
 INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, const int *rows,
     const lanes *through, const lanes *x)
@@ -203,13 +217,5 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
         end_training(s);
         s->training = s->count + (s->count < 4096 ? 16*s->count : 65536);
     }
-    ++s->count;
-    lanes *newest = past_values(s, past, length, 0);
-    for (int i = 0; i < length; ++i)
-        newest[i] = x[i];
-    if (s->count == 1) {
-        s->order = 1;
-        for (int group = 0; group < GROUPS; ++group)
-            s->coefficient[group][0] = splat(1);
-    }
+    note(s, past, length, x);
 }

@@ -33,20 +33,33 @@ typedef struct {
 INLINE void RUN(four)(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
 {
-    lanes sum[4][RUN(S) > RUN(P) ? RUN(S) : RUN(P)];
+    /*
+     * Few numbers at a time take several sums each: additions wait for one another. The base, which
+     * is large, comes last: so the sum is rounded to it once.
+     */
+    const int sums = count == 1 ? 4 : count == 2 ? 2 : 1;
+    lanes sum[4][4][RUN(S) > RUN(P) ? RUN(S) : RUN(P)];
+    LOAD_AGAIN(x);
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < rows; ++i)
-            sum[a][i] = base[i*stride + a];
+            for (int k = 0; k < sums; ++k)
+                sum[k][a][i] = splat(0);
     for (int from = 0; from < columns; from += LANES, x += width)
         for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
             for (int a = 0; a < count; ++a) {
                 const lanes value = splat(part(&x[a], j));
                 for (int i = 0; i < rows; ++i)
-                    sum[a][i] += table[i]*value;
+                    sum[j % sums][a][i] += table[i]*value;
             }
     for (int a = 0; a < count; ++a)
-        for (int i = 0; i < rows; ++i)
-            y[i*width + a] = sum[a][i];
+        for (int i = 0; i < rows; ++i) {
+            lanes total = sum[0][a][i];
+            if (sums > 1)
+                total += sum[1][a][i];
+            if (sums > 2)
+                total += sum[2][a][i] + sum[3][a][i];
+            y[i*width + a] = base[i*stride + a] + total;
+        }
 }
 
 INLINE void RUN(product)(int rows, int columns, int width, const lanes *base, int stride,

@@ -18,7 +18,7 @@ INLINE void RUN(sweep)(RUN(t) *w)
 {
     lanes Q[RUN(S)*N], momentum[RUN(S)*N], L_new[RUN(S)*N], shared[RUN(S)][SHARED];
     lanes q_change = splat(0), p_change = splat(0);
-    RUN(stages_of_stages)(w->q, 0, TABLE(mu), w->now.x, Q);
+    RUN(places)(w, w->now.x, Q);
     RUN(momenta)(w, w->now.x + RUN(HAT), momentum);
     for (int i = 0; i < RUN(S); ++i) {
         lanes H_p[N];
@@ -114,8 +114,7 @@ static void RUN(set_up)(RUN(t) *w)
     RUN(set_nodes)(w);
     RUN(set_schur)(w);
     TURNED(RUN(wake)(w));
-    forget(&w->predictor);
-    RUN(forget_lessons)(w);
+    RUN(forget)(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);

@@ -13,13 +13,13 @@ INLINE void RUN(forces)(RUN(t) *w, lanes *C)
         for (int a = 0; a < N; ++a)
             Y[a] = -Y[a];
     }
-    RUN(stages_of_nodes)(w->p, 0, TABLE(nu_tilde), w->now.Y, C);
+    RUN(pulls)(w, w->now.Y, C);
 }
 
 /* From starting values: the places of the nodes and the constraint forces there. */
 INLINE void RUN(begin)(RUN(t) *w)
 {
-    RUN(nodes_of_stages)(w->zero, 0, TABLE(nu), w->now.x, w->now.D);
+    RUN(displace)(w, w->now.x, w->now.D);
     RUN(forces)(w, w->now.C);
     RUN(factor)(w);
 }
@@ -27,7 +27,7 @@ INLINE void RUN(begin)(RUN(t) *w)
 /* P_i = C_i + sum_j mu^_ij L^_j */
 INLINE void RUN(momenta)(const RUN(t) *w, const lanes *L_hat, lanes *momentum)
 {
-    RUN(stages_of_stages)(w->now.C, N, TABLE(mu_hat), L_hat, momentum);
+    RUN(pushes)(w, w->now.C, N, L_hat, momentum);
 }
 
 /*
@@ -37,7 +37,7 @@ INLINE void RUN(momenta)(const RUN(t) *w, const lanes *L_hat, lanes *momentum)
 INLINE void RUN(constrain)(RUN(t) *w, const lanes *L, lanes *C)
 {
     lanes g[RUN(P)*M], defect[RUN(P)*M];
-    RUN(nodes_of_stages)(w->zero, 0, TABLE(nu), L, w->now.D);
+    RUN(displace)(w, L, w->now.D);
     for (int l = 0; l < RUN(P); ++l) {
         lanes increment[M];
         lanes_constraint_increment(LANES_BETWEEN(&w->constants,

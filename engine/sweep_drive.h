@@ -10,7 +10,7 @@ INLINE void RUN(add_drive)(RUN(t) *w)
 {
     const lanes *impulse = w->now.x + RUN(IMPULSE);
     lanes parts[RUN(P)], done;
-    RUN(nodes_of_stages)(w->zero, 0, TABLE(nu), w->now.x, w->now.D);
+    RUN(displace)(w, w->now.x, w->now.D);
     for (int j = 0; j < RUN(P); ++j) {
         lanes place[N], rate[M];
         RUN(node)(w, j, place);

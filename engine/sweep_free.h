@@ -42,7 +42,7 @@ static void RUN(load_impulses)(RUN(t) *w, int lane, const real *multipliers)
 /* P_i = p + sum_j mu^_ij L^_j */
 INLINE void RUN(momenta)(const RUN(t) *w, const lanes *L_hat, lanes *momentum)
 {
-    RUN(stages_of_stages)(w->p, 0, TABLE(mu_hat), L_hat, momentum);
+    RUN(pushes)(w, w->p, 0, L_hat, momentum);
 }
 
 /* dp += what rounding left of the last step */

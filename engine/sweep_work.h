@@ -3,7 +3,7 @@ INLINE void RUN(add_work)(RUN(t) *w)
 {
     const lanes *L = w->now.x;
     lanes Q[RUN(S)*N], momentum[RUN(S)*N], parts[RUN(S)], done, total;
-    RUN(stages_of_stages)(w->q, 0, TABLE(mu), L, Q);
+    RUN(places)(w, L, Q);
     RUN(momenta)(w, L + RUN(HAT), momentum);
     for (int i = 0; i < RUN(S); ++i) {
         lanes F[N];

@@ -21,36 +21,49 @@ static fast_t *fast_of(work_t *w)
     return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
+/* Why sweeps were given up after a change and the one before, squares. */
+static int why(real change, real before)
+{
+    return failure(MATH(sqrt)(change), before > 0 ? MATH(sqrt)(change/before) : 0);
+}
+
+/* Apart from its loop: else compilers carry vectors from one sweep to the next, and spill them. */
+NOINLINE void sweep_once(ONE(t) *w)
+{
+    ONE(sweep)(w);
+}
+
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps)
 {
     progress_t progress = start_of_sweeps(w->predictor.rate[0]);
-    enum verdict verdict;
     const real far = (real)0.02;
+    verdict_t verdict;
+    int round = 0;
     ONE(start)(w, predicted);
     do {
-        ONE(sweep)(w);
+        sweep_once(w);
         const real change = ONE(of_lanes)(&w->change);
         const real defect = ONE(of_lanes)(&w->bound.defect);
         if (calls_for_look(&progress, change)) {
             ONE(noise)(w);
-            look(&progress, ONE(of_lanes)(&w->noise));
+            look(&progress, 1, ONE(of_lanes)(&w->noise));
         }
         verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
             options->max_iterations);
-        if (predicted && progress.sweeps == 1)
+        ++round;
+        if (predicted && round == 1)
             w->predictor.first[0] = change;
-        if (predicted && progress.sweeps == 1 && change > far*far)
-            verdict = GIVE_UP; /* a far prediction may lead to another root */
-        const int early = progress.sweeps == 1 || progress.sweeps == 3;
-        if (!predicted && verdict == SWEEP_AGAIN && early) {
+        if (predicted && round == 1 && change > far*far)
+            verdict.ended = verdict.failed = 1; /* a far prediction may lead to another root */
+        if (!predicted && !verdict.ended && (round == 1 || round == 3)) {
             ONE(sizes)(w); /* what is at rest has none before it moves */
             ONE(factor)(w);
         }
-    } while (verdict == SWEEP_AGAIN);
-    *sweeps += progress.sweeps;
+    } while (!verdict.ended);
+    *sweeps += round;
     w->predictor.rate[0] = progress.rate;
-    return verdict == CONVERGED ? OK : why(&progress);
+    return verdict.failed ? why(progress.change, progress.before) : OK;
 }
 
 /*

@@ -3,12 +3,15 @@ INLINE void RUN(take)(RUN(t) *w, int i, const lanes *L_new, const lanes *H_q, la
     lanes *p_change)
 {
     lanes *L = w->now.x + i*N, *L_hat = w->now.x + RUN(HAT) + i*N;
+    lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->hb_hat[i]*H_q[a];
         const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
-        *q_change += dq*dq;
-        *p_change += dp*dp;
+        dq_square += dq*dq;
+        dp_square += dp*dp;
         L[a] = L_new[i*N + a];
         L_hat[a] = force;
     }
+    *q_change += dq_square;
+    *p_change += dp_square;
 }

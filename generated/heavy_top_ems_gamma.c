@@ -1242,6 +1242,101 @@ INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
     *high = sum;
 }
 
+/* In which lanes something holds: what a comparison gives. */
+#if defined(LANE_BYTES)
+typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask; /* whole numbers, as wide: 0 or -1 */
+
+INLINE int holds(const lanes_mask *m, int i)
+{
+    return (*m)[i] != 0;
+}
+
+INLINE lanes_mask lanes_others(lanes_mask m)
+{
+    return ~m;
+}
+
+INLINE lanes_mask lanes_pick_mask(lanes_mask m, lanes_mask x, lanes_mask y)
+{
+    return (m & x) | (~m & y);
+}
+
+/* x where m holds, elsewhere y */
+INLINE lanes lanes_pick(lanes_mask m, lanes x, lanes y)
+{
+    return (lanes)lanes_pick_mask(m, (lanes_mask)x, (lanes_mask)y);
+}
+#else
+typedef int lanes_mask;
+
+INLINE int holds(const lanes_mask *m, int i)
+{
+    (void)i;
+    return *m;
+}
+
+INLINE lanes_mask lanes_others(lanes_mask m)
+{
+    return !m;
+}
+
+INLINE lanes_mask lanes_pick_mask(lanes_mask m, lanes_mask x, lanes_mask y)
+{
+    return m ? x : y;
+}
+
+INLINE lanes lanes_pick(lanes_mask m, lanes x, lanes y)
+{
+    return m ? x : y;
+}
+#endif
+
+INLINE int lanes_any(lanes_mask m)
+{
+    int found = 0;
+    for (int i = 0; i < LANES; ++i)
+        found |= holds(&m, i);
+    return found;
+}
+
+/* to = from in the lanes of m */
+INLINE void renew(lanes_mask m, int count, const lanes *from, lanes *to)
+{
+    for (int e = 0; e < count; ++e)
+        to[e] = lanes_pick(m, from[e], to[e]);
+}
+
+INLINE lanes lanes_larger(lanes a, lanes b)
+{
+    return lanes_pick(a > b, a, b);
+}
+
+INLINE lanes lanes_smaller(lanes a, lanes b)
+{
+    return lanes_pick(a < b, a, b);
+}
+
+INLINE lanes lanes_root(lanes x)
+{
+    lanes result = x;
+    for (int i = 0; i < LANES; ++i)
+        set_part(&result, i, sqrt(part(&x, i)));
+    return result;
+}
+
+INLINE lanes lanes_power(lanes x, lanes y)
+{
+    lanes result = x;
+    for (int i = 0; i < LANES; ++i)
+        set_part(&result, i, pow(part(&x, i), part(&y, i)));
+    return result;
+}
+
+INLINE lanes lanes_all(real x)
+{
+    return splat(x);
+}
+
 /* A rounded value: keeps the compiler from contracting its product into a sum. */
 INLINE lanes lanes_rounded(lanes value)
 {
@@ -1451,14 +1546,58 @@ INLINE lanes lanes_correction(const lane_constants *c)
     return 0.25*c->k0;
 }
 
+/* What lanes do by masks, for one number. */
+typedef int mask;
+
+INLINE mask others(mask m)
+{
+    return !m;
+}
+
+INLINE mask pick_mask(mask m, mask x, mask y)
+{
+    return m ? x : y;
+}
+
+INLINE real pick(mask m, real x, real y)
+{
+    return m ? x : y;
+}
+
+INLINE int any(mask m)
+{
+    return m;
+}
+
+INLINE real smaller(real a, real b)
+{
+    return a < b ? a : b;
+}
+
+INLINE real root(real x)
+{
+    return sqrt(x);
+}
+
+INLINE real power(real x, real y)
+{
+    return pow(x, y);
+}
+
+INLINE real all(real x)
+{
+    return x;
+}
+
 /* ------------------------------------------------------------------- when a sweep has converged */
 
-/* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
+/* What is known of the sweeps of one step, in numbers alone. Changes and defects are squares. */
 typedef struct {
-    int sweeps;
-    int calm;    /* sweeps near round-off that brought nothing more */
-    int idle;    /* sweeps that brought the constraints no nearer */
-    int looked;  /* whether the floor is what rounding was seen to be worth */
+    real sweeps;
+    real turn;   /* the same modulo 8 */
+    real calm;   /* sweeps near round-off that brought nothing more */
+    real idle;   /* sweeps that brought the constraints no nearer */
+    real looked; /* 1 where the floor is what rounding was seen to be worth */
     real floor;  /* changes below it may be rounding: a size, no square */
     real change; /* of the last sweep: the sum of its squared increments relative to the state */
     real before; /* of the sweep before it */
@@ -1471,43 +1610,47 @@ typedef struct {
     real seen;   /* the same, last seen in this step */
 } progress_t;
 
-enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
+/* Where the sweeps have ended, and where they did without success. */
+typedef struct {
+    mask ended, failed;
+} verdict_t;
 
 static progress_t start_of_sweeps(real rate)
 {
-    const real huge = (real)HUGE_VAL;
-    const progress_t start = { .floor = 16*epsilon, .least = huge, .left = huge, .defect = huge,
-        .least_defect = huge, .rate = rate };
+    const real none = all(0), huge = all((real)HUGE_VAL), floor = all(16*epsilon);
+    const progress_t start = { none, none, none, none, none, floor, none, none, none, huge,
+        huge, huge, huge, rate, none };
     return start;
 }
 
 /*
- * Whether a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
+ * Where a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
  * a stiff spring k rounds its force by epsilon k |q|, whatever the momentum.
  */
-static int calls_for_look(const progress_t *s, real change)
+INLINE mask calls_for_look(const progress_t *s, real change)
 {
-    return !s->looked && s->sweeps >= 2 && change > s->change/4 && !(change < s->floor*s->floor);
+    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+        & others(change < s->floor*s->floor);
 }
 
 /* `noise` is what stages some units in the last place away change in a sweep, squared. */
-static void look(progress_t *s, real noise)
+static void look(progress_t *s, mask looks, real noise)
 {
-    s->looked = 1;
-    s->floor = larger(s->floor, 16*sqrt(noise));
+    s->looked = pick(looks, all(1), s->looked);
+    s->floor = pick(looks, larger(s->floor, 16*root(noise)), s->floor);
 }
 
 /* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
-static int is_met(progress_t *s, real defect)
+INLINE mask is_met(progress_t *s, real defect)
 {
-    const real next = defect*larger(defect/s->defect, (real)0.0001);
-    s->idle = defect < (real)0.8*s->least_defect ? 0 : s->idle + 1;
-    s->defect = defect;
-    if (defect < s->least_defect)
-        s->least_defect = defect;
+    const real next = defect*larger(defect/s->defect, all((real)0.0001));
     const real floor = 4*epsilon*epsilon;
     const real low = 4096*epsilon; /* above that, constraints that idle are not met */
-    return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
+    s->idle = pick(defect < (real)0.8*s->least_defect, all(0), s->idle + 1);
+    s->defect = defect;
+    s->least_defect = pick(defect < s->least_defect, defect, s->least_defect);
+    return (defect <= floor) | others(next > floor)
+        | ((s->idle > 2) & (defect < low*low));
 }
 
 /*
@@ -1515,78 +1658,217 @@ static int is_met(progress_t *s, real defect)
  * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
  * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
  */
-static void watch(progress_t *s, real change, real two_ago)
+INLINE void watch(progress_t *s, real change, real two_ago, real rate)
 {
-    const int unknown = !(s->rate < 1);
-    const int clear = unknown || 16*two_ago*s->rate*s->rate > s->floor*s->floor;
-    if (s->sweeps < 4 || !(change < two_ago) || !clear)
-        return;
-    s->seen = sqrt(change/two_ago);
-    s->rate = unknown ? s->seen : s->rate + (s->seen - s->rate)/16;
+    const mask unknown = others(s->rate < 1);
+    const mask clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
+    const mask seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
+    s->seen = pick(seen, rate, s->seen);
+    s->rate = pick(seen, pick(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
 }
 
 /*
  * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
  * nothing, but what is left goes on shrinking there as it did before.
  */
-static real what_is_left(const progress_t *s, real change, real ratio, real of_two)
+INLINE real what_is_left(const progress_t *s, mask near, real change, real ratio,
+    real rate)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
-    const real slow = (real)0.0001, usual = larger(slow, larger(s->rate, s->seen));
-    const real next = larger(ratio, s->sweeps == 2 ? slow : sqrt(of_two));
-    if (!(change < s->floor*s->floor))
-        return change*larger(next, usual);
-    return (s->left < change ? s->left : change)*(usual < next ? usual : next);
+    const real slow = all((real)0.0001);
+    const real usual = larger(slow, larger(s->rate, s->seen));
+    const real next = larger(ratio, pick(s->sweeps < 3, slow, rate));
+    return pick(near, smaller(s->left, change)*smaller(usual, next),
+        change*larger(next, usual));
+}
+
+/* Where changes at the rate of all sweeps so far would not come to the floor in time. */
+NOINLINE mask is_late(const progress_t *s, int most)
+{
+    const real left = ((real)most - s->sweeps)/(s->sweeps - 1);
+    const real last = s->change*power(s->change/s->first, left);
+    return last > s->floor*s->floor;
 }
 
 /*
  * Ends the sweeps when what is left is far below what rounding is worth in a step that has `moved`
  * the state (squared and relative): it adds up from step to step, as it is not random. Or when
  * changes near round-off have stopped shrinking. Not while the constraints are still coming nearer.
- * Gives up when changes grow, or would not get there in time.
+ * They fail when changes grow, or would not get there in time. Each lane by itself: what it comes
+ * to depends on no other.
  */
-static enum verdict judge(progress_t *s, real change, real defect, real moved, real tolerance,
-    int most)
+static verdict_t judge(progress_t *s, real change, real defect, real moved,
+    real tolerance, int most)
 {
-    const real round_off = epsilon*epsilon*moved;
-    const real noise = s->looked ? larger(round_off, s->floor*s->floor/256) : round_off;
+    const real floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
+    const real noise = pick(s->looked > 0, larger(round_off, floor/256), round_off);
     const real ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
-    const int near = change < s->floor*s->floor, least = change < s->least, met = is_met(s, defect);
+    const real rate = root(of_two);
+    const mask near = change < floor, far = others(near), met = is_met(s, defect);
+    const mask stalls = near & others(change < s->least);
     s->before = s->change;
     s->change = change;
-    if (least)
-        s->least = change;
-    if (++s->sweeps > most)
-        return GIVE_UP;
-    if (s->sweeps == 1) {
-        s->first = change;
-        return change > 0 ? SWEEP_AGAIN : isnan(change) ? GIVE_UP : CONVERGED;
-    }
-    if (!(change < 9))
-        return GIVE_UP;
-    watch(s, change, two_ago);
-    if (change <= tolerance*tolerance)
-        return CONVERGED;
-    s->left = what_is_left(s, change, ratio, of_two);
-    if (met && 65536*s->left < noise)
-        return CONVERGED;
-    s->calm = near && !least ? s->calm + 1 : 0;
-    if (met && s->calm >= 4)
-        return CONVERGED;
-    if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
-        return GIVE_UP;
-    if (s->sweeps % 8 == 0 && !near) { /* at the rate of all sweeps so far: would it get there? */
-        const real left = (real)(most - s->sweeps)/(real)(s->sweeps - 1);
-        if (change*pow(change/s->first, left) > s->floor*s->floor)
-            return GIVE_UP;
-    }
-    return SWEEP_AGAIN;
+    s->least = smaller(change, s->least);
+    s->sweeps += 1;
+    s->turn = pick(s->turn < 7, s->turn + 1, all(0));
+    const mask one = s->sweeps < 2, over = s->sweeps > (real)most;
+    s->first = pick(one, change, s->first);
+    watch(s, change, two_ago, rate);
+    s->left = what_is_left(s, near, change, ratio, rate);
+    s->calm = pick(stalls, s->calm + 1, all(0));
+    const mask small = (change <= tolerance*tolerance)
+        | (met & ((65536*s->left < noise) | (s->calm > 3)));
+    const mask bounded = change < 9, grows = (ratio > 1) & (of_two > 1);
+    const mask late = far & others(one) & (s->turn < 1);
+    const mask done = pick_mask(one, change <= 0, bounded & small);
+    mask failed = pick_mask(one, others(change >= 0), others(bounded)
+        | (s->sweeps > (real)most - 1) | (grows & far & (s->sweeps > 3)));
+    if (any(late & others(failed)))
+        failed |= late & is_late(s, most);
+    const verdict_t verdict = { done | failed | over, over | (failed & others(done)) };
+    return verdict;
 }
 
-/* Why the sweeps of a step were given up. */
-static int why(const progress_t *s)
+/* ------------------------------------------------------------------- when a sweep has converged */
+
+/* What is known of the sweeps of one step, in numbers alone. Changes and defects are squares. */
+typedef struct {
+    lanes sweeps;
+    lanes turn;   /* the same modulo 8 */
+    lanes calm;   /* sweeps near round-off that brought nothing more */
+    lanes idle;   /* sweeps that brought the constraints no nearer */
+    lanes looked; /* 1 where the floor is what rounding was seen to be worth */
+    lanes floor;  /* changes below it may be rounding: a size, no square */
+    lanes change; /* of the last sweep: the sum of its squared increments relative to the state */
+    lanes before; /* of the sweep before it */
+    lanes first;  /* of the first */
+    lanes least;  /* of all sweeps */
+    lanes left;   /* what is expected of the next sweep, were it not for rounding */
+    lanes defect; /* of the constraints in the last sweep, relative to the state */
+    lanes least_defect;
+    lanes rate;   /* ratio of two changes far from round-off, the mean of many steps */
+    lanes seen;   /* the same, last seen in this step */
+} lanes_progress_t;
+
+/* Where the sweeps have ended, and where they did without success. */
+typedef struct {
+    lanes_mask ended, failed;
+} lanes_verdict_t;
+
+static lanes_progress_t lanes_start_of_sweeps(lanes rate)
 {
-    return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
+    const lanes none = lanes_all(0), huge = lanes_all((real)HUGE_VAL),
+        floor = lanes_all(16*epsilon);
+    const lanes_progress_t start = { none, none, none, none, none, floor, none, none, none, huge,
+        huge, huge, huge, rate, none };
+    return start;
+}
+
+/*
+ * Where a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
+ * a stiff spring k rounds its force by epsilon k |q|, whatever the momentum.
+ */
+INLINE lanes_mask lanes_calls_for_look(const lanes_progress_t *s, lanes change)
+{
+    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+        & lanes_others(change < s->floor*s->floor);
+}
+
+/* `noise` is what stages some units in the last place away change in a sweep, squared. */
+static void lanes_look(lanes_progress_t *s, lanes_mask looks, lanes noise)
+{
+    s->looked = lanes_pick(looks, lanes_all(1), s->looked);
+    s->floor = lanes_pick(looks, lanes_larger(s->floor, 16*lanes_root(noise)), s->floor);
+}
+
+/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
+INLINE lanes_mask lanes_is_met(lanes_progress_t *s, lanes defect)
+{
+    const lanes next = defect*lanes_larger(defect/s->defect, lanes_all((real)0.0001));
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
+    s->idle = lanes_pick(defect < (real)0.8*s->least_defect, lanes_all(0), s->idle + 1);
+    s->defect = defect;
+    s->least_defect = lanes_pick(defect < s->least_defect, defect, s->least_defect);
+    return (defect <= floor) | lanes_others(next > floor)
+        | ((s->idle > 2) & (defect < low*low));
+}
+
+/*
+ * The rate of two sweeps together, for modes may alternate; not of the first, which has the changes
+ * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
+ * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
+ */
+INLINE void lanes_watch(lanes_progress_t *s, lanes change, lanes two_ago, lanes rate)
+{
+    const lanes_mask unknown = lanes_others(s->rate < 1);
+    const lanes_mask clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
+    const lanes_mask seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
+    s->seen = lanes_pick(seen, rate, s->seen);
+    s->rate = lanes_pick(seen, lanes_pick(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
+}
+
+/*
+ * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
+ * nothing, but what is left goes on shrinking there as it did before.
+ */
+INLINE lanes lanes_what_is_left(const lanes_progress_t *s, lanes_mask near, lanes change,
+    lanes ratio,
+    lanes rate)
+{
+    /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
+    const lanes slow = lanes_all((real)0.0001);
+    const lanes usual = lanes_larger(slow, lanes_larger(s->rate, s->seen));
+    const lanes next = lanes_larger(ratio, lanes_pick(s->sweeps < 3, slow, rate));
+    return lanes_pick(near, lanes_smaller(s->left, change)*lanes_smaller(usual, next),
+        change*lanes_larger(next, usual));
+}
+
+/* Where changes at the rate of all sweeps so far would not come to the floor in time. */
+NOINLINE lanes_mask lanes_is_late(const lanes_progress_t *s, int most)
+{
+    const lanes left = ((real)most - s->sweeps)/(s->sweeps - 1);
+    const lanes last = s->change*lanes_power(s->change/s->first, left);
+    return last > s->floor*s->floor;
+}
+
+/*
+ * Ends the sweeps when what is left is far below what rounding is worth in a step that has `moved`
+ * the state (squared and relative): it adds up from step to step, as it is not random. Or when
+ * changes near round-off have stopped shrinking. Not while the constraints are still coming nearer.
+ * They fail when changes grow, or would not get there in time. Each lane by itself: what it comes
+ * to depends on no other.
+ */
+static lanes_verdict_t lanes_judge(lanes_progress_t *s, lanes change, lanes defect, lanes moved,
+    real tolerance, int most)
+{
+    const lanes floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
+    const lanes noise = lanes_pick(s->looked > 0, lanes_larger(round_off, floor/256), round_off);
+    const lanes ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
+    const lanes rate = lanes_root(of_two);
+    const lanes_mask near = change < floor, far = lanes_others(near), met = lanes_is_met(s, defect);
+    const lanes_mask stalls = near & lanes_others(change < s->least);
+    s->before = s->change;
+    s->change = change;
+    s->least = lanes_smaller(change, s->least);
+    s->sweeps += 1;
+    s->turn = lanes_pick(s->turn < 7, s->turn + 1, lanes_all(0));
+    const lanes_mask one = s->sweeps < 2, over = s->sweeps > (real)most;
+    s->first = lanes_pick(one, change, s->first);
+    lanes_watch(s, change, two_ago, rate);
+    s->left = lanes_what_is_left(s, near, change, ratio, rate);
+    s->calm = lanes_pick(stalls, s->calm + 1, lanes_all(0));
+    const lanes_mask small = (change <= tolerance*tolerance)
+        | (met & ((65536*s->left < noise) | (s->calm > 3)));
+    const lanes_mask bounded = change < 9, grows = (ratio > 1) & (of_two > 1);
+    const lanes_mask late = far & lanes_others(one) & (s->turn < 1);
+    const lanes_mask done = lanes_pick_mask(one, change <= 0, bounded & small);
+    lanes_mask failed = lanes_pick_mask(one, lanes_others(change >= 0), lanes_others(bounded)
+        | (s->sweeps > (real)most - 1) | (grows & far & (s->sweeps > 3)));
+    if (lanes_any(late & lanes_others(failed)))
+        failed |= late & lanes_is_late(s, most);
+    const lanes_verdict_t verdict = { done | failed | over, over | (failed & lanes_others(done)) };
+    return verdict;
 }
 
 /* Steps that are remembered. */
@@ -1777,9 +2059,23 @@ static void end_training(predictor_t *s)
     }
 }
 
+/* The values x of the step just done become the past. */
+INLINE void note(predictor_t *s, lanes *past, int length, const lanes *x)
+{
+    ++s->count;
+    lanes *newest = past_values(s, past, length, 0);
+    for (int i = 0; i < length; ++i)
+        newest[i] = x[i];
+    if (s->count == 1) {
+        s->order = 1;
+        for (int group = 0; group < GROUPS; ++group)
+            s->coefficient[group][0] = splat(1);
+    }
+}
+
 /*
- * Records the values x of the step just done. Equations for a fit come from the first `rows` of
- * each group: its other values obey the same recurrence.
+ * Records them, for a recurrence too. Equations for a fit come from the first `rows` of each group:
+ * its other values obey the same recurrence.
  */
 INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, const int *rows,
     const lanes *through, const lanes *x)
@@ -1797,15 +2093,7 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
         end_training(s);
         s->training = s->count + (s->count < 4096 ? 16*s->count : 65536);
     }
-    ++s->count;
-    lanes *newest = past_values(s, past, length, 0);
-    for (int i = 0; i < length; ++i)
-        newest[i] = x[i];
-    if (s->count == 1) {
-        s->order = 1;
-        for (int group = 0; group < GROUPS; ++group)
-            s->coefficient[group][0] = splat(1);
-    }
+    note(s, past, length, x);
 }
 
 /* ---------------------------------------------------------------- sweeps: one mean value a step */
@@ -2083,11 +2371,17 @@ static void mean_prepare(mean_t *w, int lane, const constants *c, real h)
     set_part(&w->h_inverse, lane, 1/h);
 }
 
+/* What is known of the past. */
+static void mean_forget(mean_t *w)
+{
+    forget(&w->predictor);
+}
+
 /* What follows from the constants and steps of all lanes. */
 static void mean_set_up(mean_t *w)
 {
     mean_set_schur(w);
-    forget(&w->predictor);
+    mean_forget(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -2232,36 +2526,49 @@ static fast_t *fast_of(work_t *w)
     return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
+/* Why sweeps were given up after a change and the one before, squares. */
+static int why(real change, real before)
+{
+    return failure(sqrt(change), before > 0 ? sqrt(change/before) : 0);
+}
+
+/* Apart from its loop: else compilers carry vectors from one sweep to the next, and spill them. */
+NOINLINE void sweep_once(mean_t *w)
+{
+    mean_sweep(w);
+}
+
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps)
 {
     progress_t progress = start_of_sweeps(w->predictor.rate[0]);
-    enum verdict verdict;
     const real far = (real)0.02;
+    verdict_t verdict;
+    int round = 0;
     mean_start(w, predicted);
     do {
-        mean_sweep(w);
+        sweep_once(w);
         const real change = mean_of_lanes(&w->change);
         const real defect = mean_of_lanes(&w->bound.defect);
         if (calls_for_look(&progress, change)) {
             mean_noise(w);
-            look(&progress, mean_of_lanes(&w->noise));
+            look(&progress, 1, mean_of_lanes(&w->noise));
         }
         verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
             options->max_iterations);
-        if (predicted && progress.sweeps == 1)
+        ++round;
+        if (predicted && round == 1)
             w->predictor.first[0] = change;
-        if (predicted && progress.sweeps == 1 && change > far*far)
-            verdict = GIVE_UP; /* a far prediction may lead to another root */
-        const int early = progress.sweeps == 1 || progress.sweeps == 3;
-        if (!predicted && verdict == SWEEP_AGAIN && early) {
+        if (predicted && round == 1 && change > far*far)
+            verdict.ended = verdict.failed = 1; /* a far prediction may lead to another root */
+        if (!predicted && !verdict.ended && (round == 1 || round == 3)) {
             mean_sizes(w); /* what is at rest has none before it moves */
             mean_factor(w);
         }
-    } while (verdict == SWEEP_AGAIN);
-    *sweeps += progress.sweeps;
+    } while (!verdict.ended);
+    *sweeps += round;
     w->predictor.rate[0] = progress.rate;
-    return verdict == CONVERGED ? OK : why(&progress);
+    return verdict.failed ? why(progress.change, progress.before) : OK;
 }
 
 /*
@@ -2558,7 +2865,7 @@ static void take_over(work_t *w, const real q[N], const real p[N])
 static void recover(work_t *w)
 {
     mean_t *s = &fast_of(w)->run;
-    forget(&s->predictor);
+    mean_forget(s);
     s->work = splat(work_so_far(&w->held.report));
     s->work_low = splat(0);
 }
@@ -2647,31 +2954,26 @@ static batch_t *batch_of(batch_memory *memory)
 
 enum { WHOLE = sizeof(mean_iterate)/sizeof(lanes) };
 
-/* The first `count` lanes of an iterate, for one trajectory. */
-static void copy_lane(mean_iterate *to, const mean_iterate *from, int lane, int count)
+/* The first `count` numbers of an iterate, in the lanes of m. */
+INLINE void keep(lanes_mask m, int count, const mean_iterate *from, mean_iterate *to)
 {
-    lanes *target = (lanes *)(void *)to;
-    const lanes *source = (const lanes *)(const void *)from;
-    for (int e = 0; e < count; ++e)
-        set_part(&target[e], lane, part(&source[e], lane));
+    renew(m, count, (const lanes *)(const void *)from, (lanes *)(void *)to);
 }
 
 /*
- * The lanes marked in `fresh` begin at the rates at the start of the step (or, with x given, at
- * those unknowns); the others are not touched, to the bit.
+ * The lanes in `fresh` begin at the rates at the start of the step (or, with x given, at those
+ * unknowns); the others are not touched, to the bit.
  */
-static void restart(batch_t *b, const int *fresh, const real *x)
+static void restart(batch_t *b, lanes_mask fresh, const real *x)
 {
     b->kept = b->run.now;
     if (x == NULL)
         mean_guess(&b->run);
     for (int i = 0; i < LANES; ++i)
-        if (x != NULL && fresh[i])
+        if (x != NULL && holds(&fresh, i))
             mean_load(&b->run, i, x);
     mean_begin(&b->run);
-    for (int i = 0; i < LANES; ++i)
-        if (!fresh[i])
-            copy_lane(&b->run.now, &b->kept, i, WHOLE);
+    keep(lanes_others(fresh), WHOLE, &b->kept, &b->run.now);
 }
 
 /*
@@ -2682,70 +2984,68 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     int *sweeps)
 {
     mean_t *run = &b->run;
-    const real far = (real)0.02;
+    const lanes far = splat((real)0.02);
     const int predicted = run->predictor.count > 0;
-    progress_t progress[LANES];
-    int busy[LANES], early[LANES], fresh[LANES], left = 0;
+    lanes rate = splat(0), taken = splat(0), living = splat(0);
     for (int i = 0; i < LANES; ++i) {
-        progress[i] = start_of_sweeps(run->predictor.rate[i]);
-        busy[i] = alive[i];
-        early[i] = lost[i] = 0;
-        left += alive[i];
+        set_part(&rate, i, run->predictor.rate[i]);
+        set_part(&living, i, (real)alive[i]);
+        lost[i] = OK;
     }
+    lanes_progress_t progress = lanes_start_of_sweeps(rate);
+    lanes_mask busy = living > splat(0), early = busy & lanes_others(busy);
     mean_start(run, predicted);
-    for (int round = 1; left > 0; ++round) {
-        int again = 0, looks = 0;
+    for (int round = 1; lanes_any(busy); ++round) {
         mean_sweep(run);
-        for (int i = 0; i < LANES; ++i)
-            looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
-        if (looks)
+        const lanes change = run->change;
+        const lanes_mask looks = busy & lanes_calls_for_look(&progress, change);
+        if (lanes_any(looks)) {
             mean_noise(run);
-        for (int i = 0; i < LANES; ++i) {
-            fresh[i] = 0;
-            if (!busy[i])
-                continue;
-            const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
-            if (calls_for_look(&progress[i], change))
-                look(&progress[i], part(&run->noise, i));
-            const enum verdict verdict = judge(&progress[i], change, defect,
-                part(&run->moved, i), options->tolerance, options->max_iterations);
-            ++sweeps[i];
-            if (predicted && round == 1)
-                run->predictor.first[i] = change;
-            if (predicted && round == 1 && !(change < far*far)) {
-                fresh[i] = again = 1; /* a far prediction may lead to another root */
-                progress[i] = start_of_sweeps(run->predictor.rate[i]);
-            } else if (verdict != SWEEP_AGAIN) {
-                busy[i] = 0;
-                lost[i] = verdict == GIVE_UP ? why(&progress[i]) : OK;
-                early[i] = 1;
-                --left;
-            }
+            lanes_look(&progress, looks, run->noise);
         }
-        if (again)
-            restart(b, fresh, NULL);
-        for (int i = 0; i < LANES && left > 0; ++i)
-            if (early[i] == 1) {
-                early[i] = 2;
-                copy_lane(&b->kept, &run->now, i, mean_RESULT);
+        lanes_verdict_t verdict = lanes_judge(&progress, change, run->bound.defect, run->moved,
+            options->tolerance, options->max_iterations);
+        taken = lanes_pick(busy, taken + 1, taken);
+        if (predicted && round == 1) {
+            const lanes_mask fresh = busy & lanes_others(change < far*far);
+            for (int i = 0; i < LANES; ++i)
+                if (holds(&busy, i))
+                    run->predictor.first[i] = part(&change, i);
+            if (lanes_any(fresh)) { /* a far prediction may lead to another root */
+                const lanes_progress_t start = lanes_start_of_sweeps(rate);
+                renew(fresh, sizeof(progress)/sizeof(lanes), &start.sweeps, &progress.sweeps);
+                restart(b, fresh, NULL);
             }
-        if (!predicted && left > 0 && (round == 1 || round == 3)) {
+            verdict.ended &= lanes_others(fresh);
+        }
+        const lanes_mask ends = busy & verdict.ended;
+        for (int i = 0; i < LANES; ++i)
+            if (holds(&ends, i) && holds(&verdict.failed, i))
+                lost[i] = why(part(&progress.change, i), part(&progress.before, i));
+        rate = lanes_pick(ends, progress.rate, rate);
+        busy &= lanes_others(ends);
+        if (lanes_any(ends) && lanes_any(busy)) {
+            early |= ends;
+            keep(ends, mean_RESULT, &run->now, &b->kept);
+        }
+        if (!predicted && lanes_any(busy) && (round == 1 || round == 3)) {
             mean_sizes(run);
             mean_factor(run);
         }
     }
     for (int i = 0; i < LANES; ++i) {
-        run->predictor.rate[i] = progress[i].rate;
-        if (early[i] == 2)
-            copy_lane(&run->now, &b->kept, i, mean_RESULT);
+        run->predictor.rate[i] = part(&rate, i);
+        sweeps[i] += (int)part(&taken, i);
     }
+    if (lanes_any(early))
+        keep(early, mean_RESULT, &b->kept, &run->now);
 }
 
 /* Lane i by full Newton, as solver NEWTON does it. */
 static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
 {
     real q[N], p[N];
-    int fresh[LANES] = { 0 }, taken;
+    int taken;
     get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
@@ -2758,26 +3058,15 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
     *iterations += taken;
     if (status != OK)
         return status;
-    fresh[lane] = 1;
-    restart(b, fresh, w->x);
+    lanes number = splat(0);
+    set_part(&number, lane, 1);
+    restart(b, number > splat(0), w->x);
     return OK;
-}
-
-/* Larger of two, lane by lane */
-INLINE lanes lanes_larger(lanes a, lanes b)
-{
-    lanes result = a;
-    for (int i = 0; i < LANES; ++i)
-        set_part(&result, i, larger(part(&b, i), part(&a, i)));
-    return result;
 }
 
 INLINE lanes lanes_size(lanes a)
 {
-    lanes result = a;
-    for (int i = 0; i < LANES; ++i)
-        set_part(&result, i, fabs(part(&a, i)));
-    return result;
+    return lanes_larger(a, -a);
 }
 
 static void observe_lane_defects(batch_t *b)
@@ -2789,9 +3078,9 @@ static void observe_lane_defects(batch_t *b)
         g_size = lanes_larger(g_size, lanes_size(run->bound.g_rounded[mu]));
         f_size = lanes_larger(f_size, lanes_size(f[mu]));
     }
-    b->g_max = lanes_larger(b->g_max, g_size);
+    b->g_max = lanes_larger(g_size, b->g_max);
     b->g_sum += g_size;
-    b->f_max = lanes_larger(b->f_max, f_size);
+    b->f_max = lanes_larger(f_size, b->f_max);
     b->f_sum += f_size;
 }
 
@@ -2800,7 +3089,7 @@ static void observe_lanes(batch_t *b)
     mean_t *run = &b->run;
     const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
         - b->energy_start - run->work);
-    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_max = lanes_larger(error, b->energy_error_max);
     b->energy_error_sum += error;
     observe_lane_defects(b);
 }

@@ -1315,6 +1315,101 @@ INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
     *high = sum;
 }
 
+/* In which lanes something holds: what a comparison gives. */
+#if defined(LANE_BYTES)
+typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask; /* whole numbers, as wide: 0 or -1 */
+
+INLINE int holds(const lanes_mask *m, int i)
+{
+    return (*m)[i] != 0;
+}
+
+INLINE lanes_mask lanes_others(lanes_mask m)
+{
+    return ~m;
+}
+
+INLINE lanes_mask lanes_pick_mask(lanes_mask m, lanes_mask x, lanes_mask y)
+{
+    return (m & x) | (~m & y);
+}
+
+/* x where m holds, elsewhere y */
+INLINE lanes lanes_pick(lanes_mask m, lanes x, lanes y)
+{
+    return (lanes)lanes_pick_mask(m, (lanes_mask)x, (lanes_mask)y);
+}
+#else
+typedef int lanes_mask;
+
+INLINE int holds(const lanes_mask *m, int i)
+{
+    (void)i;
+    return *m;
+}
+
+INLINE lanes_mask lanes_others(lanes_mask m)
+{
+    return !m;
+}
+
+INLINE lanes_mask lanes_pick_mask(lanes_mask m, lanes_mask x, lanes_mask y)
+{
+    return m ? x : y;
+}
+
+INLINE lanes lanes_pick(lanes_mask m, lanes x, lanes y)
+{
+    return m ? x : y;
+}
+#endif
+
+INLINE int lanes_any(lanes_mask m)
+{
+    int found = 0;
+    for (int i = 0; i < LANES; ++i)
+        found |= holds(&m, i);
+    return found;
+}
+
+/* to = from in the lanes of m */
+INLINE void renew(lanes_mask m, int count, const lanes *from, lanes *to)
+{
+    for (int e = 0; e < count; ++e)
+        to[e] = lanes_pick(m, from[e], to[e]);
+}
+
+INLINE lanes lanes_larger(lanes a, lanes b)
+{
+    return lanes_pick(a > b, a, b);
+}
+
+INLINE lanes lanes_smaller(lanes a, lanes b)
+{
+    return lanes_pick(a < b, a, b);
+}
+
+INLINE lanes lanes_root(lanes x)
+{
+    lanes result = x;
+    for (int i = 0; i < LANES; ++i)
+        set_part(&result, i, sqrt(part(&x, i)));
+    return result;
+}
+
+INLINE lanes lanes_power(lanes x, lanes y)
+{
+    lanes result = x;
+    for (int i = 0; i < LANES; ++i)
+        set_part(&result, i, pow(part(&x, i), part(&y, i)));
+    return result;
+}
+
+INLINE lanes lanes_all(real x)
+{
+    return splat(x);
+}
+
 /* A rounded value: keeps the compiler from contracting its product into a sum. */
 INLINE lanes lanes_rounded(lanes value)
 {
@@ -1523,14 +1618,58 @@ INLINE void second_rates(const lane_constants *c, const lanes q[N], const lanes 
     lanes_force(c, q, p, t, shared, H_q);
 }
 
+/* What lanes do by masks, for one number. */
+typedef int mask;
+
+INLINE mask others(mask m)
+{
+    return !m;
+}
+
+INLINE mask pick_mask(mask m, mask x, mask y)
+{
+    return m ? x : y;
+}
+
+INLINE real pick(mask m, real x, real y)
+{
+    return m ? x : y;
+}
+
+INLINE int any(mask m)
+{
+    return m;
+}
+
+INLINE real smaller(real a, real b)
+{
+    return a < b ? a : b;
+}
+
+INLINE real root(real x)
+{
+    return sqrt(x);
+}
+
+INLINE real power(real x, real y)
+{
+    return pow(x, y);
+}
+
+INLINE real all(real x)
+{
+    return x;
+}
+
 /* ------------------------------------------------------------------- when a sweep has converged */
 
-/* What is known of the sweeps of one step, of one trajectory. Changes and defects are squares. */
+/* What is known of the sweeps of one step, in numbers alone. Changes and defects are squares. */
 typedef struct {
-    int sweeps;
-    int calm;    /* sweeps near round-off that brought nothing more */
-    int idle;    /* sweeps that brought the constraints no nearer */
-    int looked;  /* whether the floor is what rounding was seen to be worth */
+    real sweeps;
+    real turn;   /* the same modulo 8 */
+    real calm;   /* sweeps near round-off that brought nothing more */
+    real idle;   /* sweeps that brought the constraints no nearer */
+    real looked; /* 1 where the floor is what rounding was seen to be worth */
     real floor;  /* changes below it may be rounding: a size, no square */
     real change; /* of the last sweep: the sum of its squared increments relative to the state */
     real before; /* of the sweep before it */
@@ -1543,43 +1682,47 @@ typedef struct {
     real seen;   /* the same, last seen in this step */
 } progress_t;
 
-enum verdict { SWEEP_AGAIN, CONVERGED, GIVE_UP };
+/* Where the sweeps have ended, and where they did without success. */
+typedef struct {
+    mask ended, failed;
+} verdict_t;
 
 static progress_t start_of_sweeps(real rate)
 {
-    const real huge = (real)HUGE_VAL;
-    const progress_t start = { .floor = 16*epsilon, .least = huge, .left = huge, .defect = huge,
-        .least_defect = huge, .rate = rate };
+    const real none = all(0), huge = all((real)HUGE_VAL), floor = all(16*epsilon);
+    const progress_t start = { none, none, none, none, none, floor, none, none, none, huge,
+        huge, huge, huge, rate, none };
     return start;
 }
 
 /*
- * Whether a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
+ * Where a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
  * a stiff spring k rounds its force by epsilon k |q|, whatever the momentum.
  */
-static int calls_for_look(const progress_t *s, real change)
+INLINE mask calls_for_look(const progress_t *s, real change)
 {
-    return !s->looked && s->sweeps >= 2 && change > s->change/4 && !(change < s->floor*s->floor);
+    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+        & others(change < s->floor*s->floor);
 }
 
 /* `noise` is what stages some units in the last place away change in a sweep, squared. */
-static void look(progress_t *s, real noise)
+static void look(progress_t *s, mask looks, real noise)
 {
-    s->looked = 1;
-    s->floor = larger(s->floor, 16*sqrt(noise));
+    s->looked = pick(looks, all(1), s->looked);
+    s->floor = pick(looks, larger(s->floor, 16*root(noise)), s->floor);
 }
 
 /* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
-static int is_met(progress_t *s, real defect)
+INLINE mask is_met(progress_t *s, real defect)
 {
-    const real next = defect*larger(defect/s->defect, (real)0.0001);
-    s->idle = defect < (real)0.8*s->least_defect ? 0 : s->idle + 1;
-    s->defect = defect;
-    if (defect < s->least_defect)
-        s->least_defect = defect;
+    const real next = defect*larger(defect/s->defect, all((real)0.0001));
     const real floor = 4*epsilon*epsilon;
     const real low = 4096*epsilon; /* above that, constraints that idle are not met */
-    return defect <= floor || !(next > floor) || (s->idle > 2 && defect < low*low);
+    s->idle = pick(defect < (real)0.8*s->least_defect, all(0), s->idle + 1);
+    s->defect = defect;
+    s->least_defect = pick(defect < s->least_defect, defect, s->least_defect);
+    return (defect <= floor) | others(next > floor)
+        | ((s->idle > 2) & (defect < low*low));
 }
 
 /*
@@ -1587,78 +1730,192 @@ static int is_met(progress_t *s, real defect)
  * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
  * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
  */
-static void watch(progress_t *s, real change, real two_ago)
+INLINE void watch(progress_t *s, real change, real two_ago, real rate)
 {
-    const int unknown = !(s->rate < 1);
-    const int clear = unknown || 16*two_ago*s->rate*s->rate > s->floor*s->floor;
-    if (s->sweeps < 4 || !(change < two_ago) || !clear)
-        return;
-    s->seen = sqrt(change/two_ago);
-    s->rate = unknown ? s->seen : s->rate + (s->seen - s->rate)/16;
+    const mask unknown = others(s->rate < 1);
+    const mask clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
+    const mask seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
+    s->seen = pick(seen, rate, s->seen);
+    s->rate = pick(seen, pick(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
 }
 
 /*
  * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
  * nothing, but what is left goes on shrinking there as it did before.
  */
-static real what_is_left(const progress_t *s, real change, real ratio, real of_two)
+INLINE real what_is_left(const progress_t *s, mask near, real change, real ratio,
+    real rate)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
-    const real slow = (real)0.0001, usual = larger(slow, larger(s->rate, s->seen));
-    const real next = larger(ratio, s->sweeps == 2 ? slow : sqrt(of_two));
-    if (!(change < s->floor*s->floor))
-        return change*larger(next, usual);
-    return (s->left < change ? s->left : change)*(usual < next ? usual : next);
+    const real slow = all((real)0.0001);
+    const real usual = larger(slow, larger(s->rate, s->seen));
+    const real next = larger(ratio, pick(s->sweeps < 3, slow, rate));
+    return pick(near, smaller(s->left, change)*smaller(usual, next),
+        change*larger(next, usual));
+}
+
+/* Where changes at the rate of all sweeps so far would not come to the floor in time. */
+NOINLINE mask is_late(const progress_t *s, int most)
+{
+    const real left = ((real)most - s->sweeps)/(s->sweeps - 1);
+    const real last = s->change*power(s->change/s->first, left);
+    return last > s->floor*s->floor;
 }
 
 /*
  * Ends the sweeps when what is left is far below what rounding is worth in a step that has `moved`
  * the state (squared and relative): it adds up from step to step, as it is not random. Or when
  * changes near round-off have stopped shrinking. Not while the constraints are still coming nearer.
- * Gives up when changes grow, or would not get there in time.
+ * They fail when changes grow, or would not get there in time. Each lane by itself: what it comes
+ * to depends on no other.
  */
-static enum verdict judge(progress_t *s, real change, real defect, real moved, real tolerance,
-    int most)
+static verdict_t judge(progress_t *s, real change, real defect, real moved,
+    real tolerance, int most)
 {
-    const real round_off = epsilon*epsilon*moved;
-    const real noise = s->looked ? larger(round_off, s->floor*s->floor/256) : round_off;
+    const real floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
+    const real noise = pick(s->looked > 0, larger(round_off, floor/256), round_off);
     const real ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
-    const int near = change < s->floor*s->floor, least = change < s->least, met = is_met(s, defect);
+    const real rate = root(of_two);
+    const mask near = change < floor, far = others(near), met = is_met(s, defect);
+    const mask stalls = near & others(change < s->least);
     s->before = s->change;
     s->change = change;
-    if (least)
-        s->least = change;
-    if (++s->sweeps > most)
-        return GIVE_UP;
-    if (s->sweeps == 1) {
-        s->first = change;
-        return change > 0 ? SWEEP_AGAIN : isnan(change) ? GIVE_UP : CONVERGED;
-    }
-    if (!(change < 9))
-        return GIVE_UP;
-    watch(s, change, two_ago);
-    if (change <= tolerance*tolerance)
-        return CONVERGED;
-    s->left = what_is_left(s, change, ratio, of_two);
-    if (met && 65536*s->left < noise)
-        return CONVERGED;
-    s->calm = near && !least ? s->calm + 1 : 0;
-    if (met && s->calm >= 4)
-        return CONVERGED;
-    if (s->sweeps == most || (ratio > 1 && of_two > 1 && !near && s->sweeps > 3))
-        return GIVE_UP;
-    if (s->sweeps % 8 == 0 && !near) { /* at the rate of all sweeps so far: would it get there? */
-        const real left = (real)(most - s->sweeps)/(real)(s->sweeps - 1);
-        if (change*pow(change/s->first, left) > s->floor*s->floor)
-            return GIVE_UP;
-    }
-    return SWEEP_AGAIN;
+    s->least = smaller(change, s->least);
+    s->sweeps += 1;
+    s->turn = pick(s->turn < 7, s->turn + 1, all(0));
+    const mask one = s->sweeps < 2, over = s->sweeps > (real)most;
+    s->first = pick(one, change, s->first);
+    watch(s, change, two_ago, rate);
+    s->left = what_is_left(s, near, change, ratio, rate);
+    s->calm = pick(stalls, s->calm + 1, all(0));
+    const mask small = (change <= tolerance*tolerance)
+        | (met & ((65536*s->left < noise) | (s->calm > 3)));
+    const mask bounded = change < 9, grows = (ratio > 1) & (of_two > 1);
+    const mask late = far & others(one) & (s->turn < 1);
+    const mask done = pick_mask(one, change <= 0, bounded & small);
+    mask failed = pick_mask(one, others(change >= 0), others(bounded)
+        | (s->sweeps > (real)most - 1) | (grows & far & (s->sweeps > 3)));
+    if (any(late & others(failed)))
+        failed |= late & is_late(s, most);
+    const verdict_t verdict = { done | failed | over, over | (failed & others(done)) };
+    return verdict;
 }
 
-/* Why the sweeps of a step were given up. */
-static int why(const progress_t *s)
+/* ------------------------------------------------------------------- when a sweep has converged */
+
+typedef struct {
+    lanes sweeps;
+    lanes turn;   /* the same modulo 8 */
+    lanes calm;   /* sweeps near round-off that brought nothing more */
+    lanes idle;   /* sweeps that brought the constraints no nearer */
+    lanes looked; /* 1 where the floor is what rounding was seen to be worth */
+    lanes floor;  /* changes below it may be rounding: a size, no square */
+    lanes change; /* of the last sweep: the sum of its squared increments relative to the state */
+    lanes before; /* of the sweep before it */
+    lanes first;  /* of the first */
+    lanes least;  /* of all sweeps */
+    lanes left;   /* what is expected of the next sweep, were it not for rounding */
+    lanes defect; /* of the constraints in the last sweep, relative to the state */
+    lanes least_defect;
+    lanes rate;   /* ratio of two changes far from round-off, the mean of many steps */
+    lanes seen;   /* the same, last seen in this step */
+} lanes_progress_t;
+
+typedef struct {
+    lanes_mask ended, failed;
+} lanes_verdict_t;
+
+static lanes_progress_t lanes_start_of_sweeps(lanes rate)
 {
-    return failure(sqrt(s->change), s->before > 0 ? sqrt(s->change/s->before) : 0);
+    const lanes none = lanes_all(0), huge = lanes_all((real)HUGE_VAL),
+        floor = lanes_all(16*epsilon);
+    const lanes_progress_t start = { none, none, none, none, none, floor, none, none, none, huge,
+        huge, huge, huge, rate, none };
+    return start;
+}
+
+INLINE lanes_mask lanes_calls_for_look(const lanes_progress_t *s, lanes change)
+{
+    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+        & lanes_others(change < s->floor*s->floor);
+}
+
+static void lanes_look(lanes_progress_t *s, lanes_mask looks, lanes noise)
+{
+    s->looked = lanes_pick(looks, lanes_all(1), s->looked);
+    s->floor = lanes_pick(looks, lanes_larger(s->floor, 16*lanes_root(noise)), s->floor);
+}
+
+INLINE lanes_mask lanes_is_met(lanes_progress_t *s, lanes defect)
+{
+    const lanes next = defect*lanes_larger(defect/s->defect, lanes_all((real)0.0001));
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
+    s->idle = lanes_pick(defect < (real)0.8*s->least_defect, lanes_all(0), s->idle + 1);
+    s->defect = defect;
+    s->least_defect = lanes_pick(defect < s->least_defect, defect, s->least_defect);
+    return (defect <= floor) | lanes_others(next > floor)
+        | ((s->idle > 2) & (defect < low*low));
+}
+
+INLINE void lanes_watch(lanes_progress_t *s, lanes change, lanes two_ago, lanes rate)
+{
+    const lanes_mask unknown = lanes_others(s->rate < 1);
+    const lanes_mask clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
+    const lanes_mask seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
+    s->seen = lanes_pick(seen, rate, s->seen);
+    s->rate = lanes_pick(seen, lanes_pick(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
+}
+
+INLINE lanes lanes_what_is_left(const lanes_progress_t *s, lanes_mask near, lanes change,
+    lanes ratio,
+    lanes rate)
+{
+    /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
+    const lanes slow = lanes_all((real)0.0001);
+    const lanes usual = lanes_larger(slow, lanes_larger(s->rate, s->seen));
+    const lanes next = lanes_larger(ratio, lanes_pick(s->sweeps < 3, slow, rate));
+    return lanes_pick(near, lanes_smaller(s->left, change)*lanes_smaller(usual, next),
+        change*lanes_larger(next, usual));
+}
+
+NOINLINE lanes_mask lanes_is_late(const lanes_progress_t *s, int most)
+{
+    const lanes left = ((real)most - s->sweeps)/(s->sweeps - 1);
+    const lanes last = s->change*lanes_power(s->change/s->first, left);
+    return last > s->floor*s->floor;
+}
+
+static lanes_verdict_t lanes_judge(lanes_progress_t *s, lanes change, lanes defect, lanes moved,
+    real tolerance, int most)
+{
+    const lanes floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
+    const lanes noise = lanes_pick(s->looked > 0, lanes_larger(round_off, floor/256), round_off);
+    const lanes ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
+    const lanes rate = lanes_root(of_two);
+    const lanes_mask near = change < floor, far = lanes_others(near), met = lanes_is_met(s, defect);
+    const lanes_mask stalls = near & lanes_others(change < s->least);
+    s->before = s->change;
+    s->change = change;
+    s->least = lanes_smaller(change, s->least);
+    s->sweeps += 1;
+    s->turn = lanes_pick(s->turn < 7, s->turn + 1, lanes_all(0));
+    const lanes_mask one = s->sweeps < 2, over = s->sweeps > (real)most;
+    s->first = lanes_pick(one, change, s->first);
+    lanes_watch(s, change, two_ago, rate);
+    s->left = lanes_what_is_left(s, near, change, ratio, rate);
+    s->calm = lanes_pick(stalls, s->calm + 1, lanes_all(0));
+    const lanes_mask small = (change <= tolerance*tolerance)
+        | (met & ((65536*s->left < noise) | (s->calm > 3)));
+    const lanes_mask bounded = change < 9, grows = (ratio > 1) & (of_two > 1);
+    const lanes_mask late = far & lanes_others(one) & (s->turn < 1);
+    const lanes_mask done = lanes_pick_mask(one, change <= 0, bounded & small);
+    lanes_mask failed = lanes_pick_mask(one, lanes_others(change >= 0), lanes_others(bounded)
+        | (s->sweeps > (real)most - 1) | (grows & far & (s->sweeps > 3)));
+    if (lanes_any(late & lanes_others(failed)))
+        failed |= late & lanes_is_late(s, most);
+    const lanes_verdict_t verdict = { done | failed | over, over | (failed & lanes_others(done)) };
+    return verdict;
 }
 
 /* Steps that are remembered. */
@@ -1849,9 +2106,23 @@ static void end_training(predictor_t *s)
     }
 }
 
+/* The values x of the step just done become the past. */
+INLINE void note(predictor_t *s, lanes *past, int length, const lanes *x)
+{
+    ++s->count;
+    lanes *newest = past_values(s, past, length, 0);
+    for (int i = 0; i < length; ++i)
+        newest[i] = x[i];
+    if (s->count == 1) {
+        s->order = 1;
+        for (int group = 0; group < GROUPS; ++group)
+            s->coefficient[group][0] = splat(1);
+    }
+}
+
 /*
- * Records the values x of the step just done. Equations for a fit come from the first `rows` of
- * each group: its other values obey the same recurrence.
+ * Records them, for a recurrence too. Equations for a fit come from the first `rows` of each group:
+ * its other values obey the same recurrence.
  */
 INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, const int *rows,
     const lanes *through, const lanes *x)
@@ -1869,15 +2140,7 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
         end_training(s);
         s->training = s->count + (s->count < 4096 ? 16*s->count : 65536);
     }
-    ++s->count;
-    lanes *newest = past_values(s, past, length, 0);
-    for (int i = 0; i < length; ++i)
-        newest[i] = x[i];
-    if (s->count == 1) {
-        s->order = 1;
-        for (int group = 0; group < GROUPS; ++group)
-            s->coefficient[group][0] = splat(1);
-    }
+    note(s, past, length, x);
 }
 
 static const real fast_mu[4][4] = {
@@ -1940,24 +2203,16 @@ static const real fast_onward_nodes[3][3] = {
  */
 enum { PICKS = S > 1 ? 2 : 1, LAGS = 12, KNOWN = S + PICKS*LAGS };
 enum { WIDEST = S + 2*LAGS, LESSON_ROWS = 16 }; /* no less than ORDER */
+enum { FIRST_LESSON = HISTORY/4, SECOND_LESSON = 3*HISTORY/4 }; /* after so many steps */
+/* Columns stand in blocks, those of the right sides in blocks of their own. */
+enum { RIGHTS = (S + LANES - 1)/LANES, BLOCKS = (WIDEST + LANES - 1)/LANES + RIGHTS };
 
 typedef struct {
-    int known, rights; /* unknown coefficients; right sides */
+    int known, rights; /* unknown coefficients; the first block of the right sides */
     int count;         /* equations that wait in A */
-    real R[WIDEST][WIDEST + S]; /* triangular, right sides last */
-    real A[LESSON_ROWS][WIDEST + S];
+    lanes R[WIDEST][BLOCKS]; /* triangular, and right sides */
+    lanes A[LESSON_ROWS][BLOCKS];
 } lesson_t;
-
-/* Regressor k is a stage of some steps ago. */
-INLINE int known_lag(int k)
-{
-    return k < S ? 1 : 2 + (k - S)/PICKS;
-}
-
-INLINE int known_stage(int k)
-{
-    return k < S ? k : (k - S) % PICKS*(S/2);
-}
 
 /* How many steps before the last there are equations for, after `steps` steps; -1: for none. */
 static int lags_after(long steps)
@@ -1974,69 +2229,102 @@ static int stride_of(int available, int known)
     return available > 3*known ? (available - 1)/(3*known) + 1 : 1;
 }
 
-static void begin_lesson(lesson_t *l, int known, int rights, real ridge)
+INLINE real *numbers_of(lanes *row)
+{
+    return (real *)row;
+}
+
+static void begin_lesson(lesson_t *l, int known, real ridge)
 {
     l->known = known;
-    l->rights = rights;
+    l->rights = (known + LANES - 1)/LANES;
     l->count = 0;
     for (int k = 0; k < known; ++k) {
-        for (int j = 0; j < known + rights; ++j)
-            l->R[k][j] = 0;
-        l->R[k][k] = ridge;
+        for (int block = 0; block < l->rights + RIGHTS; ++block)
+            l->R[k][block] = splat(0);
+        numbers_of(l->R[k])[k] = ridge;
     }
 }
 
-/* Reflections put the equations in A into R, column by column. */
+/*
+ * Reflections put the equations in A into R, column by column. Columns before the one in turn, in
+ * the same block, are void from then on.
+ */
 static void take_in(lesson_t *l)
 {
-    const int width = l->known + l->rights;
+    const int blocks = l->rights + RIGHTS;
+    for (; l->count < LESSON_ROWS; ++l->count)
+        for (int block = 0; block < blocks; ++block)
+            l->A[l->count][block] = splat(0);
     for (int k = 0; k < l->known; ++k) {
-        const real diagonal = l->R[k][k];
-        real square = diagonal*diagonal, share[WIDEST + S];
-        for (int i = 0; i < l->count; ++i)
-            square += l->A[i][k]*l->A[i][k];
-        const real length = sqrt(square);
+        lanes value[LESSON_ROWS];
+        real squares[4] = { 0 };
+        for (int i = 0; i < LESSON_ROWS; ++i) {
+            const real number = numbers_of(l->A[i])[k];
+            value[i] = splat(number);
+            squares[i % 4] += number*number;
+        }
+        const real diagonal = numbers_of(l->R[k])[k];
+        const real rest = (squares[0] + squares[1]) + (squares[2] + squares[3]);
+        const real length = sqrt(diagonal*diagonal + rest);
         const real first = diagonal < 0 ? diagonal - length : diagonal + length;
         const real factor = 1/(length*(first < 0 ? -first : first)); /* 2/|v|^2 */
-        for (int j = k; j < width; ++j)
-            share[j] = first*l->R[k][j];
-        for (int i = 0; i < l->count; ++i) {
-            const real value = l->A[i][k];
-            for (int j = k; j < width; ++j)
-                share[j] += value*l->A[i][j];
-        }
-        for (int j = k; j < width; ++j) {
-            share[j] *= factor;
-            l->R[k][j] -= first*share[j];
-        }
-        for (int i = 0; i < l->count; ++i) {
-            const real value = l->A[i][k];
-            for (int j = k; j < width; ++j)
-                l->A[i][j] -= value*share[j];
+        for (int block = k/LANES; block < blocks; ++block) {
+            lanes even = first*l->R[k][block], odd = splat(0);
+            for (int i = 0; i < LESSON_ROWS; i += 2) {
+                even += value[i]*l->A[i][block];
+                odd += value[i + 1]*l->A[i + 1][block];
+            }
+            const lanes share = factor*(even + odd);
+            l->R[k][block] -= first*share;
+            for (int i = 0; i < LESSON_ROWS; ++i)
+                l->A[i][block] -= value[i]*share;
         }
     }
     l->count = 0;
 }
 
-/* The next equation, to be filled in. */
+/* The next equation, to be filled in; its right sides come from right_sides on. */
 static real *next_row(lesson_t *l)
 {
     if (l->count == LESSON_ROWS)
         take_in(l);
-    return l->A[l->count++];
+    lanes *row = l->A[l->count++];
+    row[l->rights - 1] = splat(0); /* there may be columns of no use */
+    for (int block = l->rights; block < l->rights + RIGHTS; ++block)
+        row[block] = splat(0);
+    return numbers_of(row);
+}
+
+INLINE int right_sides(const lesson_t *l)
+{
+    return l->rights*LANES;
 }
 
 /* Coefficients in place of the right sides. */
 static void end_lesson(lesson_t *l)
 {
     take_in(l);
-    for (int k = l->known - 1; k >= 0; --k)
-        for (int i = l->known; i < l->known + l->rights; ++i) {
-            real sum = l->R[k][i];
-            for (int j = k + 1; j < l->known; ++j)
-                sum -= l->R[k][j]*l->R[j][i];
-            l->R[k][i] = sum/l->R[k][k];
+    for (int k = l->known - 1; k >= 0; --k) {
+        const real *row = numbers_of(l->R[k]);
+        for (int block = l->rights; block < l->rights + RIGHTS; ++block) {
+            lanes even = l->R[k][block], odd = splat(0);
+            int j = k + 1;
+            for (; j + 1 < l->known; j += 2) {
+                even -= row[j]*l->R[j][block];
+                odd -= row[j + 1]*l->R[j + 1][block];
+            }
+            if (j < l->known)
+                even -= row[j]*l->R[j][block];
+            l->R[k][block] = (even + odd)/row[k];
         }
+    }
+}
+
+/* Coefficient k for right side j. */
+INLINE real learnt(lesson_t *l, int k, int j)
+{
+    return k < l->known ? numbers_of(l->R[k])[right_sides(l) + j] : 0;
 }
 
 /* W = G H_pp G^T or what takes its place: one number, and its inverse in place of it. */
@@ -2111,6 +2399,7 @@ typedef struct {
     real error[stages_TRACKS];  /* of the function, squared, when it was on trial */
     int lags, order;          /* the most in use */
     int taken[stages_TRACKS];   /* whether a trajectory goes by its function */
+    int settled[stages_TRACKS]; /* whether it does for good */
     int trial[stages_TRACKS];   /* whether the next step shows which prediction is better */
     long latest[stages_TRACKS]; /* when the function was fitted */
 } stages_lessons;
@@ -2147,20 +2436,33 @@ typedef struct {
 INLINE void stages_four(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
 {
-    lanes sum[4][stages_S > stages_P ? stages_S : stages_P];
+    /*
+     * Few numbers at a time take several sums each: additions wait for one another. The base, which
+     * is large, comes last: so the sum is rounded to it once.
+     */
+    const int sums = count == 1 ? 4 : count == 2 ? 2 : 1;
+    lanes sum[4][4][stages_S > stages_P ? stages_S : stages_P];
+    LOAD_AGAIN(x);
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < rows; ++i)
-            sum[a][i] = base[i*stride + a];
+            for (int k = 0; k < sums; ++k)
+                sum[k][a][i] = splat(0);
     for (int from = 0; from < columns; from += LANES, x += width)
         for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
             for (int a = 0; a < count; ++a) {
                 const lanes value = splat(part(&x[a], j));
                 for (int i = 0; i < rows; ++i)
-                    sum[a][i] += table[i]*value;
+                    sum[j % sums][a][i] += table[i]*value;
             }
     for (int a = 0; a < count; ++a)
-        for (int i = 0; i < rows; ++i)
-            y[i*width + a] = sum[a][i];
+        for (int i = 0; i < rows; ++i) {
+            lanes total = sum[0][a][i];
+            if (sums > 1)
+                total += sum[1][a][i];
+            if (sums > 2)
+                total += sum[2][a][i] + sum[3][a][i];
+            y[i*width + a] = base[i*stride + a] + total;
+        }
 }
 
 INLINE void stages_product(int rows, int columns, int width, const lanes *base, int stride,
@@ -2212,6 +2514,20 @@ static void stages_set_weights(stages_t *w)
     }
 }
 
+/* Q_i = q + sum_j mu_ij L_j */
+INLINE void stages_places(const stages_t *w, const lanes *L, lanes *Q)
+{
+    stages_stages_of_stages(w->q, 0, w->mu, L, Q);
+}
+
+/* base_i + sum_j mu^_ij L^_j */
+INLINE void stages_pushes(const stages_t *w, const lanes *base, int stride, const lanes *L_hat,
+    lanes *momentum)
+{
+    (void)w;
+    stages_stages_of_stages(base, stride, w->mu_hat, L_hat, momentum);
+}
+
 PRODUCT void stages_nodes_of_stages(const lanes *base, int stride, const lanes *table,
     const lanes *x, lanes *y)
 {
@@ -2245,6 +2561,18 @@ static void stages_set_nodes(stages_t *w)
     stages_fill(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
     for (int l = 0; l < stages_P*LANES; ++l)
         set_part(&w->moves[l/LANES], l % LANES, l < P - 1);
+}
+
+/* D_l = sum_j nu_lj L_j */
+INLINE void stages_displace(const stages_t *w, const lanes *L, lanes *D)
+{
+    stages_nodes_of_stages(w->zero, 0, w->nu, L, D);
+}
+
+/* C_i = p + sum_j nu~_ij Y_j */
+INLINE void stages_pulls(const stages_t *w, const lanes *Y, lanes *C)
+{
+    stages_stages_of_nodes(w->p, 0, w->nu_tilde, Y, C);
 }
 
 /* Multipliers of lane i, from its impulses. */
@@ -2330,13 +2658,13 @@ INLINE void stages_forces(stages_t *w, lanes *C)
         for (int a = 0; a < N; ++a)
             Y[a] = -Y[a];
     }
-    stages_stages_of_nodes(w->p, 0, w->nu_tilde, w->now.Y, C);
+    stages_pulls(w, w->now.Y, C);
 }
 
 /* From starting values: the places of the nodes and the constraint forces there. */
 INLINE void stages_begin(stages_t *w)
 {
-    stages_nodes_of_stages(w->zero, 0, w->nu, w->now.x, w->now.D);
+    stages_displace(w, w->now.x, w->now.D);
     stages_forces(w, w->now.C);
     stages_factor(w);
 }
@@ -2344,7 +2672,7 @@ INLINE void stages_begin(stages_t *w)
 /* P_i = C_i + sum_j mu^_ij L^_j */
 INLINE void stages_momenta(const stages_t *w, const lanes *L_hat, lanes *momentum)
 {
-    stages_stages_of_stages(w->now.C, N, w->mu_hat, L_hat, momentum);
+    stages_pushes(w, w->now.C, N, L_hat, momentum);
 }
 
 /*
@@ -2354,7 +2682,7 @@ INLINE void stages_momenta(const stages_t *w, const lanes *L_hat, lanes *momentu
 INLINE void stages_constrain(stages_t *w, const lanes *L, lanes *C)
 {
     lanes g[stages_P*M], defect[stages_P*M];
-    stages_nodes_of_stages(w->zero, 0, w->nu, L, w->now.D);
+    stages_displace(w, L, w->now.D);
     for (int l = 0; l < stages_P; ++l) {
         lanes increment[M];
         lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
@@ -2395,14 +2723,17 @@ INLINE void stages_take(stages_t *w, int i, const lanes *L_new, const lanes *H_q
     lanes *p_change)
 {
     lanes *L = w->now.x + i*N, *L_hat = w->now.x + stages_HAT + i*N;
+    lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->hb_hat[i]*H_q[a];
         const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
-        *q_change += dq*dq;
-        *p_change += dp*dp;
+        dq_square += dq*dq;
+        dp_square += dp*dp;
         L[a] = L_new[i*N + a];
         L_hat[a] = force;
     }
+    *q_change += dq_square;
+    *p_change += dp_square;
 }
 
 /*
@@ -2523,7 +2854,7 @@ static void stages_learn_nodes(stages_t *w, lesson_t *l, int track)
 {
     const int steps = stages_steps_recalled(w), order = stages_order_after(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    begin_lesson(l, order, 1,
+    begin_lesson(l, order,
         stages_ridge(stages_recalled(w, 1) + stages_IMPULSE, stages_X - stages_IMPULSE, track));
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
@@ -2531,11 +2862,12 @@ static void stages_learn_nodes(stages_t *w, lesson_t *l, int track)
         for (int k = 0; k < order; ++k)
             row[k] = stages_number(stages_recalled(w, ago + 1 + k) + stages_IMPULSE, track, j, M,
                 mu);
-        row[order] = stages_number(stages_recalled(w, ago) + stages_IMPULSE, track, j, M, mu);
+        row[right_sides(l)] = stages_number(stages_recalled(w, ago) + stages_IMPULSE, track, j, M,
+            mu);
     }
     end_lesson(l);
     for (int k = 0; k < ORDER; ++k)
-        stages_set_track(&w->lessons.wave[k], track, k < order ? l->R[k][order] : 0);
+        stages_set_track(&w->lessons.wave[k], track, learnt(l, k, 0));
     w->lessons.order = order;
 }
 
@@ -2601,22 +2933,26 @@ static void stages_learn_stages(stages_t *w, lesson_t *l, int group, int track, 
     const int steps = stages_steps_recalled(w);
     const int at = group*stages_HAT, known = S + PICKS*lags;
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
-    begin_lesson(l, known, S, stages_ridge(stages_recalled(w, 1) + at, stages_HAT, track));
+    begin_lesson(l, known, stages_ridge(stages_recalled(w, 1) + at, stages_HAT, track));
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/N, a = e % N;
         real *row = next_row(l);
-        for (int k = 0; k < known; ++k)
-            row[k] = stages_number(stages_recalled(w, ago + known_lag(k)) + at, track,
-                known_stage(k),
-                N, a);
-        for (int j = 0; j < S; ++j)
-            row[known + j] = stages_number(stages_recalled(w, ago) + at, track, j, N, a);
+        const lanes *x = stages_recalled(w, ago) + at, *before = stages_recalled(w, ago + 1) + at;
+        for (int j = 0; j < S; ++j) {
+            row[j] = stages_number(before, track, j, N, a);
+            row[right_sides(l) + j] = stages_number(x, track, j, N, a);
+        }
+        for (int m = 1; m <= lags; ++m) {
+            before = stages_recalled(w, ago + 1 + m) + at;
+            for (int pick = 0; pick < PICKS; ++pick)
+                row[S + (m - 1)*PICKS + pick] = stages_number(before, track, pick*(S/2), N, a);
+        }
     }
     end_lesson(l);
     for (int k = 0; k < KNOWN; ++k)
         for (int j = 0; j < S; ++j)
             set_part(&s->next[group][k*stages_S + j/stages_PER], track + j % stages_PER,
-                k < known ? l->R[k][known + j] : 0);
+                learnt(l, k, j));
 }
 
 /* A lesson of one trajectory, and from then on a trial. */
@@ -2660,6 +2996,15 @@ INLINE void stages_extrapolate(stages_t *w)
     predict(&w->predictor, w->past, stages_X, stages_ends, w->through, w->now.x);
 }
 
+/* Whether all trajectories go by their functions for good: no recurrence is asked for any more. */
+INLINE int stages_all_settled(const stages_t *w)
+{
+    int settled = 1;
+    for (int i = 0; i < stages_tracks(w); ++i)
+        settled &= w->lessons.settled[i];
+    return settled;
+}
+
 /* Starting values from the past, of each trajectory by what is better for it. */
 INLINE void stages_foresee(stages_t *w)
 {
@@ -2670,8 +3015,10 @@ INLINE void stages_foresee(stages_t *w)
         taken += s->taken[i];
         trials += s->trial[i];
     }
-    if (trials == 0 && taken == tracks && w->predictor.fitted) {
+    if (stages_all_settled(w) || (trials == 0 && taken == tracks && w->predictor.fitted)) {
         stages_ahead(w, w->now.x);
+        for (int e = 0; e < stages_IMPULSE && trials > 0; ++e)
+            s->learnt[e] = w->now.x[e];
         return;
     }
     stages_extrapolate(w);
@@ -2686,11 +3033,15 @@ INLINE void stages_foresee(stages_t *w)
                 set_part(&w->now.x[e], j, part(&s->learnt[e], j));
 }
 
-/* The trials that the step just done decides: what was learnt must be clearly better. */
+/*
+ * The trials that the step just done decides: what was learnt must be clearly better. That of the
+ * second lesson decides for good, while nobody has trained a recurrence: a trajectory that goes by
+ * what it learns does so whatever its mates do.
+ */
 static void stages_decide(stages_t *w)
 {
     stages_lessons *s = &w->lessons;
-    const real rough = 64*epsilon;
+    const real rough = 256*epsilon;
     lanes learnt = splat(0), other = splat(0);
     for (int e = 0; e < stages_IMPULSE; ++e) {
         const lanes size = e < stages_HAT ? w->q_size : w->p_size;
@@ -2703,15 +3054,18 @@ static void stages_decide(stages_t *w)
             continue;
         const real error = stages_of_track(&other, i);
         s->error[i] = stages_of_track(&learnt, i);
-        s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (!s->settled[i])
+            s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (s->latest[i] == SECOND_LESSON && w->predictor.count == SECOND_LESSON)
+            s->settled[i] = s->taken[i];
         s->trial[i] = 0;
     }
 }
 
 /*
- * Records the step just done. Lessons are few: a motion that stays what it was needs no other, and
- * none is given early where predictions are close without.
- * Where predictions have become much worse than they were there is one more.
+ * Records the step just done; for a recurrence only while somebody may ask for it. Lessons are few:
+ * a motion that stays what it was needs no other, and none is given early where predictions are
+ * close without. Where predictions have become much worse than they were there is one more.
  */
 NOINLINE void stages_remember(stages_t *w)
 {
@@ -2724,9 +3078,12 @@ NOINLINE void stages_remember(stages_t *w)
         trials += s->trial[i];
     if (trials > 0)
         stages_decide(w);
-    record(predictor, w->past, stages_X, stages_ends, stages_rows, w->through, w->now.x);
+    if (stages_all_settled(w))
+        note(predictor, w->past, stages_X, w->now.x);
+    else
+        record(predictor, w->past, stages_X, stages_ends, stages_rows, w->through, w->now.x);
     const long count = predictor->count;
-    const int early = count == HISTORY/4 || count == 3*HISTORY/4;
+    const int early = count == FIRST_LESSON || count == SECOND_LESSON;
     for (int i = 0; i < tracks; ++i) {
         const int worse = s->taken[i] && count >= s->latest[i] + HISTORY
             && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
@@ -2738,12 +3095,15 @@ NOINLINE void stages_remember(stages_t *w)
     }
 }
 
-static void stages_forget_lessons(stages_t *w)
+/* What is known of the past. */
+static void stages_forget(stages_t *w)
 {
     stages_lessons *s = &w->lessons;
+    forget(&w->predictor);
     s->lags = s->order = 0;
+    w->predictor.training = SECOND_LESSON + 3; /* when it is known who needs a recurrence */
     for (int i = 0; i < stages_TRACKS; ++i) {
-        s->taken[i] = s->trial[i] = 0;
+        s->taken[i] = s->settled[i] = s->trial[i] = 0;
         s->latest[i] = 0;
         s->error[i] = 0;
     }
@@ -2773,7 +3133,7 @@ INLINE void stages_sweep(stages_t *w)
 {
     lanes Q[stages_S*N], momentum[stages_S*N], L_new[stages_S*N], shared[stages_S][SHARED];
     lanes q_change = splat(0), p_change = splat(0);
-    stages_stages_of_stages(w->q, 0, w->mu, w->now.x, Q);
+    stages_places(w, w->now.x, Q);
     stages_momenta(w, w->now.x + stages_HAT, momentum);
     for (int i = 0; i < stages_S; ++i) {
         lanes H_p[N];
@@ -2863,8 +3223,7 @@ static void stages_set_up(stages_t *w)
     stages_set_weights(w);
     stages_set_nodes(w);
     stages_set_schur(w);
-    forget(&w->predictor);
-    stages_forget_lessons(w);
+    stages_forget(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -2952,6 +3311,7 @@ typedef struct {
     real error[trajectories_TRACKS];  /* of the function, squared, when it was on trial */
     int lags, order;          /* the most in use */
     int taken[trajectories_TRACKS];   /* whether a trajectory goes by its function */
+    int settled[trajectories_TRACKS]; /* whether it does for good */
     int trial[trajectories_TRACKS];   /* whether the next step shows which prediction is better */
     long latest[trajectories_TRACKS]; /* when the function was fitted */
 } trajectories_lessons;
@@ -3038,16 +3398,17 @@ static void trajectories_set_weights(trajectories_t *w)
     }
 }
 
-NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
+INLINE void trajectories_places(const trajectories_t *w, const lanes *L, lanes *Q)
 {
-    trajectories_product(trajectories_P, S, N, base, stride, table, x, y);
+    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], L, Q);
 }
 
-NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
-    const lanes *x, lanes *y)
+INLINE void trajectories_pushes(const trajectories_t *w, const lanes *base, int stride,
+    const lanes *L_hat,
+    lanes *momentum)
 {
-    trajectories_product(trajectories_S, P, N, base, stride, table, x, y);
+    (void)w;
+    trajectories_stages_of_stages(base, stride, &fast_mu_hat[0][0], L_hat, momentum);
 }
 
 NOINLINE void trajectories_nodes_of_nodes(const lanes *base, int stride, const real *table,
@@ -3065,6 +3426,28 @@ INLINE void trajectories_node(const trajectories_t *w, int j, lanes *place)
 static void trajectories_set_nodes(trajectories_t *w)
 {
     (void)w;
+}
+
+NOINLINE void trajectories_nodes_of_stages(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    trajectories_product(trajectories_P, S, N, base, stride, table, x, y);
+}
+
+NOINLINE void trajectories_stages_of_nodes(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    trajectories_product(trajectories_S, P, N, base, stride, table, x, y);
+}
+
+INLINE void trajectories_displace(const trajectories_t *w, const lanes *L, lanes *D)
+{
+    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L, D);
+}
+
+INLINE void trajectories_pulls(const trajectories_t *w, const lanes *Y, lanes *C)
+{
+    trajectories_stages_of_nodes(w->p, 0, &fast_nu_tilde[0][0], Y, C);
 }
 
 static void trajectories_multipliers(const trajectories_t *w, int lane, real *multipliers)
@@ -3140,25 +3523,25 @@ INLINE void trajectories_forces(trajectories_t *w, lanes *C)
         for (int a = 0; a < N; ++a)
             Y[a] = -Y[a];
     }
-    trajectories_stages_of_nodes(w->p, 0, &fast_nu_tilde[0][0], w->now.Y, C);
+    trajectories_pulls(w, w->now.Y, C);
 }
 
 INLINE void trajectories_begin(trajectories_t *w)
 {
-    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], w->now.x, w->now.D);
+    trajectories_displace(w, w->now.x, w->now.D);
     trajectories_forces(w, w->now.C);
     trajectories_factor(w);
 }
 
 INLINE void trajectories_momenta(const trajectories_t *w, const lanes *L_hat, lanes *momentum)
 {
-    trajectories_stages_of_stages(w->now.C, N, &fast_mu_hat[0][0], L_hat, momentum);
+    trajectories_pushes(w, w->now.C, N, L_hat, momentum);
 }
 
 INLINE void trajectories_constrain(trajectories_t *w, const lanes *L, lanes *C)
 {
     lanes g[trajectories_P*M], defect[trajectories_P*M];
-    trajectories_nodes_of_stages(w->zero, 0, &fast_nu[0][0], L, w->now.D);
+    trajectories_displace(w, L, w->now.D);
     for (int l = 0; l < trajectories_P; ++l) {
         lanes increment[M];
         lanes_constraint_increment(&w->constants, w->q, w->now.D + l*N, increment);
@@ -3198,14 +3581,17 @@ INLINE void trajectories_take(trajectories_t *w, int i, const lanes *L_new, cons
     lanes *p_change)
 {
     lanes *L = w->now.x + i*N, *L_hat = w->now.x + trajectories_HAT + i*N;
+    lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->hb_hat[i]*H_q[a];
         const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
-        *q_change += dq*dq;
-        *p_change += dp*dp;
+        dq_square += dq*dq;
+        dp_square += dp*dp;
         L[a] = L_new[i*N + a];
         L_hat[a] = force;
     }
+    *q_change += dq_square;
+    *p_change += dp_square;
 }
 
 INLINE void trajectories_follow(trajectories_t *w, lanes *Q, lanes *momentum, lanes *L_new,
@@ -3310,7 +3696,7 @@ static void trajectories_learn_nodes(trajectories_t *w, lesson_t *l, int track)
 {
     const int steps = trajectories_steps_recalled(w), order = trajectories_order_after(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    begin_lesson(l, order, 1,
+    begin_lesson(l, order,
         trajectories_ridge(trajectories_recalled(w, 1) + trajectories_IMPULSE,
             trajectories_X - trajectories_IMPULSE, track));
     for (int e = 0; e < available; e += stride) {
@@ -3319,12 +3705,12 @@ static void trajectories_learn_nodes(trajectories_t *w, lesson_t *l, int track)
         for (int k = 0; k < order; ++k)
             row[k] = trajectories_number(trajectories_recalled(w,
                 ago + 1 + k) + trajectories_IMPULSE, track, j, M, mu);
-        row[order] = trajectories_number(trajectories_recalled(w, ago) + trajectories_IMPULSE,
-            track, j, M, mu);
+        row[right_sides(l)] = trajectories_number(trajectories_recalled(w,
+            ago) + trajectories_IMPULSE, track, j, M, mu);
     }
     end_lesson(l);
     for (int k = 0; k < ORDER; ++k)
-        trajectories_set_track(&w->lessons.wave[k], track, k < order ? l->R[k][order] : 0);
+        trajectories_set_track(&w->lessons.wave[k], track, learnt(l, k, 0));
     w->lessons.order = order;
 }
 
@@ -3398,25 +3784,30 @@ static void trajectories_learn_stages(trajectories_t *w, lesson_t *l, int group,
     const int steps = trajectories_steps_recalled(w);
     const int at = group*trajectories_HAT, known = S + PICKS*lags;
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
-    begin_lesson(l, known, S, trajectories_ridge(trajectories_recalled(w, 1) + at,
-        trajectories_HAT, track));
+    begin_lesson(l, known, trajectories_ridge(trajectories_recalled(w, 1) + at, trajectories_HAT,
+        track));
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/N, a = e % N;
         real *row = next_row(l);
-        for (int k = 0; k < known; ++k)
-            row[k] = trajectories_number(trajectories_recalled(w, ago + known_lag(k)) + at, track,
-                known_stage(k),
-                N, a);
-        for (int j = 0; j < S; ++j)
-            row[known + j] = trajectories_number(trajectories_recalled(w, ago) + at, track, j, N,
-                a);
+        const lanes *x = trajectories_recalled(w, ago) + at, *before = trajectories_recalled(w,
+            ago + 1) + at;
+        for (int j = 0; j < S; ++j) {
+            row[j] = trajectories_number(before, track, j, N, a);
+            row[right_sides(l) + j] = trajectories_number(x, track, j, N, a);
+        }
+        for (int m = 1; m <= lags; ++m) {
+            before = trajectories_recalled(w, ago + 1 + m) + at;
+            for (int pick = 0; pick < PICKS; ++pick)
+                row[S + (m - 1)*PICKS + pick] = trajectories_number(before, track, pick*(S/2), N,
+                    a);
+        }
     }
     end_lesson(l);
     for (int k = 0; k < KNOWN; ++k)
         for (int j = 0; j < S; ++j)
             set_part(&s->next[group][k*trajectories_S + j/trajectories_PER],
                 track + j % trajectories_PER,
-                k < known ? l->R[k][known + j] : 0);
+                learnt(l, k, j));
 }
 
 NOINLINE void trajectories_learn(trajectories_t *w, int track)
@@ -3458,6 +3849,14 @@ INLINE void trajectories_extrapolate(trajectories_t *w)
     predict(&w->predictor, w->past, trajectories_X, trajectories_ends, w->through, w->now.x);
 }
 
+INLINE int trajectories_all_settled(const trajectories_t *w)
+{
+    int settled = 1;
+    for (int i = 0; i < trajectories_tracks(w); ++i)
+        settled &= w->lessons.settled[i];
+    return settled;
+}
+
 INLINE void trajectories_foresee(trajectories_t *w)
 {
     trajectories_lessons *s = &w->lessons;
@@ -3467,8 +3866,10 @@ INLINE void trajectories_foresee(trajectories_t *w)
         taken += s->taken[i];
         trials += s->trial[i];
     }
-    if (trials == 0 && taken == tracks && w->predictor.fitted) {
+    if (trajectories_all_settled(w) || (trials == 0 && taken == tracks && w->predictor.fitted)) {
         trajectories_ahead(w, w->now.x);
+        for (int e = 0; e < trajectories_IMPULSE && trials > 0; ++e)
+            s->learnt[e] = w->now.x[e];
         return;
     }
     trajectories_extrapolate(w);
@@ -3486,7 +3887,7 @@ INLINE void trajectories_foresee(trajectories_t *w)
 static void trajectories_decide(trajectories_t *w)
 {
     trajectories_lessons *s = &w->lessons;
-    const real rough = 64*epsilon;
+    const real rough = 256*epsilon;
     lanes learnt = splat(0), other = splat(0);
     for (int e = 0; e < trajectories_IMPULSE; ++e) {
         const lanes size = e < trajectories_HAT ? w->q_size : w->p_size;
@@ -3499,7 +3900,10 @@ static void trajectories_decide(trajectories_t *w)
             continue;
         const real error = trajectories_of_track(&other, i);
         s->error[i] = trajectories_of_track(&learnt, i);
-        s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (!s->settled[i])
+            s->taken[i] = 64*s->error[i] < error && error > rough*rough;
+        if (s->latest[i] == SECOND_LESSON && w->predictor.count == SECOND_LESSON)
+            s->settled[i] = s->taken[i];
         s->trial[i] = 0;
     }
 }
@@ -3515,10 +3919,13 @@ NOINLINE void trajectories_remember(trajectories_t *w)
         trials += s->trial[i];
     if (trials > 0)
         trajectories_decide(w);
-    record(predictor, w->past, trajectories_X, trajectories_ends, trajectories_rows, w->through,
-        w->now.x);
+    if (trajectories_all_settled(w))
+        note(predictor, w->past, trajectories_X, w->now.x);
+    else
+        record(predictor, w->past, trajectories_X, trajectories_ends, trajectories_rows,
+            w->through, w->now.x);
     const long count = predictor->count;
-    const int early = count == HISTORY/4 || count == 3*HISTORY/4;
+    const int early = count == FIRST_LESSON || count == SECOND_LESSON;
     for (int i = 0; i < tracks; ++i) {
         const int worse = s->taken[i] && count >= s->latest[i] + HISTORY
             && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
@@ -3530,12 +3937,14 @@ NOINLINE void trajectories_remember(trajectories_t *w)
     }
 }
 
-static void trajectories_forget_lessons(trajectories_t *w)
+static void trajectories_forget(trajectories_t *w)
 {
     trajectories_lessons *s = &w->lessons;
+    forget(&w->predictor);
     s->lags = s->order = 0;
+    w->predictor.training = SECOND_LESSON + 3; /* when it is known who needs a recurrence */
     for (int i = 0; i < trajectories_TRACKS; ++i) {
-        s->taken[i] = s->trial[i] = 0;
+        s->taken[i] = s->settled[i] = s->trial[i] = 0;
         s->latest[i] = 0;
         s->error[i] = 0;
     }
@@ -3564,7 +3973,7 @@ INLINE void trajectories_sweep(trajectories_t *w)
     lanes Q[trajectories_S*N], momentum[trajectories_S*N], L_new[trajectories_S*N],
         shared[trajectories_S][SHARED];
     lanes q_change = splat(0), p_change = splat(0);
-    trajectories_stages_of_stages(w->q, 0, &fast_mu[0][0], w->now.x, Q);
+    trajectories_places(w, w->now.x, Q);
     trajectories_momenta(w, w->now.x + trajectories_HAT, momentum);
     for (int i = 0; i < trajectories_S; ++i) {
         lanes H_p[N];
@@ -3644,8 +4053,7 @@ static void trajectories_set_up(trajectories_t *w)
     trajectories_set_weights(w);
     trajectories_set_nodes(w);
     trajectories_set_schur(w);
-    forget(&w->predictor);
-    trajectories_forget_lessons(w);
+    trajectories_forget(w);
     for (int a = 0; a < N; ++a)
         w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
     w->work = w->work_low = splat(0);
@@ -3800,36 +4208,49 @@ static fast_t *fast_of(work_t *w)
     return (fast_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
+/* Why sweeps were given up after a change and the one before, squares. */
+static int why(real change, real before)
+{
+    return failure(sqrt(change), before > 0 ? sqrt(change/before) : 0);
+}
+
+/* Apart from its loop: else compilers carry vectors from one sweep to the next, and spill them. */
+NOINLINE void sweep_once(stages_t *w)
+{
+    stages_sweep(w);
+}
+
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(stages_t *w, const options_t *options, int predicted, int *sweeps)
 {
     progress_t progress = start_of_sweeps(w->predictor.rate[0]);
-    enum verdict verdict;
     const real far = (real)0.02;
+    verdict_t verdict;
+    int round = 0;
     stages_start(w, predicted);
     do {
-        stages_sweep(w);
+        sweep_once(w);
         const real change = stages_of_lanes(&w->change);
         const real defect = stages_of_lanes(&w->bound.defect);
         if (calls_for_look(&progress, change)) {
             stages_noise(w);
-            look(&progress, stages_of_lanes(&w->noise));
+            look(&progress, 1, stages_of_lanes(&w->noise));
         }
         verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
             options->max_iterations);
-        if (predicted && progress.sweeps == 1)
+        ++round;
+        if (predicted && round == 1)
             w->predictor.first[0] = change;
-        if (predicted && progress.sweeps == 1 && change > far*far)
-            verdict = GIVE_UP; /* a far prediction may lead to another root */
-        const int early = progress.sweeps == 1 || progress.sweeps == 3;
-        if (!predicted && verdict == SWEEP_AGAIN && early) {
+        if (predicted && round == 1 && change > far*far)
+            verdict.ended = verdict.failed = 1; /* a far prediction may lead to another root */
+        if (!predicted && !verdict.ended && (round == 1 || round == 3)) {
             stages_sizes(w); /* what is at rest has none before it moves */
             stages_factor(w);
         }
-    } while (verdict == SWEEP_AGAIN);
-    *sweeps += progress.sweeps;
+    } while (!verdict.ended);
+    *sweeps += round;
     w->predictor.rate[0] = progress.rate;
-    return verdict == CONVERGED ? OK : why(&progress);
+    return verdict.failed ? why(progress.change, progress.before) : OK;
 }
 
 /*
@@ -4126,7 +4547,7 @@ static void take_over(work_t *w, const real q[N], const real p[N])
 static void recover(work_t *w)
 {
     stages_t *s = &fast_of(w)->run;
-    forget(&s->predictor);
+    stages_forget(s);
     s->work = splat(work_so_far(&w->held.report));
     s->work_low = splat(0);
 }
@@ -4215,32 +4636,27 @@ static batch_t *batch_of(batch_memory *memory)
 
 enum { WHOLE = sizeof(trajectories_iterate)/sizeof(lanes) };
 
-/* The first `count` lanes of an iterate, for one trajectory. */
-static void copy_lane(trajectories_iterate *to, const trajectories_iterate *from, int lane,
-    int count)
+/* The first `count` numbers of an iterate, in the lanes of m. */
+INLINE void keep(lanes_mask m, int count, const trajectories_iterate *from,
+    trajectories_iterate *to)
 {
-    lanes *target = (lanes *)(void *)to;
-    const lanes *source = (const lanes *)(const void *)from;
-    for (int e = 0; e < count; ++e)
-        set_part(&target[e], lane, part(&source[e], lane));
+    renew(m, count, (const lanes *)(const void *)from, (lanes *)(void *)to);
 }
 
 /*
- * The lanes marked in `fresh` begin at the rates at the start of the step (or, with x given, at
- * those unknowns); the others are not touched, to the bit.
+ * The lanes in `fresh` begin at the rates at the start of the step (or, with x given, at those
+ * unknowns); the others are not touched, to the bit.
  */
-static void restart(batch_t *b, const int *fresh, const real *x)
+static void restart(batch_t *b, lanes_mask fresh, const real *x)
 {
     b->kept = b->run.now;
     if (x == NULL)
         trajectories_guess(&b->run);
     for (int i = 0; i < LANES; ++i)
-        if (x != NULL && fresh[i])
+        if (x != NULL && holds(&fresh, i))
             trajectories_load(&b->run, i, x);
     trajectories_begin(&b->run);
-    for (int i = 0; i < LANES; ++i)
-        if (!fresh[i])
-            copy_lane(&b->run.now, &b->kept, i, WHOLE);
+    keep(lanes_others(fresh), WHOLE, &b->kept, &b->run.now);
 }
 
 /*
@@ -4251,70 +4667,68 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
     int *sweeps)
 {
     trajectories_t *run = &b->run;
-    const real far = (real)0.02;
+    const lanes far = splat((real)0.02);
     const int predicted = run->predictor.count > 0;
-    progress_t progress[LANES];
-    int busy[LANES], early[LANES], fresh[LANES], left = 0;
+    lanes rate = splat(0), taken = splat(0), living = splat(0);
     for (int i = 0; i < LANES; ++i) {
-        progress[i] = start_of_sweeps(run->predictor.rate[i]);
-        busy[i] = alive[i];
-        early[i] = lost[i] = 0;
-        left += alive[i];
+        set_part(&rate, i, run->predictor.rate[i]);
+        set_part(&living, i, (real)alive[i]);
+        lost[i] = OK;
     }
+    lanes_progress_t progress = lanes_start_of_sweeps(rate);
+    lanes_mask busy = living > splat(0), early = busy & lanes_others(busy);
     trajectories_start(run, predicted);
-    for (int round = 1; left > 0; ++round) {
-        int again = 0, looks = 0;
+    for (int round = 1; lanes_any(busy); ++round) {
         trajectories_sweep(run);
-        for (int i = 0; i < LANES; ++i)
-            looks |= busy[i] && calls_for_look(&progress[i], part(&run->change, i));
-        if (looks)
+        const lanes change = run->change;
+        const lanes_mask looks = busy & lanes_calls_for_look(&progress, change);
+        if (lanes_any(looks)) {
             trajectories_noise(run);
-        for (int i = 0; i < LANES; ++i) {
-            fresh[i] = 0;
-            if (!busy[i])
-                continue;
-            const real change = part(&run->change, i), defect = part(&run->bound.defect, i);
-            if (calls_for_look(&progress[i], change))
-                look(&progress[i], part(&run->noise, i));
-            const enum verdict verdict = judge(&progress[i], change, defect,
-                part(&run->moved, i), options->tolerance, options->max_iterations);
-            ++sweeps[i];
-            if (predicted && round == 1)
-                run->predictor.first[i] = change;
-            if (predicted && round == 1 && !(change < far*far)) {
-                fresh[i] = again = 1; /* a far prediction may lead to another root */
-                progress[i] = start_of_sweeps(run->predictor.rate[i]);
-            } else if (verdict != SWEEP_AGAIN) {
-                busy[i] = 0;
-                lost[i] = verdict == GIVE_UP ? why(&progress[i]) : OK;
-                early[i] = 1;
-                --left;
-            }
+            lanes_look(&progress, looks, run->noise);
         }
-        if (again)
-            restart(b, fresh, NULL);
-        for (int i = 0; i < LANES && left > 0; ++i)
-            if (early[i] == 1) {
-                early[i] = 2;
-                copy_lane(&b->kept, &run->now, i, trajectories_RESULT);
+        lanes_verdict_t verdict = lanes_judge(&progress, change, run->bound.defect, run->moved,
+            options->tolerance, options->max_iterations);
+        taken = lanes_pick(busy, taken + 1, taken);
+        if (predicted && round == 1) {
+            const lanes_mask fresh = busy & lanes_others(change < far*far);
+            for (int i = 0; i < LANES; ++i)
+                if (holds(&busy, i))
+                    run->predictor.first[i] = part(&change, i);
+            if (lanes_any(fresh)) { /* a far prediction may lead to another root */
+                const lanes_progress_t start = lanes_start_of_sweeps(rate);
+                renew(fresh, sizeof(progress)/sizeof(lanes), &start.sweeps, &progress.sweeps);
+                restart(b, fresh, NULL);
             }
-        if (!predicted && left > 0 && (round == 1 || round == 3)) {
+            verdict.ended &= lanes_others(fresh);
+        }
+        const lanes_mask ends = busy & verdict.ended;
+        for (int i = 0; i < LANES; ++i)
+            if (holds(&ends, i) && holds(&verdict.failed, i))
+                lost[i] = why(part(&progress.change, i), part(&progress.before, i));
+        rate = lanes_pick(ends, progress.rate, rate);
+        busy &= lanes_others(ends);
+        if (lanes_any(ends) && lanes_any(busy)) {
+            early |= ends;
+            keep(ends, trajectories_RESULT, &run->now, &b->kept);
+        }
+        if (!predicted && lanes_any(busy) && (round == 1 || round == 3)) {
             trajectories_sizes(run);
             trajectories_factor(run);
         }
     }
     for (int i = 0; i < LANES; ++i) {
-        run->predictor.rate[i] = progress[i].rate;
-        if (early[i] == 2)
-            copy_lane(&run->now, &b->kept, i, trajectories_RESULT);
+        run->predictor.rate[i] = part(&rate, i);
+        sweeps[i] += (int)part(&taken, i);
     }
+    if (lanes_any(early))
+        keep(early, trajectories_RESULT, &b->kept, &run->now);
 }
 
 /* Lane i by full Newton, as solver NEWTON does it. */
 static int rescue(batch_t *b, const options_t *options, int lane, int *iterations, work_t *w)
 {
     real q[N], p[N];
-    int fresh[LANES] = { 0 }, taken;
+    int taken;
     get_constants(&b->run.constants, lane, &w->constants);
     for (int a = 0; a < N; ++a) {
         q[a] = part(&b->run.q[a], lane);
@@ -4327,26 +4741,15 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
     *iterations += taken;
     if (status != OK)
         return status;
-    fresh[lane] = 1;
-    restart(b, fresh, w->x);
+    lanes number = splat(0);
+    set_part(&number, lane, 1);
+    restart(b, number > splat(0), w->x);
     return OK;
-}
-
-/* Larger of two, lane by lane */
-INLINE lanes lanes_larger(lanes a, lanes b)
-{
-    lanes result = a;
-    for (int i = 0; i < LANES; ++i)
-        set_part(&result, i, larger(part(&b, i), part(&a, i)));
-    return result;
 }
 
 INLINE lanes lanes_size(lanes a)
 {
-    lanes result = a;
-    for (int i = 0; i < LANES; ++i)
-        set_part(&result, i, fabs(part(&a, i)));
-    return result;
+    return lanes_larger(a, -a);
 }
 
 static void observe_lane_defects(batch_t *b)
@@ -4358,9 +4761,9 @@ static void observe_lane_defects(batch_t *b)
         g_size = lanes_larger(g_size, lanes_size(run->bound.g_rounded[mu]));
         f_size = lanes_larger(f_size, lanes_size(f[mu]));
     }
-    b->g_max = lanes_larger(b->g_max, g_size);
+    b->g_max = lanes_larger(g_size, b->g_max);
     b->g_sum += g_size;
-    b->f_max = lanes_larger(b->f_max, f_size);
+    b->f_max = lanes_larger(f_size, b->f_max);
     b->f_sum += f_size;
 }
 
@@ -4369,7 +4772,7 @@ static void observe_lanes(batch_t *b)
     trajectories_t *run = &b->run;
     const lanes error = lanes_size(lanes_hamiltonian(&run->constants, run->q, run->p)
         - b->energy_start - run->work);
-    b->energy_error_max = lanes_larger(b->energy_error_max, error);
+    b->energy_error_max = lanes_larger(error, b->energy_error_max);
     b->energy_error_sum += error;
     observe_lane_defects(b);
 }

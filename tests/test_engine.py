@@ -70,12 +70,12 @@ def test_files_are_plain_c(path):
 def test_every_file_is_put_in_somewhere():
     named = set()
     for m in (0, 1, 2):
-        for bits in range(512):
-            stages, structured, forced, constant, scalar, separable, timed, fed, framed = (
-                bool(bits >> i & 1) for i in range(9))
+        for bits in range(1024):
+            stages, structured, forced, constant, scalar, separable, timed, fed, framed, halves = (
+                bool(bits >> i & 1) for i in range(10))
             for lagrangian in (True, False):
                 proved = Proved(4, m, stages, structured, forced, constant, scalar, separable,
-                                timed, fed, lagrangian, framed)
+                                timed, fed, lagrangian, framed, halves)
                 named |= {*proved.solver_files(fast=True)["files"],
                           *proved.legendre_lane_files(), *proved.scheme_files()["stage_files"]}
             for found in (proved.solver_files(fast=True), proved.scheme_files(),
@@ -289,6 +289,62 @@ def test_elimination_without_zeros_has_the_known_solution(linear):
     np.testing.assert_allclose(b, x, rtol=8 * np.finfo(float).eps)
 
 
+# ---------------------------------------------------------------- products by halves
+
+HALVES = """
+#pragma GCC diagnostic ignored "-Wunused-function"
+#include <math.h>
+#define MATH(function) function
+typedef double real;
+enum { N = 3, S = %d, P = S };
+#include "lanes_of_vectors.h"
+#include "lanes.h"
+#include "load_again.h"
+typedef struct { lanes q[N], p[N], zero[N]; } trajectories_t;
+#define RUN(name) trajectories_##name
+%s
+#include "halves_of_stages.h"
+#include "halves_of_nodes.h"
+void product(int which, const double *base, const double *x, double *y)
+{
+    static trajectories_t w;
+    lanes from[P*N], to[P*N];
+    for (int a = 0; a < N; ++a)
+        w.q[a] = w.p[a] = splat(base[a]);
+    for (int e = 0; e < P*N; ++e)
+        from[e] = splat(x[e]);
+    if (which == 0)
+        trajectories_places(&w, from, to);
+    else if (which == 1)
+        trajectories_pushes(&w, w.p, 0, from, to);
+    else if (which == 2)
+        trajectories_displace(&w, from, to);
+    else
+        trajectories_pulls(&w, from, to);
+    for (int e = 0; e < P*N; ++e)
+        y[e] = part(&to[e], LANES - 1);
+}
+"""
+
+
+@pytest.mark.parametrize("s", [7, 8])
+def test_products_by_sums_and_differences(s, tmp_path):
+    """Beside the whole tables, which are rounded once more; three numbers: a pair and one left."""
+    fast = FastTableau(gs.tableau("G-L", s))
+    halves = fast.halves(REALS["double"])
+    tables = "\n".join(f"static const real half_{name}[{len(rows)}][{len(rows[0])}] = "
+                       f"{braced(rows)};" for name, rows in halves.items())
+    ffi, lib = compiled(HALVES % (s, tables),
+                        "void product(int, const double *, const double *, double *);", tmp_path)
+    draw = np.random.default_rng(s)
+    for which, name in enumerate(("mu", "mu_hat", "nu", "nu_tilde")):
+        table = np.array(fast.tables(REALS["double"])[name], dtype=float)
+        base, x, y = draw.normal(size=3), draw.normal(size=(s, 3)), np.zeros((s, 3))
+        lib.product(which, *(ffi.from_buffer("double *", a) for a in (base, x, y)))
+        wanted = table @ x + base * (name != "nu")
+        np.testing.assert_allclose(y, wanted, rtol=0, atol=32 * np.finfo(float).eps)
+
+
 # ---------------------------------------------------------------- steps of the toy
 
 
@@ -319,9 +375,12 @@ class Toy:
         solver, sweeps = proved.solver_files(fast=True), proved.sweep_files(one, many)
         scheme = proved.scheme_files()
         lines += includes([*before, *solver["files"], *scheme["stage_files"],
-                           *scheme["finish_files"], *solver["solver_files"], "objects", "judge",
-                           "predict",
-                           *sweeps["lane_files"]])
+                           *scheme["finish_files"], *solver["solver_files"], "objects", "picks",
+                           "judge"])
+        lines += ["#undef ON", "#undef NUMBER", "#define ON(name) lanes_##name",
+                  "#define NUMBER lanes", *includes(["judge"]), "#undef ON", "#undef NUMBER",
+                  "#define ON(name) name", "#define NUMBER real"]
+        lines += includes(["predict", *sweeps["lane_files"]])
         for run in dict.fromkeys((one, many)):
             lines += as_run(run, run == one, sweeps["sweep_files"][run])
         lines += as_run(one, True, sweeps["one_files"])

@@ -125,6 +125,51 @@ def test_rounded_coefficients_are_symplectic_and_symmetric_exactly(tableau, real
                 assert abs(error) <= Fraction(1, 2**kind.bits) * max(1, abs(tables[name][i][j]))
 
 
+def whole(half, rows, columns):
+    """Return the table that sums and differences multiply by."""
+    pairs, table = columns // 2, []
+    for i in range(rows):
+        row = half[min(i, rows - 1 - i)]
+        sign = 0 if 2 * i + 1 == rows else 1 if 2 * i < rows else -1
+        even = row[pairs:] + row[pairs:2 * pairs][::-1]
+        if columns % 2:
+            even = [*row[pairs:2 * pairs], row[2 * pairs], *row[pairs:2 * pairs][::-1]]
+        odd = [*row[:pairs], *[0] * (columns % 2), *(-e for e in row[:pairs][::-1])]
+        table.append([Fraction(1, 2) + o + sign * e for o, e in zip(odd, even, strict=True)])
+    return table
+
+
+@pytest.mark.parametrize("real", ["float", "double", "float128"])
+@pytest.mark.parametrize(("scheme", "s"), [("G-L", 7), ("G-L", 8), ("G-L", 9), ("LIIIA-B", 8)])
+def test_halves_of_symmetric_tables_are_symplectic_and_symmetric_exactly(scheme, s, real):
+    """The tables that the products of lanes stand for, in rational arithmetic."""
+    kind = REALS[real]
+    tableau = gs.tableau(scheme, s)
+    fast, p = FastTableau(tableau), tableau.p
+    half = fast.halves(kind)
+    mu, mu_hat = (whole(half[name], s, s) for name in ("mu", "mu_hat"))
+    nu, nu_tilde = whole(half["nu"], p - 1, s), whole(half["nu_tilde"], s, p - 1)
+    assert all(mu_hat[i][j] == 1 - mu[j][i] for i in range(s) for j in range(s))
+    assert all(nu_tilde[i][j] == 1 - nu[j][i] for i in range(s) for j in range(p - 1))
+    exact = fast.tables(REALS["float128"])
+    for name, table in (("mu", mu), ("mu_hat", mu_hat), ("nu", nu), ("nu_tilde", nu_tilde)):
+        for row, mirrored, wanted in zip(table, table[::-1], exact[name], strict=False):
+            assert all(x + y == 1 for x, y in zip(row, mirrored[::-1], strict=True))
+            for x, y in zip(row, wanted, strict=False):
+                assert abs(x - y) <= Fraction(1, 2**(kind.bits - 1)) + Fraction(1, 2**112)
+
+
+def test_tables_are_halved_where_that_is_less_work_and_time_can_be_reversed():
+    double = REALS["double"]
+    assert FastTableau(gs.tableau("G-L", 3)).halves(double) == {}
+    assert set(FastTableau(gs.tableau("G-L", 8)).halves(double)) == {
+        "mu", "mu_hat", "nu", "nu_tilde"}
+    fast = FastTableau(gs.tableau("G-L", 8))
+    uneven = [[Fraction(i + 1, j + 9) for j in range(8)] for i in range(8)]
+    vars(fast)["scaled"] = fast.scaled | {"mu": uneven}
+    assert fast.halves(double) == {}
+
+
 @pytest.mark.parametrize("tableau", FAMILIES, ids=lambda t: t.name)
 def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau):
     """A polynomial of degree s − 1 sampled at the stages is continued to those of the next step."""

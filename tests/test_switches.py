@@ -301,7 +301,7 @@ def test_lanes_have_no_branch(tmp_path):
     text = re.search(r"INLINE lanes lanes_choose.*?\n}\n", source.source, re.DOTALL)[0]
     (tmp_path / "choose.c").write_text(
         "typedef double lanes __attribute__((vector_size(16)));\n"
-        "typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) mask;\n"
+        "typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask;\n"
         + text.replace("INLINE", "", 1).replace("#if defined(LANE_BYTES)", ""))
     run([*compiler("gcc"), "-std=c11", "-O2", "-S", "choose.c", "-o", "choose.s"], tmp_path)
     assembly = (tmp_path / "choose.s").read_text()

@@ -113,7 +113,8 @@ def emit(
         "constant_schur", "correction", "separable"))
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
                     bool(system.forces), constant, scalar, separable, system.is_timed,
-                    bool(system.inputs), lagrangian, frame is not None)
+                    bool(system.inputs), lagrangian, frame is not None,
+                    bool(fast.get("half_tables")))
     context["system_lane_files"] = proved.legendre_lane_files()
     context |= proved.scheme_files() | proved.solver_files(fast["fast"])
     context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {

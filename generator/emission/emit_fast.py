@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 from ...real import Real
@@ -20,12 +21,13 @@ def fast_context(
     scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
 ) -> dict[str, Any]:
     """Return what the templates of the fast path need; ``fast`` is False where there is none."""
-    system, tables, spark = fast_system(scheme.system), {}, isinstance(scheme, SparkScheme)
+    system, spark = fast_system(scheme.system), isinstance(scheme, SparkScheme)
+    tables, halves = {}, {}
     if isinstance(scheme, SparkScheme):
         tableau = FastTableau(scheme.tableau)
         if tableau.refusal is not None:
             return {"fast": False, "lane_kernels": [], "no_fast_path": tableau.refusal}
-        tables = tableau.tables(real)
+        tables, halves = tableau.tables(real), tableau.halves(real)
         own_kernels = system.spark_kernels()
     else:
         own_kernels = system.mean_kernels(scheme)
@@ -37,6 +39,7 @@ def fast_context(
     held = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
     if not m and spark:
         tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
+        halves = {name: rows for name, rows in halves.items() if name in tables}
     return {
         "fast": True,
         "vectors": not real.wide,
@@ -44,8 +47,8 @@ def fast_context(
         "folded": {symbol.name.lstrip("_"): values(e)
                    for e, symbol in system.folds.definitions.items()},
         **_lane_functions(kernels),
-        "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
-                        for name, rows in tables.items()},
+        "fast_tables": _literals(tables, real),
+        "half_tables": _literals(halves, real),
         "compensated": any(sums_products(k, "lanes_") for k in kernels),
         "eliminates": scheme.system.m and (spark or system.schur_inverse is None),
         "one": "stages" if spark else "mean",
@@ -65,14 +68,15 @@ def structured_fast_context(
     scheme: SparkScheme | MeanScheme, structure: Structure, forms: dict[str, Any], real: Real
 ) -> dict[str, Any]:
     """Return the same for a system in forms: nothing is proved of it but what its forms show."""
-    spark, tables = isinstance(scheme, SparkScheme), {}
+    spark, tables, halves = isinstance(scheme, SparkScheme), {}, {}
     if isinstance(scheme, SparkScheme):
         tableau = FastTableau(scheme.tableau)
         if tableau.refusal is not None:
             return {"fast": False, "lane_kernels": [], "no_fast_path": tableau.refusal}
-        tables = tableau.tables(real)
+        tables, halves = tableau.tables(real), tableau.halves(real)
         if not scheme.system.m:
             tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
+            halves = {name: rows for name, rows in halves.items() if name in tables}
     kernels = [k for k in forms["form_kernels"] if k.name.startswith("lanes_")]
     m = scheme.system.m
     held, factor = len(forms["used_constants"]), forms["elimination"]["entries"]
@@ -82,8 +86,8 @@ def structured_fast_context(
         "lane_kernels": [],
         "folded": {},
         **_lane_functions(kernels),
-        "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
-                        for name, rows in tables.items()},
+        "fast_tables": _literals(tables, real),
+        "half_tables": _literals(halves, real),
         "compensated": any(sums_products(k, "lanes_") for k in kernels),
         "eliminates": bool(m),
         "one": "stages" if spark else "mean",
@@ -97,6 +101,11 @@ def structured_fast_context(
         "memory": _memory(scheme, real, held, factor, one=True),
         "batch_memory": _memory(scheme, real, held, factor, one=False),
     }
+
+
+def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, list[list[str]]]:
+    return {name: [[real.literal(e) for e in row] for row in rows]
+            for name, rows in tables.items()}
 
 
 def _lane_functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:

@@ -136,6 +136,7 @@ class Proved:
     fed: bool = False
     lagrangian: bool = False
     framed: bool = False
+    halves: bool = False
 
     @property
     def _suits(self) -> str:
@@ -230,15 +231,17 @@ class Proved:
         return "free" if not self.m else "constant" if self.constant_schur else "varying"
 
     def _spark(self, run: str) -> list[str]:
-        layout, seidel = self._layout(), "_seidel" if self.separable else ""
+        several, layout, seidel = run != "stages", self._layout(), "_seidel" * self.separable
+        kind = "halves" if self.halves and several else "products"
         work = "sweep_work" if self.forced else "sweep_no_work"
-        head = [f"{run}_items", f"layout_{layout}", "lessons", run]
+        head = [f"{run}_items", f"layout_{layout}", "lessons", run, f"{kind}_of_stages"]
         if not self.m:
             own = ["sweep_free", "take", f"follow_free{seidel}"]
         else:
             answer = "scalar" if self.correction else "again"
-            own = [f"{run}_nodes", "impulses", f"look_{self._kind}", f"schur_{layout}",
-                   *self._schur_set(), "sweep_constrained", "take",
+            whole = ["trajectories_whole"] if several and not self.halves else []
+            own = [f"{run}_nodes", *whole, f"{kind}_of_nodes", "impulses", f"look_{self._kind}",
+                   f"schur_{layout}", *self._schur_set(), "sweep_constrained", "take",
                    f"follow_{answer}{seidel}", f"land_{self._kind}"]
         return [*head, *own, *self._drive("sweep_drive"), work, "recall",
                 "learn_nodes" if self.m else "learn_nodes_free", f"{run}_ahead", "foresee",

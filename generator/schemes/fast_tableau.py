@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from itertools import zip_longest
 from typing import Any
 
 import mpmath as mp
@@ -115,6 +116,38 @@ class FastTableau:
             "onward_nodes": _onward(part["c_tilde"], part["b_tilde"], self._acting, bits),
         }
 
+    def halves(self, real: Real) -> dict[str, list[Row]]:
+        """Return μ, μ̂, ν and ν̃ split by symmetry in time; empty where that saves nothing.
+
+        Where T_ij + T_i'j' = 1 (i', j' counted from the other end),
+
+            T_ij = ½ + o_ij + e_ij,  T_i'j = ½ + o_ij − e_ij,  o_ij' = −o_ij,  e_ij' = e_ij.
+
+        A row holds o_ij and e_ij of the first half of the columns, then e_ij of the one in the
+        middle; there are rows of the first half, and one in the middle, which has no e. As of ν and
+        ν̃ the row, or column, of the end is left out: it is all ones.
+
+        Of μ̂ and ν̃ they are those of μ and ν with the other sign, transposed, o for e: so
+        μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji hold of rounded numbers exactly.
+        """
+        s, inner = self.tableau.s, max(self.tableau.p - 1, 0)
+        pairs = [("mu", "mu_hat", s), *([("nu", "nu_tilde", inner)] if self.tableau.p else [])]
+        found: dict[str, list[Row]] = {}
+        for name, dual, rows in pairs:
+            table = self._in_lanes(name, self.scaled[name])
+            other = self._in_lanes(dual, self.scaled[dual])
+            slack = max(self._slack, Fraction(1, 2**400))
+            ones = [*table[rows:], [row[rows] for row in other if len(row) > rows]]
+            if (not _is_halved_cheaper(s) or not _is_symmetric(table[:rows], slack)
+                    or any(abs(e - 1) > slack for row in ones for e in row)
+                    or any(abs(table[j][i] + other[i][j] - 1) > slack
+                           for i in range(s) for j in range(rows))):
+                return {}
+            odd, even = _halved(table[:rows], real.bits)
+            found[name] = _half_rows(odd, even)
+            found[dual] = _half_rows(_opposite(even), _opposite(odd))
+        return found
+
     def rounding_errors(self, real: Real) -> list[Fraction]:
         """Return how far the entries of μ, μ̂, ν and ν̃ are from the exact ones."""
         rounded = self.tables(real)
@@ -131,6 +164,38 @@ class FastTableau:
         nodes = all(tables["nu_tilde"][i][j] + tables["nu"][j][i] == 1
                     for i in range(s) for j in range(p - 1))
         return stages and nodes
+
+
+def _is_halved_cheaper(s: int) -> bool:
+    """Whether sums and differences save more multiplications than they take additions."""
+    pairs = s // 2
+    return s * s > pairs * s + 7 * pairs + s % 2 * (pairs + 2)
+
+
+def _is_symmetric(table: list[Row], slack: Fraction) -> bool:
+    return all(abs(x + y - 1) <= slack
+               for row, mirrored in zip(table, table[::-1], strict=True)
+               for x, y in zip(row, mirrored[::-1], strict=True))
+
+
+def _halved(table: list[Row], bits: int) -> tuple[list[Row], list[Row]]:
+    """Return o_ij and e_ij of the first half of rows and columns, and of those in the middle."""
+    rows, columns = len(table), len(table[0])
+    odd = [[round_binary((row[j] - row[columns - 1 - j]) / 2, bits) for j in range(columns // 2)]
+           for row in table[: -(-rows // 2)]]
+    even = [[round_binary((row[j] + row[columns - 1 - j] - 1) / 2, bits)
+             for j in range(-(-columns // 2))] for row in table[: rows // 2]]
+    return odd, even
+
+
+def _opposite(table: list[Row]) -> list[Row]:
+    return [[-row[j] for row in table] for j in range(len(table[0]))]
+
+
+def _half_rows(odd: list[Row], even: list[Row]) -> list[Row]:
+    """Return rows as they are multiplied; that in the middle, which has no e, is filled up."""
+    none = [Fraction(0)] * len(even[0])
+    return [[*o, *e] for o, e in zip_longest(odd, even, fillvalue=none)]
 
 
 def _onward(nodes: Row, weights: Row, order: list[int], bits: int) -> list[Row]:
