@@ -18,6 +18,7 @@ from typing import Any
 import site_tables
 import site_uses
 from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
@@ -108,17 +109,22 @@ def _set(text: str) -> list[nodes.Node]:
 
 
 def show_first_pictures(app: Sphinx, tree: nodes.document, name: str) -> None:
-    """Put the first picture of each page of the gallery before its title in the list."""
+    """Make the gallery's lists of pages grids: the first picture of each, and its title."""
     if name != "gallery/index":
         return
-    for link in tree.findall(nodes.reference):
-        page = f"gallery/{link['refuri'].removesuffix('.html')}"
-        pictures = app.env.get_doctree(page).findall(nodes.image) if (
-            page in app.env.found_docs) else iter(())
-        first = next(pictures, None)
-        if first is not None:
-            link.insert(0, nodes.image(uri=first["uri"], candidates=first["candidates"], alt="",
-                                       classes=["thumbnail"]))
+    for pages in list(tree.findall(addnodes.toctree)):
+        grid = nodes.container(classes=["gallery"])
+        for _, page in pages["entries"]:
+            link = nodes.reference(refuri=app.builder.get_relative_uri(name, page), internal=True)
+            first = next(iter(app.env.get_doctree(page).findall(nodes.image)), None)
+            if first is not None:
+                link += nodes.image(uri=first["uri"], candidates=first["candidates"], alt="",
+                                    classes=["thumbnail"])
+            link += nodes.Text(app.env.titles[page].astext())
+            grid += nodes.paragraph("", "", link)
+        heading = nodes.paragraph("", "", nodes.strong("", pages["caption"]))
+        pages.parent.insert(pages.parent.index(pages), [heading, grid])
+        pages["hidden"] = True
 
 
 def mend_pages(app: Sphinx, error: Exception | None) -> None:

@@ -7,6 +7,7 @@ import html
 import importlib.util
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 from urllib.parse import unquote
@@ -14,7 +15,7 @@ from urllib.parse import unquote
 import pytest
 
 import gyrospark as gs
-from processes import ROOT, call
+from processes import PATIENCE, ROOT, call, environment
 
 DOCS = ROOT / "docs"
 CELL = re.compile(r"^```\{code-cell\} python\n(?:---\n.*?^---\n|(?::.*\n)*)(.*?)^```$",
@@ -125,8 +126,10 @@ def test_names_lead_to_what_uses_them(uses):
 def site(tmp_path_factory):
     pytest.importorskip("sphinx_click", reason="the site needs the extra docs: make docs")
     target = tmp_path_factory.mktemp("site")
-    done = call([sys.executable, "-m", "sphinx", "-W", "--keep-going", "--quiet", DOCS, target],
-                cwd=ROOT, PYTHONWARNINGS=None)
+    options = ["-W", "--keep-going", "--quiet", "-j", "auto"]
+    done = subprocess.run([sys.executable, "-m", "sphinx", *options, DOCS, target], cwd=ROOT,
+                          env=environment(PYTHONWARNINGS=None), text=True, capture_output=True,
+                          timeout=10 * PATIENCE, check=False)
     assert done.returncode == 0, done.stderr
     return target
 
