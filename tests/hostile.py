@@ -307,6 +307,7 @@ def multibody_calls() -> Iterator[Call]:
     yield of("speed", joint="slide")
     yield of("potential", expression=sp.Integer(1))
     yield of("parameter", name="k", value=1.0, positive=False)
+    yield of("input", name="k", value=1.0)
     yield of("force", body="body", force=(0, 0, 1), on_body=(0, 0, 1))
     yield of("torque", body="body", torque=(0, 0, 1))
     yield of("quantity", name="k", expression=sp.Integer(1))

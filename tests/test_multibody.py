@@ -150,6 +150,28 @@ def test_springs_forces_and_expressions():
     assert system.time == build.time
 
 
+def test_inputs_of_a_builder_turn_a_body_as_said():
+    """ω̇ = u/I about a principal axis: t² / 2 while it is pushed, straight on while it is not."""
+    build = gs.Multibody("pushed_body", gravity=(0, 0, 0))
+    body = build.body("bus", mass=1.0, inertia=INERTIA)
+    push = build.input("push", 0.25)
+    build.torque(body, (0, 0, push * 0.03))
+    model = build.model()
+    assert model.system.inputs == (push,)
+    assert model.parameters["push"] == 0.25
+    step = gs.stepper("G-L", 4, system=model.system)
+    how = {"dt": 0.05, "parameters": model.parameters}
+    run = step.integrate(model.q0, model.p0, steps=40, inputs={"push": [2.0, -1.0]}, hold=20, **how)
+    assert run.body().angular_velocity()[[20, 40], 2] == pytest.approx([2, 1], rel=1e-12)
+    angles = 2 * np.arctan2(run.q[[20, 40], 3], run.q[[20, 40], 0])
+    assert angles == pytest.approx([1, 2.5], rel=1e-10)
+    plain = step.integrate(model.q0, model.p0, steps=20, **how)
+    assert plain.body().angular_velocity()[-1, 2] == pytest.approx(0.25, rel=1e-12)
+    build.input("idle")
+    with pytest.raises(gs.InputError, match=r"Input 'idle' of Multibody .* is in no force"):
+        build.model()
+
+
 def test_rod_keeps_the_distance_of_the_start():
     build = gs.Multibody("bola", gravity=(0, 0, 0))
     a, b = (build.body(name, mass=1, inertia=INERTIA, position=x)

@@ -151,7 +151,7 @@ def test_the_third_axis_is_turned_onto_the_rotors(axis):
     (lambda b: b.point_mass("bob", mass=1), "'bob' is used twice"),
     (lambda b: b.point_mass("dot", mass=1, position=(1, 2)), "position of 'dot' is"),
     (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 1, 1), axis=(0, 0, 1), at=(0, 0, 0)),
-     "inertia of rotor 'w', along and across is .*give 2 finite numbers"),
+     "inertia of rotor 'w', about its axis and across it, is .*give 2 finite numbers"),
     (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 0.1), axis=(0, 0, 1), at=(0, 0, 0)),
      "inertia of 'w'"),
     (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 0.6), axis=(0, 0, 0), at=(0, 0, 0)),

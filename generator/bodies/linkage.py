@@ -207,8 +207,8 @@ class Linkage:
         angle: float = 0.0,
     ) -> Align:
         return Align(name, *self._two(name, a, b), _direction(name, "axis", axis),
-                     float(finite(f"rate of {name!r}", rate, ())),
-                     float(finite(f"angle of {name!r}", angle, ())))
+                     float(finite(f"rate of {name!r} in rad/s", rate, ())),
+                     float(finite(f"angle of {name!r} in rad", angle, ())))
 
     def _pair(
         self, name: str, a: Frame | str, b: Frame | str, at: Any, on_a: Any, on_b: Any

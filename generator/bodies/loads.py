@@ -81,6 +81,7 @@ class Loads(Linkage):
         self._potential: list[sp.Expr] = []
         self._pushes: list[Push] = []
         self._quantities: dict[str, sp.Expr] = {}
+        self._inputs: list[sp.Symbol] = []
 
     def potential(self, expression: Any) -> None:
         """Add to H: an expression in symbols of the bodies and of ``parameter``.
@@ -96,6 +97,14 @@ class Loads(Linkage):
         self._values[name] = float(finite(f"parameter {name!r}", value, ()))
         self._symbols[name] = sp.Symbol(name, **domain)
         return self._symbols[name]
+
+    def input(self, name: str, value: float = 0.0) -> sp.Symbol:
+        """Return a symbol for forces, torques and motors that a run may give anew in each step.
+
+        What a controller says is one; ``value`` is what it has where a run gives none.
+        """
+        self._inputs.append(self.parameter(name, value))
+        return self._inputs[-1]
 
     def force(
         self, body: Body | str, force: Sequence[Any], *, on_body: ArrayLike | None = None

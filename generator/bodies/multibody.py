@@ -202,12 +202,13 @@ class Multibody(Machine):
         Parameters
         ----------
         inertia : two floats
-            Moments about its axis, which is its own third one, and across.
+            In kg m²: the moment about its axis, which is its own third one, then that across.
         axis, at, on_body, rate : optional
             The axis in space, where the wheel's centre is, in space or on the body, and how fast
             it spins against the body: as for ``revolute``.
         """
-        along, across = finite(f"inertia of rotor {name!r}, along and across", inertia, (2,))
+        along, across = finite(
+            f"inertia of rotor {name!r}, about its axis and across it,", inertia, (2,))
         wheel = self.body(name, mass=mass, inertia=(across, across, along),
                           quaternion=onto(three(f"axis of {name!r}", axis)))
         self.revolute(f"{name}_bearing", body, wheel, axis=axis, at=at, on_a=on_body,
@@ -331,7 +332,11 @@ class Multibody(Machine):
         unknown = [s for s in parameters if str(s) not in store]
         if unknown:
             raise InputError(f"{str(unknown[0])!r} in Multibody {self.name!r} has no value; make "
-                             "it with parameter(name, value).")
+                             "it with parameter(name, value) or input(name).")
+        unfelt = [u for u in self._inputs if u not in used]
+        if unfelt:
+            raise InputError(f"Input {str(unfelt[0])!r} of Multibody {self.name!r} is in no force; "
+                             "write it where it acts, or remove it.")
         kept, values = set(parameters), dict(store)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]
@@ -339,6 +344,7 @@ class Multibody(Machine):
             q, p, parameters, H, constraints, name=self.name, forces=forces,
             constraint_names=tuple(equation.name for equation in equations),
             time=self.time if self.time in used else None, quantities=quantities,
+            inputs=tuple(self._inputs),
             bodies=tuple(body_at(body, kept, values) for body in self._bodies if body.q),
             joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values)
                          for link in links
