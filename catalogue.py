@@ -11,14 +11,18 @@ and sweeps all look names up here. An entry costs nothing until it is made.
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal
 
 from .errors import InputError
 from .naming import listed, proposal, shown
 
-__all__ = ["FRAMES", "MODELS", "PROBLEMS", "SYSTEMS", "Entry", "entry_named"]
+__all__ = ["FRAMES", "MODELS", "PROBLEMS", "SYSTEMS", "Entry", "entry_named", "unknown_name"]
+
+_HOME = Path(__file__).resolve().parent
 
 #: What ``frame`` may be: co-moving frames along the symmetries of a system (docs/frames.md).
 FRAMES = ("symmetries",)
@@ -86,6 +90,12 @@ def entry_named(name: Any, what: str = "problem") -> Entry:
     for entry in (*PROBLEMS.values(), *MODELS.values()):
         if isinstance(name, str) and name.replace("_", "-") == entry.name.replace("_", "-"):
             return entry
-    names = [*PROBLEMS, *MODELS]
-    raise InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "
-                     f"ending in .toml or .urdf{proposal(name, names)}.")
+    raise unknown_name(what, name, [*PROBLEMS, *MODELS])
+
+
+def unknown_name(what: str, name: Any, names: Sequence[str]) -> InputError:
+    """Return the refusal of a name that is none of these; examples, which are files, are proposed.
+    """
+    files = {path.stem: f"examples/{path.name}" for path in (_HOME / "examples").glob("*.toml")}
+    return InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "
+                      f"ending in .toml or .urdf{proposal(name, names, spelt=files)}.")

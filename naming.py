@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import numbers
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from .errors import InputError
@@ -46,11 +47,17 @@ def unknown(what: str, value: Any, allowed: Iterable[str], more: str = "") -> In
                       f"{proposal(value, names)}.")
 
 
-def proposal(value: Any, allowed: Iterable[str]) -> str:
-    """Return " (did you mean …?)" if a name looks like one of the allowed, else nothing."""
+def proposal(
+    value: Any, allowed: Iterable[str], spelt: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Return " (did you mean …?)" if a name looks like one of the allowed, else nothing.
+
+    ``spelt`` has names beside these that must be spelt otherwise than they sound.
+    """
     if not isinstance(value, str):
         return ""
-    plain = {_plain(name): name for name in allowed}
+    plain = {_plain(name): text for name, text in spelt.items()}
+    plain |= {_plain(name): name for name in allowed}
     near = difflib.get_close_matches(_plain(value), plain, n=1, cutoff=0.6)
     return f" (did you mean {plain[near[0]]}?)" if near else ""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..body_values import REPS
-from ..catalogue import FRAMES, MODELS, SYSTEMS
+from ..catalogue import FRAMES, MODELS, SYSTEMS, unknown_name
 from ..errors import InputError
 from ..naming import choose, listed, shown, whole
 from ..real import REALS, RealName
@@ -139,8 +139,9 @@ def _system(system: str | None, rep: Any) -> tuple[str, Path | None, str]:
     chosen = "" if rep is None else choose("representation", rep, REPS)
     if system is not None and is_model_file(system):
         return system, Path(system), chosen
-    named = choose("system", (system or "heavy_top").replace("-", "_"), [*SYSTEMS, *MODELS],
-                   " or a model file ending in .toml or .urdf")
+    named = (system or "heavy_top").replace("-", "_")
+    if named not in {*SYSTEMS, *MODELS}:
+        raise unknown_name("system", named, [*SYSTEMS, *MODELS])
     return named, None, chosen or ("gamma" if named in SYSTEMS else "")
 
 

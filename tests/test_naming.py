@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from dataclasses import replace
 from types import ModuleType
 from typing import get_args
@@ -103,6 +104,16 @@ def test_catalogue_is_what_python_offers():
 def test_names_are_taken_with_either_sign(name):
     for spelt in (name.replace("_", "-"), name.replace("-", "_")):
         assert entry_named(spelt).name == name
+
+
+@pytest.mark.parametrize("refuse", [entry_named, lambda name: gs.stepper("IMS", system=name)])
+@pytest.mark.parametrize(("name", "meant"), [
+    ("satellite_with_wheel", "examples/satellite_with_wheel.toml"),
+    ("slider-crank", "examples/slider_crank.toml"), ("satelite", "satellite"),
+    ("double-tops", "double_top")])
+def test_an_example_that_is_a_file_is_proposed_as_one(refuse, name, meant):
+    with pytest.raises(gs.InputError, match=re.escape(f"(did you mean {meant}?).")):
+        refuse(name)
 
 
 @pytest.mark.parametrize("name", ["lagrange_top", "satellite", "free-body"])
