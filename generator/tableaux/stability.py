@@ -157,7 +157,7 @@ def _nowhere_negative(polynomial: sp.Poly) -> bool:
     if polynomial.is_zero:
         return True
     odd = [factor for factor, times in polynomial.sqf_list()[1] if times % 2]
-    crossed = any(factor.count_roots(0, sp.oo) - (factor.eval(0) == 0) for factor in odd)
+    crossed = any(factor.count_roots(0, sp.oo) - (factor.TC() == 0) for factor in odd)
     return bool(polynomial.LC() > 0) and not crossed
 
 
