@@ -154,6 +154,14 @@ def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
                          f"written; end it in {', '.join(filter(None, allowed))}.")
 
 
+def check_film(path: Path) -> None:
+    """Refuse a file of --animate that no film can be written to."""
+    from ..runtime.show.animation import check_film
+
+    check_writable("--animate", path)
+    check_film(path)
+
+
 def check_picture(path: Path) -> None:
     """Refuse a file of --plot that no picture can be written to."""
     from ..runtime.show.plots import check_target

@@ -104,13 +104,16 @@ _BAR_FROM = 20_000
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
 @click.option("--view", "page", type=click.Path(path_type=Path), metavar="FILE",
               help="Write a page that moves, of bodies, joints and energy (.html).")
+@click.option("--animate", "film", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write a film of bodies and energy, six seconds long (.gif; .mp4 with ffmpeg).")
 @json_option
 def run(
     problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
     dt: str | None, error: str | None, t0: str, steps: str | None, t_end: str | None,
     every: str, solver: str, tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
-    resume: bool, seed: str | None, plot: Path | None, page: Path | None, as_json: bool,
+    resume: bool, seed: str | None, plot: Path | None, page: Path | None, film: Path | None,
+    as_json: bool,
     **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); or a model
@@ -132,11 +135,13 @@ def run(
     gyrospark run examples/pendulum.toml --scheme EMS --dt 1e-3 --steps 1000 --json
     gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
         --set inertia=0.002,0.0013,0.0008 --set angular_velocity=30,-40,100
+    gyrospark run free-body --dt 0.01 --t-end 20 --set inertia=1,2,3 \\
+        --set angular_velocity=0.01,5,0.01 --animate flip.gif
     """
     entry = None if is_model_file(problem) else entry_named(problem)
     options = {} if entry is None else _options(entry, settings)
     chosen = entry.make(**options) if entry is not None and entry.kind == "problem" else None
-    check_targets(out, plot, page, resume=resume)
+    check_targets(out, plot, page, film, resume=resume)
     choice, note = with_default_scheme(choice)
     choice["frame"] = "symmetries" if frames else None
     if chosen is not None:
@@ -195,7 +200,7 @@ def run(
             if chosen is not None and (reference or chosen.exact is not None):
                 with suppress(Stopped):  # a reference is a run as well
                     result |= axis_errors(chosen, step, done.trajectory)
-            for key, target in (("plot", plot), ("view", page)):
+            for key, target in (("plot", plot), ("view", page), ("animate", film)):
                 if target is None:
                     continue
                 try:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ..event import Event, as_events, event_of_text
 from ..runtime.show.endings import ENDINGS, PAGES, ending_of
-from .options import check_ending, check_picture, check_writable
+from .options import check_ending, check_film, check_picture, check_writable
 
 if TYPE_CHECKING:
     from ..runtime.output.trajectory import Trajectory
@@ -55,7 +55,9 @@ class Done:
     ended_by: str | None = None
 
 
-def check_targets(out: Path | None, plot: Path | None, page: Path | None, *, resume: bool) -> None:
+def check_targets(
+    out: Path | None, plot: Path | None, page: Path | None, film: Path | None, *, resume: bool
+) -> None:
     """Refuse what cannot be written before a long run, not after it."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
@@ -65,6 +67,8 @@ def check_targets(out: Path | None, plot: Path | None, page: Path | None, *, res
     if page is not None:
         check_writable("--view", page)
         check_ending("--view", page, PAGES)
+    if film is not None:
+        check_film(film)
     if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
         raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
                          "the file that it shall become, NAME.csv or NAME.nc.")

@@ -78,8 +78,8 @@ def _stepper(
         made = stepper_of(spec)
         return made, Start.of_problem(model)
     if not hasattr(model, "system") or not hasattr(model, "q0"):
-        raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a model or a "
-                         "file.")
+        raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a file or a "
+                         "model, which of a system is gs.Model(system, parameters, q0, p0).")
     if rep is not None:
         raise InputError(f"rep = {rep!r} belongs to names and files; a Model brings its own H.")
     spec = Spec.checked(scheme, stages, real=real).with_frame(frame or model.frame or None)

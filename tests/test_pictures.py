@@ -83,6 +83,20 @@ def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["box.gif", "ellipsoid.gif"]
 
 
+def test_a_film_on_the_command_line(gyrospark, tmp_path):
+    from PIL import Image
+
+    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "4", "--animate"]
+    said = gyrospark(*run, "flip.gif")
+    assert said.code == 0
+    assert "wrote flip.gif" in said.stdout
+    with Image.open(tmp_path / "flip.gif") as film:
+        assert film.n_frames == 5
+    said = gyrospark(*run, "flip.png")
+    assert said.code == 2
+    assert "cannot be written as 'flip.png'; end it in .gif or .mp4" in said.stderr
+
+
 def test_faces_lie_on_the_shape_and_point_everywhere(tops):
     for part in scene_of(tops, 2).parts:
         for shape, kind in (("box", np.inf), ("ellipsoid", 2)):

@@ -242,6 +242,11 @@ def test_refusals_come_before_anything_is_computed(over, options, fragments, mon
     assert all(fragment in str(error.value) for fragment in fragments), str(error.value)
 
 
+def test_a_system_without_a_start_is_told_how_it_gets_one():
+    with pytest.raises(gs.InputError, match=r"is nothing to sweep; .* gs\.Model\(system, "):
+        gs.sweep(pendulum_model().system, {"dt": [0.1]}, scheme="EMS", steps=1)
+
+
 def test_studies_and_stores_travel():
     study = plan(TOP, OVER, scheme="EMS", steps=5)
     there = pickle.loads(pickle.dumps((study, Store(Path("x")))))[0]

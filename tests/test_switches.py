@@ -155,6 +155,7 @@ def test_roots_of_what_rests_at_zero_do_not_move():
     (P((x, x > k)), "no value where none"),
     (P((x, sp.Symbol("b")), (2, True)), "condition b of a Piecewise is not understood"),
     (P((x, sp.Xor(x > 0, y > 0)), (2, True)), "not understood; write it with <"),
+    (sp.Eq(x**2, 1), r"is an equation, no expression; write .*, x\*\*2 - 1\."),
     (x > 0, r"is a condition, no expression; write .* Piecewise\(\(1, x > 0\), \(0, True\)\)"),
 ])
 def test_what_is_no_expression_is_refused(e, reason):

@@ -52,6 +52,9 @@ def as_expression(value: object) -> sp.Expr:
         made = _sympify(value)  # strict: never parses text
     except (sp.SympifyError, TypeError, ValueError, AttributeError):
         made = None
+    if isinstance(made, sp.Equality) and all(isinstance(e, sp.Expr) for e in made.args):
+        raise InputError(f"{shown(value)} is an equation, no expression; write its left side minus "
+                         f"its right one, {made.lhs - made.rhs}.")
     if isinstance(made, Boolean) and not isinstance(made, sp.Expr):
         raise InputError(f"{shown(value)} is a condition, no expression; write 1 where it holds "
                          f"and 0 elsewhere as Piecewise((1, {shown(value)}), (0, True)).")

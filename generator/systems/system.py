@@ -212,7 +212,7 @@ class System:
                 raise InputError(
                     f"Constraint {index} of system {self.name!r} contains "
                     f"{min(map(str, unknown))!r}; a holonomic constraint depends on q, "
-                    "parameters and what is declared as time."
+                    "parameters and what is declared as time; declare it there, or remove it."
                 )
         for what, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
                         *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):

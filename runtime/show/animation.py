@@ -20,7 +20,7 @@ from .scene import SHAPES, Part, Scene, ShapeName, scene_of
 if TYPE_CHECKING:
     from ..output.trajectory import Trajectory
 
-__all__ = ["animate"]
+__all__ = ["animate", "check_film"]
 
 Array = NDArray[Any]
 
@@ -59,10 +59,7 @@ def animate(
     GyrosparkError
         If the file cannot be written.
     """
-    target = as_path("path", path, "flip.gif")
-    if ending_of(target) not in FILMS:
-        raise InputError(f"A film cannot be written as {target.name!r}; end it in "
-                         f"{' or '.join(FILMS)}.")
+    target = check_film(path)
     choose("shape", shape, SHAPES)
     frames, writer = _frames(seconds, fps), _writer(target, fps)
     scene = scene_of(trajectory, frames)
@@ -81,6 +78,24 @@ def animate(
                              f"{error.strerror or error}.") from error
     finally:
         part.unlink(missing_ok=True)
+    return target
+
+
+def check_film(path: str | os.PathLike[str]) -> Path:
+    """Return the path if a film can be written as such a file, and drawn at all.
+
+    Raises
+    ------
+    InputError
+        For another ending than .gif or .mp4.
+    MissingDependencyError
+        Without matplotlib, or ffmpeg.
+    """
+    target = as_path("path", path, "flip.gif")
+    if ending_of(target) not in FILMS:
+        raise InputError(f"A film cannot be written as {target.name!r}; end it in "
+                         f"{' or '.join(FILMS)}.")
+    _writer(target, fps=20)
     return target
 
 
