@@ -75,9 +75,9 @@ def bench(
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
-    bodies, and the chain of 8 and a four-bar beside exudyn, 1 s of motion. store: what streaming
-    a run to a store adds, beside what the disk takes. sweeps: what a sweep
-    costs beside its bare kernel, with steps, cells, stored states, threads and Dask workers.
+    bodies, and the chain of 8 and a four-bar beside exudyn, MuJoCo and PyDy, 1 s of motion. store:
+    what streaming a run to a store adds, beside what the disk takes. sweeps: what a sweep costs
+    beside its bare kernel, with steps, cells, stored states, threads and Dask workers.
     events: a pendulum through the bottom and the fast top's height, with states between steps,
     beside heyoka and SciPy.
 
