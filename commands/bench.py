@@ -163,7 +163,7 @@ def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Ro
 
 
 def _base(choice: _Choice, rows: Sequence[Row]) -> str | None:
-    if choice.base is not None and not any(choice.base in row.name for row in rows):
+    if choice.base is not None and rows and not any(choice.base in row.name for row in rows):
         raise InputError(f"No row has {choice.base!r} in its name; --base takes a part of "
                          f"peer and setting, such as {rows[0].name!r}.")
     return choice.base

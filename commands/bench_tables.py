@@ -22,6 +22,9 @@ __all__ = ["PRINT"]
 
 
 def _print_peers(rows: Sequence[Row]) -> None:
+    if not rows:
+        click.echo("None of these peers has the fast top; they have bodies on joints.")
+        return
     t_end = rows[0].t_end
     _print_rows(f"CPU time and errors at t = {t_end:g} s", [(row, []) for row in rows], [])
 

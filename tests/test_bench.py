@@ -30,7 +30,7 @@ from gyrospark.benchmarks import (
 from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_ratios
 from gyrospark.benchmarks.peers import exudyn_bodies, mujoco_bodies, optional, ours, pydy_bodies
 from gyrospark.benchmarks.peers.entry import Entry
-from gyrospark.commands import main
+from gyrospark.commands import bench_tables, main
 from gyrospark.runtime.body.quaternion import rotation_matrix
 from gyrospark.sweeps.sweep import run_study
 
@@ -466,6 +466,26 @@ def bench(monkeypatch, capsys, tmp_path):
         return end.value.code, said.out, said.err
 
     return caller
+
+
+def test_a_peer_of_bodies_alone_has_no_top(bench):
+    code, out, _ = bench("peers", "--quick", "--peers", "pydy", "--base", "DOP853")
+    assert code == 0
+    assert out == "None of these peers has the fast top; they have bodies on joints.\n"
+
+
+def test_each_program_of_bodies_has_a_column(capsys):
+    """The cheapest that is exact enough, and its cost over that of the first program."""
+    rows = [bodies.BodyRow("chain", peer, "1", "x", 1e-3, seconds=seconds, error=error)
+            for peer, seconds, error in (("gyrospark", 0.002, 1e-7), ("mujoco", 0.006, 1e-5),
+                                         ("mujoco", 0.5, 1e-5), ("pydy", None, None))]
+    bench_tables._print_accuracies(rows)
+    lines = [[cell.strip() for cell in line.split("│")[1:-1]]
+             for line in capsys.readouterr().out.splitlines() if "│" in line]
+    assert ["chain", "1e-05", "2.00 x Δt=0.001", "6.00 x Δt=0.001", "–"] == [
+        " ".join(cell.split()) for cell in next(line for line in lines if "1e-05" in line)]
+    assert sum("× 3.0" in line for line in lines) == 3
+    assert [line[3] for line in lines if "1e-06" in line] == ["–"]
 
 
 def test_events_beside_others(monkeypatch):
