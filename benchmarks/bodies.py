@@ -172,6 +172,8 @@ def compare_bodies(
                 _ENTER[peer](contest, row, quick=quick)
             except Unavailable as reason:
                 contest.rows.append(replace(row, note=str(reason)))
+            except Exception as error:  # such as code that does not compile: their row, as above
+                contest.rows.append(replace(row, note=f"failed: {error!r}", failed=True))
         watch(f"{linkage.name}: {len(contest.runs)} runs in turn, {rounds} rounds")
         found += contest.timed(rounds, least)
     return found

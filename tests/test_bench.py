@@ -375,6 +375,17 @@ def test_bodies_without_a_program_are_a_row(monkeypatch, module):
 
 
 @pytest.mark.usefixtures("quick_builds")
+def test_bodies_that_a_program_cannot_build_are_a_row(monkeypatch):
+    def broken(linkage):
+        raise RuntimeError("Failed to compile")
+
+    monkeypatch.setattr(pydy_bodies, "Machine", broken)
+    row, = bodies.compare_bodies([linkages.chain_of(1)], ["pydy"], 1, 1e-4, quick=True)
+    assert row.failed
+    assert "Failed to compile" in row.note
+
+
+@pytest.mark.usefixtures("quick_builds")
 def test_pydy_says_what_it_is_not_derived_for():
     row, = bodies.compare_bodies([linkages.closed_loop()], ["pydy"], 1, 1e-4, quick=True)
     assert "close no loop" in row.note
