@@ -8,6 +8,7 @@ says independently of us whether the reference is right.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -20,13 +21,13 @@ from ..errors import GyrosparkError
 from ..facade import stepper
 from ..runtime.run.stepper import Stepper
 from .linkages import Array, Linkage, chain_of, closed_loop
-from .peers.exudyn_bodies import PACKAGE, SOLVERS, Machine
+from .peers import exudyn_bodies, mujoco_bodies, pydy_bodies
 from .peers.optional import Unavailable, version
 from .timing import alternate, repeated
 
 __all__ = ["ACCURACIES", "PEERS", "T_END", "BodyRow", "cheapest", "compare_bodies", "linkages"]
 
-PEERS = ("gyrospark", "exudyn")
+PEERS = ("gyrospark", "exudyn", "mujoco", "pydy")
 T_END = 1.0
 #: Errors in m for which the cheapest run of each program is looked up.
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
@@ -106,8 +107,8 @@ class _Contest:
     runs: dict[str, Run] = field(default_factory=dict)
     ends: dict[str, Array] = field(default_factory=dict)
 
-    def enter(self, row: BodyRow, run: Run) -> None:
-        """Judge a run once; one that fails is a row that says why."""
+    def enter(self, row: BodyRow, run: Run) -> float:
+        """Judge a run once and return its error; one that fails is a row that says why."""
         row = replace(row, reference_error=self.reference_error)
         try:
             self.ends[row.name] = end = run()
@@ -118,6 +119,7 @@ class _Contest:
         except Exception as error:  # other programs raise what they like; it is their row
             row = replace(row, note=f"failed: {error!r}", failed=True)
         self.rows.append(row)
+        return math.inf if row.error is None else row.error
 
     def distance(self, end: Array) -> float:
         """Return the largest distance of a centre of mass to the reference."""
@@ -139,7 +141,7 @@ class _Contest:
                 sample, times = samples[row.name], often[row.name][1]
                 seconds = sample.median / times
                 row = replace(row, seconds=seconds, spread=sample.spread, times=times,
-                              us_per_step=seconds / _steps(row.dt or T_END) * 1e6,
+                              us_per_step=seconds / _steps(row.dt) * 1e6 if row.dt else None,
                               samples=sample.seconds)
             found.append(row)
         return found
@@ -163,8 +165,15 @@ def compare_bodies(
             for row, run in _ours(linkage, quick=quick):
                 watch(f"{linkage.name}: {row.name}")
                 contest.enter(row, run)
-        if "exudyn" in peers:
-            _enter_exudyn(contest, quick=quick, watch=watch)
+        for peer in (name for name in peers if name in _ENTER):
+            row = BodyRow(linkage.name, peer, version(peer), "")
+            watch(f"{linkage.name}: {peer}")
+            try:
+                _ENTER[peer](contest, row, quick=quick)
+            except Unavailable as reason:
+                contest.rows.append(replace(row, note=str(reason)))
+            except Exception as error:  # such as code that does not compile: their row, as above
+                contest.rows.append(replace(row, note=f"failed: {error!r}", failed=True))
         watch(f"{linkage.name}: {len(contest.runs)} runs in turn, {rounds} rounds")
         found += contest.timed(rounds, least)
     return found
@@ -194,21 +203,34 @@ def _ours(linkage: Linkage, *, quick: bool) -> Iterator[tuple[BodyRow, Run]]:
                            2 * stages), partial(_integrate, linkage, step, dt))
 
 
-def _enter_exudyn(
-    contest: _Contest, *, quick: bool, watch: Callable[[str], None]
-) -> None:
-    linkage = contest.linkage
-    row = BodyRow(linkage.name, PACKAGE, version(PACKAGE), "")
-    try:
-        machine = Machine(linkage)
-    except Unavailable as reason:
-        contest.rows.append(replace(row, note=str(reason)))
-        return
-    for solver in list(SOLVERS)[: 1 if quick else None]:
+def _enter_exudyn(contest: _Contest, row: BodyRow, *, quick: bool) -> None:
+    machine = exudyn_bodies.Machine(contest.linkage)
+    for solver in list(exudyn_bodies.SOLVERS)[: 1 if quick else None]:
         for dt in _THEIRS[:2] if quick else _THEIRS:
-            entry = replace(row, method=solver, dt=dt)
-            watch(f"{linkage.name}: {entry.name}")
-            contest.enter(entry, partial(machine.run, solver, dt, _steps(dt)))
+            contest.enter(replace(row, method=solver, dt=dt),
+                          partial(machine.run, solver, dt, _steps(dt)))
+
+
+def _enter_mujoco(contest: _Contest, row: BodyRow, *, quick: bool) -> None:
+    """Halve the time step until nothing better is asked for."""
+    machine = mujoco_bodies.Machine(contest.linkage)
+    for integrator in list(mujoco_bodies.INTEGRATORS)[: 1 if quick else None]:
+        order = machine.order(integrator)
+        for dt in _THEIRS[:2] if quick else _THEIRS:
+            if contest.enter(replace(row, method=integrator, dt=dt, order=order),
+                             machine.prepare(integrator, dt, _steps(dt))) <= ACCURACIES[-1]:
+                break
+
+
+def _enter_pydy(contest: _Contest, row: BodyRow, *, quick: bool) -> None:
+    machine = pydy_bodies.Machine(contest.linkage)
+    for tolerance in pydy_bodies.TOLERANCES[-1:] if quick else pydy_bodies.TOLERANCES:
+        contest.enter(replace(row, method=f"DOP853 tol {tolerance:g}"),
+                      partial(machine.run, tolerance, T_END))
+
+
+#: How the runs of another program are entered.
+_ENTER = {"exudyn": _enter_exudyn, "mujoco": _enter_mujoco, "pydy": _enter_pydy}
 
 
 def _integrate(

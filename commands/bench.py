@@ -75,9 +75,9 @@ def bench(
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
-    bodies, and the chain of 8 and a four-bar beside exudyn, 1 s of motion. store: what streaming
-    a run to a store adds, beside what the disk takes. sweeps: what a sweep
-    costs beside its bare kernel, with steps, cells, stored states, threads and Dask workers.
+    bodies, and the chain of 8 and a four-bar beside exudyn, MuJoCo and PyDy, 1 s of motion. store:
+    what streaming a run to a store adds, beside what the disk takes. sweeps: what a sweep costs
+    beside its bare kernel, with steps, cells, stored states, threads and Dask workers.
     events: a pendulum through the bottom and the fast top's height, with states between steps,
     beside heyoka and SciPy.
 
@@ -163,7 +163,7 @@ def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Ro
 
 
 def _base(choice: _Choice, rows: Sequence[Row]) -> str | None:
-    if choice.base is not None and not any(choice.base in row.name for row in rows):
+    if choice.base is not None and rows and not any(choice.base in row.name for row in rows):
         raise InputError(f"No row has {choice.base!r} in its name; --base takes a part of "
                          f"peer and setting, such as {rows[0].name!r}.")
     return choice.base

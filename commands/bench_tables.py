@@ -22,6 +22,9 @@ __all__ = ["PRINT"]
 
 
 def _print_peers(rows: Sequence[Row]) -> None:
+    if not rows:
+        click.echo("None of these peers has the fast top; they have bodies on joints.")
+        return
     t_end = rows[0].t_end
     _print_rows(f"CPU time and errors at t = {t_end:g} s", [(row, []) for row in rows], [])
 
@@ -111,7 +114,7 @@ def _print_bodies(rows: Sequence[BodyRow]) -> None:
     from ..benchmarks.bodies import PEERS, T_END
 
     if not rows:
-        click.echo(f"Only {' and '.join(PEERS)} have bodies on joints.")
+        click.echo(f"Only {', '.join(PEERS)} have bodies on joints.")
         return
     grid = _grid(f"Bodies on joints, {T_END:g} s of motion", ["model", "program", "setting"],
                  ["CPU ms", "±", "µs/step", "error (m)", "limit (m)"])
@@ -130,18 +133,25 @@ def _print_accuracies(rows: Sequence[BodyRow]) -> None:
     """Print the cheapest measured run of each program for each accuracy."""
     from ..benchmarks.bodies import ACCURACIES, PEERS, cheapest
 
-    ours, theirs = PEERS
-    grid = _grid("CPU ms of the cheapest run with at most this error", ["model", "error (m)"],
-                 [ours, theirs, "ratio"])
+    entered = [peer for peer in PEERS if any(row.peer == peer for row in rows)]
+    grid = _grid("CPU ms of the cheapest run with at most this error, and over the first program's",
+                 ["model", "error (m)", *entered], [])
     for model in dict.fromkeys(row.model for row in rows):
         for accuracy in ACCURACIES:
-            best = [cheapest(rows, model, peer, accuracy) for peer in (ours, theirs)]
-            seconds = [row.seconds if row else None for row in best]
-            cells = [f"{_number(s and s * 1e3, '{:,.2f}')}  {row.name.removeprefix(row.peer)}"
-                     if row else "–" for row, s in zip(best, seconds, strict=True)]
-            ratio = seconds[1] / seconds[0] if seconds[0] and seconds[1] else None
-            grid.add_row(model, f"{accuracy:.0e}", *cells, _number(ratio, "{:.1f}"))
+            best = {peer: cheapest(rows, model, peer, accuracy) for peer in entered}
+            cells = [_cheapest(best[peer], best[entered[0]]) for peer in entered]
+            grid.add_row(model, f"{accuracy:.0e}", *cells)
     _show(grid)
+
+
+def _cheapest(row: BodyRow | None, base: BodyRow | None) -> str:
+    """Return a row's cost, its setting, and its cost over another's."""
+    if row is None or row.seconds is None:
+        return "–"
+    text = f"{row.seconds * 1e3:,.2f}  {row.name.removeprefix(row.peer).strip()}"
+    if base is None or base is row or not base.seconds:
+        return text
+    return f"{text}\n× {row.seconds / base.seconds:.1f}"
 
 
 def _print_store(rows: Sequence[StoreRow]) -> None:

@@ -28,9 +28,9 @@ from gyrospark.benchmarks import (
     tops,
 )
 from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_ratios
-from gyrospark.benchmarks.peers import exudyn_bodies, optional, ours
+from gyrospark.benchmarks.peers import exudyn_bodies, mujoco_bodies, optional, ours, pydy_bodies
 from gyrospark.benchmarks.peers.entry import Entry
-from gyrospark.commands import main
+from gyrospark.commands import bench_tables, main
 from gyrospark.runtime.body.quaternion import rotation_matrix
 from gyrospark.sweeps.sweep import run_study
 
@@ -315,18 +315,39 @@ def test_linkages_are_held_where_both_bodies_are(linkage):
         np.testing.assert_allclose(a, b, atol=1e-13)
 
 
+def beside(peer: str, linkage: linkages.Linkage) -> list[bodies.BodyRow]:
+    """Rows of a quick run of one program; skips the test without that program."""
+    rows = bodies.compare_bodies([linkage], [peer], 1, 1e-4, quick=True)
+    if rows[0].note.startswith("not installed"):
+        pytest.skip(rows[0].note)
+    assert rows[0].reference_error < 1e-14
+    assert all(row.seconds and not row.note for row in rows)
+    return rows
+
+
+@pytest.mark.usefixtures("quick_builds")
 def test_exudyn_goes_where_we_go():
     """As its step goes to 0 it ends at our reference: another program, another formulation."""
-    linkage = linkages.chain_of(2)
-    try:
-        exudyn_bodies.Machine(linkage)
-    except optional.Unavailable as reason:
-        pytest.skip(str(reason))
-    rows = bodies.compare_bodies([linkage], bodies.PEERS, 1, 1e-4, quick=True)
-    theirs = [row for row in rows if row.peer == "exudyn"]
-    assert theirs[1].error < theirs[0].error / 3.5  # second order
-    assert theirs[1].limit < 1e-6
-    assert rows[0].reference_error < 1e-14
+    coarse, fine = beside("exudyn", linkages.chain_of(2))
+    assert fine.error < coarse.error / 3.5  # second order
+    assert fine.limit < 1e-6
+
+
+@pytest.mark.usefixtures("quick_builds")
+def test_mujoco_goes_where_we_go():
+    """The chain at once; the loop, held by a soft constraint, by a second order."""
+    row, = beside("mujoco", linkages.chain_of(2))  # no smaller step is needed
+    assert row.error < 1e-6
+    coarse, fine = beside("mujoco", linkages.closed_loop())
+    assert fine.error < coarse.error / 3.5
+    assert fine.limit < fine.error / 4  # of the next order
+
+
+@pytest.mark.usefixtures("quick_builds")
+def test_pydy_goes_where_we_go():
+    row, = beside("pydy", linkages.chain_of(2))
+    assert row.error < 1e-7
+    assert row.us_per_step is None  # its steps are of any length
 
 
 @pytest.mark.usefixtures("quick_builds")
@@ -341,13 +362,33 @@ def test_ours_arrives_on_bodies(tmp_path):
 
 
 @pytest.mark.usefixtures("quick_builds")
-def test_bodies_without_exudyn_are_a_row(monkeypatch):
-    def missing(module, package=None):
-        raise optional.Unavailable("not installed (pip install exudyn)")
+@pytest.mark.parametrize("module", [exudyn_bodies, mujoco_bodies, pydy_bodies],
+                         ids=lambda module: module.PACKAGE)
+def test_bodies_without_a_program_are_a_row(monkeypatch, module):
+    def missing(name, package=None):
+        raise optional.Unavailable(f"not installed (pip install {module.PACKAGE})")
 
-    monkeypatch.setattr(exudyn_bodies, "need", missing)
-    row, = bodies.compare_bodies([linkages.chain_of(1)], ["exudyn"], 1, 1e-4, quick=True)
-    assert row.note == "not installed (pip install exudyn)"
+    monkeypatch.setattr(module, "need", missing)
+    row, = bodies.compare_bodies([linkages.chain_of(1)], [module.PACKAGE], 1, 1e-4, quick=True)
+    assert row.note == f"not installed (pip install {module.PACKAGE})"
+    assert not row.failed
+
+
+@pytest.mark.usefixtures("quick_builds")
+def test_bodies_that_a_program_cannot_build_are_a_row(monkeypatch):
+    def broken(linkage):
+        raise RuntimeError("Failed to compile")
+
+    monkeypatch.setattr(pydy_bodies, "Machine", broken)
+    row, = bodies.compare_bodies([linkages.chain_of(1)], ["pydy"], 1, 1e-4, quick=True)
+    assert row.failed
+    assert "Failed to compile" in row.note
+
+
+@pytest.mark.usefixtures("quick_builds")
+def test_pydy_says_what_it_is_not_derived_for():
+    row, = bodies.compare_bodies([linkages.closed_loop()], ["pydy"], 1, 1e-4, quick=True)
+    assert "close no loop" in row.note
     assert not row.failed
 
 
@@ -436,6 +477,27 @@ def bench(monkeypatch, capsys, tmp_path):
         return end.value.code, said.out, said.err
 
     return caller
+
+
+def test_a_peer_of_bodies_alone_has_no_top(bench):
+    code, out, _ = bench("peers", "--quick", "--peers", "pydy", "--base", "DOP853")
+    assert code == 0
+    assert out == "None of these peers has the fast top; they have bodies on joints.\n"
+
+
+def test_each_program_of_bodies_has_a_column(capsys):
+    """The cheapest that is exact enough, and its cost over that of the first program."""
+    rows = [bodies.BodyRow("chain", peer, "1", "x", 1e-3, seconds=seconds, error=error)
+            for peer, seconds, error in (("gyrospark", 0.002, 1e-7), ("mujoco", 0.006, 1e-5),
+                                         ("mujoco", 0.5, 1e-5), ("pydy", None, None))]
+    bench_tables._print_accuracies(rows)
+    lines = [[cell.strip() for cell in line.split("│")[1:-1]]
+             for line in capsys.readouterr().out.splitlines() if "│" in line]
+    first = next(line for line in lines if "1e-05" in line)
+    assert [" ".join(cell.split()) for cell in first] == [
+        "chain", "1e-05", "2.00 x Δt=0.001", "6.00 x Δt=0.001", "–"]
+    assert sum("× 3.0" in line for line in lines) == 3
+    assert [line[3] for line in lines if "1e-06" in line] == ["–"]
 
 
 def test_events_beside_others(monkeypatch):

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from ...errors import InputError
 from .entry import Entry
 
-__all__ = ["PEERS", "chosen", "entries"]
+__all__ = ["OF_BODIES", "PEERS", "chosen", "entries"]
 
 #: Name on the command line → its file.
 PEERS = {
@@ -26,6 +26,8 @@ PEERS = {
     "mujoco": "mujoco_rk4",
     "exudyn": "exudyn_body",
 }
+#: Those that are beside bodies on joints alone, not beside the fast top.
+OF_BODIES = ("pydy",)
 
 
 def chosen(text: str | None) -> list[str]:
@@ -36,19 +38,20 @@ def chosen(text: str | None) -> list[str]:
     InputError
         For a name that is none of them.
     """
+    known = [*PEERS, *OF_BODIES]
     if text is None:
-        return list(PEERS)
+        return known
     names = [name.strip() for name in text.split(",")]
     for name in names:
-        if name not in PEERS:
-            raise InputError(f"Unknown peer {name!r}; choose {', '.join(PEERS)}.")
+        if name not in known:
+            raise InputError(f"Unknown peer {name!r}; choose {', '.join(known)}.")
     return list(dict.fromkeys(names))
 
 
 def entries(names: Iterable[str], *, quick: bool = False) -> list[Entry]:
     """Return the entries of these peers; with ``quick`` only one or two of each."""
     found = []
-    for name in names:
+    for name in (name for name in names if name in PEERS):
         made: list[Entry] = importlib.import_module(f".{PEERS[name]}", __name__).entries()
         found += [entry for entry in made if entry.quick or not quick]
     return found
