@@ -70,14 +70,14 @@ def _top(moments: Sequence[int], omega: Sequence[str]) -> Motion:
     return rates, [mp.mpf(x) for x in ("1", "0", "0", "0", *omega)]
 
 
-def flyball_governor() -> Motion:
+def flyball_governor(damping: str = "4e4", struck: str = "0") -> Motion:
     """J ψ'' = −J_β β' ψ',   I β'' = ½ J_β ψ'² + f L_β + (m + 2 m_b) g cos β,   M s'' = f L_s − M g.
 
     J of all about the shaft, I of both rods about their hinges, L the length of a spring and
     f = −2 (K (L − ½) + C L').
     """
     K, C, g, m, M, ball, w, a = (mp.mpf(x) for x in (
-        "8e5", "4e4", "9.81", "0.3", "3", "5", "0.01", "0.05"))
+        "8e5", damping, "9.81", "0.3", "3", "5", "0.01", "0.05"))
     shaft, block, swing = m * w**2 / 6, M * 4 * a**2 / 6, 2 * (m / 3 + m * w**2 / 12 + ball)
 
     def rates(_: Any, state: Sequence[Any]) -> list[Any]:
@@ -94,4 +94,4 @@ def flyball_governor() -> Motion:
                 (J_beta * turn**2 / 2 + f * L_beta + (m + 2 * ball) * g * c) / swing,
                 f * L_s / M - g]
 
-    return rates, [mp.mpf(0), mp.pi / 6, mp.mpf(1) / 2, 2 * mp.pi, mp.mpf(0), mp.mpf(0)]
+    return rates, [mp.mpf(0), mp.pi / 6, mp.mpf(1) / 2, 2 * mp.pi, mp.mpf(0), mp.mpf(struck)]

@@ -210,6 +210,8 @@ WAYS: dict[str, Way] = {
     "slider-crank": _loop(loops.slider_crank, 5000),
     "flyball-governor": _midpoint(equations.flyball_governor, (("0.01", 60), ("0.09", 300)),
                                   1000),
+    "flyball-governor-stiff": _midpoint(lambda: equations.flyball_governor("4e5", "0.05"),
+                                        (("0.001", 80), ("0.009", 300)), 2000),
     "kovalevskaya": _series(equations.kovalevskaya, 1000),
     "goryachev-chaplygin": _series(equations.goryachev_chaplygin, 1000),
     "neumann": _series(equations.neumann, 1000),

@@ -1,7 +1,8 @@
-"""IFToMM's stiff flyball governor in its three coordinates, forced by its dampers."""
+"""IFToMM's stiff flyball governor in three coordinates; and stiffer, struck against its dampers."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -12,8 +13,9 @@ from .problem import Attempt, Reference
 
 if TYPE_CHECKING:
     from ..generator.bodies.model import Model
+    from ..runtime.output.trajectory import Trajectory
 
-__all__ = ["FLYBALL_GOVERNOR"]
+__all__ = ["FLYBALL_GOVERNOR", "FLYBALL_GOVERNOR_STIFF"]
 
 #: Parameters of the model, SI; masses, widths and the half of the block's side.
 _VALUES = {"K": "8e5", "C": "4e4", "rest": "0.5", "g": "9.81", "m": "0.3", "M": "3", "ball": "5",
@@ -21,8 +23,10 @@ _VALUES = {"K": "8e5", "C": "4e4", "rest": "0.5", "g": "9.81", "m": "0.3", "M": 
 _DIGITS = 50
 
 
-def _governor() -> Model:
-    """Turn ψ of the shaft, β of the rods below the horizontal, height s of the slider.
+def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
+    """Return the model, its slider at a speed of ``struck`` to begin with.
+
+    Turn ψ of the shaft, β of the rods below the horizontal, height s of the slider.
 
     Both halves move alike: a spring and a damper from the middle of each rod, (a + cos β/2,
     1 − sin β/2), to the slider at (a, s): the potential K (L − rest)² of their length L, and the
@@ -48,24 +52,41 @@ def _governor() -> Model:
     rate = sum(slope * x for slope, x in zip(slopes, v, strict=True))
     system = System.from_lagrangian(kinetic - potential, q, v, parameters, name="flyball_governor",
                                     forces=[-2 * C * rate * slope for slope in slopes])
-    values: dict[str, Any] = {name: Fraction(text) for name, text in _VALUES.items()}
+    values: dict[str, Any] = {name: Fraction(text) for name, text in (
+        _VALUES | {"C": damping}).items()}
     start = {beta: sp.pi / 6, s: sp.Rational(1, 2)}
     put_in = {x: sp.Rational(values[str(x)]) for x in parameters} | start
     spin = Fraction(str((2 * sp.pi * inertia.subs(put_in)).evalf(_DIGITS)))
+    momenta = [spin, 0, values["M"] * Fraction(struck)]
     q0 = [0, Fraction(str((sp.pi / 6).evalf(_DIGITS))), Fraction(1, 2)]
     return Model(replace(system, quantities={"Lz": system.p[0]}), values,
-                 np.array(q0, dtype=object), np.array([spin, 0, 0], dtype=object))
+                 np.array(q0, dtype=object), np.array(momenta, dtype=object))
 
 
 _COORDINATES = ("psi", "beta", "s")
+_GROUPS = {"positions": _COORDINATES, "velocities": tuple(f"{x}'" for x in _COORDINATES)}
+_KEPT = {"energy": "T + V + ∫ 2C L'² dt", "Lz": "∂T/∂ψ'"}
+
+
+def _end(run: Trajectory) -> Mapping[str, Any]:
+    return {"positions": run.q[-1], "velocities": run.velocities[-1]}
+
+
 FLYBALL_GOVERNOR = Reference(
     name="flyball-governor", title="Stiff flyball governor, IFToMM A05",
     source="IFToMM library of multibody problems, A05: 2π rad/s, rods 30° below the horizontal, "
            "8e5 N/m, 4e4 N s/m; turn of the shaft, of the rods, height of the slider",
-    form="Lagrangian", make=_governor, seconds="0.1",
-    groups={"positions": _COORDINATES, "velocities": tuple(f"{x}'" for x in _COORDINATES)},
-    read=lambda run: {"positions": run.q[-1], "velocities": run.velocities[-1]},
-    invariants={"energy": "T + V + ∫ 2C L'² dt", "Lz": "∂T/∂ψ'"},
+    form="Lagrangian", make=_governor, seconds="0.1", groups=_GROUPS, read=_end, invariants=_KEPT,
     attempts=(Attempt("G-L", 4, (25, 50, 100, 200, 400)),
               Attempt("G-L", 3, (25, 50, 100, 200, 400, 800)),
               Attempt("Radau-L", 3, (25, 50, 100, 200, 400, 800, 1600))))
+
+FLYBALL_GOVERNOR_STIFF = Reference(
+    name="flyball-governor-stiff", title="Flyball governor, stiffer, its slider struck",
+    source="IFToMM A05 with 4e5 N s/m, so that what the dampers resist dies away at 8e4 1/s, and a "
+           "slider that begins at 0.05 m/s: in few steps it lingers with G-L, with Radau-L not",
+    form="Lagrangian", make=lambda: _governor("4e5", "0.05"), seconds="0.01", groups=_GROUPS,
+    read=_end, invariants=_KEPT,
+    attempts=(Attempt("G-L", 4, (5, 10, 20, 100, 500, 2000)),
+              Attempt("Radau-L", 3, (5, 10, 20, 100, 500, 2000, 8000)),
+              Attempt("G-L", 3, (5, 10, 20, 100, 500, 2000))))
