@@ -12,6 +12,8 @@
     storing.py      runs in memory and in a store: ``gyrospark bench store``
     sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
     events.py       events and states between steps: ``gyrospark bench events``
+    make_digits.py  digits of reference problems two ways: ``closed_forms.py``, ``loops.py``,
+                    ``equations.py``, ``extrapolation.py``
     callgrind.py    instructions of one step, which guard the speed in CI
 
 Every time is CPU time on one machine in one run; ratios travel, times do not.

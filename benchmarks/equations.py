@@ -1,6 +1,7 @@
 """Equations of motion without multipliers: rates(t, state), and the state at t = 0.
 
-For mpmath's Taylor series, SciPy and heyoka: rates take numbers of any kind.
+For mpmath's Taylor series and midpoint rule, SciPy and heyoka: rates take numbers of any kind, but
+those of the governor, which are for mpmath alone.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from typing import Any
 
 import mpmath as mp
 
-__all__ = ["Motion", "ellipsoid", "goryachev_chaplygin", "kovalevskaya", "neumann"]
+__all__ = ["Motion", "ellipsoid", "flyball_governor", "goryachev_chaplygin", "kovalevskaya",
+           "neumann"]
 
 Motion = tuple[Callable[[Any, Sequence[Any]], list[Any]], list[Any]]
 
@@ -66,3 +68,30 @@ def _top(moments: Sequence[int], omega: Sequence[str]) -> Motion:
                 ((I1 - I2) * x * y - across) / I3]
 
     return rates, [mp.mpf(x) for x in ("1", "0", "0", "0", *omega)]
+
+
+def flyball_governor(damping: str = "4e4", struck: str = "0") -> Motion:
+    """J ψ'' = −J_β β' ψ',   I β'' = ½ J_β ψ'² + f L_β + (m + 2 m_b) g cos β,   M s'' = f L_s − M g.
+
+    J of all about the shaft, I of both rods about their hinges, L the length of a spring and
+    f = −2 (K (L − ½) + C L').
+    """
+    K, C, g, m, M, ball, w, a = (mp.mpf(x) for x in (
+        "8e5", damping, "9.81", "0.3", "3", "5", "0.01", "0.05"))
+    shaft, block, swing = m * w**2 / 6, M * 4 * a**2 / 6, 2 * (m / 3 + m * w**2 / 12 + ball)
+
+    def rates(_: Any, state: Sequence[Any]) -> list[Any]:
+        _, beta, s, turn, down, up = state
+        c, d = mp.cos(beta), mp.sin(beta)
+        J = shaft + block + 2 * (m * (a**2 + a * c + c**2 / 3) + ball * (a + c) ** 2
+                                 + m * w**2 * (d**2 / 6 + c**2 / 12))
+        J_beta = 2 * (-m * (a + 2 * c / 3) * d - 2 * ball * (a + c) * d + m * w**2 * c * d / 6)
+        above = 1 - d / 2 - s
+        L = mp.sqrt(c**2 / 4 + above**2)
+        L_beta, L_s = -c * (d / 2 + above) / (2 * L), -above / L
+        f = -2 * (K * (L - mp.mpf(1) / 2) + C * (L_beta * down + L_s * up))
+        return [turn, down, up, -J_beta * down * turn / J,
+                (J_beta * turn**2 / 2 + f * L_beta + (m + 2 * ball) * g * c) / swing,
+                f * L_s / M - g]
+
+    return rates, [mp.mpf(0), mp.pi / 6, mp.mpf(1) / 2, 2 * mp.pi, mp.mpf(0), mp.mpf(struck)]

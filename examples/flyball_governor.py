@@ -2,8 +2,9 @@
 
 A shaft turns about z; two rods are hinged to it near its top, each with 5 kg at its end; a slider
 moves along the shaft, held to the middle of each rod by a spring and a stiff damper. Whatever
-moves it against the rods is gone after 2C/m = 27 000 1/s: where a step is longer than that, with
-G-L the damper rings, with Radau-L it does not.
+moves it against the rods dies away at 8100 1/s, 2C (L_s²/M + L_β²/I) of the springs' length L: in
+steps that are longer than that, it lingers with G-L, which at infinity damps nothing, and is gone
+with Radau-L.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@
     problem     what a problem is: model, digits, invariants, what others published
     truth       the digits, from digits.json, which benchmarks/make_digits.py writes
     mechanisms  car axis, Andrews' squeezing mechanism
+    governor    the flyball governor with stiff dampers
     linkages    four-bars in a row, Bricard's, Bennett's, a spatial slider-crank
     pendulums   the pendulum in a plane and on a sphere
     surfaces    Neumann's oscillator, the geodesic of an ellipsoid, a bead on a wire that turns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
@@ -16,7 +17,7 @@ from gyrospark.benchmarks.reference_peers import measure_peers
 from gyrospark.references.catalogue import REFERENCES
 from gyrospark.references.measuring import LIMIT, measure
 from gyrospark.references.page import page, reached
-from gyrospark.references.problem import largest_error
+from gyrospark.references.problem import Attempt, largest_error
 from processes import ROOT
 
 every = pytest.mark.parametrize("name", REFERENCES)
@@ -53,6 +54,9 @@ OTHER = {
         "x_P1": "0.9999999638063", "z_P1": "-2.690488800787e-4", "x_P3": "0.9999999638063",
         "y_P3": "-1.000269012696", "z_P3": "0.9997309511199"},
     "slider-crank": {"x_C": "0.2249255150864"},
+    "flyball-governor": {
+        "psi": "0.6221066814027", "beta": "0.4961738690759", "s": "0.5238364755696",
+        "psi'": "6.103717808831", "beta'": "-0.522673929754", "s'": "0.459271810436"},
     "free-body": {
         "q0": "0.887094310264289125", "q1": "-0.261678695032792263", "q2": "0.225839107427755072",
         "q3": "0.305916071527624956", "Omega2": "-0.590418524333427169"},
@@ -128,6 +132,16 @@ def test_a_scheme_reaches_the_digits(name):
     assert all(run.cpu_seconds > 0 for run in runs)
     assert all(run.invariants["constraints"] < 1e-14 for run in runs)
     assert all(moved < 1e-10 for moved in runs[-1].invariants.values())
+
+
+def test_a_stiff_damper_lingers_with_gauss_and_not_with_radau():
+    """Five steps of λΔt = 163, for which |R|⁵ is 0.29 with 4-G-L and 1.3e-9 with 3-Radau-L."""
+    problem = REFERENCES["flyball-governor-stiff"]
+    by_scheme = replace(problem, attempts=[
+        Attempt("G-L", 4, (5,)), Attempt("Radau-L", 3, (5, 500))])
+    gauss, radau, many = (run.error for run in measure(by_scheme, rounds=1))
+    assert radau < 1e-8 < 1e-4 < gauss
+    assert many < LIMIT
 
 
 @pytest.mark.parametrize(("motion", "here"), [

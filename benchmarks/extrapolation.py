@@ -1,0 +1,42 @@
+"""Equations of motion by the midpoint rule, extrapolated (Gragg): numbers of any kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+__all__ = ["extrapolated"]
+
+Rates = Callable[[Any, Sequence[Any]], list[Any]]
+
+
+def extrapolated(rates: Rates, start: Sequence[Any], dt: Any, steps: int,
+                 columns: int) -> list[Any]:
+    """Return the state after steps of order 2·columns; the rates do not ask for the time."""
+    state = list(start)
+    for _ in range(steps):
+        row: list[list[Any]] = []
+        for k in range(1, columns + 1):
+            row = _next_row(row, _midpoint(rates, state, dt, 2 * k), k)
+        state = row[-1]
+    return state
+
+
+def _midpoint(rates: Rates, state: Sequence[Any], dt: Any, count: int) -> list[Any]:
+    """Return the state after ``count`` parts of dt; its error is a series in 1/count²."""
+    h = dt / count
+    before, here = state, [x + h * rate for x, rate in zip(state, rates(0, state), strict=True)]
+    for _ in range(count - 1):
+        before, here = here, [
+            x + 2 * h * rate for x, rate in zip(before, rates(0, here), strict=True)]
+    return here
+
+
+def _next_row(above: Sequence[list[Any]], first: list[Any], k: int) -> list[list[Any]]:
+    """Return row k of the tableau of Aitken and Neville, in (1/count)² with count = 2k."""
+    row = [first]
+    for j, old in enumerate(above, 1):
+        share = (k - j) ** 2, k**2 - (k - j) ** 2
+        row.append([x + (x - y) * share[0] / share[1]
+                    for x, y in zip(row[-1], old, strict=True)])
+    return row

@@ -1,0 +1,92 @@
+"""IFToMM's stiff flyball governor in three coordinates; and stiffer, struck against its dampers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .problem import Attempt, Reference
+
+if TYPE_CHECKING:
+    from ..generator.bodies.model import Model
+    from ..runtime.output.trajectory import Trajectory
+
+__all__ = ["FLYBALL_GOVERNOR", "FLYBALL_GOVERNOR_STIFF"]
+
+#: Parameters of the model, SI; masses, widths and the half of the block's side.
+_VALUES = {"K": "8e5", "C": "4e4", "rest": "0.5", "g": "9.81", "m": "0.3", "M": "3", "ball": "5",
+           "w": "0.01", "a": "0.05"}
+_DIGITS = 50
+
+
+def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
+    """Return the model, its slider at a speed of ``struck`` to begin with.
+
+    Turn ψ of the shaft, β of the rods below the horizontal, height s of the slider.
+
+    Both halves move alike: a spring and a damper from the middle of each rod, (a + cos β/2,
+    1 − sin β/2), to the slider at (a, s): the potential K (L − rest)² of their length L, and the
+    forces −2C L' ∂L/∂q.
+    """
+    import sympy as sp
+
+    from ..generator.bodies.model import Model
+    from ..generator.systems.system import System
+
+    q = _, beta, s = sp.symbols("psi beta s", real=True)
+    v = turn, swing, slide = sp.symbols("psi_t beta_t s_t", real=True)
+    K, C, rest, g, m, M, ball, w, a = parameters = sp.symbols([*_VALUES], positive=True)
+    sin, cos = sp.sin(beta), sp.cos(beta)
+    about_hinge = m * (1 + w**2 / 4) / 3 + ball
+    rod = (m * (a**2 + a * cos + cos**2 / 3 + w**2 * (2 * sin**2 + cos**2) / 12)
+           + ball * (a + cos) ** 2)
+    inertia = m * w**2 / 6 + M * (2 * a) ** 2 / 6 + 2 * rod
+    kinetic = inertia * turn**2 / 2 + about_hinge * swing**2 + M * slide**2 / 2
+    length = sp.sqrt(cos**2 / 4 + (1 - sin / 2 - s) ** 2)
+    potential = g * (M * s - (m + 2 * ball) * sin) + K * (length - rest) ** 2
+    slopes = [sp.diff(length, x) for x in q]
+    rate = sum(slope * x for slope, x in zip(slopes, v, strict=True))
+    system = System.from_lagrangian(kinetic - potential, q, v, parameters, name="flyball_governor",
+                                    forces=[-2 * C * rate * slope for slope in slopes])
+    values: dict[str, Any] = {name: Fraction(text) for name, text in (
+        _VALUES | {"C": damping}).items()}
+    start = {beta: sp.pi / 6, s: sp.Rational(1, 2)}
+    put_in = {x: sp.Rational(values[str(x)]) for x in parameters} | start
+    spin = Fraction(str((2 * sp.pi * inertia.subs(put_in)).evalf(_DIGITS)))
+    momenta = [spin, 0, values["M"] * Fraction(struck)]
+    q0 = [0, Fraction(str((sp.pi / 6).evalf(_DIGITS))), Fraction(1, 2)]
+    return Model(replace(system, quantities={"Lz": system.p[0]}), values,
+                 np.array(q0, dtype=object), np.array(momenta, dtype=object))
+
+
+_COORDINATES = ("psi", "beta", "s")
+_GROUPS = {"positions": _COORDINATES, "velocities": tuple(f"{x}'" for x in _COORDINATES)}
+_KEPT = {"energy": "T + V + ∫ 2C L'² dt", "Lz": "∂T/∂ψ'"}
+
+
+def _end(run: Trajectory) -> Mapping[str, Any]:
+    return {"positions": run.q[-1], "velocities": run.velocities[-1]}
+
+
+FLYBALL_GOVERNOR = Reference(
+    name="flyball-governor", title="Stiff flyball governor, IFToMM A05",
+    source="IFToMM library of multibody problems, A05: 2π rad/s, rods 30° below the horizontal, "
+           "8e5 N/m, 4e4 N s/m; turn of the shaft, of the rods, height of the slider",
+    form="Lagrangian", make=_governor, seconds="0.1", groups=_GROUPS, read=_end, invariants=_KEPT,
+    attempts=(Attempt("G-L", 4, (25, 50, 100, 200, 400)),
+              Attempt("G-L", 3, (25, 50, 100, 200, 400, 800)),
+              Attempt("Radau-L", 3, (25, 50, 100, 200, 400, 800, 1600))))
+
+FLYBALL_GOVERNOR_STIFF = Reference(
+    name="flyball-governor-stiff", title="Flyball governor, stiffer, its slider struck",
+    source="IFToMM A05 with 4e5 N s/m, so that what the dampers resist dies away at 8e4 1/s, and a "
+           "slider that begins at 0.05 m/s: in few steps it lingers with G-L, with Radau-L not",
+    form="Lagrangian", make=lambda: _governor("4e5", "0.05"), seconds="0.01", groups=_GROUPS,
+    read=_end, invariants=_KEPT,
+    attempts=(Attempt("G-L", 4, (5, 10, 20, 100, 500, 2000)),
+              Attempt("Radau-L", 3, (5, 10, 20, 100, 500, 2000, 8000)),
+              Attempt("G-L", 3, (5, 10, 20, 100, 500, 2000))))
