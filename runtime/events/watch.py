@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,6 +40,9 @@ class Levels:
     #: For each event "q", "p" or, of quantities, "", and which column of these.
     columns: tuple[tuple[str, int], ...]
     levels: Array
+    #: The columns as C counts them, q, p and quantities in a row, and the levels in its type.
+    numbered: Array
+    rounded: Array
 
     @classmethod
     def of(cls, binding: Binding, manifest: Any, events: tuple[Event, ...]) -> Levels:
@@ -49,10 +51,13 @@ class Levels:
         places = {name: ("p", i) for i, name in enumerate(system["momenta"])}
         places |= {name: ("q", i) for i, name in enumerate(system["coordinates"])}
         places |= {name: ("", i) for i, name in enumerate(system.get("quantities", ()))}
-        number = binding.number_type
-        return cls(binding, events, tuple(places[one.quantity] for one in events),
-                   np.array([as_real("level", one.level, binding.number) for one in events],
-                            number))
+        columns = tuple(places[one.quantity] for one in events)
+        first = {"q": 0, "p": binding.n, "": 2 * binding.n}
+        levels = np.array([as_real("level", one.level, binding.number) for one in events],
+                          binding.number_type)
+        return cls(binding, events, columns, levels,
+                   np.array([column + first[of] for of, column in columns], np.intc),
+                   levels.astype(binding.dtype))
 
     def values(self, parameters: Any, t: Array | None, q: Array, p: Array) -> Array:
         """Return the values of rows of states, a column an event; with times where ``timed``."""
@@ -72,7 +77,7 @@ class Levels:
 
         None where none is. ``last`` is what was before, of ``no_past`` at first.
         """
-        return self.binding.near(parameters, self._times(t), q, p, self._numbered, self._rounded,
+        return self.binding.near(parameters, self._times(t), q, p, self.numbered, self.rounded,
                                  last)
 
     @property
@@ -88,16 +93,6 @@ class Levels:
     @property
     def _of_quantities(self) -> bool:
         return any(of == "" for of, _ in self.columns)
-
-    @cached_property
-    def _numbered(self) -> Array:
-        n = self.binding.n
-        return np.array([column + {"q": 0, "p": n, "": 2 * n}[of] for of, column in self.columns],
-                        np.intc)
-
-    @cached_property
-    def _rounded(self) -> Array:
-        return self.levels.astype(self.binding.dtype)
 
     def _times(self, t: Array | None) -> Array:
         """Return times in the stepper's type, where they matter."""
