@@ -51,8 +51,11 @@ def cells(path: Path) -> list[str]:
     return found
 
 
-#: Derived for ten seconds and more; the build runs them, too.
-LONG_PAGES = {"gallery/crane"}
+#: Of several bodies or schemes, derived for seconds each; the build runs them, too.
+LONG_PAGES = {f"gallery/{name}" for name in (
+    "andrews", "car_axis", "chain", "crane", "double_top", "energy", "four_bar", "gimbal",
+    "kapitza", "kovalevskaya", "many_digits", "reactions", "regular_precession",
+    "satellite_with_wheel", "section", "slider_crank", "work_and_precision")}
 
 
 @pytest.mark.parametrize("path", [
