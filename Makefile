@@ -10,7 +10,7 @@ INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -
 
 demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
-	    --dt 1e-3 --steps 2000 --plot demo.png
+	    --dt 1e-3 --steps 2000 --plot demo.png --view demo.html
 
 test: .venv/ready lint
 	$(BIN)/pytest -n 2 --dist loadfile  # what a file derives and makes is made once
@@ -47,4 +47,4 @@ generated: .venv/ready
 	touch .venv/demo $@
 
 clean:
-	rm -rf .venv build dist *.egg-info demo.png
+	rm -rf .venv build dist *.egg-info demo.png demo.html

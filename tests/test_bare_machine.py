@@ -219,6 +219,7 @@ def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
         assert done.returncode == 0, done.stderr
     assert done.stdout.count("pip install") == 0
     assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "demo.html").read_text(encoding="utf-8").startswith("<!doctype html>")
     assert (megabytes(folder / ".venv") < 250) == (target == "demo")
 
 
