@@ -25,16 +25,19 @@ LOOPS = {"parallelogram": (parallelogram, parallelogram_at(1.9, 3.0)),
 @pytest.mark.parametrize("scheme", SCHEMES, ids=str)
 @pytest.mark.parametrize("name", LOOPS)
 def test_constraints_hold_where_their_matrix_is_nearly_singular(name, scheme):
-    """Sweeps are judged by g too: they left 1.5e-13 beside a change point, Newton 2e-16."""
+    """Sweeps are judged by g too: they left 1.5e-13 beside a change point, Newton 2e-16.
+
+    Places are at most 2, whose last place moves g = |a − b|² − 1 by 4 ε: two of them for sweeps.
+    """
     make, start = LOOPS[name]
     step = gs.stepper(*scheme, system=make())
-    for solver in ("auto", "newton"):
+    for solver, most in (("auto", 8), ("newton", 4)):
         made = step.integrate(*start, dt=0.01, steps=1000, parameters=GRAVITY, solver=solver)
-        assert made.report.constraint_max <= 4 * EPSILON
+        assert made.report.constraint_max <= most * EPSILON
     many = step.integrate_ensemble(np.array([start[0]] * 2), np.array([start[1]] * 2), dt=0.01,
                                    steps=1000, parameters=GRAVITY)
     assert not many.failures
-    assert many.members[1].report.constraint_max <= 4 * EPSILON
+    assert many.members[1].report.constraint_max <= 8 * EPSILON
 
 
 @pytest.mark.parametrize(("name", "make", "place"), [
