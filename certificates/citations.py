@@ -150,7 +150,8 @@ class Citations:
         return "\n".join(f"{work}\n    {reason}" for work, reason in
                          zip(self, self.reasons.values(), strict=True))
 
-    __repr__ = __str__
+    def __repr__(self) -> str:
+        return f"<Citations: {', '.join(self.reasons)}; print them, or take .bibtex()>"
 
 
 def cite(stepper: Any) -> Citations:

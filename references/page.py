@@ -23,7 +23,7 @@ page. Invariants are the largest errors over all steps of the most exact run.
 Peers go where equations of motion without multipliers are at hand. SciPy's DOP853 has its state
 projected onto the constraints after every step; its steps, and that, are Python. heyoka's Taylor
 series are compiled for the equations. exudyn and MuJoCo, of order 2 with joints and of order 4
-without, are compared by `gyrospark bench bodies` and `gyrospark bench contest`.
+without, are compared by `gyrospark bench bodies`.
 """
 
 

@@ -45,7 +45,7 @@ def no_compiler(wheel_folder, monkeypatch):
 
 def fast_top_run(dt=1e-3):
     top = gs.problems.fast_top()
-    step = gs.stepper("IMS", rep="gamma")
+    step = gs.Stepper(NAME, checked_in_files(NAME))  # not one that another test has loaded
     return step, step.integrate(top.q0, top.p0, dt=dt, steps=100,
                                 parameters=top.parameters | {"gamma": "m"})
 
@@ -62,7 +62,7 @@ def test_runs_without_a_compiler(no_compiler, request):
 
 def test_lanes_too(no_compiler):
     top = gs.problems.fast_top()
-    step = gs.stepper("IMS", rep="gamma")
+    step = gs.Stepper(NAME, checked_in_files(NAME))
     given = {"dt": 1e-3, "steps": 5, "parameters": top.parameters | {"gamma": "m"}}
     many = step.integrate_ensemble(np.tile(top.q0, (3, 1)), np.tile(top.p0, (3, 1)), **given)
     one = step.integrate(top.q0, top.p0, **given)
@@ -70,8 +70,9 @@ def test_lanes_too(no_compiler):
 
 
 def test_other_steppers_ask_for_a_compiler(no_compiler):
+    files = checked_in_files(NAME)
     with pytest.raises(CompilerError, match="No C compiler"):
-        gs.stepper("EMS", rep="alpha")
+        module.load_module(NAME, files | {f"{NAME}.c": files[f"{NAME}.c"] + "\n"})
 
 
 def test_a_damaged_module_is_not_loaded(no_compiler, wheel_folder, tmp_path, monkeypatch):

@@ -54,7 +54,7 @@ def shown(gl3, tmp_path_factory):
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
         chain.system, small_system(), *built(),
         gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
-        dip, section, swung.events["q1"],
+        dip, section, swung.events["q1"], gs.cite(gl3),
         gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
     ]
 
