@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from .options import check_writable
+from .options import check_writable, euler_options
 
 __all__ = ["export"]
 
@@ -14,21 +14,24 @@ __all__ = ["export"]
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("store", metavar="STORE", type=click.Path(path_type=Path))
 @click.argument("target", metavar="FILE", type=click.Path(path_type=Path))
-def export(store: Path, target: Path) -> int:
+@euler_options
+def export(store: Path, target: Path, euler: str | None, degrees: bool) -> int:
     """Write the states of STORE (run --out NAME.zarr), finished or not, to FILE.
 
     \b
     gyrospark export night.zarr night.nc     NetCDF-4, for xarray, MATLAB, R
     gyrospark export night.zarr night.csv    a column a number
     gyrospark export night.zarr night.npz    for gyrospark.Trajectory.load
+    gyrospark export night.zarr night.csv --euler ZYX --degrees
     """
-    from ..storage.export import check_export
+    from ..storage.export import check_angles, check_export
     from ..storage.recording import open_recording
 
     check_export(target)
+    check_angles(target, euler, degrees=degrees)
     check_writable("FILE", target)
     recording = open_recording(store)
-    recording.export(target)
+    recording.export(target, euler=euler, degrees=degrees)
     click.echo(f"{target}: {recording.states:,} states of {recording.steps_done:,} steps "
                f"({recording.status})")
     return 0

@@ -23,8 +23,8 @@ from ..runtime.notices import hush
 from ..runtime.show.endings import PICTURES, ending_of
 
 __all__ = ["DEFAULT", "check_ending", "check_folder", "check_no_file", "check_picture",
-           "check_writable", "completing", "frame_option", "json_option", "real_number",
-           "spec_from", "stepper_options", "whole_number", "with_default_scheme"]
+           "check_writable", "completing", "euler_options", "frame_option", "json_option",
+           "real_number", "spec_from", "stepper_options", "whole_number", "with_default_scheme"]
 
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
@@ -54,6 +54,15 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def euler_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --euler and --degrees, of commands that write tables."""
+    function = click.option("--degrees", is_flag=True, help="Write these angles in degrees.")(
+        function)
+    return click.option(
+        "--euler", metavar="AXES", help="Euler angles of every body as columns of a .csv file: "
+        "ZYX and the like about the axes of the body, zyx about those of space.")(function)
 
 
 def frame_option(function: Callable[..., Any]) -> Callable[..., Any]:

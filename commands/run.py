@@ -23,6 +23,7 @@ from ..runtime.show.scene import check_bodies
 from .options import (
     DEFAULT,
     completing,
+    euler_options,
     json_option,
     real_number,
     spec_from,
@@ -31,7 +32,7 @@ from .options import (
     with_default_scheme,
 )
 from .run_choices import aim_of, frame_for, gamma_for, parameters_for, step_for
-from .run_outputs import check_targets, events_of, integrate_to, where_it_is
+from .run_outputs import Angles, check_targets, events_of, integrate_to, where_it_is
 from .run_report import (
     about_choice,
     as_text,
@@ -95,6 +96,7 @@ _BAR_FROM = 20_000
               help="Integrate a reference for the axis errors if there is no closed form.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
               help="Write the states: .zarr (streamed, for runs of any length), .npz, .csv, .nc.")
+@euler_options
 @click.option("--resume", is_flag=True,
               help="Go on with the run in --out NAME.zarr (.csv, .nc), to the same bits; also to "
                    "more --steps. Begin it if there is none.")
@@ -112,6 +114,7 @@ def run(
     dt: str | None, error: str | None, t0: str, steps: str | None, t_end: str | None,
     every: str, solver: str, tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
+    euler: str | None, degrees: bool,
     resume: bool, seed: str | None, plot: Path | None, page: Path | None, film: Path | None,
     as_json: bool,
     **choice: Any,
@@ -142,6 +145,7 @@ def run(
     options = {} if entry is None else _options(entry, settings)
     chosen = entry.make(**options) if entry is not None and entry.kind == "problem" else None
     check_targets(out, plot, page, film, resume=resume)
+    angles = Angles.checked(euler, out, degrees=degrees)
     choice, note = with_default_scheme(choice)
     choice["frame"] = "symmetries" if frames else None
     if chosen is not None:
@@ -150,6 +154,7 @@ def run(
         step, start = _model(problem, entry, options, settings, reference, choice)
     if page is not None:
         check_bodies(step.manifest)
+    angles.check_bodies(step.manifest)
     if not as_json:  # before a step is taken
         for said in (*note, *(f"{part}: {said}" for part, said in remarks_of(step.manifest))):
             click.echo(said)
@@ -187,7 +192,7 @@ def run(
         try:
             with _progress(count, quiet=as_json) as progress:
                 done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
-                                    progress=progress)
+                                    progress=progress, angles=angles)
             trouble = done.trouble
             result = result_of(start, step, done, begin)
             result |= measured

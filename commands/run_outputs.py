@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ..event import Event, as_events, event_of_text
+from ..runtime.build.places import bodies_of
 from ..runtime.show.endings import ENDINGS, PAGES, ending_of
 from .options import check_ending, check_film, check_picture, check_writable
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from ..runtime.run.stepper import Stepper
     from ..storage.recording import Recording
 
-__all__ = ["Done", "check_targets", "events_of", "integrate_to", "where_it_is"]
+__all__ = ["Angles", "Done", "check_targets", "events_of", "integrate_to", "where_it_is"]
 
 #: States in memory for pictures and errors of a stored run: more cannot be told apart.
 _SHOWN = 20_000
@@ -53,6 +54,32 @@ class Done:
     out: str | None
     trouble: GyrosparkError | Stopped | None
     ended_by: str | None = None
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Euler angles that a .csv file is to have beside the states."""
+
+    euler: str | None = None
+    degrees: bool = False
+
+    @classmethod
+    def checked(cls, euler: str | None, out: Path | None, *, degrees: bool) -> Angles:
+        """Return what the options ask for, or refuse it before a long run."""
+        if euler is None and not degrees:
+            return cls()
+        if out is None:
+            raise InputError("Euler angles are columns of a file; say which, --out NAME.csv.")
+        from ..storage.export import check_angles
+
+        check_angles(out, euler, degrees=degrees)
+        return cls(euler, degrees)
+
+    def check_bodies(self, manifest: Mapping[str, Any]) -> None:
+        """Refuse angles of a system without bodies."""
+        if self.euler is not None and not bodies_of(manifest):
+            raise InputError(f"System {manifest['system']['name']!r} has no rigid body, so no "
+                             "Euler angles; leave out --euler.")
 
 
 def check_targets(
@@ -107,19 +134,19 @@ def _is_exported(out: Path, *, resume: bool) -> bool:
 
 def integrate_to(
     step: Stepper, out: Path | None, arguments: dict[str, Any], *, resume: bool, seed: int | None,
-    progress: Callable[[int], None] | None,
+    progress: Callable[[int], None] | None, angles: Angles,
 ) -> Done:
     """Integrate and write the states; what goes wrong on the way comes with all before it."""
     if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
-        return _in_memory(step, out, arguments, progress)
+        return _in_memory(step, out, arguments, progress, angles)
     if _is_store(out):
         return _stored(step, out, str(out), arguments, progress, resume=resume, seed=seed)
-    return _exported(step, out, arguments, progress, resume=resume, seed=seed)
+    return _exported(step, out, arguments, progress, angles, resume=resume, seed=seed)
 
 
 def _exported(
     step: Stepper, out: Path, arguments: dict[str, Any],
-    progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
+    progress: Callable[[int], None] | None, angles: Angles, *, resume: bool, seed: int | None,
 ) -> Done:
     """Integrate into a store beside ``out``, which stays until its run has ended and is exported.
 
@@ -130,7 +157,7 @@ def _exported(
         _remove(store)
     done = _stored(step, store, str(out), arguments, progress, resume=resume, seed=seed)
     try:
-        _open(store).export(out)
+        _open(store).export(out, **vars(angles))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         saved = StorageError(f"{error} The states are in {str(store)!r}: the same command with "
                              "--resume, or gyrospark export, writes them.")
@@ -171,7 +198,7 @@ def _remove(store: Path) -> None:
 
 def _in_memory(
     step: Stepper, out: Path | None, arguments: dict[str, Any],
-    progress: Callable[[int], None] | None,
+    progress: Callable[[int], None] | None, angles: Angles,
 ) -> Done:
     trouble: GyrosparkError | Stopped | None = None
     written = None
@@ -185,7 +212,8 @@ def _in_memory(
     seconds = time.perf_counter() - started
     try:
         if out is not None:
-            written = str(trajectory.save(out))
+            written = str(trajectory.save(out) if angles.euler is None
+                          else trajectory.to_csv(out, **vars(angles)))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = trouble or error
     if isinstance(trouble, Stopped):

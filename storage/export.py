@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, MissingDependencyError, StorageError
+from ..runtime.body.euler import check_sequence
 from ..runtime.output.outputs import labels_of
 from ..runtime.output.states import beside, event_headings, headings, write_csv
 from ..runtime.show.endings import ENDINGS, ending_of
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
     from ..runtime.output.trajectory import Trajectory
     from .recording import Recording
 
-__all__ = ["check_export", "export", "save_table"]
+__all__ = ["check_angles", "check_export", "export", "save_table"]
+
 
 def check_export(path: Path) -> None:
     """Refuse what no run can be exported to.
@@ -45,7 +47,25 @@ def check_export(path: Path) -> None:
             ) from error
 
 
-def export(recording: Recording, path: Path) -> Path:
+def check_angles(path: Path, euler: str | None, *, degrees: bool) -> None:
+    """Refuse Euler angles where no columns are, and a unit of none.
+
+    Raises
+    ------
+    InputError
+    """
+    if euler is not None:
+        check_sequence(euler)
+        if ending_of(path) != ".csv":
+            raise InputError(f"Euler angles are columns of a .csv file, and {path.name!r} is none; "
+                             "end its name in .csv, or leave them out.")
+    elif degrees:
+        raise InputError("Degrees are for Euler angles; give their axes too, such as ZYX.")
+
+
+def export(
+    recording: Recording, path: Path, *, euler: str | None = None, degrees: bool = False
+) -> Path:
     """Write the states of a run; the file appears complete or not at all.
 
     .npz is what ``Trajectory.load`` reads, with all digits; .csv has a column a number, under the
@@ -53,18 +73,25 @@ def export(recording: Recording, path: Path) -> Path:
     give it back; .nc is NetCDF-4, with attributes as text. Events of a .csv file stand in another
     one, ``night.events.csv``, a line each.
 
+    ``euler``, a sequence of axes such as ``"ZYX"``, adds columns with these angles of every body to
+    a .csv file, in rad or ``degrees``, as ``Trajectory.to_csv`` does; the states are in memory.
+
     Raises
     ------
     InputError
-        For another ending, or a run without a state.
+        For another ending, or a run without a state; for angles in another file than .csv, of
+        another sequence, or without bodies.
     StorageError
         If the file cannot be written.
     """
     check_export(path)
+    check_angles(path, euler, degrees=degrees)
     if recording.report is None:
         raise InputError(f"{str(recording.path)!r} holds no state yet; go on with its run first.")
     if ending_of(path) == ".npz":
         return recording.trajectory().save(path)
+    if euler is not None:
+        return recording.trajectory().to_csv(path, euler=euler, degrees=degrees)
     return _write(stored_table(recording), path)
 
 

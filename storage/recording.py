@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import zarr
 from numpy.typing import NDArray
 
-from ..arguments import as_path
+from ..arguments import as_flag, as_path
 from ..errors import InputError, StepFailed
 from ..naming import listed
 from ..real import REALS
@@ -186,11 +186,14 @@ class Recording:
             events={name: found.since(first * run["every"])
                     for name, found in self.events.items()})
 
-    def export(self, path: str | os.PathLike[str]) -> Path:
+    def export(
+        self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False
+    ) -> Path:
         """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""
         from .export import export
 
-        return export(self, as_path("path", path, "night.csv"))
+        return export(self, as_path("path", path, "night.csv"), euler=euler,
+                      degrees=as_flag("degrees", degrees))
 
 
 def _report(kept: dict[str, Any]) -> Report:

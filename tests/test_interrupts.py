@@ -235,7 +235,7 @@ def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):
     """Nothing hidden is left without a word."""
     from gyrospark.storage.recording import Recording
 
-    def export(*arguments):
+    def export(*arguments, **columns):
         interrupt()
         interrupt()
 
@@ -253,13 +253,13 @@ def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):
 
 def test_error_of_ours_says_where_the_states_are(monkeypatch, tmp_path):
     """A traceback ends with the store that it leaves."""
-    from gyrospark.commands.run_outputs import integrate_to
+    from gyrospark.commands.run_outputs import Angles, integrate_to
     from gyrospark.storage.recording import Recording
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Recording, "export", lambda *arguments: {}["time"])
+    monkeypatch.setattr(Recording, "export", lambda *arguments, **columns: {}["time"])
     with pytest.raises(KeyError) as error:
         integrate_to(gs.stepper("EMS"), tmp_path / "x.csv",
                      {**RUN, "q": TOP.q0, "p": TOP.p0, "steps": 3, "parameters": PARAMETERS},
-                     resume=False, seed=None, progress=None)
+                     resume=False, seed=None, progress=None, angles=Angles())
     assert ".x.csv.zarr'; gyrospark export writes them" in error.value.__notes__[0]

@@ -231,6 +231,36 @@ def test_export_command(gyrospark, tmp_path):
     assert len(gs.Trajectory.load(tmp_path / "run.npz")) == 21
 
 
+def test_euler_angles_from_the_command_line(gyrospark, tmp_path):
+    """By run, in memory or streamed, and by export: the columns of ``to_csv``, to the bit."""
+    angles = ("--euler", "ZXZ", "--degrees")
+    assert gyrospark(*RUN, "--out", "run.zarr", "--event", "q1=0.25").code == 0
+    for command in ([*RUN, "--out", "run.csv", "--event", "q1=0.25"],
+                    ["export", "run.zarr", "stored.csv"]):
+        answer = gyrospark(*command, *angles)
+        assert answer.code == 0, answer.stderr
+    made = gs.open_recording("run.zarr").trajectory()
+    asked = made.to_csv("asked.csv", euler="ZXZ", degrees=True)
+    assert (tmp_path / "run.csv").read_bytes() == asked.read_bytes()
+    assert (tmp_path / "stored.csv").read_bytes() == asked.read_bytes()
+    found = made.body().euler("ZXZ", degrees=True)
+    columns = read_csv(asked)
+    for k, axis in enumerate("ZXZ"):
+        assert [float(x) for x in columns[f"body_euler{k + 1}_{axis}"]] == found[:, k].tolist()
+    events = {(tmp_path / f"{name}.events.csv").read_bytes() for name in ("run", "stored", "asked")}
+    assert len(events) == 1
+    assert len(made.events["q1"]) == len(events.pop().splitlines()) - 1 > 0
+
+
+@pytest.mark.parametrize(("out", "options", "words"), [
+    ("x.csv", ["--euler", "ZZX"], "'ZZX'"), ("x.npz", ["--euler", "ZYX"], "'x.npz'"),
+    ("x.csv", ["--degrees"], "Degrees"), (None, ["--euler", "ZYX"], "--out")])
+def test_euler_angles_that_are_refused(out, options, words, gyrospark, tmp_path):
+    """Before a step is taken."""
+    refused(gyrospark(*RUN, *(["--out", out] if out else []), *options), words)
+    assert not [*tmp_path.iterdir()]
+
+
 @pytest.mark.parametrize(("target", "words"), [
     ("run.txt", ".npz, .csv, .nc"), ("run", ".npz, .csv, .nc"), ("", ".npz, .csv, .nc"),
     ("none/run.csv", "'none/run.csv'"), (".csv", ".npz, .csv, .nc"), ("folder.csv", "folder")])

@@ -289,7 +289,8 @@ def _root(links: dict[str, Link], joints: dict[str, Joint]) -> str:
             if seen[-1] in seen[:-1]:
                 circle = seen[seen.index(seen[-1]):]
                 raise InputError(f"the links {' – '.join(circle)} form a cycle, and URDF has trees "
-                                 "alone; remove one of their joints.")
+                                 "alone; remove one of their joints, and close the loop again in "
+                                 "a TOML file (loops = …).")
     return roots[0]
 
 

@@ -21,8 +21,8 @@ from .outputs import OUTPUTS, QUANTITY, pieces
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["beside", "event_headings", "finished", "headings", "save_csv", "states_of",
-           "write_csv"]
+__all__ = ["beside", "event_headings", "finished", "headings", "save_csv", "save_events",
+           "states_of", "write_csv"]
 
 Array = NDArray[Any]
 
@@ -99,13 +99,18 @@ def event_headings(system: Mapping[str, Any]) -> list[str]:
                              "rising": ()})
 
 
-def save_csv(trajectory: Trajectory, path: Path) -> None:
-    """Write a trajectory as CSV, numbers with all their digits, and its events beside it."""
+def save_events(trajectory: Trajectory, path: Path) -> None:
+    """Write the events of a trajectory, if it has any, beside the .csv file of its states."""
     if trajectory.events:
         with finished(beside(path)) as part:
             write_csv(part, event_headings(trajectory.manifest["system"]), [
                 [np.full(len(found), name), found.t, found.q, found.p, found.steps,
                  found.rising.astype(int)] for name, found in trajectory.events.items()])
+
+
+def save_csv(trajectory: Trajectory, path: Path) -> None:
+    """Write a trajectory as CSV, numbers with all their digits, and its events beside it."""
+    save_events(trajectory, path)
     arrays = states_of(trajectory)
     titles = headings(trajectory.manifest["system"],
                       {name: array.shape[1:] for name, array in arrays.items()})

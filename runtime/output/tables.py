@@ -15,7 +15,7 @@ from ..body.euler import check_sequence
 from ..show.endings import ending_of
 from .body_motion import FrameName
 from .outputs import OUTPUTS, about, labels_of, parts
-from .states import finished, headings, states_of, write_csv
+from .states import finished, headings, save_events, states_of, write_csv
 
 if TYPE_CHECKING:
     import pandas
@@ -34,7 +34,8 @@ def to_csv(
 ) -> Path:
     """Write the columns of ``to_dataframe`` and the time as CSV, numbers with all their digits.
 
-    Returns the path; the file appears complete or not at all.
+    Returns the path; the file appears complete or not at all. Events stand in a second file, as
+    ``save`` writes them: ``run.events.csv``.
 
     Raises
     ------
@@ -48,6 +49,7 @@ def to_csv(
         raise InputError(f"{target.name!r} is no name of a CSV file; end it in .csv.")
     columns = _columns(trajectory, euler, degrees, angular_velocity)
     try:
+        save_events(trajectory, target)
         with finished(target) as part:
             write_csv(part, list(columns), [list(columns.values())])
     except OSError as error:
