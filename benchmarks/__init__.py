@@ -8,7 +8,8 @@
     steps.py        one step by each solver, over dense Newton: ``gyrospark bench step``
     ensembles.py    many tops at once: ``gyrospark bench ensemble``
     drift.py        energy and position over a long time: ``gyrospark bench drift``
-    growth.py       chains of bodies: ``gyrospark bench bodies``, with ``bodies.py``
+    growth.py       chains of bodies: ``gyrospark bench bodies``, with ``bodies.py`` and
+                    ``batches.py``
     storing.py      runs in memory and in a store: ``gyrospark bench store``
     sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
     events.py       events and states between steps: ``gyrospark bench events``

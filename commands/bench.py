@@ -20,6 +20,7 @@ from .generate import write_files
 from .options import check_folder, json_option, real_number, whole_number
 
 if TYPE_CHECKING:
+    from ..benchmarks.batches import BatchRow
     from ..benchmarks.bodies import BodyRow
     from ..benchmarks.contest import Limits, Row
     from ..benchmarks.drift import Course
@@ -34,7 +35,7 @@ __all__ = ["bench"]
 
 _WHAT = ("peers", "step", "ensemble", "drift", "bodies", "store", "sweeps", "events")
 #: What has more than one result.
-_PARTS = {"bodies": ("growth", "bodies")}
+_PARTS = {"bodies": ("growth", "bodies", "batches")}
 
 
 @dataclass(frozen=True)
@@ -75,9 +76,10 @@ def bench(
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
-    bodies, and the chain of 8 and a four-bar beside exudyn, MuJoCo and PyDy, 1 s of motion. store:
-    what streaming a run to a store adds, beside what the disk takes. sweeps: what a sweep costs
-    beside its bare kernel, with steps, cells, stored states, threads and Dask workers.
+    bodies, the chain of 8 and a four-bar beside exudyn, MuJoCo and PyDy, 1 s of motion, and eight
+    of each together beside one alone. store: what streaming a run to a store adds, beside what the
+    disk takes. sweeps: what a sweep costs beside its bare kernel, with steps, cells, stored states,
+    threads and Dask workers.
     events: a pendulum through the bottom and the fast top's height, with states between steps,
     beside heyoka and SciPy.
 
@@ -212,6 +214,16 @@ def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[B
                           choice.limits(1.0).least, quick=choice.quick, watch=watch)
 
 
+def _measure_batches(choice: _Choice, watch: Callable[[str], None]) -> Sequence[BatchRow]:
+    from ..benchmarks.batches import compare_batches
+    from ..benchmarks.bodies import linkages
+
+    if "gyrospark" not in choice.peers:
+        return []
+    return compare_batches(linkages(quick=choice.quick), choice.rounds, quick=choice.quick,
+                           watch=watch)
+
+
 def _measure_store(choice: _Choice, watch: Callable[[str], None]) -> Sequence[StoreRow]:
     from ..benchmarks.storing import CASES, QUICK, compare_stores
 
@@ -240,7 +252,7 @@ def _measure_events(choice: _Choice, watch: Callable[[str], None]) -> Sequence[E
 _MEASURE: dict[str, Callable[[_Choice, Callable[[str], None]], Sequence[Any]]] = {
     "peers": _measure_peers, "step": _measure_step, "ensemble": _measure_ensemble,
     "drift": _measure_drift, "growth": _measure_growth, "bodies": _measure_bodies,
-    "store": _measure_store, "sweeps": _measure_sweeps,
+    "batches": _measure_batches, "store": _measure_store, "sweeps": _measure_sweeps,
     "events": _measure_events,
 }
 

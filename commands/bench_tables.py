@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from ..benchmarks.batches import BatchRow
     from ..benchmarks.bodies import BodyRow
     from ..benchmarks.contest import Row
     from ..benchmarks.drift import Course
@@ -154,6 +155,23 @@ def _cheapest(row: BodyRow | None, base: BodyRow | None) -> str:
     return f"{text}\n× {row.seconds / base.seconds:.1f}"
 
 
+def _print_batches(rows: Sequence[BatchRow]) -> None:
+    if not rows:
+        return
+    names = ["µs/step", "alone", "ratio", "±", "sweeps", "alone", "differ by", "|g|", "ΔH (J)"]
+    grid = _grid(f"{rows[0].trajectories} together in {rows[0].lanes} lanes: a step of each and of "
+                 f"one alone, Δt = {rows[0].dt:g} s", ["model", "G-L"], names)
+    for row in rows:
+        label = row.model + (f"\n{row.note}" if row.note else "")
+        grid.add_row(label, f"s={row.stages}", _number(row.us_batch, "{:,.1f}"),
+                     _number(row.us_alone, "{:,.1f}"), _number(row.ratio, "{:.2f}"),
+                     _number(row.spread, "{:.0%}"), _number(row.sweeps, "{:.1f}"),
+                     _number(row.sweeps_alone, "{:.1f}"),
+                     *(_number(x, "{:.0e}") for x in (row.difference, row.constraint_max,
+                                                      row.energy_error)))
+    _show(grid)
+
+
 def _print_store(rows: Sequence[StoreRow]) -> None:
     if not rows:
         return
@@ -217,7 +235,7 @@ def _print_events(rows: Sequence[EventRow]) -> None:
 PRINT: dict[str, Callable[[Any], None]] = {
     "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
     "drift": _print_drift, "growth": _print_growth, "bodies": _print_bodies,
-    "store": _print_store, "sweeps": _print_sweeps,
+    "batches": _print_batches, "store": _print_store, "sweeps": _print_sweeps,
     "events": _print_events,
 }
 

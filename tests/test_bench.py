@@ -11,6 +11,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.benchmarks import (
+    batches,
     bodies,
     contest,
     drift,
@@ -362,6 +363,26 @@ def test_ours_arrives_on_bodies(tmp_path):
 
 
 @pytest.mark.usefixtures("quick_builds")
+def test_batches_of_bodies_are_beside_one_alone(capsys):
+    """The same motions, from the lanes and without; the first start is the model's own."""
+    linkage, said = linkages.chain_of(2), []
+    row, = batches.compare_batches([linkage], 3, quick=True, watch=said.append)
+    assert said == ["chain of 2: 8 together, G-L s=2"]
+    assert not row.failed
+    assert row.ratio == pytest.approx(row.us_batch / row.us_alone, rel=0.5)
+    assert row.difference < 1e-14  # 50 steps of round-off
+    assert row.constraint_max < 4 * 2.0**-52
+    assert row.newton_steps == 0
+    assert row.sweeps == pytest.approx(row.sweeps_alone, rel=0.1)
+    step = gs.stepper("G-L", 2, system=linkage.model)
+    q, _ = batches.starts(linkage, step, 2)
+    np.testing.assert_allclose(q[0], linkage.model.q0, atol=1e-15)
+    assert np.abs(q[1] - q[0]).max() > 1e-3
+    bench_tables.PRINT["batches"]([row])
+    assert "chain of 2" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("quick_builds")
 @pytest.mark.parametrize("module", [exudyn_bodies, mujoco_bodies, pydy_bodies],
                          ids=lambda module: module.PACKAGE)
 def test_bodies_without_a_program_are_a_row(monkeypatch, module):
@@ -562,7 +583,7 @@ def test_command_does_all(bench, tmp_path):
     assert code == 0
     document = json.loads(out)
     assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
-                               "growth_laws", "store", "sweeps", "events"}
+                               "batches", "growth_laws", "store", "sweeps", "events"}
     for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png"):
         assert is_picture(tmp_path / "new/bench" / picture)
 
