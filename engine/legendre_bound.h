@@ -1,15 +1,18 @@
-/* f = G v */
+/* f = G v, and g_t where time stands in L or g */
 static inline void ON(hidden_constraint)(const HELD *c, const NUMBER q[N], const NUMBER p[N],
     NUMBER f[M])
 {
     NUMBER A[MASS], v[N], G[M][N];
+    TIMED(NUMBER rate[M];)
     ON(factor_mass)(c, q, A);
     ON(velocities)(c, q, p, A, v);
     ON(constraint_jacobian)(c, q, G);
+    TIMED(ON(constraint_rate)(c, q, rate);)
     for (int mu = 0; mu < M; ++mu) {
         f[mu] = G[mu][0]*v[0];
         for (int a = 1; a < N; ++a)
             f[mu] += G[mu][a]*v[a];
+        TIMED(f[mu] += rate[mu];)
     }
 }
 

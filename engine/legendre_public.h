@@ -1,16 +1,18 @@
-void NAME(velocities)(const parameters_t *parameters, long count, const real *q, const real *p,
+void NAME(velocities)(const parameters_t *parameters, long count, TIMED(
+    const real *t,) const real *q, const real *p,
     real *v)
 {
     constants c;
     real A[MASS];
     prepare(parameters, &c);
     for (long i = 0; i < count; ++i) {
-        factor_mass(&c, q + i*N, A);
+        factor_mass(AT(&c, time_of(parameters, t, i)), q + i*N, A);
         velocities(&c, q + i*N, p + i*N, A, v + i*N);
     }
 }
 
-void NAME(momenta)(const parameters_t *parameters, long count, const real *q, const real *v,
+void NAME(momenta)(const parameters_t *parameters, long count, TIMED(
+    const real *t,) const real *q, const real *v,
     real *p)
 {
     constants c;
@@ -18,7 +20,7 @@ void NAME(momenta)(const parameters_t *parameters, long count, const real *q, co
     prepare(parameters, &c);
     for (long i = 0; i < count; ++i, q += N, v += N, p += N) {
         const int *row = mass_row, *slot = mass_slot;
-        mass_matrix(&c, q, A);
+        mass_matrix(AT(&c, time_of(parameters, t, i)), q, A);
         rest_momentum(&c, q, p);
         for (int k = 0; k < N; ++k) {
             const int pivot = mass_order[k];

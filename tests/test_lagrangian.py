@@ -232,9 +232,6 @@ def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
     ({"forces": (VX, sp.Symbol("k"))}, "Force 1 of system 'system' contains the unknown symbol"),
     ({"forces": (VX,)}, "has 1 forces on 2 coordinates"),
     ({"constraints": (X * VX,)}, "a holonomic constraint depends on q, parameters"),
-    ({"L": FREE * sp.Symbol("t"), "time": sp.Symbol("t")}, "L of .* contains the time t"),
-    ({"constraints": (X - sp.Symbol("t"),), "time": sp.Symbol("t")},
-     "A constraint of .* contains the time t"),
 ])
 def test_bad_input_is_told_in_a_sentence(arguments, said):
     with refused(said):

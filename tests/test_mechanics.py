@@ -1,6 +1,6 @@
 """Systems of sympy.physics.mechanics, against the equations of motion that it derives itself.
 
-M q̈ = L_q + F − (L_v)_q q̇: the left and the right side at random states, without a step taken.
+M q̈ = L_q + F − (L_v)_q q̇ − (L_v)_t: both sides at random states, without a step taken.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ T = me.dynamicsymbols._t
 
 
 def sides(system, values, q, v, t=0.0):
-    """Return M and L_q + F − (L_v)_q v of a system in numbers."""
+    """Return M and L_q + F − (L_v)_q v − (L_v)_t of a system in numbers."""
     at = {s: values[str(s)] for s in system.parameters}
     at |= dict(zip((*system.q, *system.velocities), (*q, *v), strict=True)) | {T: t}
     entries = evaluate(system.mass_entries, at)
     M = np.zeros((system.n, system.n))
     for place, slot in system.elimination.slot_of.items():
         M[place] = entries[slot]
-    moved = along(system.L_v, system.q, system.velocities)
+    time = [] if system.clock is None else [system.clock]
+    moved = along(system.L_v, [*system.q, *time], [*system.velocities, *(sp.S.One for _ in time)])
     return M, evaluate(system.push, at) - evaluate(moved, at)
 
 
@@ -135,18 +136,23 @@ def test_kanes_method_with_speeds_that_are_no_rates():
     np.testing.assert_allclose(np.linalg.solve(M, right), accelerations, rtol=1e4 * EPS)
 
 
-def joints(count):
-    """A chain of rods on pin joints about alternating axes, with gravity: a System."""
+def joints(count, lift=None):
+    """A chain of rods on pin joints about alternating axes, with gravity, on a base: a System."""
     m, length, g = sp.symbols("m l g", positive=True)
     k = sp.Symbol("k", nonnegative=True)
     I1, I2 = sp.symbols("I1 I2", positive=True)
     N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
     O.set_vel(N, 0)
     system, before = me.System(N, O), me.RigidBody("base", O, N)
+    if lift is not None:
+        base = N.orientnew("base", "Axis", [0, N.z])
+        before = me.RigidBody("base", O.locatenew("B", lift * N.y), base)
+        before.masscenter.set_vel(N, lift.diff(T) * N.y)
     for i in range(count):
         F, C = me.ReferenceFrame(f"F{i}"), me.Point(f"C{i}")
         body = me.RigidBody(f"rod{i}", C, F, m, (me.inertia(F, I1, I1, I2), C))
-        end = O if i == 0 else before.masscenter.locatenew(f"P{i}", length * before.frame.z)
+        end = before.masscenter if i == 0 else before.masscenter.locatenew(
+            f"P{i}", length * before.frame.z)
         joint = me.PinJoint(f"J{i}", before, body, *me.dynamicsymbols(f"q{i} u{i}"),
                             parent_point=end, child_point=C.locatenew(f"Q{i}", -length * F.z),
                             joint_axis=(before.frame.x, before.frame.y)[i % 2])
@@ -184,6 +190,99 @@ def test_long_lagrangians_share_what_recurs():
     at = (list(method.q), values), (list(method.u), v)
     np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, VALUES), rtol=0,
                                atol=1e3 * EPS * np.abs(M).max())
+
+
+# ---------------------------------------------------------------- bases that are driven
+
+A, W = sp.symbols("a w", positive=True)
+#: How high a base is that goes up and down.
+LIFT = A * sp.cos(W * T)
+DRIVEN = {**VALUES, "a": 0.2, "w": 3.0}
+
+
+def on_a_base():
+    """Two particles on rods from a pivot that is lifted by a law: frame, q, points, bodies."""
+    N, q, points, bodies = particles()
+    O, P = me.Point("P0"), points[0]  # noqa: E741
+    O.set_vel(N, 0)
+    pivot = O.locatenew("pivot", LIFT * N.y)
+    pivot.set_vel(N, LIFT.diff(T) * N.y)
+    arm, other = (point.pos_from(before) for point, before in
+                  ((P, next(iter(P._pos_dict))), (points[1], P)))
+    for point, place in ((P, arm), (points[1], arm + other)):
+        point.set_pos(pivot, place)
+        point.set_vel(N, point.pos_from(O).dt(N))
+    return N, q, points, bodies
+
+
+def check_forcing(method, system, values, v, t, speeds):
+    """Compare M and the right side with those of the method, at a time."""
+    M, right = sides(system, DRIVEN, values, v, t)
+    at = (list(method.q), values), (speeds, v)
+    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, DRIVEN, t), rtol=1e3 * EPS,
+                               atol=64 * EPS)
+    np.testing.assert_allclose(right, numbers(method.forcing, *at, DRIVEN, t).ravel(),
+                               rtol=1e4 * EPS, atol=64 * EPS)
+
+
+def test_a_driven_base_of_lagranges_method():
+    N, q, points, bodies = on_a_base()
+    g, m = sp.symbols("g m", positive=True)
+    loads = [(P, -m * g * N.y) for P in points]
+    method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, loads, bodies, N)
+    method.form_lagranges_equations()
+    system = gs.from_mechanics(method, name="driven")
+    assert system.clock == T
+    assert [str(x) for x in (*system.q, *system.velocities, *system.parameters)] == [
+        "q1", "q2", "q1_t", "q2_t", "a", "g", "l", "m", "w"]
+    assert not system.forces  # weights have a potential, from a point at rest
+    check_forcing(method, system, *state(2), 0.7, [x.diff(T) for x in q])
+
+
+def test_a_driven_base_of_kanes_method():
+    N, q, points, bodies = on_a_base()
+    u = me.dynamicsymbols("u1 u2")
+    method = me.KanesMethod(N, q, u, [a.diff(T) - b for a, b in zip(q, u, strict=True)],
+                            bodies=bodies, forcelist=[(points[1], -VALUES["g"] * N.y)])
+    method.kanes_equations()
+    system = gs.from_mechanics(method, name="driven")
+    assert [str(v) for v in system.velocities] == ["u1", "u2"]
+    values, v = state(2)
+    M, right = sides(system, DRIVEN, values, v, 0.7)
+    rates = (q, values), ([x.diff(T) for x in q], v)
+    found = [numbers(me.msubs(e, dict(zip(u, rates[1][0], strict=True))), *rates, DRIVEN, 0.7)
+             for e in (method.mass_matrix, method.forcing)]
+    np.testing.assert_allclose(np.linalg.solve(M, right),
+                               np.linalg.solve(found[0], found[1]).ravel(), rtol=1e3 * EPS)
+
+
+def test_a_chain_on_a_driven_base_is_long_and_has_its_time():
+    method = joints(5, LIFT)
+    system = gs.from_mechanics(method, name="arm")
+    assert system.is_long
+    assert system.clock == T
+    method.form_eoms()
+    check_forcing(method, system, *state(5, 3), 0.7, list(method.u))
+    angle, rate = state(5, 4)
+    at = dict(zip((*system.q, *system.velocities), (*angle, *rate), strict=True)) | {
+        s: DRIVEN[str(s)] for s in system.parameters}
+    (power,) = evaluate([system.H_t], at | {T: 0.7})
+    (slope,) = evaluate([system.L], at | {T: 0.7 + 1e-100j}).imag / 1e-100
+    assert abs(power + slope) <= 256 * EPS * abs(slope)
+
+
+def test_constraints_that_move():
+    """x = a cos wt along an axis, once as such and beside its rate; another rate is refused."""
+    def made(speed):
+        return particle(lambda q, u: u[1] - speed, places=lambda q: q[1] - LIFT)
+
+    system = gs.from_mechanics(made(LIFT.diff(T)))
+    assert system.clock == T
+    assert system.g_t == [(-LIFT).diff(T)]
+    with refused("nonholonomic constraint"):
+        gs.from_mechanics(made(sp.Integer(0)))
+    with refused("nonholonomic constraint"):
+        gs.from_mechanics(made(LIFT.diff(T) + 1))
 
 
 def test_an_arm_moves_and_keeps_its_energy():

@@ -167,8 +167,9 @@ class Proved:
         """Return the files that make H of a Lagrangian, for numbers or for lanes."""
         if not self.lagrangian:
             return []
+        drives = ["legendre_drive", *([] if self.stages else ["legendre_mean_drive"])]
         return ["mass", "legendre", *(["legendre_work"] if self.forced else []),
-                *(["legendre_bound"] if self.m else [])]
+                *(["legendre_bound"] if self.m else []), *(drives if self.timed else [])]
 
     def legendre_lane_files(self) -> list[str]:
         """Return the same on lanes, with the rates that sweeps ask for."""

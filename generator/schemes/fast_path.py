@@ -34,8 +34,7 @@ from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .differences import vector
 from .inputs import time_input
-from .legendre import state_kernels
-from .schemes import MeanScheme, common_kernels, drive_kernels, place_kernels
+from .schemes import MeanScheme, common_kernels, drive_kernels, rate_kernels
 
 __all__ = ["FastLagrangian", "FastSystem", "fast_system"]
 
@@ -203,6 +202,7 @@ class FastSystem:
                    (" from the same w" if w else "") + (", H_p" if "H_p" in force else ""),
                    state | time_input(system) | ({"w": w} if w else {}), force),
             *drive_kernels(system),
+            *rate_kernels(system),
         ]
         return [*kernels, *self._multiplier_kernels()]
 
@@ -218,7 +218,7 @@ class FastSystem:
             Kernel("mean_force", f"D_q{less}", inputs | time_input(self.system), {"D_q": D_q}),
         ]
         return [*kernels, *self._mean_constraint(scheme), *scheme.drive_kernels(),
-                *self._multiplier_kernels()]
+                *scheme.rate_kernels(), *self._multiplier_kernels()]
 
     def _mean_constraint(self, scheme: MeanScheme) -> list[Kernel]:
         return [Kernel("mean_constraint", "G between q0 and q1",
@@ -314,12 +314,11 @@ class FastLagrangian(FastSystem):
 
     def spark_kernels(self, *, apart: bool = False) -> list[Kernel]:
         """Return M, b, V, L_q + F and the constraints on lanes: the engine makes rates of them."""
-        bound = place_kernels(self.system) if self.system.m else []
-        return [*state_kernels(self.system), *bound]
+        return common_kernels(self.system)
 
     def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
-        """Return the same, and G between the ends."""
-        return [*self.spark_kernels(), *self._mean_constraint(scheme)]
+        """Return the same, and G and g_t between the ends."""
+        return [*self.spark_kernels(), *self._mean_constraint(scheme), *scheme.rate_kernels()]
 
 
 def fast_system(system: System) -> FastSystem:

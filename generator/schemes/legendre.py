@@ -23,7 +23,8 @@ __all__ = ["newton_kernels", "state_kernels"]
 def state_kernels(system: LagrangianSystem) -> list[Kernel]:
     """Return the kernels of H and its derivatives: M, b, V, and what moves p at given v."""
     q = {"q": list(system.q)}
-    at = {**q, "v": list(system.velocities), **time_input(system)}
+    moving = {**q, "v": list(system.velocities)}
+    at = {**moving, **time_input(system)}
     less = " + F" if system.forces else ""
     kernels = [
         Kernel("mass_matrix", "M = d^2L/dv^2, its entries as they are eliminated", q,
@@ -33,6 +34,8 @@ def state_kernels(system: LagrangianSystem) -> list[Kernel]:
         Kernel("push", f"R = dL/dq{less} at fixed v", at, {"R": system.push}),
         *([Kernel("force_of_velocity", "F(q, v, t), which no potential has", at,
                   {"F": list(system.forces)})] if system.forces else []),
+        *([Kernel("drive_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L",
+                  moving, {"H_t": system.H_t})] if system.is_timed else []),
     ]
     return [replace(k, factors=not system.is_long) for k in kernels]
 

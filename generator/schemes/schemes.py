@@ -56,8 +56,8 @@ __all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
 def common_kernels(system: System) -> list[Kernel]:
     """Return the kernels that every scheme needs: H, F, g, and what projects onto them."""
     if isinstance(system, LagrangianSystem):
-        return [*state_kernels(system),
-                *(place_kernels(system) if system.m else [])]
+        return [*state_kernels(system), *(place_kernels(system) if system.m else []),
+                *rate_kernels(system)]
     at_state = {"q": list(system.q), "p": list(system.p)}
     kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy_of(system)})]
     if system.forces:
@@ -145,7 +145,7 @@ class SparkScheme:
                        state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
                                "H_pq": system.H_pq, "H_pp": system.H_pp}),
             ]
-        return [*kernels, *drive_kernels(system), *self._curvature()]
+        return [*kernels, *drive_kernels(system), *rate_kernels(system), *self._curvature()]
 
     def _curvature(self) -> list[Kernel]:
         """Return the kernel of what constraints add to the derivatives."""
@@ -273,7 +273,8 @@ class MeanScheme:
         system = self.system
         by_q, by_p = self._by_increments()
         if isinstance(system, LagrangianSystem):
-            return [*newton_kernels(system), *self._constraint_kernels(by_q)]
+            return [*newton_kernels(system), *self._constraint_kernels(by_q),
+                    *self.rate_kernels()]
         inputs = {"qm": self.means[0], "pm": self.means[1],
                   "dq": self.differences[0], "dp": self.differences[1]}
         inputs |= time_input(system)
@@ -286,7 +287,8 @@ class MeanScheme:
             Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
                    {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
         ]
-        return [*kernels, *self._constraint_kernels(by_q), *self.drive_kernels()]
+        return [*kernels, *self._constraint_kernels(by_q), *self.drive_kernels(),
+                *self.rate_kernels()]
 
     def _constraint_kernels(self, by_q: Any) -> list[Kernel]:
         """Return the kernels of the constraints: G between the ends, and its derivative."""
@@ -306,14 +308,18 @@ class MeanScheme:
         ]
 
     def drive_kernels(self) -> list[Kernel]:
-        """Return what drives H and what moves g between the ends, where time stands in them."""
-        if not self.system.is_timed:
-            return []
+        """Return what drives H between the ends, where time stands in H or g."""
         (qm, pm), (dq, dp) = self.means, self.differences
-        rates = [Kernel("mean_constraint_rate", "g_t between q0 and q1", {"qm": qm, "dq": dq},
-                        {"g_t": self.mean_constraint_rate})] if self.system.m else []
         return [Kernel("mean_drive", "D_t: mean of dH/dt between the ends",
-                       {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_drive}), *rates]
+                       {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_drive})
+                ] if self.system.is_timed else []
+
+    def rate_kernels(self) -> list[Kernel]:
+        """Return what moves g between the ends, where time stands in H or g."""
+        return [Kernel("mean_constraint_rate", "g_t between q0 and q1",
+                       {"qm": self.means[0], "dq": self.differences[0]},
+                       {"g_t": self.mean_constraint_rate})
+                ] if self.system.is_timed and self.system.m else []
 
     def _by_increments(self) -> tuple[Any, Any]:
         """Return derivatives by Δq and by Δp at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
@@ -334,14 +340,17 @@ class MeanScheme:
 
 
 def drive_kernels(system: System) -> list[Kernel]:
-    """Return what drives H and what moves g at a time, where it stands in them."""
-    if not system.is_timed:
-        return []
-    q, p = list(system.q), list(system.p)
-    rates = [Kernel("constraint_rate", "g_t, how fast the constraints move", {"q": q},
-                    {"g_t": system.g_t})] if system.m else []
-    return [Kernel("drive", "H_t, the power of what drives H", {"q": q, "p": p},
-                   {"H_t": system.H_t}), *rates]
+    """Return what drives H at a time, where it stands in H or g."""
+    return [Kernel("drive", "H_t, the power of what drives H",
+                   {"q": list(system.q), "p": list(system.p)}, {"H_t": system.H_t})
+            ] if system.is_timed else []
+
+
+def rate_kernels(system: System) -> list[Kernel]:
+    """Return what moves g at a time, where it stands in H or g."""
+    return [Kernel("constraint_rate", "g_t, how fast the constraints move",
+                   {"q": list(system.q)}, {"g_t": system.g_t})
+            ] if system.is_timed and system.m else []
 
 
 def with_drive(system: System) -> System:

@@ -4,9 +4,10 @@
 
 With v the solution of M v = p − b, all derivatives of H are derivatives of L at fixed v:
 
-    H_p = v,   H_q = −L_q,   H_pp = M⁻¹,   v_q = −M⁻¹ L_vq,   H_qq = −L_qq − L_qv v_q
+    H_p = v,   H_q = −L_q,   H_t = −L_t,   H_pp = M⁻¹,   v_q = −M⁻¹ L_vq,   H_qq = −L_qq − L_qv v_q
 
-so that L is differentiated, and M⁻¹ is two substitutions with the factors of M at hand.
+so that L is differentiated, and M⁻¹ is two substitutions with the factors of M at hand. M, b and V
+may depend on t as well: whatever drives L is a moving coordinate system, or a load, of this form.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class LagrangianSystem(System):
     Parameters
     ----------
     L : Expr
-        The Lagrangian L(q, v; parameters).
+        The Lagrangian L(q, v, t; parameters).
     velocities : sequence of Symbol
         v, one for each coordinate.
     """
@@ -149,10 +150,15 @@ class LagrangianSystem(System):
         return list(self.velocities)
 
     @cached_property
+    def H_t(self) -> sp.Expr:
+        """∂H/∂t = −∂L/∂t, the power of what drives L, in terms of q and v."""
+        return sp.Integer(0) if self.clock is None else -slopes(self.L, (self.clock,))[0]
+
+    @cached_property
     def hidden(self) -> list[sp.Expr]:
-        """G v, m entries: the rates of the constraints."""
-        return [sp.Add(*(a * v for a, v in zip(row, self.velocities, strict=True)))
-                for row in self.G]
+        """G v + g_t, m entries: the rates of the constraints."""
+        return [sp.Add(rate, *(a * v for a, v in zip(row, self.velocities, strict=True)))
+                for row, rate in zip(self.G, self.g_t, strict=True)]
 
     def texts(self) -> tuple[str, str]:
         """Return H and L as text, in letters where they are long."""
@@ -187,7 +193,7 @@ def from_lagrangian(
     Parameters
     ----------
     L : Expr
-        L(q, v; parameters), in joules for SI input.
+        L(q, v, t; parameters), in joules for SI input.
     q, velocities : sequence of Symbol
         Coordinates, and the symbols of their rates, n of each. The momenta are named p_…
     parameters, constraints, name, constraint_names
@@ -195,7 +201,7 @@ def from_lagrangian(
     forces : sequence of Expr, optional
         F(q, v, t; parameters), n of them: d/dt L_v = L_q + F − g_qᵀλ.
     time : Symbol, optional
-        The symbol of t in the forces.
+        The symbol of t in L, in constraints g(q, t) and in forces.
 
     Raises
     ------
@@ -213,7 +219,7 @@ def from_lagrangian(
                          "velocities; give the velocity of each coordinate, in the same order.")
     pushes = tuple(map(as_expression, as_sequence("forces", () if forces is None else forces)))
     bound = tuple(map(as_expression, as_sequence("constraints", constraints)))
-    _refuse_unknown(name, L, bound, pushes, {*coordinates, *speeds, *constants}, time)
+    _refuse_unknown(name, L, pushes, {*coordinates, *speeds, *constants, *filter(None, [time])})
     taken = {str(s) for s in (*coordinates, *speeds, *constants, time)}
     system = LagrangianSystem(
         coordinates, tuple(_momentum(x, taken) for x in coordinates), constants,
@@ -243,23 +249,15 @@ def _momentum(x: sp.Symbol, taken: set[str]) -> sp.Symbol:
 
 
 def _refuse_unknown(
-    name: str, L: sp.Expr, bound: Sequence[sp.Expr], forces: Sequence[sp.Expr],
-    known: set[sp.Symbol], time: Any,
+    name: str, L: sp.Expr, forces: Sequence[sp.Expr], known: set[sp.Symbol]
 ) -> None:
-    """Refuse symbols that nobody declared, and time where it cannot be."""
-    timed = next((what for what, e in (("L", L), *(("A constraint", g) for g in bound))
-                  if time in e.free_symbols), None)
-    if timed is not None:
-        raise InputError(f"{timed} of system {name!r} contains the time {time}; take t for a "
-                         "coordinate with a momentum of its own, or put what depends on it into "
-                         "forces.")
-    for what, e, allowed in (("L", L, known),
-                             *((f"Force {i}", f, known | {time}) for i, f in enumerate(forces))):
-        unknown = symbols_of([e]) - allowed
+    """Refuse symbols that nobody declared."""
+    for what, e in (("L", L), *((f"Force {i}", f) for i, f in enumerate(forces))):
+        unknown = symbols_of([e]) - known
         if unknown:
             raise InputError(f"{what} of system {name!r} contains the unknown symbol "
                              f"{min(map(str, unknown))!r}; declare it in q, velocities or "
-                             "parameters" + (", or as time." if what != "L" else "."))
+                             "parameters, or as time.")
 
 
 def _refuse_unless_quadratic(system: LagrangianSystem) -> None:

@@ -5,7 +5,8 @@
     System           T − V of its bodies, loads and actuators, holonomic constraints
 
 No equations of motion are formed. Coordinates q(t) become symbols of the same names; so do speeds
-u = q̇, other velocities are called q_t. A load that is constant in the inertial frame, at a point
+u = q̇, other velocities are called q_t. The time ``dynamicsymbols._t`` may stand in anything: what
+moves or is driven by a law has it there. A load that is constant in the inertial frame, at a point
 whose place is known from a fixed one, has a potential, which becomes a part of L; what else acts is
 a generalised force F_i = ∂v/∂q̇_i · load.
 """
@@ -52,7 +53,7 @@ class Mechanics:
     loads : list
         Pairs of a point and a force, or a frame and a torque.
     constraints : list of Expr
-        g(q).
+        g(q, t).
     speeds : dict
         Each generalised speed u(t) in terms of q and q̇.
     rates : list of Expr
@@ -90,7 +91,7 @@ def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
     Raises
     ------
     InputError
-        For nonholonomic constraints, for time in L, and as ``System.from_lagrangian``.
+        For nonholonomic constraints, and as ``System.from_lagrangian``.
     """
     readers = {me.LagrangesMethod: _of_lagrange, me.KanesMethod: _of_kane, me.System: _of_system}
     reader = next((f for kind, f in readers.items() if isinstance(method, kind)), None)
@@ -110,9 +111,8 @@ def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
     q, v = [names[x] for x in found.q], [names[x] for x in rates]
     _refuse_functions(name, [L, *g, *F], t)
     parameters = sorted(symbols_of([L, *g, *F]) - {*q, *v, t}, key=str)
-    driven = any(t in symbols_of([f]) for f in F)
     system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
-                             t if driven or t in symbols_of([L]) else None, name=name)
+                             t if t in symbols_of([L, *g, *F]) else None, name=name)
     _refuse_nonholonomic(system, bound)
     return system
 
@@ -158,11 +158,11 @@ def _of_system(method: Any) -> Mechanics:
 
 
 def _kinetic_energy(bodies: Iterable[Any], frame: Any) -> sp.Expr:
-    """Return T of bodies; one that rests has none, and need have no mass."""
+    """Return T of bodies; one that rests, or moves by a law of t alone, need have no mass."""
     def moves(body: Any) -> bool:
-        point = body.masscenter
-        turning = isinstance(body, me.RigidBody) and body.frame.ang_vel_in(frame) != 0
-        return bool(turning or point.vel(frame) != 0)
+        turning = [body.frame.ang_vel_in(frame)] if isinstance(body, me.RigidBody) else []
+        return any(me.find_dynamicsymbols(v, reference_frame=frame)
+                   for v in (body.masscenter.vel(frame), *turning) if v != 0)
 
     return sp.Add(*(_energy_of(body, frame) for body in bodies if moves(body)))
 
@@ -282,7 +282,7 @@ def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -
     for part in parts_of(expressions):
         if isinstance(part, (AppliedUndef, sp.Derivative)):
             raise InputError(f"System {name!r} contains {part}, which is no coordinate and no "
-                             "speed; put an expression in its place, in t if it acts as a force.")
+                             "speed; put an expression in its place, in t if it is a law.")
 
 
 # ---------------------------------------------------------------- constraints on velocities
@@ -290,32 +290,37 @@ def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -
 
 def _nonholonomic(what: str, constraint: sp.Expr) -> InputError:
     return InputError(f"{what} has the nonholonomic constraint {shorten(str(constraint), 60)} = 0; "
-                      "a step solves holonomic ones, g(q) = 0: give its integral if it has one.")
+                      "a step solves holonomic ones, g(q, t) = 0: give its integral if it has one.")
 
 
 def _refuse_nonholonomic(system: LagrangianSystem, bound: Sequence[sp.Expr]) -> None:
-    """Refuse constraints on velocities that are not rates of g, seen at a random point of g = 0."""
+    """Refuse constraints on velocities that are not rates of g, seen at a random point of g = 0.
+
+    Of a(q, t) v + a₀(q, t) the row (a, a₀) is a combination of the rows (g_q, g_t).
+    """
     if not bound:
         return
-    rows = [[derivative(e, v) for v in system.velocities] for e in bound]
     at_rest = substitute(bound, dict.fromkeys(system.velocities, sp.Integer(0)))
-    q, values = _somewhere(system, symbols_of([e for row in rows for e in row] + at_rest))
+    rows = [[*(derivative(e, v) for v in system.velocities), rest]
+            for e, rest in zip(bound, at_rest, strict=True)]
+    q, values = _somewhere(system, symbols_of([e for row in rows for e in row]))
     at: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
-    own = evaluate([e for row in system.G for e in row], at).reshape(system.m, system.n)
-    for e, row, constant in zip(bound, rows, at_rest, strict=True):
+    rates = [e for row, rate in zip(system.G, system.g_t, strict=True) for e in (*row, rate)]
+    own = evaluate(rates, at).reshape(system.m, system.n + 1)
+    for e, row in zip(bound, rows, strict=True):
         slope = evaluate(row, at)
         left = slope - own.T @ np.linalg.lstsq(own.T, slope, rcond=None)[0] if system.m else slope
-        size = np.abs(slope).max()
-        if np.abs(left).max() > _SMALL * size or abs(evaluate([constant], at)[0]) > _SMALL * size:
+        if np.abs(left).max() > _SMALL * np.abs(slope).max():
             raise _nonholonomic("The method", e)
 
 
 def _somewhere(
     system: LagrangianSystem, more: set[sp.Symbol]
 ) -> tuple[Any, dict[sp.Symbol, float]]:
-    """Return coordinates on g = 0, if any are found, and values of the parameters."""
+    """Return coordinates on g = 0, if any are found, and values of the parameters and of t."""
     rng = np.random.default_rng(23)
-    symbols = sorted({*system.parameters} | (more - {*system.q}), key=str)
+    time = {*filter(None, (system.time,))}
+    symbols = sorted({*system.parameters} | time | (more - {*system.q}), key=str)
     for _ in range(12):
         values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
         q = rng.standard_normal(system.n)

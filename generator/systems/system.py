@@ -313,7 +313,7 @@ class System:
         parameters: Sequence[sp.Symbol], constraints: Sequence[sp.Expr] = (),
         forces: Sequence[sp.Expr] | None = None, time: sp.Symbol | None = None, **named: Any,
     ) -> System:
-        """Return the system of L(q, v), forces F(q, v, t): see ``lagrangian.from_lagrangian``."""
+        """Return the system of L(q, v, t), forces F(q, v, t): see ``from_lagrangian`` there."""
         from .lagrangian import from_lagrangian
 
         return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)
@@ -331,7 +331,8 @@ class System:
     @cached_property
     def clock(self) -> sp.Symbol | None:
         """The time where H or a constraint depends on it."""
-        timed = any(self.time in e.free_symbols for e in (self.H, *self.constraints))
+        timed = any(self.time in e.free_symbols
+                    for e in (*self.defining.values(), *self.constraints))
         return self.time if timed else None
 
     @cached_property

@@ -141,17 +141,22 @@ class Binding(Compiled):
                                      self.pointer(p), self.pointer(H))
         return H
 
-    def velocities(self, parameters: Any, q: Array, p: Array) -> Array:
+    def velocities(self, parameters: Any, q: Array, p: Array, t: Array | None = None) -> Array:
         """Return the velocities of each row of q and p, of a system from its Lagrangian."""
-        v = self.new(len(q), self.n)
-        self.function("velocities")(parameters, len(q), *map(self.pointer, (q, p, v)))
-        return v
+        return self._other_rates("velocities", parameters, q, p, t)
 
-    def momenta(self, parameters: Any, q: Array, v: Array) -> Array:
+    def momenta(self, parameters: Any, q: Array, v: Array, t: Array | None = None) -> Array:
         """Return the momenta of each row of q and velocities, of such a system."""
-        p = self.new(len(q), self.n)
-        self.function("momenta")(parameters, len(q), *map(self.pointer, (q, v, p)))
-        return p
+        return self._other_rates("momenta", parameters, q, v, t)
+
+    def _other_rates(
+        self, name: str, parameters: Any, q: Array, given: Array, t: Array | None
+    ) -> Array:
+        """Return velocities of momenta or the way back, at the times t as of ``hamiltonian``."""
+        found = self.new(len(q), self.n)
+        self.function(name)(parameters, len(q), *self._times(t),
+                            *map(self.pointer, (q, given, found)))
+        return found
 
     def _times(self, t: Array | None) -> list[Any]:
         """Return the argument with the times of states, where H or g has time."""

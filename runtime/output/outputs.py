@@ -77,7 +77,7 @@ class States:
     @property
     def velocities(self) -> Array:
         """H_p of each state, of a system from its Lagrangian."""
-        return self.binding.velocities(self.parameters, self.q, self.p)
+        return self.binding.velocities(self.parameters, self.q, self.p, self._times)
 
     @property
     def quantities(self) -> Array:

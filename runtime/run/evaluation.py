@@ -101,12 +101,14 @@ class Evaluation:
         return H.reshape(shape)
 
     def momenta(
-        self, q: ArrayLike, v: ArrayLike, *, parameters: Mapping[str, Number]
+        self, q: ArrayLike, v: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
     ) -> Array:
-        """Return the momenta p = L_v(q, v) of velocities, of a system from its Lagrangian.
+        """Return the momenta p = L_v(q, v, t) of velocities, of a system from its Lagrangian.
 
-        Leading axes are kept. On constraints velocities have g_q v = 0: ``integrate`` says where
-        they have not, ``project`` moves the momenta to where they have.
+        Leading axes are kept; ``t``, which matters where L has it, is one time for all states, or
+        one for each. On constraints velocities have g_q v + g_t = 0: ``integrate`` says where they
+        have not, ``project`` moves the momenta to where they have.
 
         Raises
         ------
@@ -115,16 +117,19 @@ class Evaluation:
         """
         self._refuse_unless_lagrangian("momenta")
         shape, q_rows, v_rows = self._state_rows(q, v, "v")
-        p = self.binding.momenta(self._parameters(parameters), q_rows, v_rows)
+        p = self.binding.momenta(self._parameters(parameters), q_rows, v_rows,
+                                 self._times(t, shape))
         return p.reshape(*shape, self.n)
 
     def velocities(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number]
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
     ) -> Array:
-        """Return the velocities v = H_p(q, p): the way back of ``momenta``, and raising as it."""
+        """Return the velocities v = H_p(q, p, t): the way back of ``momenta``, raising as it."""
         self._refuse_unless_lagrangian("velocities")
         shape, q_rows, p_rows = self._state_rows(q, p)
-        v = self.binding.velocities(self._parameters(parameters), q_rows, p_rows)
+        v = self.binding.velocities(self._parameters(parameters), q_rows, p_rows,
+                                    self._times(t, shape))
         return v.reshape(*shape, self.n)
 
     def _refuse_unless_lagrangian(self, what: str) -> None:
