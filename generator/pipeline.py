@@ -12,6 +12,7 @@ from ..real import REALS
 from .bodies.model import Model
 from .emission.emit import Source, emit
 from .model_files.model_file import load_model
+from .schemes.legendre_means import mean_scheme
 from .schemes.scheme import scheme_named
 from .schemes.schemes import MeanScheme, SparkScheme, hoisted, with_drive
 from .spec import Spec, join_name
@@ -92,7 +93,7 @@ def generate(
     coefficients = tableau or tableau_of(spec)
     scheme: SparkScheme | MeanScheme
     if coefficients is None:
-        scheme = MeanScheme(reduced, discrete=scheme_named(spec.scheme).discrete)
+        scheme = mean_scheme(reduced, discrete=scheme_named(spec.scheme).discrete)
         method, method_name = spec.scheme, spec.method
     else:
         if not allow_invalid:

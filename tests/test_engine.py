@@ -73,10 +73,13 @@ def test_every_file_is_put_in_somewhere():
         for bits in range(1024):
             stages, structured, forced, constant, scalar, separable, timed, fed, framed, halves = (
                 bool(bits >> i & 1) for i in range(10))
-            for lagrangian in (True, False):
+            for lagrangian, ends in ((True, True), (True, False), (False, False)):
                 proved = Proved(4, m, stages, structured, forced, constant, scalar, separable,
-                                timed, fed, lagrangian, framed, halves)
+                                timed, fed, lagrangian, framed, halves, ends and not stages)
                 named |= {*proved.solver_files(fast=True)["files"],
+                          *(file for files in proved.sweep_files("mean", "mean")["sweep_files"
+                                                                 ].values() for file in files),
+                          *proved.scheme_files()["finish_files"],
                           *proved.legendre_lane_files(), *proved.scheme_files()["stage_files"]}
             for found in (proved.solver_files(fast=True), proved.scheme_files(),
                           proved.sweep_files(*("stages", "trajectories") if stages

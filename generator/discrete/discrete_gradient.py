@@ -55,6 +55,9 @@ Where u has no square root or logarithm at an end, the value is no number, as H 
 Powers whose exponent is not a known multiple of ½ take positive u only; tanh takes |Δu| < 700 in
 double, for sinh overflows beyond. Means and changes that a function uses more than once are
 shared parts (``sharing``): nested functions cost their number.
+
+Parts of H that are shared are gone through once: each has a mean and a change, Du goes backward
+from the whole through them, as a gradient does.
 """
 
 from __future__ import annotations
@@ -67,7 +70,7 @@ import sympy as sp
 
 from ...errors import InputError
 from ..algebra.pieces import ScatteredError, pieces_of, tells_sides
-from ..algebra.sharing import parts_of
+from ..algebra.sharing import Shared, parts_of, share, substitute
 from ..algebra.switches import Max, Min, Where
 from ..text.tokens import shorten
 from .difference import Difference
@@ -97,12 +100,33 @@ def discrete_gradient(
     InputError
         If the expression contains a function without a known exact difference.
     """
+    steps = list(differences)
     leaves = {
-        symbol: Difference(mean, {i: sp.Integer(1)}, differences)
+        symbol: Difference(mean, {i: sp.Integer(1)}, steps)
         for i, (symbol, mean) in enumerate(zip(symbols, means, strict=True))
     }
-    slope = differentiate(expression, leaves, differences).slope
-    return [slope.get(i, sp.Integer(0)) for i in range(len(symbols))]
+    parts = [part for part in parts_of([expression]) if isinstance(part, Shared)]
+    names = {part: sp.Symbol(f"_part{i}", real=True) for i, part in enumerate(parts)}
+    *bodies, whole = substitute([*(part.args[0] for part in parts), expression], names)
+    found = []
+    for symbol, body in zip(names.values(), bodies, strict=True):
+        part = differentiate(body, leaves, steps)
+        change = share(part.change)
+        leaves[symbol] = Difference(share(part.mean), {len(steps): sp.Integer(1)}, steps, change,
+                                    part.known_ends)
+        found.append(part)
+        steps.append(change)
+    return _backward(differentiate(whole, leaves, steps), found, len(symbols))
+
+
+def _backward(whole: Difference, parts: Sequence[Difference], count: int) -> list[sp.Expr]:
+    """Return D of the whole by ``count`` symbols; behind these, its slopes are those by parts."""
+    terms: dict[int, list[sp.Expr]] = {i: [d] for i, d in whole.slope.items()}
+    for i, part in reversed([*enumerate(parts, count)]):
+        weight = share(sp.Add(*terms.get(i, ())))
+        for j, d in part.slope.items():
+            terms.setdefault(j, []).append(weight * d)
+    return [sp.Add(*terms.get(i, ())) for i in range(count)]
 
 
 def differentiate(

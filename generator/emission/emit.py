@@ -19,6 +19,7 @@ from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
 from ..schemes.frame_kernels import Turning
+from ..schemes.legendre_means import LagrangianEMS
 from ..schemes.schemes import MeanScheme, SparkScheme, common_kernels
 from ..symmetry.frames import Frame
 from ..systems.lagrangian import LagrangianSystem
@@ -114,7 +115,7 @@ def emit(
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
                     bool(system.forces), constant, scalar, separable, system.is_timed,
                     bool(system.inputs), lagrangian, frame is not None,
-                    bool(fast.get("half_tables")))
+                    bool(fast.get("half_tables")), isinstance(scheme, LagrangianEMS))
     context["system_lane_files"] = proved.legendre_lane_files()
     context |= proved.scheme_files() | proved.solver_files(fast["fast"])
     context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {

@@ -46,4 +46,11 @@ def composed_operations(
             "gradient": factor + solve + own["push"], "hessian": factor + newton}
     mean = {"mean_velocity": made["velocity"], "mean_force": made["gradient"],
             "mean_gradient": made["gradient"], "mean_jacobian": made["hessian"]}
+    if "mean_push" in own:  # EMS: the velocities of both ends
+        both = Counter({name: 2 * count for name, count in made["velocity"].items()})
+        change = own["slope_change"] + own["mean_push_change"] + own["mean_push_change"] + solve
+        columns = Counter({name: n * count for name, count in change.items()})
+        mean = {"mean_velocity": both, "mean_force": both + own["mean_push"],
+                "mean_gradient": both + own["mean_push"],
+                "mean_jacobian": both + columns + Counter(mul=n**3, add=n**3)}
     return {name: dict(count) for name, count in (made | mean).items()}

@@ -137,6 +137,8 @@ class Proved:
     lagrangian: bool = False
     framed: bool = False
     halves: bool = False
+    #: EMS of a Lagrangian, in terms of the velocities of both ends.
+    ends: bool = False
 
     @property
     def _suits(self) -> str:
@@ -145,6 +147,10 @@ class Proved:
     @property
     def _kind(self) -> str:
         return "forms" if self.structured else "dense"
+
+    @property
+    def _ends(self) -> str:
+        return "legendre_ends_" * self.ends
 
     def solver_files(self, fast: bool) -> dict[str, list[str]]:
         """Return the files before and behind those of the scheme: constraints, Newton, steps."""
@@ -167,15 +173,19 @@ class Proved:
         """Return the files that make H of a Lagrangian, for numbers or for lanes."""
         if not self.lagrangian:
             return []
-        drives = ["legendre_drive", *([] if self.stages else ["legendre_mean_drive"])]
-        return ["mass", "legendre", *(["legendre_work"] if self.forced else []),
-                *(["legendre_bound"] if self.m else []), *(drives if self.timed else [])]
+        if self.ends:
+            motion = ["legendre_ends", *(["legendre_ends_drive"] if self.timed else [])]
+        else:
+            drives = ["legendre_drive", *([] if self.stages else ["legendre_mean_drive"])]
+            motion = [*(["legendre_work"] if self.forced else []), *(drives if self.timed else [])]
+        return ["mass", "legendre", *(["legendre_bound"] if self.m else []), *motion]
 
     def legendre_lane_files(self) -> list[str]:
         """Return the same on lanes, with the rates that sweeps ask for."""
         if not self.lagrangian:
             return []
-        rates = ["legendre_rates" if self.stages else "legendre_mean_rates"]
+        rates = ["legendre_rates" if self.stages else
+                 "legendre_ends_rates" if self.ends else "legendre_mean_rates"]
         return [*self.legendre_files(), *(["legendre_schur"] if self.m else []), *rates]
 
     def scheme_files(self) -> dict[str, list[str]]:
@@ -185,13 +195,13 @@ class Proved:
         force = "legendre_force_change" if self.forced else "legendre_no_force"
         made = ["legendre_gradient", force, "legendre_hessian"] if self.lagrangian else []
         if not self.stages:
-            made += ["legendre_mean"] if made else []
+            made = ["legendre_ends_mean"] if self.ends else [*made, "legendre_mean"] if made else []
             pull = [f"mean_pull_{self._kind}"] if self.m else []
             rows = ["mean_constrained" if self.m else "mean_free"]
             jacobian = [f"mean_columns{free}", "mean_jacobian"] if dense else []
             return {"stage_files": [*made, *pull, *rows, "mean", *jacobian],
                     "finish_files": ["mean_finish", *([f"mean_drive{free}"] if self.timed else []),
-                                     *(["mean_work"] if self.forced else [])]}
+                                     *([f"{self._ends}mean_work"] if self.forced else [])]}
         hessian = [] if made else [
             "hessian_with_forces" if self.forced else "hessian_of_potential"]
         nodes = "spark_constrained" if self.m else "spark_free"
@@ -250,7 +260,7 @@ class Proved:
 
     def _mean(self) -> list[str]:
         layout = self._layout()
-        work = "mean_sweep_work" if self.forced else "sweep_no_work"
+        work = f"{self._ends}mean_sweep_work" if self.forced else "sweep_no_work"
         own = ["mean_follow_free"]
         if self.m:
             answer = "scalar" if self.correction else "again"

@@ -34,6 +34,8 @@ from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .differences import vector
 from .inputs import time_input
+from .legendre import motion_kernels
+from .legendre_means import LagrangianIMS
 from .schemes import MeanScheme, common_kernels, drive_kernels, rate_kernels
 
 __all__ = ["FastLagrangian", "FastSystem", "fast_system"]
@@ -314,11 +316,13 @@ class FastLagrangian(FastSystem):
 
     def spark_kernels(self, *, apart: bool = False) -> list[Kernel]:
         """Return M, b, V, L_q + F and the constraints on lanes: the engine makes rates of them."""
-        return common_kernels(self.system)
+        return [*common_kernels(self.system), *motion_kernels(self.system)]
 
     def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
-        """Return the same, and G and g_t between the ends."""
-        return [*self.spark_kernels(), *self._mean_constraint(scheme), *scheme.rate_kernels()]
+        """Return the same between the ends, with G and g_t there."""
+        assert isinstance(scheme, LagrangianIMS)
+        return [*common_kernels(self.system), *scheme.motion_kernels(),
+                *self._mean_constraint(scheme), *scheme.rate_kernels()]
 
 
 def fast_system(system: System) -> FastSystem:

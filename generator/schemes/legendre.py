@@ -16,26 +16,33 @@ from ..systems.lagrangian import LagrangianSystem
 from .differences import vector
 from .inputs import time_input
 
-__all__ = ["newton_kernels", "state_kernels"]
+__all__ = ["motion_kernels", "newton_kernels", "state_kernels"]
 
 
 @lru_cache(maxsize=4)
 def state_kernels(system: LagrangianSystem) -> list[Kernel]:
-    """Return the kernels of H and its derivatives: M, b, V, and what moves p at given v."""
+    """Return the kernels of H and of the forces: M, b, V, F."""
     q = {"q": list(system.q)}
-    moving = {**q, "v": list(system.velocities)}
-    at = {**moving, **time_input(system)}
-    less = " + F" if system.forces else ""
+    at = {**q, "v": list(system.velocities), **time_input(system)}
     kernels = [
         Kernel("mass_matrix", "M = d^2L/dv^2, its entries as they are eliminated", q,
                {"A": system.mass_entries}),
         Kernel("rest_momentum", "b, the momentum of v = 0", q, {"b": system.rest_momenta}),
         Kernel("potential", "V(q)", q, {"V": system.potential}),
-        Kernel("push", f"R = dL/dq{less} at fixed v", at, {"R": system.push}),
         *([Kernel("force_of_velocity", "F(q, v, t), which no potential has", at,
                   {"F": list(system.forces)})] if system.forces else []),
-        *([Kernel("drive_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L",
-                  moving, {"H_t": system.H_t})] if system.is_timed else []),
+    ]
+    return [replace(k, factors=not system.is_long) for k in kernels]
+
+
+def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
+    """Return what moves p, and what drives H, at given v."""
+    at = {"q": list(system.q), "v": list(system.velocities)}
+    less = " + F" if system.forces else ""
+    kernels = [
+        Kernel("push", f"R = dL/dq{less} at fixed v", at | time_input(system), {"R": system.push}),
+        *([Kernel("drive_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L", at,
+                  {"H_t": system.H_t})] if system.is_timed else []),
     ]
     return [replace(k, factors=not system.is_long) for k in kernels]
 

@@ -10,6 +10,7 @@ from ..algebra.identities import Finding, compare
 from ..algebra.sharing import substitute
 from ..tableaux.conditions import Condition
 from .differences import with_time
+from .legendre_means import LagrangianEMS
 from .schemes import MeanScheme
 
 __all__ = ["check_mean_scheme"]
@@ -35,13 +36,15 @@ def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
 def _energy(scheme: MeanScheme) -> Condition:
     """ΔH = D_qH·Δq + D_pH·Δp: energy is kept exactly, the multiplier's work is λΔg = 0 (60)."""
     timed = scheme.system.is_timed
+    law = "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * timed
+    if isinstance(scheme, LagrangianEMS):
+        return _condition("energy", law, scheme.balance())
     variables = with_time(
         [*scheme.system.q, *scheme.system.p], [*scheme.means[0], *scheme.means[1]],
         [*scheme.differences[0], *scheme.differences[1]], scheme.system.clock)
     slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
              *([scheme.mean_drive] if timed else [])]
-    return _condition("energy", "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * timed,
-                      _increments([scheme.system.H], [slope], *variables))
+    return _condition("energy", law, _increments([scheme.system.H], [slope], *variables))
 
 
 def _constraint(scheme: MeanScheme) -> Condition:

@@ -28,7 +28,6 @@ from typing import Any
 
 import sympy as sp
 
-from ...errors import InputError
 from ..algebra.identities import Finding, compare
 from ..algebra.sharing import substitute
 from ..kernels.kernel import Constants
@@ -48,7 +47,7 @@ from .differences import (
     vector,
 )
 from .inputs import time_input
-from .legendre import newton_kernels, state_kernels
+from .legendre import motion_kernels, newton_kernels, state_kernels
 
 __all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
 
@@ -130,7 +129,7 @@ class SparkScheme:
         system = self.system
         state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
         if isinstance(system, LagrangianSystem):
-            return [*newton_kernels(system), *self._curvature()]
+            return [*motion_kernels(system), *newton_kernels(system), *self._curvature()]
         kernels = [
             Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
                    {"H_q": system.H_q, "H_p": system.H_p}),
@@ -163,13 +162,6 @@ class MeanScheme:
     discrete: bool  # EMS: the discrete gradient; IMS: the gradient at the midpoint
     tableau = None
     unknowns_are_state = True
-
-    def __post_init__(self) -> None:
-        if self.discrete and isinstance(self.system, LagrangianSystem):
-            raise InputError(
-                f"EMS asks for an exact difference of H, and that of (p - b)^T M(q)^-1 (p - b) is "
-                f"not made without M^-1 in symbols; take IMS or G-L for {self.system.name!r}, or "
-                "the system that its legendre() returns, for a few coordinates.")
 
     @property
     def size(self) -> int:
@@ -245,13 +237,22 @@ class MeanScheme:
         system = self.system
         at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
         gradient = substitute([*system.H_q, *system.H_p, *self._rates_of_time], at_mean)
-        no_step = dict.fromkeys(self._differences, sp.Integer(0))
-        return compare(substitute(self._D, no_step), gradient, thorough=thorough)
+        return compare(substitute(self._D, self._no_step), gradient, thorough=thorough)
 
     def symmetry(self, *, thorough: bool = True) -> Finding:
         """Whether exchange of the end points, which turns Δ into −Δ, leaves D as it is."""
-        back = {x: -x for x in self._differences}
-        return compare(self._D, substitute(self._D, back), self._differences, thorough=thorough)
+        return compare(self._D, substitute(self._D, self._backwards), self._differences,
+                       thorough=thorough)
+
+    @property
+    def _no_step(self) -> dict[sp.Symbol, sp.Expr]:
+        """What stands for what where both ends are one."""
+        return dict.fromkeys(self._differences, sp.Integer(0))
+
+    @property
+    def _backwards(self) -> dict[sp.Symbol, sp.Expr]:
+        """What stands for what where the ends are exchanged."""
+        return {x: -x for x in self._differences}
 
     @property
     def _rates_of_time(self) -> list[sp.Expr]:
@@ -272,9 +273,6 @@ class MeanScheme:
         """Return the mean gradient and its derivatives by Δq and Δp."""
         system = self.system
         by_q, by_p = self._by_increments()
-        if isinstance(system, LagrangianSystem):
-            return [*newton_kernels(system), *self._constraint_kernels(by_q),
-                    *self.rate_kernels()]
         inputs = {"qm": self.means[0], "pm": self.means[1],
                   "dq": self.differences[0], "dp": self.differences[1]}
         inputs |= time_input(system)
@@ -287,13 +285,14 @@ class MeanScheme:
             Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
                    {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
         ]
-        return [*kernels, *self._constraint_kernels(by_q), *self.drive_kernels(),
+        return [*kernels, *self._constraint_kernels(), *self.drive_kernels(),
                 *self.rate_kernels()]
 
-    def _constraint_kernels(self, by_q: Any) -> list[Kernel]:
+    def _constraint_kernels(self) -> list[Kernel]:
         """Return the kernels of the constraints: G between the ends, and its derivative."""
         if not self.system.m:
             return []
+        by_q, _ = self._by_increments()
         lam = vector("lambda", self.system.m)
         force = [
             sum((x * row[i] for x, row in zip(lam, self.mean_constraint, strict=True)),
