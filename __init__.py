@@ -84,7 +84,7 @@ _HOMES = {
     "System": "generator.systems.system",
     "load_urdf": "generator.model_files.robots",
     "read_urdf": "generator.model_files.robots",
-    "from_mechanics": "generator.systems.mechanics",
+    "from_mechanics": "generator.mechanics.methods",
     "Projection": "projection",
     "Crossings": "runtime.events.found",
     "Ensemble": "runtime.run.ensemble",

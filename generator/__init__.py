@@ -7,6 +7,7 @@ rooms above it alone.
     algebra/      on expressions: bounded, proved where it can be
     discrete/     exact differences over a step, for EMS
     systems/      q, p, H, g, forces; redundancy, structure, smoothness
+    mechanics/    systems of sympy.physics.mechanics
     tableaux/     nodes and coefficients, derived; what they satisfy
     spelling/     any spelling of H, g and F to its one canonical form
     bodies/       quaternion bodies, joints, models

@@ -14,6 +14,9 @@ import gyrospark as gs
 from calls import refused
 from gyrospark.generator.algebra.derivatives import along
 from gyrospark.generator.algebra.evaluation import evaluate
+from gyrospark.generator.algebra.residues import vanish
+from gyrospark.generator.algebra.sharing import parts_of
+from gyrospark.generator.mechanics.motion import Motion
 from strategies import EPS
 
 T = me.dynamicsymbols._t
@@ -296,6 +299,51 @@ def test_an_arm_moves_and_keeps_its_energy():
                              ).report.energy_error_max for n in (5, 10)]
     assert errors[1] < 2e-11
     assert errors[0] / errors[1] > 2**5.5  # order 6
+
+
+def length_of_energy(count):
+    """Return of how many different parts T of a chain is made."""
+    method = joints(count)
+    return len(list(parts_of([Motion(method.frame).energy(method.bodies)])))
+
+
+def test_kinetic_energy_grows_with_the_links():
+    """As many parts for each two links more: it was the square of their number."""
+    four, eight, twelve = map(length_of_energy, (4, 8, 12))
+    assert eight - four == twelve - eight
+    assert twelve < 60 * 12
+
+
+def test_velocities_that_were_given_are_the_rates_of_places():
+    """Of v2pt_theory the place's rate remains, which is shorter; its values are SymPy's."""
+    N, P = me.ReferenceFrame("N"), me.Point("O")
+    P.set_vel(N, 0)
+    before = N
+    for i, x in enumerate(me.dynamicsymbols("q1:8")):
+        arm = before.orientnew(f"A{i}", "Axis", [x, (before.x, before.z)[i % 2]])
+        P, fixed = P.locatenew(f"P{i}", arm.y), P
+        P.v2pt_theory(fixed, N, arm)
+        before = arm
+    motion = Motion(N)
+    short, axes = motion.velocity(P)
+    given = motion.components(P.vel(N), axes)
+    assert vanish([a - b for a, b in zip(short, given, strict=True)])
+    assert len(list(parts_of(short))) < len(list(parts_of(given)))
+
+
+def test_a_velocity_that_is_no_rate_of_the_place_is_taken_as_given():
+    """A belt moves what rests on it: the user's word holds."""
+    N, _, points, _ = particles()
+    u = me.dynamicsymbols("u")
+    points[1].set_vel(N, u * N.x)
+    motion = Motion(N)
+    found, axes = motion.velocity(points[1])
+    assert found == motion.components(u * N.x, axes)
+
+
+def test_a_point_of_unknown_velocity_is_refused():
+    with refused("velocity of P in N is not known; place it from"):
+        Motion(me.ReferenceFrame("N")).velocity(me.Point("P"))
 
 
 def particle(constraint=None, **more):

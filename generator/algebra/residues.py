@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from .bounded_algebra import is_small
 from .sharing import Shared, parts_of
 
-__all__ = ["Residues", "UnsuitablePrimeError", "exactly", "identically_zero", "primes"]
+__all__ = ["Residues", "UnsuitablePrimeError", "exactly", "identically_zero", "primes",
+           "vanish"]
 
 Residue = NDArray[np.int64]
 
@@ -260,14 +261,14 @@ def identically_zero(sums: Sequence[Sequence[sp.Expr]]) -> str:
     exact = [[exactly(e) for e in terms] for terms in sums]
     whole = [sp.Add(*terms, evaluate=False) for terms in exact]
     rest = [e for e in whole if e != 0]
-    if rest and not _vanish_at_points(rest):
+    if rest and not vanish(rest):
         return ""
     proved = all(map(is_small, whole)) and all(
         sp.expand(sp.Add(*map(sp.expand, terms))) == 0 for terms in exact)
     return "expanded" if proved else "exact arithmetic at random points"
 
 
-def _vanish_at_points(expressions: Sequence[sp.Expr]) -> bool:
+def vanish(expressions: Sequence[sp.Expr]) -> bool:
     """Whether all vanish at random points modulo three suitable primes."""
     symbols = sorted(set().union(*(e.free_symbols for e in expressions)), key=str)
     found = 0

@@ -133,7 +133,7 @@ def emit_kernel(
     lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};")
              for t, e in made.shared]
     lines += map(wrap, _assignments(made, printer))
-    used = symbols_of(e for _, e in entries(kernel))
+    used = symbols_of(e for _, e in (*made.shared, *made.outputs))
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
     singly = target.prefix and printer.functions - ON_LANES  # are told how many lanes to do

@@ -14,7 +14,7 @@ from typing import Any
 import sympy as sp
 from sympy.simplify.cse_main import tree_cse
 
-from ..algebra.sharing import Shared, parts_of, tree_size
+from ..algebra.sharing import Shared, parts_of, symbols_of, tree_size
 
 __all__ = ["Kernel", "Statements", "entries", "statements_of"]
 
@@ -81,7 +81,9 @@ def statements_of(kernel: Kernel) -> Statements:
     else:
         shared, reduced = tree_cse(expressions, fresh, {}, order)
     named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
-    shared = _in_order(shared, dict(zip(definitions, named, strict=True)))
+    if definitions:
+        shared = _in_order(shared, dict(zip(definitions, named, strict=True)))
+        shared, reduced = _needed(shared, reduced)
     shared, reduced = _name_bases(shared, reduced)
     return Statements(shared, [(place, e) for (place, _), e in zip(places, reduced, strict=True)])
 
@@ -128,8 +130,6 @@ def _in_order(
     shared: list[tuple[sp.Symbol, sp.Expr]], definitions: dict[sp.Symbol, sp.Expr]
 ) -> list[tuple[sp.Symbol, sp.Expr]]:
     """Return shared subexpressions and definitions, each behind those it is made of."""
-    if not definitions:
-        return shared
     known, done = dict(shared) | definitions, dict[sp.Symbol, sp.Expr]()
 
     def visit(symbol: sp.Symbol) -> None:
@@ -141,6 +141,26 @@ def _in_order(
     for symbol in known:
         visit(symbol)
     return list(done.items())
+
+
+def _needed(
+    shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
+) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+    """Leave out second names of what has one, and what cancelled where it was used."""
+    first: dict[sp.Symbol, sp.Expr] = {}
+    kept: list[tuple[sp.Symbol, sp.Expr]] = []
+    for symbol, given in shared:
+        e = given.xreplace(first)
+        if e.is_Symbol:
+            first[symbol] = e
+        else:
+            kept.append((symbol, e))
+    reduced = [e.xreplace(first) for e in reduced]
+    used = symbols_of(reduced)
+    for symbol, e in reversed(kept):
+        if symbol in used:
+            used |= e.free_symbols
+    return [(symbol, e) for symbol, e in kept if symbol in used], reduced
 
 
 def _name_bases(

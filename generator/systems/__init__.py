@@ -5,7 +5,6 @@
     places          where bodies and joints are in it
     given           what users give, as expressions
     lagrangian      a system from its Lagrangian, M(q) never inverted in symbols
-    mechanics       systems of sympy.physics.mechanics
     numeric_system  the same with numbers, in NumPy
     redundancy      constraints that others imply
     jacobians       matrices of derivatives

@@ -13,7 +13,7 @@ a generalised force F_i = ∂v/∂q̇_i · load.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,13 +24,14 @@ from sympy.physics import mechanics as me
 
 from ...errors import InputError
 from ...naming import shown
-from ..algebra.derivatives import derivative
+from ..algebra.derivatives import derivative, slopes
 from ..algebra.evaluation import evaluate
-from ..algebra.sharing import parts_of, share, substitute, symbols_of
+from ..algebra.sharing import parts_of, substitute, symbols_of
+from ..systems.lagrangian import LagrangianSystem, from_lagrangian
+from ..systems.numeric_system import NumericConstraints
+from ..systems.redundancy import nearest_point
 from ..text.tokens import shorten
-from .lagrangian import LagrangianSystem, from_lagrangian
-from .numeric_system import NumericConstraints
-from .redundancy import nearest_point
+from .motion import Motion
 
 __all__ = ["from_mechanics"]
 
@@ -44,8 +45,8 @@ class Mechanics:
 
     Attributes
     ----------
-    frame : ReferenceFrame
-        The inertial one.
+    motion : Motion
+        Of frames and points in the inertial frame, and what generalised speeds are in q and q̇.
     q : list
         Coordinates.
     L : Expr
@@ -54,22 +55,16 @@ class Mechanics:
         Pairs of a point and a force, or a frame and a torque.
     constraints : list of Expr
         g(q, t).
-    speeds : dict
-        Each generalised speed u(t) in terms of q and q̇.
     rates : list of Expr
         Constraints on the velocities; ones that are not those of g are refused.
-    fixed : Point, optional
-        A point that rests in the frame.
     """
 
-    frame: Any
+    motion: Motion
     q: list[sp.Expr]
     L: sp.Expr
     loads: list[Any]
     constraints: list[sp.Expr]
-    speeds: dict[sp.Expr, sp.Expr] = field(default_factory=dict)
     rates: list[sp.Expr] = field(default_factory=list)
-    fixed: Any = None
 
 
 def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
@@ -101,13 +96,11 @@ def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
     found = reader(method)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in found.q]
-    forces, potential = _generalised(found, rates)
     names = _names(found, rates)
-    expressions = [*_in_rates(found, [found.L - potential, *found.constraints, *forces,
-                                      *found.rates])]
-    L, *rest = substitute(expressions, names)
-    m, n = len(found.constraints), len(found.q)
-    g, F, bound = rest[:m], rest[m : m + n], rest[m + n :]
+    F, potential = _generalised(found, names)
+    L, *rest = _named(found, [found.L - potential, *found.constraints, *found.rates], names)
+    m = len(found.constraints)
+    g, bound = rest[:m], rest[m:]
     q, v = [names[x] for x in found.q], [names[x] for x in rates]
     _refuse_functions(name, [L, *g, *F], t)
     parameters = sorted(symbols_of([L, *g, *F]) - {*q, *v, t}, key=str)
@@ -123,8 +116,8 @@ def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
 def _of_lagrange(method: Any) -> Mechanics:
     if len(method.coneqs) > len(method._hol_coneqs):
         raise _nonholonomic("LagrangesMethod", method.coneqs[len(method._hol_coneqs)])
-    return Mechanics(method.inertial, list(method.q), method._L[0], [*(method.forcelist or ())],
-                     list(method._hol_coneqs))
+    return Mechanics(Motion(method.inertial), list(method.q), method._L[0],
+                     [*(method.forcelist or ())], list(method._hol_coneqs))
 
 
 def _of_kane(method: Any) -> Mechanics:
@@ -136,9 +129,9 @@ def _of_kane(method: Any) -> Mechanics:
                   + method._k_kqdot_implicit * method._qdot + method._f_k_implicit)
     speeds = _solved(list(kinematics), u)
     rates = list(method._k_nh * sp.Matrix(u) + method._f_nh) if method._k_nh else []
-    T = _kinetic_energy(method.bodies, frame)
-    return Mechanics(frame, list(method.q), T, [*(method.loads or ())], list(method._f_h),
-                     speeds | rest, rates)
+    motion = Motion(frame, speeds | rest)
+    return Mechanics(motion, list(method.q), motion.energy(method.bodies),
+                     [*(method.loads or ())], list(method._f_h), rates)
 
 
 def _of_system(method: Any) -> Mechanics:
@@ -152,51 +145,9 @@ def _of_system(method: Any) -> Mechanics:
                               for load in actuator.to_loads())]
     speeds = _solved(list(method.kdes), list(method.u)) if method.u else {}
     rest = dict.fromkeys(method.u_aux, sp.Integer(0))
-    return Mechanics(method.frame, list(method.q), _kinetic_energy(bodies, method.frame) - V,
-                     loads, list(method.holonomic_constraints), speeds | rest,
-                     list(method.velocity_constraints), method.fixed_point)
-
-
-def _kinetic_energy(bodies: Iterable[Any], frame: Any) -> sp.Expr:
-    """Return T of bodies; one that rests, or moves by a law of t alone, need have no mass."""
-    def moves(body: Any) -> bool:
-        turning = [body.frame.ang_vel_in(frame)] if isinstance(body, me.RigidBody) else []
-        return any(me.find_dynamicsymbols(v, reference_frame=frame)
-                   for v in (body.masscenter.vel(frame), *turning) if v != 0)
-
-    return sp.Add(*(_energy_of(body, frame) for body in bodies if moves(body)))
-
-
-def _energy_of(body: Any, frame: Any) -> sp.Expr:
-    """Return ½ m v·v + ½ Ω·J·Ω, in the axes of the body or, of a point, in those at hand."""
-    v = body.masscenter.vel(frame)
-    if not isinstance(body, me.RigidBody):
-        axes = max((own for _, own in v.args), key=lambda own: len(_path(own, frame)))
-        return body.mass * sum(e**2 for e in _components(v, axes, frame)) / 2
-    turning = sp.Matrix(_components(body.frame.ang_vel_in(frame), body.frame, frame))
-    J = body.central_inertia.to_matrix(body.frame)
-    moving = sum(e**2 for e in _components(v, body.frame, frame))
-    return (body.mass * moving + (turning.T * J * turning)[0]) / 2
-
-
-def _path(axes: Any, frame: Any) -> list[Any]:
-    """Return the frames from the inertial one to some axes."""
-    return list(reversed(axes._dict_list(frame, 0)))
-
-
-def _components(vector: Any, axes: Any, frame: Any) -> list[sp.Expr]:
-    """Return a vector's components, turned from frame to frame: parts that bodies share recur."""
-    own = {other: numbers for numbers, other in vector.args}
-    path = _path(axes, frame)
-    if not {*own} <= {*path}:
-        return list(vector.to_matrix(axes))
-    found, before = sp.zeros(3, 1), None
-    for turned in path:
-        if before is not None:
-            found = turned.dcm(before) * found
-        found = (found + own.get(turned, sp.zeros(3, 1))).applyfunc(share)
-        before = turned
-    return list(found)
+    motion = Motion(method.frame, speeds | rest)
+    return Mechanics(motion, list(method.q), motion.energy(bodies) - V, loads,
+                     list(method.holonomic_constraints), list(method.velocity_constraints))
 
 
 def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Expr]:
@@ -210,53 +161,49 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
 # ---------------------------------------------------------------- loads
 
 
-def _generalised(found: Mechanics, rates: Sequence[sp.Expr]) -> tuple[list[sp.Expr], sp.Expr]:
-    """Return the generalised forces of the loads, and the potential of those that have one."""
-    forces, potential = [sp.Integer(0)] * len(rates), sp.Integer(0)
+def _generalised(found: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
+    list[sp.Expr], sp.Expr
+]:
+    """Return the generalised forces of the loads, and the potential of those that have one.
+
+    F_i is the slope of the power Σ v·F along q̇_i, with F held: that goes backward through v once,
+    for all loads and all coordinates.
+    """
+    motion, held = found.motion, dict[sp.Expr, sp.Expr]()
+    power, potential = sp.Integer(0), sp.Integer(0)
     for where, load in ((load[0], load[1]) for load in found.loads):
-        energy = _potential(found, where, load)
+        energy = _potential(motion, where, load)
         if energy is not None:
             potential += energy
             continue
-        is_frame = isinstance(where, me.ReferenceFrame)
-        motion = where.ang_vel_in(found.frame) if is_frame else where.vel(found.frame)
-        motion, load = (me.msubs(x, found.speeds) for x in (motion, load))
-        for i, rate in enumerate(rates):
-            forces[i] += motion.diff(rate, found.frame, var_in_dcm=False).dot(load)
-    return forces, potential
+        if isinstance(where, me.ReferenceFrame):
+            rates, axes = motion.turning(where), where
+        else:
+            rates, axes = motion.velocity(where)
+        for rate, pushed in zip(rates, motion.components(load, axes), strict=True):
+            symbol = sp.Symbol(f"_w{len(held)}", real=True)
+            held[symbol] = pushed
+            power += symbol * rate
+    (power,) = _named(found, [power], names)
+    forces = slopes(power, tuple(names[x.diff(me.dynamicsymbols._t)] for x in found.q))
+    pushes = dict(zip(held, _named(found, [*held.values()], names), strict=True))
+    return substitute(forces, pushes), potential
 
 
-def _potential(found: Mechanics, where: Any, load: Any) -> sp.Expr | None:
+def _potential(motion: Motion, where: Any, load: Any) -> sp.Expr | None:
     """Return V = −F·r of a constant force, where r is known from a point at rest."""
     if not isinstance(where, me.Point):
         return None
-    components = load.to_matrix(found.frame)
+    components = load.to_matrix(motion.frame)
     if me.find_dynamicsymbols(components) or me.dynamicsymbols._t in components.free_symbols:
         return None
-    origin = _resting(where, found)
-    return None if origin is None else -load.dot(where.pos_from(origin))
-
-
-def _resting(where: Any, found: Mechanics) -> Any:
-    """Return a point at rest from which the place of another is known, or None."""
-    if found.fixed is not None:
-        return found.fixed
-    seen, waiting = {where}, [where]
-    for point in waiting:
-        if point._vel_dict.get(found.frame) == 0:
-            return point
-        fresh = [other for other in point._pos_dict if other not in seen]
-        seen.update(fresh)
-        waiting += fresh
-    return None
+    place = motion.place(where)
+    if place is None:
+        return None
+    return -sp.Add(*(F * motion.along(k, place) for k, F in enumerate(components) if F != 0))
 
 
 # ---------------------------------------------------------------- names
-
-
-def _in_rates(found: Mechanics, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
-    """Return expressions with generalised speeds written in terms of q̇."""
-    return substitute(expressions, found.speeds)
 
 
 def _names(found: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
@@ -265,7 +212,7 @@ def _names(found: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbo
         if not isinstance(x, AppliedUndef):
             raise InputError(f"Coordinate {shown(x)} is no function of time; make it with "
                              "sympy.physics.mechanics.dynamicsymbols.")
-    called = {rate: u.func.__name__ for u, rate in found.speeds.items()}
+    called = {rate: u.func.__name__ for u, rate in found.motion.speeds.items()}
     names = {x: sp.Symbol(x.func.__name__, real=True) for x in found.q}
     taken = {str(s) for s in names.values()} | {str(s) for s in symbols_of([found.L])}
     for x, rate in zip(found.q, rates, strict=True):
@@ -275,6 +222,13 @@ def _names(found: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbo
         taken.add(name)
         names[rate] = sp.Symbol(name, real=True)
     return names
+
+
+def _named(
+    found: Mechanics, expressions: Sequence[sp.Expr], names: Mapping[sp.Expr, sp.Symbol]
+) -> list[sp.Expr]:
+    """Return expressions in symbols, generalised speeds in terms of q̇."""
+    return substitute(substitute(expressions, found.motion.speeds), names)
 
 
 def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -> None:
