@@ -23,6 +23,7 @@ __all__ = ["draw_bodies", "draw_drift", "draw_growth", "draw_references", "draw_
            "draw_work_precision"]
 
 _MARKS = "osD^vPX*<>hp"
+_COLOURS = [*(f"C{number}" for number in range(10)), "black", "gold", "navy", "darkgreen"]
 #: Errors below this are round-off and are drawn at it.
 _FLOOR = 1e-18
 #: The same of errors that are relative and at a double's rounding.
@@ -133,7 +134,9 @@ def draw_bodies(rows: Sequence[BodyRow], path: Path) -> None:
 
 
 def draw_references(measured: Sequence[tuple[str, Sequence[Run]]], path: Path) -> None:
-    """Draw error against CPU time, a panel for each problem and a line for each scheme and peer.
+    """Draw error against CPU time, a panel for each problem and a line for each scheme.
+
+    Those of a peer are alike; tolerances of one of its schemes are one line.
 
     Raises
     ------
@@ -144,16 +147,16 @@ def draw_references(measured: Sequence[tuple[str, Sequence[Run]]], path: Path) -
     rows = -(-len(measured) // columns)
     figure = figure_class()(figsize=(3 * columns + 1, 2.4 * rows + 0.8), layout="constrained")
     families = list(dict.fromkeys(run.peer or run.scheme for _, runs in measured for run in runs))
+    peers = {run.peer for _, runs in measured for run in runs}
     named: dict[str, Any] = {}
     for number, (title, runs) in enumerate(measured, start=1):
         axes = figure.add_subplot(rows, columns, number)
         axes.set_title(title, fontsize=8)
         for place, family in enumerate(families):
-            points = [(run.cpu_seconds * 1e3, max(run.error, _ROUNDED)) for run in runs
-                      if (run.peer or run.scheme) == family]
-            if points:
-                line, = axes.plot(*zip(*points, strict=True), f"{_MARKS[place % len(_MARKS)]}-",
-                                  color=f"C{place % 10}", ms=3, lw=1)
+            for points in _lines([run for run in runs if (run.peer or run.scheme) == family]):
+                line, = axes.plot(*zip(*points, strict=True), color=_COLOURS[place], ms=3, lw=1,
+                                  marker=_MARKS[place % len(_MARKS)],
+                                  linestyle="--" if family in peers else "-")
                 named.setdefault(family, line)
         axes.axhline(LIMIT, color="0.6", lw=0.6)
         axes.set(xscale="log", yscale="log", ylim=(_ROUNDED / 2, 1))
@@ -166,6 +169,15 @@ def draw_references(measured: Sequence[tuple[str, Sequence[Run]]], path: Path) -
     figure.legend(named.values(), named.keys(), loc="outside upper center", fontsize=8,
                   ncols=len(named))
     figure.savefig(path, dpi=80)
+
+
+def _lines(runs: Sequence[Run]) -> list[list[tuple[float, float]]]:
+    """Return CPU ms and error of runs, scheme by scheme; those with one run each are a line."""
+    schemes = dict.fromkeys(run.scheme for run in runs)
+    if len(schemes) == len(runs):
+        schemes = {"": None}
+    return [[(run.cpu_seconds * 1e3, max(run.error, _ROUNDED)) for run in runs
+             if scheme in ("", run.scheme)] for scheme in schemes] if runs else []
 
 
 def draw_sweeps(rows: Sequence[SweepRow], path: Path) -> None:

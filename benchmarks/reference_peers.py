@@ -1,10 +1,12 @@
-"""SciPy and heyoka on reference problems whose equations of motion need no multipliers.
+"""Other programs on the reference problems.
 
     SciPy    DOP853 at a tolerance, the state projected onto |q| = 1 or the surface, and the
              velocity onto its tangent, after every step
     heyoka   Taylor series, compiled for the equations, at a tolerance
+    exudyn, MuJoCo    where the problem is bodies on joints, by ``reference_bodies``
 
-A package that is not installed is left out with a sentence.
+SciPy and heyoka go where equations of motion need no multipliers. A package that is not installed
+is left out with a sentence.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from ..references.measuring import Run
 from ..references.problem import Reference, largest_error
 from . import equations
 from .peers.optional import Unavailable, need
+from .reference_bodies import measure_bodies
 
 __all__ = ["measure_peers"]
 
@@ -63,7 +66,7 @@ _WAYS: Mapping[str, _Way] = {
 }
 
 
-def measure_peers(problem: Reference, *, rounds: int = 3,
+def measure_peers(problem: Reference, *, rounds: int = 3, quick: bool = False,
                   watch: Callable[[str], None] = lambda text: None) -> Iterator[Run]:
     """Yield runs of a problem by peers; none where they cannot go.
 
@@ -71,11 +74,18 @@ def measure_peers(problem: Reference, *, rounds: int = 3,
     ----------
     problem, rounds
         As of ``gs.references.measure``.
+    quick : bool
+        As of ``measure_bodies``.
     watch : callable
-        Is told what is at work, and which package is missing.
+        Is told what is at work, and what is left out.
     """
-    if problem.name not in _WAYS:
-        return
+    if problem.name in _WAYS:
+        yield from _measure_equations(problem, rounds, watch)
+    yield from measure_bodies(problem, rounds=rounds, quick=quick, watch=watch)
+
+
+def _measure_equations(problem: Reference, rounds: int,
+                       watch: Callable[[str], None]) -> Iterator[Run]:
     for peer, prepare in (("SciPy", _scipy), ("heyoka", _heyoka)):
         watch(f"{problem.name}, {peer}")
         try:

@@ -22,7 +22,7 @@ __all__ = ["reference"]
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("name", metavar="list|NAME|all", default="list")
 @click.option("--quick", is_flag=True, help="The first scheme of each problem alone, timed once.")
-@click.option("--peers", is_flag=True, help="SciPy and heyoka too, where they can go.")
+@click.option("--peers", is_flag=True, help="SciPy, heyoka, exudyn, MuJoCo too, where they can go.")
 @click.option("--plot", metavar="FILE.png", type=click.Path(path_type=Path),
               help="Draw error against CPU time, a panel for each problem.")
 @click.option("--out", metavar="FILE.md", type=click.Path(path_type=Path),
@@ -64,7 +64,7 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
         from ..benchmarks.reference_peers import measure_peers
 
         for problem, runs in measured:
-            runs += measure_peers(problem, rounds=rounds, watch=_note)
+            runs += measure_peers(problem, rounds=rounds, quick=quick, watch=_note)
     if as_json:
         rows = [run.as_dict() for _, runs in measured for run in runs]
         click.echo(json.dumps(rows, ensure_ascii=False, indent=2))

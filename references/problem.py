@@ -72,6 +72,9 @@ class Reference:
         What is run.
     published : Published, optional
         What others gave.
+    no_bodies : str
+        Why the problem is no rigid bodies on joints, for programs that know nothing else; "" where
+        it is.
     """
 
     name: str
@@ -85,6 +88,7 @@ class Reference:
     invariants: Mapping[str, str]
     attempts: Sequence[Attempt]
     published: Published | None = field(default=None)
+    no_bodies: str = ""
 
     @property
     def truth(self) -> Truth:

@@ -98,6 +98,7 @@ NEUMANN = Reference(
     groups={"positions": _POSITIONS, "velocities": _VELOCITIES}, read=_end,
     invariants={"energy": "H", **{
         f"F{i}": f"q{i}² + Σ (q{i} p_j − q_j p{i})²/(a{i} − a_j)" for i in (1, 2, 3)}},
+    no_bodies="the point is on a sphere, in the field of no weight",
     attempts=_ATTEMPTS)
 
 ELLIPSOID = Reference(
@@ -106,6 +107,7 @@ ELLIPSOID = Reference(
     form="Python", make=_ellipsoid, seconds="10",
     groups={"positions": _POSITIONS, "velocities": _VELOCITIES}, read=_end,
     invariants={"energy": "|p|²/2", "J": "(Σ q²/b²)(Σ p²/b)"},
+    no_bodies="no joint keeps a point on an ellipsoid",
     attempts=_ATTEMPTS)
 
 BEAD = Reference(
@@ -114,5 +116,6 @@ BEAD = Reference(
     form="Python", make=_bead, seconds="1.5",
     groups={"positions": ("x", "y"), "velocities": ("x'", "y'")}, read=_end,
     invariants={"energy balance": "H − ∫ λ·g_t dt"},
+    no_bodies="the wire turns by a law of time",
     attempts=(Attempt("G-L", 4, (10, 25, 50, 100)), Attempt("G-L", 3, (25, 100, 400)),
               Attempt("EMS", None, (400, 1600))))

@@ -18,13 +18,13 @@ from ...runtime.body.quaternion import rotation_matrix
 from ..linkages import Array, Hold, Linkage
 from .optional import need
 
-__all__ = ["INTEGRATORS", "PACKAGE", "Machine"]
+__all__ = ["INTEGRATORS", "PACKAGE", "STIFFEST", "Machine", "text"]
 
 PACKAGE = "mujoco"
 #: Integrator → its order, without a closed loop and with one.
 INTEGRATORS = {"RK4": (4, 2), "implicitfast": (1, 1), "implicit": (1, 1)}
 #: The largest impedance that it takes; what is left of 1 is how soft a closed loop is.
-_STIFFEST = "0.9999 0.9999 0.001 0.5 2"
+STIFFEST = "0.9999 0.9999 0.001 0.5 2"
 
 
 class Machine:
@@ -82,7 +82,7 @@ class Machine:
     def _scene(self) -> str:
         root = Element("mujoco")
         SubElement(root, "compiler", boundmass="0", boundinertia="0")
-        SubElement(root, "option", gravity=_text(self._linkage.gravity))
+        SubElement(root, "option", gravity=text(self._linkage.gravity))
         elements: dict[int | None, Element] = {None: SubElement(root, "worldbody")}
         for hold in self._linkage.holds:
             if hold.b is not None:
@@ -90,8 +90,8 @@ class Machine:
         loops = SubElement(root, "equality")
         for hold in self._linkage.holds:
             if hold.b is None and hold.a is not None:
-                SubElement(loops, "connect", body1=_name(hold.a), solimp=_STIFFEST,
-                               anchor=_text(self._seen(hold.a, hold.at)))
+                SubElement(loops, "connect", body1=_name(hold.a), solimp=STIFFEST,
+                               anchor=text(self._seen(hold.a, hold.at)))
         return tostring(root, encoding="unicode")
 
     def _hang(self, parent: Element, hold: Hold, i: int) -> Element:
@@ -99,11 +99,11 @@ class Machine:
         start, R = self._starts[i], self._attitudes[i]
         above = np.eye(3) if hold.a is None else self._attitudes[hold.a]
         body = SubElement(parent, "body", name=_name(i),
-                              pos=_text(self._seen(hold.a, start.x)),
-                              quat=_text(quaternion_of_matrix(above.T @ R)))
-        joint = SubElement(body, "joint", type=hold.kind, pos=_text(self._seen(i, hold.at)))
+                              pos=text(self._seen(hold.a, start.x)),
+                              quat=text(quaternion_of_matrix(above.T @ R)))
+        joint = SubElement(body, "joint", type=hold.kind, pos=text(self._seen(i, hold.at)))
         if hold.kind == "hinge":
-            joint.set("axis", _text(R.T @ [0, 0, 1]))
+            joint.set("axis", text(R.T @ [0, 0, 1]))
         SubElement(body, "inertial", pos="0 0 0", mass=repr(float(start.mass)),
                        diaginertia="1 1 1")
         return body
@@ -126,5 +126,6 @@ def _name(i: int) -> str:
     return f"b{i}"
 
 
-def _text(numbers: ArrayLike) -> str:
+def text(numbers: ArrayLike) -> str:
+    """Return numbers as its XML has them, to the last digit."""
     return " ".join(repr(float(x)) for x in np.ravel(numbers))

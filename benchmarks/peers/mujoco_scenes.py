@@ -1,0 +1,218 @@
+"""MuJoCo: bodies as a tree of joints in its generalised coordinates, without contact.
+
+A joint that closes a loop is one of its equality constraints, soft by design: here as stiff as it
+lets one be at a time step. Balls close loops where they can, else hinges: by a point, and where
+the hinge holds its axis by a second point of that. The step loop is its own, in C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+
+from ...body_values import quaternion_of_matrix
+from ...runtime.body.quaternion import rotation_matrix
+from ..scenes import GROUND, Array, Motion, Scene, SceneJoint
+from .mujoco_bodies import STIFFEST, text
+from .optional import Unavailable, need
+
+__all__ = ["INTEGRATORS", "PACKAGE", "Machine"]
+
+PACKAGE = "mujoco"
+INTEGRATORS = ("RK4", "implicit")
+Run = Callable[[], Mapping[str, Motion]]
+#: Which joints make the tree, before others.
+_FIRST = ("slide", "hinge", "cross", "rod", "ball")
+
+
+class Machine:
+    """A scene in MuJoCo."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._mujoco = need(PACKAGE)
+        self._mujoco.set_mju_user_warning(lambda text: None)  # else it writes a file
+        self._scene = scene
+        self._attitudes = {name: rotation_matrix(body.start.q)
+                           for name, body in scene.bodies.items()} | {GROUND: np.eye(3)}
+        self._origins = {name: body.start.x for name, body in scene.bodies.items()} | {
+            GROUND: np.zeros(3)}
+        self._text = self._scene_text(*_tree(scene))
+
+    def prepare(self, integrator: str, seconds: float, steps: int) -> Run:
+        """Return what takes so many steps from the start and returns how the bodies move.
+
+        It raises ``Unavailable`` where MuJoCo finds the motion unstable.
+        """
+        mujoco, model = self._mujoco, self._model(integrator, seconds / steps)
+        data = mujoco.MjData(model)
+        speeds = self._speeds(model, data)
+        torques = {model.body(name).id: torque for name, torque in self._scene.torques.items()}
+
+        def run() -> Mapping[str, Motion]:
+            mujoco.mj_resetData(model, data)
+            data.qvel[:] = speeds
+            for body, torque in torques.items():
+                data.xfrc_applied[body, 3:] = torque
+            mujoco.mj_step(model, data, steps)
+            if any(found.number for found in data.warning):
+                raise Unavailable(f"{integrator} is unstable in {steps} steps")
+            mujoco.mj_forward(model, data)  # what a step leaves is of its beginning
+            return {name: self._read(model, data, name) for name in self._scene.bodies}
+
+        return run
+
+    def _model(self, integrator: str, dt: float) -> Any:
+        mujoco = self._mujoco
+        model = mujoco.MjModel.from_xml_string(self._text)
+        model.opt.timestep = dt
+        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        model.eq_solref[:, 0] = 2 * dt  # it makes larger what is less
+        for name, body in self._scene.bodies.items():  # a text is refused for its rounding
+            model.body_inertia[model.body(name).id] = _principal(body.inertia)[0]
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return model
+
+    def _speeds(self, model: Any, data: Any) -> Array:
+        """Return the generalised velocities at which the bodies move as they do at the start."""
+        mujoco = self._mujoco
+        mujoco.mj_forward(model, data)
+        rows, wanted = [], []
+        for name, body in self._scene.bodies.items():
+            move, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+            at = model.body(name).id
+            mujoco.mj_jacBody(model, data, move, turn, at)
+            parts = 2 if body.inertia.any() else 1  # a point does not turn
+            rows += [move, turn][:parts]
+            wanted += [body.start.v, self._attitudes[name] @ body.start.omega][:parts]
+        speeds: Array = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted))[0]
+        return speeds
+
+    def _read(self, model: Any, data: Any, name: str) -> Motion:
+        seen, found = data.body(name), np.zeros(6)
+        self._mujoco.mj_objectVelocity(model, data, self._mujoco.mjtObj.mjOBJ_XBODY, seen.id,
+                                       found, 0)
+        R = seen.xmat.reshape(3, 3)
+        return Motion(seen.xquat.copy(), seen.xpos.copy(), found[3:], R.T @ found[:3])
+
+    # ------------------------------------------------------------ its text
+
+    def _scene_text(self, tree: Sequence[tuple[str, str, SceneJoint | None]],
+                    loops: Sequence[SceneJoint]) -> str:
+        root = Element("mujoco")
+        SubElement(root, "compiler", boundmass="0", boundinertia="0")
+        SubElement(root, "option", gravity=text(self._scene.gravity))
+        elements = {GROUND: SubElement(root, "worldbody")}
+        for parent, name, joint in tree:
+            elements[name] = self._hang(elements[parent], parent, name, joint)
+        if self._scene.springs:
+            self._add_springs(root, elements)
+        equality = SubElement(root, "equality")
+        for joint in loops:
+            self._close(equality, joint)
+        return tostring(root, encoding="unicode")
+
+    def _hang(self, parent: Element, above: str, name: str, joint: SceneJoint | None) -> Element:
+        body, R = self._scene.bodies[name], self._attitudes[name]
+        element = SubElement(parent, "body", name=name,
+                             pos=text(self._seen(above, body.start.x)),
+                             quat=text(quaternion_of_matrix(self._attitudes[above].T @ R)))
+        if joint is None:
+            SubElement(element, "joint", type="ball", pos="0 0 0") if body.held else SubElement(
+                element, "freejoint")
+        else:
+            pos = text(self._seen(name, joint.at))
+            for axis in self._axes(joint, above):
+                kind = "slide" if joint.kind == "slide" else "hinge"
+                SubElement(element, "joint", type=kind, pos=pos, axis=text(R.T @ axis))
+            if joint.kind == "ball":
+                SubElement(element, "joint", type="ball", pos=pos)
+        SubElement(element, "inertial", pos=text(body.centre), mass=repr(float(body.mass)),
+                   quat=text(quaternion_of_matrix(_principal(body.inertia)[1])),
+                   diaginertia="1 1 1")
+        return element
+
+    def _add_springs(self, root: Element, elements: Mapping[str, Element]) -> None:
+        tendons = SubElement(root, "tendon")
+        for number, spring in enumerate(self._scene.springs):
+            tendon = SubElement(tendons, "spatial", stiffness=repr(float(spring.stiffness)),
+                                damping=repr(float(spring.damping)),
+                                springlength=repr(float(spring.length)))
+            for name, point, side in ((spring.a, spring.on_a, "a"), (spring.b, spring.on_b, "b")):
+                site = f"spring{number}_{side}"
+                SubElement(elements[name], "site", name=site, pos=text(point))
+                SubElement(tendon, "site", site=site)
+
+    def _close(self, equality: Element, joint: SceneJoint) -> None:
+        if joint.kind not in ("ball", "hinge"):
+            raise Unavailable(f"knows no {joint.kind} that closes a loop")
+        first, second = (joint.a, joint.b) if joint.a else (joint.b, joint.a)
+        points = [joint.at, joint.at + joint.axes[2]][:1 + any(joint.holds[3:])]
+        for point in points:
+            held = SubElement(equality, "connect", body1=first, solimp=STIFFEST,
+                              anchor=text(self._seen(first, point)))
+            if second:
+                held.set("body2", second)
+
+    def _axes(self, joint: SceneJoint, parent: str) -> list[Array]:
+        """Return what a body turns about or slides along, in space, its parent's own axis first."""
+        if joint.kind == "ball":
+            return []
+        if joint.kind == "rod":
+            return self._about_rod(joint)
+        if joint.kind != "cross":
+            return [joint.axes[2]]
+        arms = [joint.axes[0], joint.axes[1]]
+        return arms if parent == joint.a else arms[::-1]
+
+    def _about_rod(self, joint: SceneJoint) -> list[Array]:
+        """Return the vertical, where the point leaves its plane, and what is across the plane.
+
+        A ball would let it turn about the rod, which takes no moment of a point.
+        """
+        point = self._scene.bodies[joint.b].start
+        across = np.cross(point.x - joint.at, self._scene.gravity)
+        leaves = point.v @ across
+        return [self._scene.gravity, across] if leaves else [across]
+
+    def _seen(self, name: str, point: Array) -> Array:
+        """Return a point of space in a body at the start."""
+        where: Array = self._attitudes[name].T @ (point - self._origins[name])
+        return where
+
+
+def _principal(inertia: Array) -> tuple[Array, Array]:
+    """Return the moments and, as columns, the axes; a body's own where they are that already."""
+    if not (inertia - np.diag(np.diag(inertia))).any():
+        return np.diag(inertia), np.eye(3)
+    moments, axes = np.linalg.eigh(inertia)
+    axes[:, 2] *= np.linalg.det(axes)
+    return moments, axes
+
+
+def _tree(scene: Scene) -> tuple[list[tuple[str, str, SceneJoint | None]], list[SceneJoint]]:
+    """Return (parent, body, joint) from the ground on, and the joints that close loops.
+
+    A body that no joint holds hangs on none.
+    """
+    group = {name: name for name in (*scene.bodies, GROUND)}
+    kept, loops = [], []
+    for joint in sorted(scene.joints, key=lambda one: _FIRST.index(one.kind)):
+        a, b = group[joint.a], group[joint.b]
+        if a == b:
+            loops.append(joint)
+            continue
+        kept.append(joint)
+        group = {name: a if at == b else at for name, at in group.items()}
+    tree: list[tuple[str, str, SceneJoint | None]] = []
+    reached = [GROUND]
+    for parent in reached:
+        for joint in kept:
+            for here, there in ((joint.a, joint.b), (joint.b, joint.a)):
+                if here == parent and there not in reached:
+                    tree.append((parent, there, joint))
+                    reached.append(there)
+    return [*tree, *((GROUND, name, None) for name in scene.bodies if name not in reached)], loops

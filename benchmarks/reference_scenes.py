@@ -1,0 +1,187 @@
+"""The reference problems as bodies on joints, for programs that are given those and no equations.
+
+Each is made from the numbers of its own model. Most models say themselves what their bodies are;
+Andrews' mechanism and the governors, Lagrangians in few coordinates, are put together here and by
+``examples/flyball_governor.py``; a pendulum is a point on a rod.
+"""
+
+from __future__ import annotations
+
+import math
+import runpy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ..generator.bodies.model import Model
+from ..generator.bodies.multibody import Multibody
+from ..references.mechanisms import EXAMPLES
+from ..references.problem import Reference
+from ..runtime.body.quaternion import rotation_matrix
+from .peers.optional import Unavailable
+from .scenes import GROUND, Motion, Scene, SceneBody, SceneJoint, scene_of
+
+__all__ = ["Told", "andrews", "at_start", "told"]
+
+Motions = Mapping[str, Motion]
+Numbers = Mapping[str, Sequence[float]]
+
+@dataclass(frozen=True)
+class Told:
+    """A scene, and what is read off it: numbers by group, as ``Reference.read`` gives them."""
+
+    scene: Scene
+    read: Callable[[Motions], Numbers]
+
+
+def told(problem: Reference) -> Told:
+    """Return a reference problem as a scene.
+
+    Raises
+    ------
+    Unavailable
+        With a reason, for what is no bodies on joints.
+    """
+    if problem.no_bodies:
+        raise Unavailable(problem.no_bodies)
+    model = problem.make().in_type(float)
+    if problem.name == "andrews":
+        return _andrews(problem, model)
+    if problem.name.startswith("flyball-governor"):
+        return _governor(model)
+    scene = scene_of(model) if model.system.bodies else _pendulum(model)
+    return Told(scene, lambda motions: _signed(problem, problem.read(scene.end(motions))))  # type: ignore[arg-type]
+
+
+def _signed(problem: Reference, found: Numbers) -> Numbers:
+    """Return the attitude by that of its two quaternions that is nearer to the true one."""
+    if "attitude" not in found:
+        return found
+    true = [float(problem.truth.value(name)) for name in problem.groups["attitude"]]
+    q = np.asarray(found["attitude"])
+    return {**found, "attitude": (q if q @ true > 0 else -q).tolist()}
+
+
+# ---------------------------------------------------------------- a point on a rod
+
+
+def _pendulum(model: Model) -> Scene:
+    """Return a point on a rod, its mass and weight those of H.
+
+    Raises
+    ------
+    Unavailable
+        For another constraint, or another potential.
+    """
+    system = model.system
+    mass = 1 / float(sp.diff(system.H, system.p[0], 2))
+    pulls = [-sp.diff(system.H, x) for x in system.q]
+    fall = [e.xreplace({x: sp.Float(model.parameters[str(x)]) for x in system.parameters})
+            for e in pulls]
+    place, rush, weight = (np.array([*map(float, entries), 0.0][:3]) for entries in (
+        model.q0, model.p0, fall))
+    length = float(np.linalg.norm(place))
+    if sp.expand(system.constraints[0] + length**2 - sum(x**2 for x in system.q)):
+        raise Unavailable(f"{model.name} is no point on a rod")
+    still = np.zeros(3)
+    start = Motion(np.array([1.0, 0, 0, 0]), place, rush / mass, still)
+    point = SceneBody(mass, np.zeros((3, 3)), still, start)
+    joint = SceneJoint("rod", GROUND, "point", still, np.eye(3), ())
+    return Scene(model.name, model, weight / mass, {"point": point}, (joint,))
+
+
+# ---------------------------------------------------------------- Andrews
+
+
+def andrews(values: Mapping[str, float], angles: Sequence[float]) -> Multibody:
+    """Return the seven bodies of Andrews' mechanism in a plane, K1 to K7, at rest.
+
+    Parameters
+    ----------
+    values, angles
+        Parameters and β, Θ, γ, φ, δ, Ω, ε as in ``examples/andrews.py``.
+    """
+    v = values
+    beta, theta, gamma, phi, delta, omega, epsilon = angles
+    A, B = (v["xa"], v["ya"]), (v["xb"], v["yb"])
+    build = Multibody("andrews_of_bodies", gravity=(0, 0, 0))
+    at: dict[str, tuple[Any, Any]] = {}
+
+    def link(number: int, hinge: Any, turn: float, centre: tuple[float, float]) -> None:
+        """Add K_number, turned about a hinge, its centre of mass in its own axes from there."""
+        R = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        at[f"K{number}"] = np.asarray(hinge, dtype=float), R
+        build.body(f"K{number}", mass=v[f"m{number}"], inertia=(v[f"I{number}"],) * 3,
+                   position=(*(hinge + R @ centre), 0),
+                   quaternion=(math.cos(turn / 2), 0, 0, math.sin(turn / 2)))
+
+    def point(name: str, x: float, y: float) -> Any:
+        hinge, R = at[name]
+        return hinge + R @ (x, y)
+
+    link(1, (0, 0), beta, (v["ra"], 0))
+    link(2, point("K1", v["rr"], 0), beta + theta, (-v["da"], 0))
+    link(3, B, gamma, (v["sb"], -v["sa"]))
+    link(5, A, delta, (v["ta"], v["tb"]))
+    link(4, point("K5", v["zt"], 0), phi + delta, (0, v["ea"] - v["e"]))
+    link(7, A, epsilon, (-v["ub"], -v["ua"]))
+    link(6, point("K7", 0, -v["u"]), omega + epsilon, (v["zf"] - v["fa"], 0))
+    E = point("K3", 0, -v["ss"])
+    for name, a, b, where in (
+            ("O", "ground", "K1", (0, 0)), ("F", "K1", "K2", at["K2"][0]),
+            ("B", "ground", "K3", B), ("A5", "ground", "K5", A), ("H", "K5", "K4", at["K4"][0]),
+            ("A7", "ground", "K7", A), ("G", "K7", "K6", at["K6"][0]), ("E3", "K2", "K3", E),
+            ("E4", "K2", "K4", E), ("E6", "K2", "K6", E)):
+        build.revolute(name, a, b, axis=(0, 0, 1), at=(*where, 0))
+    centre = np.array([v["sb"], -v["sa"]])
+    build.spring("spring", "K3", "ground", stiffness=v["c0"], length=v["l0"],
+                 on_a=(*((v["sd"], -v["sc"]) - centre), 0), on_b=(v["xc"], v["yc"], 0))
+    return build
+
+
+def _andrews(problem: Reference, model: Model) -> Told:
+    build = andrews(model.parameters, model.q0.tolist())
+    scene = replace(scene_of(build.model(redundant="leave out")),
+                    torques={"K1": np.array([0.0, 0.0, model.parameters["mom"]])})
+    ways = (("K1",), ("K2", "K1"), ("K3",), ("K4", "K5"), ("K5",), ("K6", "K7"), ("K7",))
+
+    def read(motions: Motions) -> Numbers:
+        turns = {name: 2 * math.atan2(one.q[3], one.q[0]) for name, one in motions.items()}
+        rates = {name: one.omega[2] for name, one in motions.items()}
+        found, moving = ([numbers[first] - sum(numbers[x] for x in rest) for first, *rest in ways]
+                         for numbers in (turns, rates))
+        true = [float(problem.truth.value(name)) for name in problem.groups["positions"]]
+        return {"positions": [_next_to(x, y) for x, y in zip(found, true, strict=True)],
+                "velocities": moving}
+
+    return Told(scene, read)
+
+
+def _next_to(angle: float, true: float) -> float:
+    """Return the angle with as many whole turns, which no attitude shows, as the true one has."""
+    return angle + 2 * math.pi * round((true - angle) / (2 * math.pi))
+
+
+# ---------------------------------------------------------------- the governors
+
+
+def _governor(model: Model) -> Told:
+    governor = runpy.run_path(str(EXAMPLES / "flyball_governor.py"))["governor"]
+    slide = model.p0[2] / model.parameters["M"]
+    return Told(scene_of(governor(model.parameters["C"], slide)), _governor_end)
+
+
+def _governor_end(motions: Motions) -> Numbers:
+    """Turn of the shaft, of the right rod below the horizontal, height of the slider."""
+    shaft, rod, slider = (motions[name] for name in ("shaft", "right", "slider"))
+    down = -math.asin(rotation_matrix(rod.q)[2, 0])
+    return {"positions": [2 * math.atan2(shaft.q[3], shaft.q[0]), down, slider.x[2]],
+            "velocities": [shaft.omega[2], rod.omega[1], slider.v[2]]}
+
+
+def at_start(scene: Scene) -> Motions:
+    """Return how the bodies of a scene move at t = 0."""
+    return {name: body.start for name, body in scene.bodies.items()}

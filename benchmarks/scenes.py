@@ -1,0 +1,292 @@
+"""Bodies on joints as another program must build them, read off what a model's system records.
+
+A scene has no equations: masses, inertia, where bodies are and how they move at t = 0, points and
+axes of joints in space then. What another program returns, a ``Motion`` for each body, becomes a
+state (q, p) of the model again, so that it is read as our own runs are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ..body_values import inertia_matrix, tensor_of_inverse
+from ..generator.bodies.model import Model
+from ..generator.systems.places import BodyAt, JointAt
+from ..runtime.body.quaternion import angular_velocity, left_matrix, rotation_matrix
+from .peers.optional import Unavailable
+
+__all__ = ["GROUND", "Motion", "Scene", "SceneBody", "SceneJoint", "SceneSpring", "scene_of"]
+
+Array = NDArray[np.float64]
+GROUND = ""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where a body is and how it moves: quaternion; origin and its velocity in space; Ω in it."""
+
+    q: Array
+    x: Array
+    v: Array
+    omega: Array
+
+
+@dataclass(frozen=True)
+class SceneBody:
+    """A body at t = 0.
+
+    Attributes
+    ----------
+    mass, inertia, centre
+        In kg; the tensor about the centre of mass in body axes, 0 of a point; that centre from the
+        origin.
+    start : Motion
+    held : bool
+        Whether the origin stays where it is.
+    """
+
+    mass: float
+    inertia: Array
+    centre: Array
+    start: Motion
+    held: bool = False
+
+    @property
+    def about_origin(self) -> Array:
+        """The tensor about the origin."""
+        c = self.centre
+        tensor: Array = self.inertia + self.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return tensor
+
+
+@dataclass(frozen=True)
+class SceneJoint:
+    """A joint at a point of space at t = 0; bodies by name, ``GROUND`` the ground.
+
+    A rod holds a point mass at its distance from a point of the ground.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (3, 3)
+        Rows in space: of a hinge and a slide n₁, n₂ and the axis, of a cross the arm in a, that in
+        b and what is across both; of others space's own.
+    holds : tuple of bool
+        Of a ball, hinge or cross whether it keeps its point together along x, y and z; of a hinge
+        then whether n₁ and n₂ of a stay across the axis of b. What others imply is left out.
+    """
+
+    kind: Literal["ball", "hinge", "slide", "cross", "rod"]
+    a: str
+    b: str
+    at: Array
+    axes: Array
+    holds: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class SceneSpring:
+    """A spring and damper between points of two bodies, in body axes from their origins."""
+
+    a: str
+    b: str
+    on_a: Array
+    on_b: Array
+    stiffness: float
+    length: float
+    damping: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All of it; ``torques`` are constant ones in space."""
+
+    name: str
+    model: Model
+    gravity: Array
+    bodies: Mapping[str, SceneBody]
+    joints: tuple[SceneJoint, ...] = ()
+    springs: tuple[SceneSpring, ...] = ()
+    torques: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def planar(self) -> bool:
+        """Whether all turns about z alone, on hinges, and nothing pulls out of the plane."""
+        hinges = all(joint.kind == "hinge" and not joint.axes[2, :2].any()
+                     for joint in self.joints)
+        flat = all(body.inertia.any() and not body.held
+                   and not body.start.omega[:2].any() and not body.start.v[2]
+                   and not rotation_matrix(body.start.q)[2, :2].any()
+                   for body in self.bodies.values())
+        return hinges and flat and not self.gravity[2] and not any(
+            torque[:2].any() for torque in self.torques.values())
+
+    def end(self, motions: Mapping[str, Motion]) -> End:
+        """Return the state of the model at which its bodies are and move so."""
+        system = self.model.system
+        places = {x: i for i, x in enumerate(system.q)}
+        q, p = np.zeros(system.n), np.zeros(system.n)
+        if not system.bodies:
+            (found,), (body,) = motions.values(), self.bodies.values()
+            q[:], p[:] = found.x[:system.n], body.mass * found.v[:system.n]
+        for at in system.bodies:
+            found, body = motions[at.name], self.bodies[at.name]
+            turn = [places[x] for x in at.q]
+            q[turn] = found.q
+            p[turn] = 2 * left_matrix(found.q).T @ (body.about_origin @ found.omega)
+            if at.x:
+                move = [places[x] for x in at.x]
+                q[move], p[move] = found.x, body.mass * found.v
+        return End(tuple(map(str, system.q)), q[None], p[None])
+
+
+@dataclass(frozen=True)
+class End:
+    """A run of one state, as far as a reference problem reads one."""
+
+    coordinates: tuple[str, ...]
+    q: Array
+    p: Array
+
+
+def scene_of(model: Model) -> Scene:
+    """Return what a model's bodies, joints, springs and gravity are.
+
+    Raises
+    ------
+    Unavailable
+        For a system that does not say where its bodies are, and for a joint that is none of ours.
+    """
+    if not model.system.bodies:
+        raise Unavailable(f"{model.name} has no record of bodies")
+    model = model.in_type(float)
+    values = dict(model.parameters)
+    bodies = {at.name: _body(at, model) for at in model.system.bodies}
+    gravity = np.array([values.get(f"gravity_{axis}", 0.0) for axis in "xyz"])
+    if all(at.mass is None for at in model.system.bodies):
+        gravity = np.array([0.0, 0.0, -_pull(model)])
+    joints, springs = [], []
+    for at in model.system.joints:
+        if at.pulls:
+            joints.append(_joint(at, bodies, values))
+        else:
+            springs.append(_spring(at, values))
+    return Scene(model.name, model, gravity, bodies, tuple(joints), tuple(springs))
+
+
+# ---------------------------------------------------------------- bodies
+
+
+def _body(at: BodyAt, model: Model) -> SceneBody:
+    values, places = model.parameters, {x: i for i, x in enumerate(model.system.q)}
+    entries = [float(values[str(x)]) for x in at.inertia]
+    inertia = inertia_matrix((entries[0], entries[1], entries[2]) if len(entries) == 3
+                             else tensor_of_inverse(entries))
+    turn, move = [places[x] for x in at.q], [places[x] for x in at.x]
+    q, p = (np.asarray(state, dtype=float) for state in (model.q0, model.p0))
+    omega = angular_velocity(q[turn], p[turn], inertia)
+    if at.x:
+        assert at.mass is not None
+        mass = _number(at.mass, values)
+        start = Motion(q[turn], q[move], p[move] / mass, omega)
+        return SceneBody(mass, inertia, np.zeros(3), start)
+    start = Motion(q[turn], _vector(at.origin, values), np.zeros(3), omega)
+    if at.mass is None:
+        mass, centre = 1.0, _moment(model) / (_pull(model) or 1.0)
+    else:
+        mass, centre = _number(at.mass, values), _vector(at.centre, values)
+    body = SceneBody(mass, inertia, centre, start, held=True)
+    return SceneBody(mass, 2 * inertia - body.about_origin, centre, start, held=True)
+
+
+def _moment(model: Model) -> Array:
+    """Return w of V = w · (R₃₁, R₃₂, R₃₃), mass times gravity times the centre of mass.
+
+    Raises
+    ------
+    Unavailable
+        If V is no such potential.
+    """
+    system = model.system
+    potential = system.H.subs(dict.fromkeys(system.p, 0)).subs(
+        {x: sp.Float(float(model.parameters[str(x)])) for x in system.parameters})
+    half = np.sqrt(0.5)
+    upright = np.array([[half, 0, -half, 0], [half, half, 0, 0], [1, 0, 0, 0]])
+    attitudes = [*upright, np.array([0.5, 0.1, -0.7, 0.5])]
+    V = [float(potential.subs(dict(zip(system.q, map(sp.Float, q), strict=True))))
+         for q in attitudes]
+    rows = [rotation_matrix(q)[2] for q in attitudes]
+    w: Array = np.linalg.solve(np.array(rows[:3]), V[:3])
+    if not np.isclose(rows[3] @ w, V[3], rtol=0, atol=1e-12 * (1 + np.abs(w).max())):
+        raise Unavailable(f"the potential of {model.name} is not that of a weight")
+    return np.where(np.abs(w) < 1e-12 * np.abs(w).max(), 0.0, w)
+
+
+def _pull(model: Model) -> float:
+    """Return the gravity that gives a body of 1 kg its weight's moment, of all that move it alike.
+
+    Its centre is so near the point that m |c|² is a hundredth of the least moment of inertia: there
+    is a body that has it.
+    """
+    least = min(float(model.parameters[str(x)]) for at in model.system.bodies for x in at.inertia)
+    return float(np.linalg.norm(_moment(model)) / np.sqrt(least / 100))
+
+
+# ---------------------------------------------------------------- joints and springs
+
+
+def _joint(at: JointAt, bodies: Mapping[str, SceneBody], values: Mapping[str, float]) -> SceneJoint:
+    there = {name.partition(": ")[2]: pull for name, pull in at.pulls}
+    where = _in_space(at.a, _vector(at.on_a, values), bodies)
+    points = tuple(axis in there for axis in "xyz")
+    if "cross" in there:
+        pull = there["cross"]
+        assert pull is not None
+        first, second = (_turned(name, _vector(arm, values), bodies)
+                         for name, arm in ((at.a, pull.on_a), (at.b, pull.on_b)))
+        return SceneJoint("cross", at.a, at.b, where,
+                          np.array([first, second, np.cross(first, second)]), points)
+    if not at.axis_a:
+        return SceneJoint("ball", at.a, at.b, where, np.eye(3), points)
+    normals = _vector(at.axis_a, values).reshape(2, 3)
+    axes = np.array([*(_turned(at.a, n, bodies) for n in normals),
+                     _turned(at.b, _vector(at.axis_b, values), bodies)])
+    if any(name.startswith(("across", "turn")) for name in there):
+        if len(there) != 5:
+            raise Unavailable(f"{at.name} is neither a hinge nor a slide")
+        return SceneJoint("slide", at.a, at.b, where, axes, ())
+    return SceneJoint("hinge", at.a, at.b, where, axes,
+                      (*points, "axis 1" in there, "axis 2" in there))
+
+
+def _spring(at: JointAt, values: Mapping[str, float]) -> SceneSpring:
+    return SceneSpring(at.a, at.b, _vector(at.on_a, values), _vector(at.on_b, values),
+                       values[f"{at.name}_stiffness"], values.get(f"{at.name}_length", 0.0),
+                       values.get(f"{at.name}_damping", 0.0))
+
+
+def _in_space(name: str, point: Array, bodies: Mapping[str, SceneBody]) -> Array:
+    if name == GROUND:
+        return point
+    where: Array = bodies[name].start.x + _turned(name, point, bodies)
+    return where
+
+
+def _turned(name: str, direction: Array, bodies: Mapping[str, SceneBody]) -> Array:
+    if name == GROUND:
+        return direction
+    turned: Array = rotation_matrix(bodies[name].start.q) @ direction
+    return turned
+
+
+def _vector(entries: Any, values: Mapping[str, float]) -> Array:
+    return np.array([_number(e, values) for e in entries])
+
+
+def _number(entry: Any, values: Mapping[str, float]) -> float:
+    return float(values[str(entry)] if isinstance(entry, sp.Symbol) else entry)
