@@ -52,8 +52,8 @@ static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps
         verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
             options->max_iterations);
         ++round;
-        if (predicted && round == 1)
-            w->predictor.first[0] = change;
+        for (int i = 0; i < LANES && predicted && round == 1; ++i)
+            w->predictor.first[i] = change;
         if (predicted && round == 1 && change > far*far)
             verdict.ended = verdict.failed = 1; /* a far prediction may lead to another root */
         if (!predicted && !verdict.ended && (round == 1 || round == 3)) {

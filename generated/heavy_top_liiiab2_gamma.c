@@ -1917,6 +1917,8 @@ enum { HISTORY = 32 };
  * small). They change the starting values only, never what the sweeps converge to.
  */
 enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { EQUATIONS = 16 }; /* that a group gives to a fit at one step */
+enum { AGAIN = 8, LONGEST = 12 }; /* steps between looks at a fit, polynomials in its place */
 /* Rates of q, of p, and multipliers have each their own recurrence. */
 enum { GROUPS = 3 };
 
@@ -1989,38 +1991,94 @@ INLINE void predict(const predictor_t *s, lanes *past, int length, const int *en
             set_part(&x[e], i, part(&through[e], i));
 }
 
+/*
+ * What polynomials through the last k values, k = 1 to `most`, would have missed x by, squared: the
+ * differences of x with its past.
+ */
+INLINE void miss(const predictor_t *s, lanes *past, int length, int rows, int most,
+    const lanes *x, lanes *error)
+{
+    const lanes *value[LONGEST + 1];
+    value[0] = x;
+    for (int k = 1; k <= most; ++k) {
+        value[k] = past_values(s, past, length, k - 1);
+        error[k] = splat(0);
+    }
+    for (int i = 0; i < rows; ++i) {
+        lanes difference[LONGEST + 1];
+        for (int k = 0; k <= most; ++k)
+            difference[k] = value[k][i];
+        for (int k = 1; k <= most; ++k) {
+            for (int m = 0; m <= most - k; ++m)
+                difference[m] -= difference[m + 1];
+            error[k] += difference[0]*difference[0];
+        }
+    }
+}
+
+INLINE int best_of(const lanes *error, int most, int lane)
+{
+    int best = 1;
+    for (int k = 2; k <= most; ++k)
+        if (part(&error[k], lane) < part(&error[best], lane))
+            best = k;
+    return best;
+}
+
+/* The polynomial through the last k values as a recurrence of a lane. */
+INLINE void set_polynomial(predictor_t *s, int lane, int k)
+{
+    real binomial = (real)k;
+    for (int m = 0; m < s->order; ++m) {
+        for (int group = 0; group < GROUPS; ++group)
+            set_part(&s->coefficient[group][m], lane, binomial);
+        binomial *= -(real)(k - m - 1)/(real)(m + 2);
+    }
+}
+
 /* Chooses, lane by lane, the extrapolation that comes closest to x. */
 INLINE void choose_polynomial(predictor_t *s, lanes *past, int length, int rows,
     const lanes *through, const lanes *x)
 {
-    const int most = s->count < POLYNOMIAL ? (int)s->count : POLYNOMIAL;
-    real binomial[POLYNOMIAL + 1][POLYNOMIAL];
     lanes error[POLYNOMIAL + 1];
-    s->order = most;
+    s->order = s->count < POLYNOMIAL ? (int)s->count : POLYNOMIAL;
     error[0] = splat(0);
     for (int i = 0; i < rows; ++i)
         error[0] += (through[i] - x[i])*(through[i] - x[i]);
-    for (int k = 1; k <= most; ++k) {
-        error[k] = splat(0);
-        for (int m = 0; m < POLYNOMIAL; ++m)
-            binomial[k][m] = m == 0 ? (real)k : m >= k ? 0
-                : -binomial[k][m - 1]*(real)(k - m)/(real)(m + 1);
-        for (int i = 0; i < rows; ++i) {
-            lanes defect = x[i];
-            for (int m = 0; m < k; ++m)
-                defect -= binomial[k][m]*past_values(s, past, length, m)[i];
-            error[k] += defect*defect;
-        }
-    }
+    miss(s, past, length, rows, s->order, x, error);
     for (int i = 0; i < LANES; ++i) {
-        int best = 1;
-        for (int k = 2; k <= most; ++k)
-            if (part(&error[k], i) < part(&error[best], i))
-                best = k;
+        const int best = best_of(error, s->order, i);
         s->stages[i] = part(&error[0], i) < part(&error[best], i);
-        for (int m = 0; m < most; ++m)
-            for (int group = 0; group < GROUPS; ++group)
-                set_part(&s->coefficient[group][m], i, binomial[best][m]);
+        set_polynomial(s, i, best);
+    }
+}
+
+/*
+ * A motion that does not stay what it was outlives its fit. Where predictions are far from x, and a
+ * polynomial would have been clearly closer, it takes the place of the recurrence, or of another
+ * one, until the next fit.
+ */
+NOINLINE void choose_again(predictor_t *s, lanes *past, int length, const int *rows,
+    const lanes *x)
+{
+    const real far = 16777216*epsilon;
+    lanes error[LONGEST + 1], found = splat(0);
+    int rough = 0;
+    for (int i = 0; i < LANES; ++i)
+        rough |= s->first[i] > far*far;
+    if (!rough)
+        return;
+    for (int i = 0; i < rows[0]; ++i) {
+        lanes defect = x[i];
+        for (int m = 0; m < ORDER; ++m)
+            defect -= s->coefficient[0][m]*past_values(s, past, length, m)[i];
+        found += defect*defect;
+    }
+    miss(s, past, length, rows[0], LONGEST, x, error);
+    for (int i = 0; i < LANES; ++i) {
+        const int best = best_of(error, LONGEST, i);
+        if (s->first[i] > far*far && 4*part(&error[best], i) < part(&found, i))
+            set_polynomial(s, i, best);
     }
 }
 
@@ -2114,11 +2172,14 @@ INLINE void record(predictor_t *s, lanes *past, int length, const int *ends, con
     const long since = s->count - s->training;
     if (s->count > 0 && !s->fitted && since <= 0)
         choose_polynomial(s, past, length, rows[0], through, x);
+    if (s->fitted && s->count % AGAIN == 0)
+        choose_again(s, past, length, rows, x);
     if (since == 0)
         begin_training(s, ends, x);
     if (since >= 0 && since % STRIDE == 0)
         for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
-            for (int e = start; e < start + rows[group]; ++e)
+            for (int apart = 1 + (rows[group] - 1)/EQUATIONS,
+                     e = start + (int)(since/STRIDE) % apart; e < start + rows[group]; e += apart)
                 train(s, past, length, group, e, x);
     if (since == STRIDE*(SAMPLES - 1)) {
         end_training(s);
@@ -4209,8 +4270,8 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
         verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
             options->max_iterations);
         ++round;
-        if (predicted && round == 1)
-            w->predictor.first[0] = change;
+        for (int i = 0; i < LANES && predicted && round == 1; ++i)
+            w->predictor.first[i] = change;
         if (predicted && round == 1 && change > far*far)
             verdict.ended = verdict.failed = 1; /* a far prediction may lead to another root */
         if (!predicted && !verdict.ended && (round == 1 || round == 3)) {
