@@ -25,7 +25,8 @@ from .peers import exudyn_bodies, mujoco_bodies, pydy_bodies
 from .peers.optional import Unavailable, version
 from .timing import alternate, repeated
 
-__all__ = ["ACCURACIES", "PEERS", "T_END", "BodyRow", "cheapest", "compare_bodies", "linkages"]
+__all__ = ["ACCURACIES", "PEERS", "T_END", "BodyRow", "Contest", "Run", "cheapest",
+           "compare_bodies", "linkages"]
 
 PEERS = ("gyrospark", "exudyn", "mujoco", "pydy")
 T_END = 1.0
@@ -97,10 +98,10 @@ class BodyRow:
 
 
 @dataclass
-class _Contest:
-    """The runs on one linkage, where they end, and their rows."""
+class Contest:
+    """The runs on one model, where they end, and their rows."""
 
-    linkage: Linkage
+    model: str
     reference: Array
     reference_error: float
     rows: list[BodyRow] = field(default_factory=list)
@@ -160,7 +161,7 @@ def compare_bodies(
     found = []
     for linkage in chosen:
         watch(f"{linkage.name}: reference")
-        contest = _Contest(linkage, *_reference(linkage))
+        contest = Contest(linkage.name, *_reference(linkage))
         if "gyrospark" in peers:
             for row, run in _ours(linkage, quick=quick):
                 watch(f"{linkage.name}: {row.name}")
@@ -169,7 +170,7 @@ def compare_bodies(
             row = BodyRow(linkage.name, peer, version(peer), "")
             watch(f"{linkage.name}: {peer}")
             try:
-                _ENTER[peer](contest, row, quick=quick)
+                _ENTER[peer](contest, linkage, row, quick=quick)
             except Unavailable as reason:
                 contest.rows.append(replace(row, note=str(reason)))
             except Exception as error:  # such as code that does not compile: their row, as above
@@ -203,17 +204,17 @@ def _ours(linkage: Linkage, *, quick: bool) -> Iterator[tuple[BodyRow, Run]]:
                            2 * stages), partial(_integrate, linkage, step, dt))
 
 
-def _enter_exudyn(contest: _Contest, row: BodyRow, *, quick: bool) -> None:
-    machine = exudyn_bodies.Machine(contest.linkage)
+def _enter_exudyn(contest: Contest, linkage: Linkage, row: BodyRow, *, quick: bool) -> None:
+    machine = exudyn_bodies.Machine(linkage)
     for solver in list(exudyn_bodies.SOLVERS)[: 1 if quick else None]:
         for dt in _THEIRS[:2] if quick else _THEIRS:
             contest.enter(replace(row, method=solver, dt=dt),
                           partial(machine.run, solver, dt, _steps(dt)))
 
 
-def _enter_mujoco(contest: _Contest, row: BodyRow, *, quick: bool) -> None:
+def _enter_mujoco(contest: Contest, linkage: Linkage, row: BodyRow, *, quick: bool) -> None:
     """Halve the time step until nothing better is asked for."""
-    machine = mujoco_bodies.Machine(contest.linkage)
+    machine = mujoco_bodies.Machine(linkage)
     for integrator in list(mujoco_bodies.INTEGRATORS)[: 1 if quick else None]:
         order = machine.order(integrator)
         for dt in _THEIRS[:2] if quick else _THEIRS:
@@ -222,8 +223,8 @@ def _enter_mujoco(contest: _Contest, row: BodyRow, *, quick: bool) -> None:
                 break
 
 
-def _enter_pydy(contest: _Contest, row: BodyRow, *, quick: bool) -> None:
-    machine = pydy_bodies.Machine(contest.linkage)
+def _enter_pydy(contest: Contest, linkage: Linkage, row: BodyRow, *, quick: bool) -> None:
+    machine = pydy_bodies.Machine(linkage)
     for tolerance in pydy_bodies.TOLERANCES[-1:] if quick else pydy_bodies.TOLERANCES:
         contest.enter(replace(row, method=f"DOP853 tol {tolerance:g}"),
                       partial(machine.run, tolerance, T_END))

@@ -167,7 +167,7 @@ def draw_references(measured: Sequence[tuple[str, Sequence[Run]]], path: Path) -
     figure.supxlabel("CPU ms", fontsize=8)
     figure.supylabel("error", fontsize=8)
     figure.legend(named.values(), named.keys(), loc="outside upper center", fontsize=8,
-                  ncols=len(named))
+                  ncols=min(len(named), 3 * columns))
     figure.savefig(path, dpi=80)
 
 

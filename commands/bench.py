@@ -76,9 +76,10 @@ def bench(
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
-    bodies, the chain of 8 and a four-bar beside exudyn, MuJoCo and PyDy, 1 s of motion, and eight
-    of each together beside one alone. store: what streaming a run to a store adds, beside what the
-    disk takes. sweeps: what a sweep costs beside its bare kernel, with steps, cells, stored states,
+    bodies; the chain of 8 and a four-bar beside exudyn, MuJoCo and PyDy; an arm of 7 links and a
+    tree of 30 by sympy.physics.mechanics beside PyDy; 1 s of motion; and eight of the first two
+    together beside one alone. store: what streaming a run to a store adds, beside what the disk
+    takes. sweeps: what a sweep costs beside its bare kernel, with steps, cells, stored states,
     threads and Dask workers.
     events: a pendulum through the bottom and the fast top's height, with states between steps,
     beside heyoka and SciPy.
@@ -206,12 +207,18 @@ def _measure_growth(choice: _Choice, watch: Callable[[str], None]) -> Sequence[S
 
 def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[BodyRow]:
     from ..benchmarks.bodies import PEERS, compare_bodies, linkages
+    from ..benchmarks.mechanics import compare_mechanics, links
 
     peers = [peer for peer in PEERS if peer in choice.peers]
     if not peers:
         return []
-    return compare_bodies(linkages(quick=choice.quick), peers, choice.rounds,
-                          choice.limits(1.0).least, quick=choice.quick, watch=watch)
+    least = choice.limits(1.0).least
+    found = compare_bodies(linkages(quick=choice.quick), peers, choice.rounds, least,
+                           quick=choice.quick, watch=watch)
+    if {"gyrospark", "pydy"} & set(peers):
+        found += compare_mechanics(links(quick=choice.quick), peers, choice.rounds, least,
+                                   quick=choice.quick, watch=watch)
+    return found
 
 
 def _measure_batches(choice: _Choice, watch: Callable[[str], None]) -> Sequence[BatchRow]:

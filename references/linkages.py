@@ -24,15 +24,17 @@ _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 _DENOMINATOR, _ROUNDING = 10**5, Fraction(1, 2**46)
 
 
-def _meant(build: Multibody) -> Model:
+def _meant(build: Multibody, *without: str) -> Model:
     """Return the model with the fractions that its doubles stand for: 1/12, not 0.08333….
+
+    ``without`` are constraints to leave out; others that are redundant are left out by themselves.
 
     Raises
     ------
     ArithmeticError
         For a number that is near no fraction with a small denominator.
     """
-    model = build.model(redundant="leave out")
+    model = build.model(without=without, redundant="leave out")
 
     def fraction(value: Any) -> Fraction:
         given = Fraction(float(value))
@@ -147,7 +149,12 @@ BRICARD = Reference(
 
 
 def _bennett() -> Model:
-    """A skew rhombus with each hinge across its two links: three redundant constraints."""
+    """A skew rhombus with each hinge across its two links: three redundant constraints.
+
+    Any two of the last hinge's that are independent at the start would do for exact numbers. x and
+    axis 2 stay so all the way; x and y, which differ most at the start, are next to dependent half
+    way: 4000 steps of 3-G-L then end 4e-11 away, of rounding, instead of 1e-15.
+    """
     from ..generator.bodies.multibody import Multibody
 
     corners = {"A": (".8", "0", "-.3"), "B": ("0", ".8", ".3"), "C": ("-.8", "0", "-.3"),
@@ -162,7 +169,7 @@ def _bennett() -> Model:
     for corner, a, b in (("B", "ground", "BC"), ("C", "BC", "CD"), ("D", "CD", "DA"),
                          ("A", "DA", "ground")):
         build.revolute(corner, a, b, axis=axes[corner], at=places[corner].astype(float))
-    return _meant(build)
+    return _meant(build, "A: y", "A: z", "A: axis 1")
 
 
 def _bennett_end(run: Trajectory) -> Mapping[str, Any]:
@@ -180,7 +187,7 @@ BENNETT = Reference(
     form="bodies and joints", make=_bennett, seconds="5",
     groups={"positions": _CORNERS, "velocities": tuple(f"{x}'" for x in _CORNERS)},
     read=_bennett_end, invariants={"energy": "T + V"},
-    attempts=(Attempt("G-L", 4, (100, 150, 200)), Attempt("G-L", 3, (150, 250, 500, 1000))))
+    attempts=(Attempt("G-L", 4, (125, 150, 200)), Attempt("G-L", 3, (150, 250, 500, 1000))))
 
 
 def _slider_crank() -> Model:

@@ -136,9 +136,10 @@ class Machine:
                 create.CreateRevoluteJoint(**where, axis=joint.axes[2].tolist())
                 return
             create.CreateSphericalJoint(**where, constrainedAxes=_flags(joint.holds[:3]))
-            if any(joint.holds[3:]):
-                create.CreateGenericJoint(**where, rotationMatrixAxes=joint.axes.T,
-                                          constrainedAxes=[0, 0, 0, *_flags(joint.holds[3:]), 0])
+            if any(joint.holds[3:]):  # n₁ across the axis: no turn about n₂
+                create.CreateGenericJoint(
+                    **where, rotationMatrixAxes=joint.axes.T,
+                    constrainedAxes=[0, 0, 0, *_flags(joint.holds[:2:-1]), 0])
         elif joint.kind == "rod":
             create.CreateDistanceConstraint(
                 itemNumbers=where["itemNumbers"], localPosition0=where["position"], show=False)
