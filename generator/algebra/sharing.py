@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
+from weakref import WeakValueDictionary
 
 import sympy as sp
 
@@ -21,6 +22,17 @@ class Shared(sp.Function):  # type: ignore[misc]
 
     nargs = 1
     is_extended_real = True
+    #: Of each argument one part: what is equal is the same, and is not compared through and through.
+    _made: WeakValueDictionary[sp.Basic, Shared] = WeakValueDictionary()
+
+    def __new__(cls, argument: sp.Expr, **options: Any) -> Any:
+        """Return the part of an argument, the one that there is."""
+        found = cls._made.get(argument)
+        if found is None:
+            found = super().__new__(cls, argument, **options)
+            if isinstance(found, cls):
+                cls._made[argument] = found
+        return found
 
     @classmethod
     def eval(cls, argument: sp.Expr) -> sp.Expr | None:

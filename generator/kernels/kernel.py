@@ -18,6 +18,9 @@ from .statements import Kernel, Statements, entries
 
 __all__ = ["Constants", "EmittedKernel", "Target", "emit_kernel"]
 
+#: Operations of a kernel beside which a call is nothing.
+_LONG = 400
+
 
 @dataclass(frozen=True)
 class EmittedKernel:
@@ -34,6 +37,11 @@ class EmittedKernel:
     constants: frozenset[str] = frozenset()
     #: Functions of <math.h> that it calls, without suffix.
     functions: frozenset[str] = frozenset()
+
+    @property
+    def is_long(self) -> bool:
+        """Whether a compiler is busy with it for so long that it is to be compiled once."""
+        return sum(self.operations.values()) > _LONG
 
 
 class Constants:
