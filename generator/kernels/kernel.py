@@ -18,8 +18,8 @@ from .statements import Kernel, Statements, entries
 
 __all__ = ["Constants", "EmittedKernel", "Target", "emit_kernel"]
 
-#: Operations of a kernel beside which a call is nothing.
-_LONG = 400
+#: Operations of a kernel beside which a call is little.
+_LONG = 40
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class EmittedKernel:
 
     @property
     def is_long(self) -> bool:
-        """Whether a compiler is busy with it for so long that it is to be compiled once."""
+        """Whether it costs more to compile it twice than to call it."""
         return sum(self.operations.values()) > _LONG
 
 
