@@ -14,7 +14,7 @@ from typing import Any
 import sympy as sp
 from sympy.simplify.cse_main import tree_cse
 
-from ..algebra.sharing import Shared, parts_of, symbols_of, tree_size
+from ..algebra.sharing import Shared, name_of, parts_of, symbols_of, tree_size
 
 __all__ = ["Kernel", "Statements", "entries", "statements_of"]
 
@@ -134,7 +134,7 @@ def _in_order(
 
     def visit(symbol: sp.Symbol) -> None:
         if symbol not in done and symbol in known:
-            for other in sorted(known[symbol].free_symbols, key=str):
+            for other in sorted(known[symbol].free_symbols, key=name_of):
                 visit(other)
             done[symbol] = known[symbol]
 
