@@ -7,6 +7,8 @@
 
 from __future__ import annotations
 
+import pickle
+import re
 import runpy
 from functools import cache
 
@@ -16,7 +18,10 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import refused
+from compilers import MAIN, compiler
+from gyrospark.generator.algebra.sharing import Shared, share
 from gyrospark.generator.kernels.in_numpy import carry_out
+from gyrospark.generator.kernels.statements import Kernel
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.legendre import (
     motion_kernels,
@@ -25,7 +30,8 @@ from gyrospark.generator.schemes.legendre import (
 )
 from gyrospark.generator.schemes.schemes import hoisted
 from gyrospark.generator.spec import Spec
-from processes import ROOT
+from gyrospark.runtime.build.objects import objects_of
+from processes import ROOT, call
 from strategies import EPS
 
 SCHEMES = [("G-L", 3), ("IMS", None)]
@@ -40,6 +46,12 @@ def double():
     T = m * length**2 * (2 * v1**2 + v2**2 + 2 * v1 * v2 * sp.cos(q1 - q2)) / 2
     return gs.System.from_lagrangian(T + m * g * length * height, [q1, q2], [v1, v2],
                                      [m, length, g], name="double")
+
+
+@cache
+def andrews():
+    """What ``examples/andrews.py`` defines."""
+    return runpy.run_path(str(ROOT / "examples" / "andrews.py"))
 
 
 @cache
@@ -206,6 +218,50 @@ def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
     assert heading.endswith("v1,v2")
 
 
+def test_long_kernels_are_compiled_once(tmp_path):
+    """Of the objects of a module one has the text of a kernel, what else calls it a declaration."""
+    files = generate(Spec.checked("G-L", 2), system=andrews()["system"]).source.files()
+    (tmp_path / "andrews_gl2.c").write_text(files["andrews_gl2.c"])
+    kernel = re.compile(r"^(?!.*static).*\bvoid (\w*constraint_increment)\([^;{]*\)\s*{",
+                        re.MULTILINE)
+    texts = {}
+    for made in (made for part in ("runs", "lanes")
+                 for made in objects_of("andrews_gl2", files, part)):
+        (tmp_path / "andrews_gl2.h").write_text(made.header)
+        command = [*compiler(MAIN), "-E", "-P", *made.flags, "andrews_gl2.c"]
+        texts[made.name] = kernel.findall(call(command, cwd=tmp_path).stdout)
+    assert texts == {"object1": ["constraint_increment"], "object2": [],
+                     "object4": ["lanes_constraint_increment"], "object3": []}
+
+
+def test_equal_shared_parts_are_the_same():
+    """However they came about: what is made of them is compared at once."""
+    x, y = sp.symbols("x y", real=True)
+    assert Shared(x * (1 + y)) is Shared((y + 1) * x)
+    assert Shared(sp.Integer(2)) == 2
+    assert pickle.loads(pickle.dumps(Shared(x + y))) is Shared(x + y)
+
+
+def test_what_cancels_is_not_written_and_nothing_has_two_names():
+    x, y, z = sp.symbols("x y z", real=True)
+    part = share(x * sp.sin(y) + z)
+    name = share(part - z)  # x sin(y), but for what SymPy does not see
+    e = share(part + 2 * name) - 2 * name + sp.cos(x) * part
+    made = Kernel("k", "", {"v": [x, y, z]}, {"out": [e, part]}).statements
+    used = {s for _, e in (*made.shared, *made.outputs) for s in e.free_symbols}
+    assert {symbol for symbol, _ in made.shared} <= used
+    assert not any(e.is_Symbol for _, e in made.shared)
+
+
+def test_an_l_that_is_quadratic_though_it_is_no_polynomial():
+    """Its degree is not seen from the outside: its derivatives are looked at."""
+    v, w = sp.symbols("v w", real=True)
+    x, y = sp.symbols("x y", real=True)
+    L = sp.exp(2 * sp.log(1 + v**2) / 2) + w**2 * (1 + x**2) / 2
+    system = gs.System.from_lagrangian(L, [x, y], [v, w], [])
+    assert system.mass[0, 0].subs(v, 0) == 2
+
+
 def test_zeros_of_the_mass_matrix_are_not_touched():
     system = bead()
     assert system.elimination.entries == 4  # three on the diagonal, r with z
@@ -272,13 +328,13 @@ ANDREWS = {
 def test_andrews_mechanism_is_its_lagrangian_typed_in():
     path = ROOT / "examples" / "andrews.py"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
-    andrews = runpy.run_path(str(path))
-    step = gs.stepper("G-L", 4, system=andrews["system"])
-    rest = step.momenta(andrews["start"], np.zeros(7), parameters=andrews["values"])
-    energy = step.energy(andrews["start"], rest, parameters=andrews["values"])
+    made = andrews()
+    step = gs.stepper("G-L", 4, system=made["system"])
+    rest = step.momenta(made["start"], np.zeros(7), parameters=made["values"])
+    energy = step.energy(made["start"], rest, parameters=made["values"])
     assert abs(energy - 1.4378329575321398726) < 8 * EPS
-    run = step.integrate(andrews["start"], rest, dt=0.03 / 400, steps=400,
-                         parameters=andrews["values"])
+    run = step.integrate(made["start"], rest, dt=0.03 / 400, steps=400,
+                         parameters=made["values"])
     places, rates = np.array([ANDREWS[name] for name in run.coordinates]).T
     np.testing.assert_allclose(run.q[-1], places, rtol=0, atol=1e-13)
     np.testing.assert_allclose(run.velocities[-1], rates, rtol=2e-12)

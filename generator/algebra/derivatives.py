@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import sympy as sp
 
-from .sharing import Shared, parts_of, share, substitute
+from .sharing import Shared, name_of, parts_of, share, substitute
 from .switches import Switch, Where, has_sides
 
 __all__ = ["along", "derivative", "slopes"]
@@ -76,7 +76,7 @@ def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
 
     def pass_on(weight: sp.Expr, body: sp.Expr) -> None:
         for term in sp.Add.make_args(body):
-            for x in sorted(term.free_symbols, key=str):
+            for x in sorted(term.free_symbols, key=name_of):
                 terms.setdefault(x, []).append(weight * derivative(term, x))
 
     pass_on(sp.Integer(1), whole)

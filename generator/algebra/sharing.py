@@ -8,12 +8,18 @@ again wherever it occurs; in C it is a temporary.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from operator import attrgetter
+from typing import Any, ClassVar
+from weakref import WeakValueDictionary
 
 import sympy as sp
 
-__all__ = ["Shared", "parts_of", "share", "share_repeated", "spelled_out", "substitute",
+__all__ = ["Shared", "name_of", "parts_of", "share", "share_repeated", "spelled_out", "substitute",
            "symbols_of", "tree_size"]
+
+
+#: SymPy prints a symbol by the way of a printer.
+name_of = attrgetter("name")
 
 
 class Shared(sp.Function):  # type: ignore[misc]
@@ -21,6 +27,17 @@ class Shared(sp.Function):  # type: ignore[misc]
 
     nargs = 1
     is_extended_real = True
+    #: Of each argument one part: what is equal is the same, and need not be compared.
+    _made: ClassVar[WeakValueDictionary[sp.Basic, Shared]] = WeakValueDictionary()
+
+    def __new__(cls, argument: sp.Expr, **options: Any) -> Any:
+        """Return the part of an argument, the one that there is."""
+        found = cls._made.get(argument)
+        if found is None:
+            found = super().__new__(cls, argument, **options)
+            if isinstance(found, cls):
+                cls._made[argument] = found
+        return found
 
     @classmethod
     def eval(cls, argument: sp.Expr) -> sp.Expr | None:

@@ -311,7 +311,7 @@ def as_switches(e: sp.Expr) -> sp.Expr:
         For conditions other than comparisons, And, Or and Not, and for a Piecewise that leaves
         open what holds where none of its conditions does.
     """
-    if not e.has(sp.Piecewise, *_WRITTEN):
+    if not any(isinstance(part, (sp.Piecewise, *_WRITTEN)) for part in parts_of([e])):
         return e
     known: dict[sp.Basic, Any] = {}
     for part in parts_of([e]):

@@ -71,7 +71,7 @@ class CPrinter:
 
     def _text(self, e: sp.Expr) -> tuple[str, int]:
         if e.is_Symbol:
-            return self.names.get(e, str(e)), _ATOM
+            return self.names.get(e, e.name), _ATOM
         if e.is_Rational:
             return self._rational(e)
         if e.is_number and e.is_real and e.is_finite:

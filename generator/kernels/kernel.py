@@ -18,6 +18,9 @@ from .statements import Kernel, Statements, entries
 
 __all__ = ["Constants", "EmittedKernel", "Target", "emit_kernel"]
 
+#: Operations of a kernel beside which a call is little.
+_LONG = 40
+
 
 @dataclass(frozen=True)
 class EmittedKernel:
@@ -35,6 +38,11 @@ class EmittedKernel:
     #: Functions of <math.h> that it calls, without suffix.
     functions: frozenset[str] = frozenset()
 
+    @property
+    def is_long(self) -> bool:
+        """Whether it costs more to compile it twice than to call it."""
+        return sum(self.operations.values()) > _LONG
+
 
 class Constants:
     """Subexpressions of the parameters alone: computed once a run instead of in every kernel."""
@@ -51,6 +59,7 @@ class Constants:
         # Made once: H of 100 bodies asks it for every term.
         self._known = frozenset(parameters) - {*inputs}
         self._hoisted: dict[sp.Expr, sp.Expr] = {}
+        self._pieces: dict[sp.Basic, bool] = {}
 
     def hoist(self, e: sp.Expr) -> sp.Expr:
         """Return e with every largest parameter-only subexpression replaced by a symbol."""
@@ -64,7 +73,7 @@ class Constants:
         if e.free_symbols <= self._known:
             number, rest = e.as_coeff_Mul()
             return number * self._symbol(rest)
-        if not e.is_Add and e.has(Where, sp.sign):
+        if not e.is_Add and self._has_pieces(e):
             return e  # as it is written, its pieces are seen to meet
         if e.is_Mul or e.is_Add:
             own = [a for a in e.args if self._is_own(a)]
@@ -73,6 +82,12 @@ class Constants:
         if e.is_Pow and self._is_own(e.base):
             return sp.exp(self.hoist(e.exp * sp.log(e.base)))  # a logarithm a run, not a call
         return e.func(*(self.hoist(a) for a in e.args))
+
+    def _has_pieces(self, e: sp.Basic) -> bool:
+        if e not in self._pieces:
+            self._pieces[e] = isinstance(e, (Where, sp.sign)) or any(
+                map(self._has_pieces, e.args))
+        return self._pieces[e]
 
     def _is_own(self, e: sp.Expr) -> bool:
         free = e.free_symbols

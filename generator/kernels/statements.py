@@ -6,15 +6,15 @@ carries it out.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import sympy as sp
-from sympy.simplify.cse_main import tree_cse
 
-from ..algebra.sharing import Shared, parts_of, symbols_of, tree_size
+from ..algebra.sharing import Shared, name_of, parts_of, symbols_of, tree_size
 
 __all__ = ["Kernel", "Statements", "entries", "statements_of"]
 
@@ -71,21 +71,53 @@ class Statements:
 def statements_of(kernel: Kernel) -> Statements:
     """Return the statements of a kernel."""
     places = entries(kernel)
+    if not kernel.factors:
+        shared, reduced = _by_parts([e for _, e in places])
+        return Statements(shared,
+                          [(place, e) for (place, _), e in zip(places, reduced, strict=True)])
     definitions, outputs = _unfolded([e for _, e in places])
     expressions = [*definitions.values(), *outputs]
     # SymPy compares whole trees to bring arguments into order: in deep ones that takes for ever.
     order = "canonical" if tree_size(expressions) <= _LARGEST_TREE else "none"
     fresh = sp.numbered_symbols("_t", real=True)
-    if kernel.factors:
-        shared, reduced = sp.cse(expressions, symbols=fresh, order=order)
-    else:
-        shared, reduced = tree_cse(expressions, fresh, {}, order)
+    shared, reduced = sp.cse(expressions, symbols=fresh, order=order)
     named, reduced = reduced[: len(definitions)], reduced[len(definitions) :]
     if definitions:
         shared = _in_order(shared, dict(zip(definitions, named, strict=True)))
         shared, reduced = _needed(shared, reduced)
     shared, reduced = _name_bases(shared, reduced)
     return Statements(shared, [(place, e) for (place, _), e in zip(places, reduced, strict=True)])
+
+
+def _by_parts(
+    expressions: list[sp.Expr],
+) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
+    """Name each part that recurs, is ``Shared`` or the base of a power; go through parts once."""
+    parts = list(parts_of(expressions))
+    uses = Counter(a for e in parts for a in e.args)
+    uses.update(expressions)
+    uses.update(a for e in parts for a in e.args[:1] if isinstance(e, Shared) or _multiplies(e))
+    fresh = sp.numbered_symbols("_t", real=True)
+    names: dict[sp.Basic, sp.Symbol] = {}
+    known: dict[sp.Basic, sp.Basic] = {}
+    for e in parts:
+        arguments = [known[a] for a in e.args]
+        if isinstance(e, Shared):
+            known[e] = arguments[0]
+            continue
+        same = all(a is b for a, b in zip(arguments, e.args, strict=True))
+        made = e if same else e.func(*arguments)
+        if uses[e] > 1 and not made.is_Atom and not (-made).is_Symbol:
+            if made not in names:
+                names[made] = next(fresh)
+            made = names[made]
+        known[e] = made
+    return _needed([(symbol, e) for e, symbol in names.items()], [known[e] for e in expressions])
+
+
+def _multiplies(e: sp.Basic) -> bool:
+    """Whether C writes e as its base several times."""
+    return bool(e.is_Pow and (2 * e.exp).is_Integer and abs(e.exp) > 1)
 
 
 def entries(kernel: Kernel) -> list[tuple[str, sp.Expr]]:
@@ -134,7 +166,7 @@ def _in_order(
 
     def visit(symbol: sp.Symbol) -> None:
         if symbol not in done and symbol in known:
-            for other in sorted(known[symbol].free_symbols, key=str):
+            for other in sorted(known[symbol].free_symbols, key=name_of):
                 visit(other)
             done[symbol] = known[symbol]
 
@@ -175,7 +207,7 @@ def _name_bases(
         if e.is_Atom:
             return e
         e = e.func(*(name(a) for a in e.args))
-        if not (e.is_Pow and (2 * e.exp).is_Integer and abs(e.exp) > 1 and not e.base.is_Atom):
+        if not _multiplies(e) or e.base.is_Atom:
             return e
         if e.base not in known:
             known[e.base] = next(fresh)

@@ -11,6 +11,7 @@ from sympy.logic.boolalg import Boolean
 from ...errors import InputError
 from ...markup import formula
 from ...naming import shown
+from ..algebra.sharing import parts_of
 from ..algebra.switches import as_switches
 
 __all__ = ["as_expression", "as_sequence", "few", "refuse_unless_symbols", "shown_formula"]
@@ -19,6 +20,8 @@ __all__ = ["as_expression", "as_sequence", "few", "refuse_unless_symbols", "show
 _FEW = 6
 #: Parts of an expression that is shown as a formula.
 _LARGEST_FORMULA = 400
+#: What no real expression has in it.
+_NO_NUMBERS = {sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I}
 
 
 def few(names: Iterable[object]) -> str:
@@ -61,7 +64,7 @@ def as_expression(value: object) -> sp.Expr:
     if not isinstance(made, sp.Expr) or made.is_Matrix or isinstance(value, bool):
         cure = "call it with symbols" if callable(value) else "build it from symbols and numbers"
         raise InputError(f"{shown(value)} is no SymPy expression; {cure}.")
-    if made.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I):
+    if not _NO_NUMBERS.isdisjoint(parts_of([made])):
         raise InputError(f"The expression {shown(made)} is not real and finite; write another.")
     return as_switches(made)
 

@@ -12,6 +12,7 @@ may depend on t as well: whatever drives L is a moving coordinate system, or a l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,6 +28,7 @@ from ..algebra.evaluation import evaluate
 from ..algebra.identities import compare
 from ..algebra.sharing import (
     Shared,
+    name_of,
     parts_of,
     share_repeated,
     substitute,
@@ -226,6 +228,7 @@ def from_lagrangian(
         bound, L=L, velocities=speeds, forces=pushes, time=time, name=name,
         constraint_names=tuple(constraint_names))
     _refuse_unless_quadratic(system)
+    _refuse_switching(system)
     _refuse_singular(system)
     return system
 
@@ -261,7 +264,9 @@ def _refuse_unknown(
 
 
 def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
-    """Refuse an L whose second derivatives by v depend on v."""
+    """Refuse an L whose second derivatives by v depend on v, unless it is seen to be quadratic."""
+    if _degree(system.L, system.velocities) <= 2:
+        return
     moving = {place: e for place, e in system.mass.items()
               if not symbols_of([e]).isdisjoint(system.velocities)}
     for (i, j), e in moving.items():
@@ -271,7 +276,29 @@ def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
                 f"L of system {system.name!r} is not quadratic in the velocities: its derivative "
                 f"by {v[j]} and {v[i]}, {shorten(str(e), 60)}, depends on them; give a "
                 "gyrospark.System with its H instead.")
-    switching = switches_of(system.mass_entries)
+
+
+def _degree(e: sp.Expr, symbols: Sequence[sp.Symbol]) -> float:
+    """Return a bound of the degree of e in some symbols: infinite if it is no polynomial."""
+    found: dict[sp.Basic, float] = dict.fromkeys(symbols, 1)
+    for part in parts_of([e]):
+        if part in found:
+            continue
+        degrees = [found[a] for a in part.args]
+        if not any(degrees):
+            found[part] = 0
+        elif part.is_Mul:
+            found[part] = sum(degrees)
+        elif part.is_Pow and part.exp.is_Integer and part.exp > 0:
+            found[part] = degrees[0] * int(part.exp)
+        else:
+            found[part] = max(degrees) if part.is_Add or isinstance(part, Shared) else math.inf
+    return found[e]
+
+
+def _refuse_switching(system: LagrangianSystem) -> None:
+    """Refuse a mass matrix that has two sides."""
+    switching = switches_of(system.mass_entries) if switches_of([system.L]) else []
     if switching:
         raise InputError(f"The mass matrix of system {system.name!r} switches at "
                          f"{shorten(str(switching[0]), 60)} = 0, where velocities would jump; "
@@ -281,18 +308,15 @@ def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
 def _refuse_singular(system: LagrangianSystem) -> None:
     """Refuse a mass matrix that is singular wherever it is looked at."""
     rng = np.random.default_rng(17)
-    symbols = sorted(symbols_of(system.mass_entries), key=str)
-    slots = system.elimination.slot_of
+    symbols = sorted(symbols_of(system.L_v) - {*system.velocities}, key=name_of)
+    one_at_a_time = dict(zip(system.velocities, np.eye(system.n, system.n + 1), strict=True))
     for _ in range(_POINTS):
         at = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
         try:
-            with np.errstate(all="ignore"):
-                values = [float(x) for x in evaluate(system.mass_entries, at)]
+            momenta = evaluate(system.L_v, at | one_at_a_time).astype(float)
         except (InputError, TypeError, ArithmeticError):
             return  # a function that NumPy does not know
-        M = np.zeros((system.n, system.n))
-        for (i, j), slot in slots.items():
-            M[i, j] = values[slot]
+        M = momenta[:, :-1] - momenta[:, -1:]
         if not np.isfinite(M).all():
             continue
         _, sizes, directions = np.linalg.svd(M)
