@@ -1,40 +1,45 @@
-/* W <- its factors: L below the diagonal, 1/D on it. W is positive definite: no pivoting. */
+/*
+ * W <- its factors: L below the diagonal, 1/D on it. W is positive definite: no pivoting. The
+ * columns of L stand one behind the other behind the diagonal.
+ */
 static void ON(factor)(NUMBER W[FACTOR])
 {
-    const int *row = below_row, *slot = below_slot, *target = below_target;
+    const int *row = below_row, *target = below_target;
+    int below = M;
     for (int k = 0; k < M; ++k) {
         const int pivot = pivot_order[k], rows = pivot_rows[k];
         const NUMBER inverse = 1/W[pivot];
         W[pivot] = inverse;
-        for (int i = 0; i < rows; ++i) {
-            const NUMBER l = W[slot[i]]*inverse;
-            for (int j = 0; j < i; ++j)
-                W[*target++] -= l*W[slot[j]];
-            W[row[i]] -= l*W[slot[i]];
+        for (int i = below; i < below + rows; ++i) {
+            const NUMBER value = W[i], l = value*inverse;
+            for (int j = below; j < i; ++j)
+                W[*target++] -= l*W[j];
+            W[*row++] -= l*value;
         }
-        for (int i = 0; i < rows; ++i)
-            W[slot[i]] *= inverse;
-        row += rows;
-        slot += rows;
+        for (int i = below; i < below + rows; ++i)
+            W[i] *= inverse;
+        below += rows;
     }
 }
 
-/* b <- W^-1 b from the factors */
+/*
+ * b <- W^-1 b from the factors. Sums stay in registers, and what was found last comes in last: it
+ * is waited for.
+ */
 static void ON(substitute)(const NUMBER W[FACTOR], NUMBER b[M])
 {
-    const int *row = below_row, *slot = below_slot;
+    const int *before = before_row, *slot = before_slot, *row = below_row + FACTOR - M;
+    const NUMBER *below = W + FACTOR;
     for (int k = 0; k < M; ++k) {
-        const NUMBER x = b[pivot_order[k]];
-        for (int i = 0; i < pivot_rows[k]; ++i)
-            b[*row++] -= W[*slot++]*x;
+        NUMBER x = b[pivot_order[k]];
+        for (int i = 0; i < before_rows[k]; ++i)
+            x -= W[*slot++]*b[*before++];
+        b[pivot_order[k]] = x;
     }
     for (int k = M - 1; k >= 0; --k) {
-        const int pivot = pivot_order[k];
-        NUMBER x = b[pivot]*W[pivot];
-        row -= pivot_rows[k];
-        slot -= pivot_rows[k];
+        NUMBER x = b[pivot_order[k]]*W[pivot_order[k]];
         for (int i = 0; i < pivot_rows[k]; ++i)
-            x -= W[slot[i]]*b[row[i]];
-        b[pivot] = x;
+            x -= *--below*b[*--row];
+        b[pivot_order[k]] = x;
     }
 }

@@ -11,3 +11,10 @@ INLINE void lanes_substitute(schur_t A, lanes b[M])
 {
     b[0] *= A[0][0];
 }
+
+/* The same of `count` systems. */
+INLINE void lanes_substitute_all(int count, schur_t *A, lanes *b)
+{
+    for (int j = 0; j < count; ++j)
+        lanes_substitute(A[j], b + j*M);
+}

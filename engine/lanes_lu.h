@@ -26,3 +26,10 @@ INLINE void lanes_substitute(schur_t A, lanes b[M])
         b[i] *= A[i][i];
     }
 }
+
+/* The same of `count` systems. */
+INLINE void lanes_substitute_all(int count, schur_t *A, lanes *b)
+{
+    for (int j = 0; j < count; ++j)
+        lanes_substitute(A[j], b + j*M);
+}

@@ -4,11 +4,11 @@ INLINE void RUN(factor)(RUN(t) *w)
     (void)w;
 }
 
-/* impulse += (h W)^-1 defect at the nodes of item j */
-INLINE void RUN(correct)(const RUN(t) *w, int j, lanes *defect, lanes *impulse)
+/* impulse += (h W)^-1 defect at the nodes */
+INLINE void RUN(correct)(const RUN(t) *w, const lanes *defect, lanes *impulse)
 {
-    (void)j;
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            impulse[mu] += w->bound.W_inverse[mu][nu]*defect[nu];
+    for (int j = 0; j < RUN(P); ++j)
+        for (int mu = 0; mu < M; ++mu)
+            for (int nu = 0; nu < M; ++nu)
+                impulse[j*M + mu] += w->bound.W_inverse[mu][nu]*defect[j*M + nu];
 }

@@ -10,12 +10,12 @@ INLINE void RUN(factor)(RUN(t) *w)
     }
 }
 
-/* impulse += (h W)^-1 defect at the nodes of item j */
-INLINE void RUN(correct)(RUN(t) *w, int j, lanes *defect, lanes *impulse)
+/* impulse += (h W)^-1 defect at the nodes */
+INLINE void RUN(correct)(RUN(t) *w, lanes *defect, lanes *impulse)
 {
-    lanes_substitute(w->now.factor[j], defect);
-    for (int mu = 0; mu < M; ++mu)
-        impulse[mu] += w->h_inverse*defect[mu];
+    lanes_substitute_all(RUN(P), w->now.factor, defect);
+    for (int e = 0; e < RUN(P)*M; ++e)
+        impulse[e] += w->h_inverse*defect[e];
 }
 
 static void RUN(set_schur)(RUN(t) *w)

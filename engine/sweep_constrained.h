@@ -54,8 +54,7 @@ INLINE void RUN(constrain)(RUN(t) *w, const lanes *L, lanes *C)
     }
     w->bound.defect *= w->q_size;
     RUN(nodes_of_nodes)(w->zero, 0, TABLE(inverse), g, defect);
-    for (int j = 0; j < RUN(P); ++j)
-        RUN(correct)(w, j, defect + j*M, w->now.x + RUN(IMPULSE) + j*M);
+    RUN(correct)(w, defect, w->now.x + RUN(IMPULSE));
     RUN(forces)(w, C);
 }
 

@@ -2411,6 +2411,13 @@ INLINE void lanes_substitute(schur_t A, lanes b[M])
     b[0] *= A[0][0];
 }
 
+/* The same of `count` systems. */
+INLINE void lanes_substitute_all(int count, schur_t *A, lanes *b)
+{
+    for (int j = 0; j < count; ++j)
+        lanes_substitute(A[j], b + j*M);
+}
+
 /* G^T lambda */
 INLINE void lanes_constraint_force(const lane_constants *c, const lanes q[N], const lanes lambda[M],
     lanes force[N])
@@ -2695,13 +2702,13 @@ INLINE void stages_factor(stages_t *w)
     (void)w;
 }
 
-/* impulse += (h W)^-1 defect at the nodes of item j */
-INLINE void stages_correct(const stages_t *w, int j, lanes *defect, lanes *impulse)
+/* impulse += (h W)^-1 defect at the nodes */
+INLINE void stages_correct(const stages_t *w, const lanes *defect, lanes *impulse)
 {
-    (void)j;
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            impulse[mu] += w->bound.W_inverse[mu][nu]*defect[nu];
+    for (int j = 0; j < stages_P; ++j)
+        for (int mu = 0; mu < M; ++mu)
+            for (int nu = 0; nu < M; ++nu)
+                impulse[j*M + mu] += w->bound.W_inverse[mu][nu]*defect[j*M + nu];
 }
 
 /* (h W)^-1 of the run, and c with H_pp G^T = c G^T */
@@ -2768,8 +2775,7 @@ INLINE void stages_constrain(stages_t *w, const lanes *L, lanes *C)
     }
     w->bound.defect *= w->q_size;
     stages_nodes_of_nodes(w->zero, 0, w->inverse, g, defect);
-    for (int j = 0; j < stages_P; ++j)
-        stages_correct(w, j, defect + j*M, w->now.x + stages_IMPULSE + j*M);
+    stages_correct(w, defect, w->now.x + stages_IMPULSE);
     stages_forces(w, C);
 }
 
@@ -3566,12 +3572,12 @@ INLINE void trajectories_factor(trajectories_t *w)
     (void)w;
 }
 
-INLINE void trajectories_correct(const trajectories_t *w, int j, lanes *defect, lanes *impulse)
+INLINE void trajectories_correct(const trajectories_t *w, const lanes *defect, lanes *impulse)
 {
-    (void)j;
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            impulse[mu] += w->bound.W_inverse[mu][nu]*defect[nu];
+    for (int j = 0; j < trajectories_P; ++j)
+        for (int mu = 0; mu < M; ++mu)
+            for (int nu = 0; nu < M; ++nu)
+                impulse[j*M + mu] += w->bound.W_inverse[mu][nu]*defect[j*M + nu];
 }
 
 static void trajectories_set_schur(trajectories_t *w)
@@ -3627,8 +3633,7 @@ INLINE void trajectories_constrain(trajectories_t *w, const lanes *L, lanes *C)
     }
     w->bound.defect *= w->q_size;
     trajectories_nodes_of_nodes(w->zero, 0, &fast_inverse[0][0], g, defect);
-    for (int j = 0; j < trajectories_P; ++j)
-        trajectories_correct(w, j, defect + j*M, w->now.x + trajectories_IMPULSE + j*M);
+    trajectories_correct(w, defect, w->now.x + trajectories_IMPULSE);
     trajectories_forces(w, C);
 }
 

@@ -186,7 +186,8 @@ enum { U = 5, BAND = 2, M = 3, FACTOR = 5 };
 static const int position[U] = { 2, 0, 4, 1, 3 };
 /* W couples 0-1 and 1-2: entries W00, W11, W22, W10, W21 */
 static const int pivot_order[M] = { 0, 1, 2 }, pivot_rows[M] = { 1, 1, 0 };
-static const int below_row[2] = { 1, 2 }, below_slot[2] = { 3, 4 }, below_target[1] = { 0 };
+static const int below_row[2] = { 1, 2 }, below_target[1] = { 0 };
+static const int before_rows[M] = { 0, 1, 1 }, before_row[2] = { 0, 1 }, before_slot[2] = { 3, 4 };
 #include "measure.h"
 #include "lu.h"
 #include "solve.h"

@@ -267,11 +267,11 @@ def test_elimination_solves(graph, seed):
             W[rows[i]] -= factor * W[slot]
         for slot in slots:
             W[slot] *= W[pivot]
+    assert [slot for slots in made.slots for slot in slots] == list(range(n, made.entries))
     b = rng.normal(size=n)
     x = b.copy()
-    for pivot, slots, rows in zip(made.order, made.slots, made.rows, strict=True):
-        for slot, row in zip(slots, rows, strict=True):
-            x[row] -= W[slot] * x[pivot]
+    for pivot, before in zip(made.order, made.before, strict=True):
+        x[pivot] -= sum(W[slot] * x[row] for row, slot in before)
     for pivot, slots, rows in reversed(list(zip(made.order, made.slots, made.rows, strict=True))):
         x[pivot] = x[pivot] * W[pivot] - sum(W[s] * x[r] for s, r in zip(slots, rows, strict=True))
     assert np.abs(A @ x - b).max() <= 64 * n * EPS * np.abs(b).max()

@@ -15,9 +15,9 @@ Node = tuple[str, int]
 class Elimination:
     """LDLᵀ of a symmetric matrix without its zeros: what to do for each pivot, in order.
 
-    Entry r of the storage is the diagonal of row r, further entries are below it. For pivot
-    ``order[k]`` the rows ``rows[k]`` have an entry in its column, at ``slots[k]``; the entry of
-    each pair i > j of them, row by row, is at ``targets[k]``.
+    Entry r of the storage is the diagonal of row r, further entries are below it, pivot by pivot.
+    For pivot ``order[k]`` the rows ``rows[k]`` have an entry in its column, at ``slots[k]``; the
+    entry of each pair i > j of them, row by row, is at ``targets[k]``.
     """
 
     order: tuple[int, ...]
@@ -26,6 +26,16 @@ class Elimination:
     targets: tuple[tuple[int, ...], ...]
     entries: int
     slot_of: dict[tuple[int, int], int]
+
+    @property
+    def before(self) -> tuple[tuple[tuple[int, int], ...], ...]:
+        """The same by rows: for ``order[k]``, earlier pivots that act on it, and the entry's slot.
+        """
+        found: dict[int, list[tuple[int, int]]] = {row: [] for row in self.order}
+        for pivot, rows, slots in zip(self.order, self.rows, self.slots, strict=True):
+            for row, slot in zip(rows, slots, strict=True):
+                found[row].append((pivot, slot))
+        return tuple(map(tuple, found.values()))
 
     @property
     def products(self) -> int:
