@@ -224,7 +224,8 @@ def recording_calls(tmp_path: Path) -> Iterator[Call]:
                          parameters=PARAMETERS, out=path)
 
     yield Call("Recording.trajectory", lambda: (stored().trajectory, {"first": 0, "thin": 1}))
-    yield Call("Recording.export", lambda: (stored().export, {"path": tmp_path / "a.npz"}))
+    yield Call("Recording.export", lambda: (stored().export, {
+        "path": tmp_path / "a.csv", "euler": "ZXZ", "degrees": True}))
 
 
 def model_calls() -> Iterator[Call]:
