@@ -75,6 +75,8 @@ def structure_context(
         "pushes": pushes,
         "used_constants": [str(symbols[c]) for c in used],
         "attached": attached,
+        "cells_cover": sorted(a for form in structure.forms for i in form.instances
+                              for a in i.p) == list(range(structure.system.n)),
         "elimination": {
             "entries": elimination.entries,
             "order": elimination.order,
@@ -301,6 +303,8 @@ class _Attached:
                 [at.get((row, a), -1) if G[r][b] != 0 else -1
                  for r, row in enumerate(instance.rows) for b, a in enumerate(instance.q)]
                 for instance in form.instances])
+        kept = {place for form in self.places for places in form for place in places}
+        self.is_full = kept.issuperset(range(self.entries))  # none of the entries is always 0
 
 
 def _second_derivatives(
