@@ -120,7 +120,6 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
     const real dt = part(&b->run.h, lane);
     w->t = part(&b->run.t, lane);
     TIMED(w->span = part(&b->run.span, lane);)
-    guess(w, dt, q, p, w->x);
     const int status = newton(w, options, dt, q, p, w->x, &taken);
     *iterations += taken;
     if (status != OK)

@@ -6,7 +6,6 @@ int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, 
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
     TIMED(work->span = dt;)
-    guess(work, dt, q, p, x);
     return newton(work, options, dt, q, p, x, iterations);
 }
 

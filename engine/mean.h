@@ -17,6 +17,13 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
         x[l] = 0;
 }
 
+/* The same of a momentum that stays. */
+static void coast(real x[U])
+{
+    for (int e = DP; e < LAMBDA; ++e)
+        x[e] = 0;
+}
+
 /* q_mean, p_mean (51) */
 static void mean_values(work_t *w, const real q[N], const real p[N], const real x[U])
 {

@@ -47,11 +47,11 @@ static int failure(real size, real ratio)
  * tolerance, when the next one would be below round-off (quadratic convergence: about
  * size (size/previous)^2), or when increments have stopped shrinking where rounding stops them.
  */
-static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+static int iterate(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real x[U], int *iterations)
 {
+    const int first = *iterations + 1;
     real size = 0, ratio = 0;
-    *iterations = 0;
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
@@ -71,7 +71,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return NOT_FINITE;
         if (size <= options->tolerance)
             return lands(w, dt, q, x);
-        if (*iterations == 1)
+        if (*iterations == first)
             continue;
         const int shrinks = ratio < (real)0.5; /* a small one after one that stalled is chance */
         ratio = size/previous;
@@ -82,4 +82,21 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return lands(w, dt, q, x);
     }
     return failure(size, ratio);
+}
+
+/*
+ * The unknowns from the rates at the start of the step. A stiff force, by dt, may be many times the
+ * momentum there: where that leads astray, once more from a momentum that stays.
+ */
+static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real x[U], int *iterations)
+{
+    *iterations = 0;
+    guess(w, dt, q, p, x);
+    const int status = iterate(w, options, dt, q, p, x, iterations);
+    if (status == OK || *iterations >= options->max_iterations)
+        return status;
+    guess(w, dt, q, p, x);
+    coast(x);
+    return iterate(w, options, dt, q, p, x, iterations) == OK ? OK : status;
 }

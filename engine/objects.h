@@ -7,7 +7,6 @@
  * itself is Newton's. What is above is called so:
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
-void NAME(apart_guess)(work_t *w, real dt, const real *q, const real *p, real *x);
 int NAME(apart_newton)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
     real *x, int *iterations);
 int NAME(apart_simplified_newton)(work_t *w, const options_t *options, real dt, const real *q,
@@ -16,11 +15,6 @@ int NAME(apart_advance)(work_t *w, const options_t *options, real dt, const real
     real *q1, real *p1, real *multipliers, int *iterations);
 
 #if GYROSPARK_OBJECT == 1 /* __GNUC__ */
-void NAME(apart_guess)(work_t *w, real dt, const real *q, const real *p, real *x)
-{
-    guess(w, dt, q, p, x);
-}
-
 int NAME(apart_newton)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
     real *x, int *iterations)
 {
@@ -39,7 +33,6 @@ int NAME(apart_advance)(work_t *w, const options_t *options, real dt, const real
     return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 #else /* __GNUC__ */
-#define guess(...) NAME(apart_guess)(__VA_ARGS__)
 #define newton(...) NAME(apart_newton)(__VA_ARGS__)
 #define simplified_newton(...) NAME(apart_simplified_newton)(__VA_ARGS__)
 #define advance(...) NAME(apart_advance)(__VA_ARGS__)

@@ -16,6 +16,13 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
         x[l] = 0;
 }
 
+/* The same of a momentum that stays. */
+static void coast(real x[U])
+{
+    for (int e = K_HAT; e < LAMBDA; ++e)
+        x[e] = 0;
+}
+
 /* D_l = dt sum a-_lj k_j, the way to the constraint nodes Q~_l = q + D_l (A.7) */
 static void node_places(work_t *w, real dt, const real x[U])
 {

@@ -3,7 +3,6 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
     real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
     real q_end[N], p_end[N];
-    guess(w, dt, q, p, w->x);
     int status = newton(w, options, dt, q, p, w->x, iterations);
     if (status == OK)
         status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);

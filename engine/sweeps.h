@@ -86,7 +86,6 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
         *iterations += taken;
     }
     if (status != OK) {
-        guess(w, dt, q, p, w->x);
         status = newton(w, options, dt, q, p, w->x, &taken);
         *iterations += taken;
     }

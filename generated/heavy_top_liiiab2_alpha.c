@@ -694,6 +694,13 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
         x[l] = 0;
 }
 
+/* The same of a momentum that stays. */
+static void coast(real x[U])
+{
+    for (int e = K_HAT; e < LAMBDA; ++e)
+        x[e] = 0;
+}
+
 /* D_l = dt sum a-_lj k_j, the way to the constraint nodes Q~_l = q + D_l (A.7) */
 static void node_places(work_t *w, real dt, const real x[U])
 {
@@ -954,11 +961,11 @@ static int failure(real size, real ratio)
  * tolerance, when the next one would be below round-off (quadratic convergence: about
  * size (size/previous)^2), or when increments have stopped shrinking where rounding stops them.
  */
-static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+static int iterate(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real x[U], int *iterations)
 {
+    const int first = *iterations + 1;
     real size = 0, ratio = 0;
-    *iterations = 0;
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);
         jacobian(w, dt, q, p, x, w->J);
@@ -978,7 +985,7 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return NOT_FINITE;
         if (size <= options->tolerance)
             return lands(w, dt, q, x);
-        if (*iterations == 1)
+        if (*iterations == first)
             continue;
         const int shrinks = ratio < (real)0.5; /* a small one after one that stalled is chance */
         ratio = size/previous;
@@ -989,6 +996,23 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
             return lands(w, dt, q, x);
     }
     return failure(size, ratio);
+}
+
+/*
+ * The unknowns from the rates at the start of the step. A stiff force, by dt, may be many times the
+ * momentum there: where that leads astray, once more from a momentum that stays.
+ */
+static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real x[U], int *iterations)
+{
+    *iterations = 0;
+    guess(w, dt, q, p, x);
+    const int status = iterate(w, options, dt, q, p, x, iterations);
+    if (status == OK || *iterations >= options->max_iterations)
+        return status;
+    guess(w, dt, q, p, x);
+    coast(x);
+    return iterate(w, options, dt, q, p, x, iterations) == OK ? OK : status;
 }
 
 /*
@@ -1102,7 +1126,6 @@ int heavy_top_liiiab2_alpha_T1(const parameters_t *parameters, const options_t *
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    guess(work, dt, q, p, x);
     return newton(work, options, dt, q, p, x, iterations);
 }
 
@@ -1120,7 +1143,6 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
     real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
     real q_end[N], p_end[N];
-    guess(w, dt, q, p, w->x);
     int status = newton(w, options, dt, q, p, w->x, iterations);
     if (status == OK)
         status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
@@ -1201,7 +1223,6 @@ void heavy_top_liiiab2_alpha_hamiltonian(const parameters_t *parameters, long co
  * itself is Newton's. What is above is called so:
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
-void heavy_top_liiiab2_alpha_apart_guess(work_t *w, real dt, const real *q, const real *p, real *x);
 int heavy_top_liiiab2_alpha_apart_newton(work_t *w, const options_t *options, real dt,
     const real *q, const real *p,
     real *x, int *iterations);
@@ -1213,11 +1234,6 @@ int heavy_top_liiiab2_alpha_apart_advance(work_t *w, const options_t *options, r
     real *q1, real *p1, real *multipliers, int *iterations);
 
 #if GYROSPARK_OBJECT == 1 /* __GNUC__ */
-void heavy_top_liiiab2_alpha_apart_guess(work_t *w, real dt, const real *q, const real *p, real *x)
-{
-    guess(w, dt, q, p, x);
-}
-
 int heavy_top_liiiab2_alpha_apart_newton(work_t *w, const options_t *options, real dt,
     const real *q, const real *p,
     real *x, int *iterations)
@@ -1239,7 +1255,6 @@ int heavy_top_liiiab2_alpha_apart_advance(work_t *w, const options_t *options, r
     return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 #else /* __GNUC__ */
-#define guess(...) heavy_top_liiiab2_alpha_apart_guess(__VA_ARGS__)
 #define newton(...) heavy_top_liiiab2_alpha_apart_newton(__VA_ARGS__)
 #define simplified_newton(...) heavy_top_liiiab2_alpha_apart_simplified_newton(__VA_ARGS__)
 #define advance(...) heavy_top_liiiab2_alpha_apart_advance(__VA_ARGS__)
@@ -4318,7 +4333,6 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
         *iterations += taken;
     }
     if (status != OK) {
-        guess(w, dt, q, p, w->x);
         status = newton(w, options, dt, q, p, w->x, &taken);
         *iterations += taken;
     }
@@ -4781,7 +4795,6 @@ static int rescue(batch_t *b, const options_t *options, int lane, int *iteration
     }
     const real dt = part(&b->run.h, lane);
     w->t = part(&b->run.t, lane);
-    guess(w, dt, q, p, w->x);
     const int status = newton(w, options, dt, q, p, w->x, &taken);
     *iterations += taken;
     if (status != OK)

@@ -57,6 +57,8 @@ class Compiled:
         self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
         #: Whether the unknowns are increments of the state, and residuals are rates.
         self.solves_increments = bool(manifest["scheme"]["unknowns_are_state"])
+        #: The unknowns that are rates of momenta, or their increments.
+        self.kicks = slice(*(self.n * k * (manifest["scheme"]["stages"] or 1) for k in (1, 2)))
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
         self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
         self._report_type: np.dtype[Any] | None = None

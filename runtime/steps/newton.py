@@ -38,9 +38,26 @@ def solve_stages(
     binding: Binding, parameters: Any, tolerance: float | None, max_iterations: int, dt: float,
     q: Array, p: Array, work: Any,
 ) -> tuple[int, Array, int]:
-    """T1: return status, the unknowns x and the number of iterations."""
-    epsilon = binding.epsilon
+    """T1: return status, the unknowns x and the number of iterations.
+
+    From the rates at the start of the step, and where that fails, from a momentum that stays.
+    """
     x = binding.guess(parameters, dt, q, p, work)
+    what = binding, parameters, tolerance
+    status, found, taken = iterate(*what, max_iterations, dt, q, p, x, work)
+    if status == 0 or taken == max_iterations:
+        return status, found, taken
+    x[binding.kicks] = 0
+    again, found, more = iterate(*what, max_iterations - taken, dt, q, p, x, work)
+    return again and status, found, taken + more
+
+
+def iterate(
+    binding: Binding, parameters: Any, tolerance: float | None, max_iterations: int, dt: float,
+    q: Array, p: Array, x: Array, work: Any,
+) -> tuple[int, Array, int]:
+    """Return status, the unknowns from a guess x and the number of iterations."""
+    epsilon = binding.epsilon
     size, ratio = 0.0, 0.0
     for taken in range(1, max_iterations + 1):
         r = binding.residual(parameters, dt, q, p, x, work)
