@@ -73,11 +73,23 @@ def _slider_crank(angle: Any) -> Place:
     return Place(mass, mp.mpf(_G) * height, [B, C], [vB, vC])
 
 
-def bricard(t: Any) -> Numbers:
-    """Bricard's mechanism of IFToMM A04 by the angle of its first hinge, between 0 and π."""
-    place, _ = _swing(_bricard, mp.pi, t)
+def bricard(t: Any, rate: str = "0") -> Numbers:
+    """Bricard's mechanism of IFToMM A04 by the angle of its first hinge, 0 at the start.
+
+    From rest it is between 0 and π; else the same height beyond both, short of −π/6 where the other
+    hinges would turn back.
+    """
+    begin, near = _bricard(mp.mpf(0)), mp.mpf(0)
+    if lift := begin.mass * mp.mpf(rate) ** 2 / 2:
+        near = mp.findroot(lambda a: _bricard(a).potential - begin.potential - lift,
+                           (_NEAR, 0), solver="ridder")
+    place, _ = _swing(_bricard, mp.pi - near, t, near)
     (x, _, z), third = place.points
     return {"positions": [x, z, *third]}
+
+
+#: A little more than −π/6.
+_NEAR = -0.52
 
 
 def _bricard(theta: Any) -> Place:
@@ -132,28 +144,34 @@ def _bennett(theta: Any) -> Place:
 # ---------------------------------------------------------------- time
 
 
-def _swing(loop: Callable[[Any], Place], far: Any, t: Any) -> tuple[Place, Any]:
-    """Return a loop that begins at rest at 0 and turns back at ``far``, with its rate.
+def _swing(loop: Callable[[Any], Place], far: Any, t: Any, near: Any = 0) -> tuple[Place, Any]:
+    """Return a loop that is at 0 at the start and turns back at ``near`` and ``far``, and its rate.
 
-    θ = ½ far (1 − cos s): dt/ds has no singularity where it turns back.
+    θ = near + ½ (far − near) (1 − cos s): dt/ds has no singularity where it turns back.
     """
-    start = loop(mp.mpf(0)).potential
+    near, half = mp.mpf(near), (far - near) / 2
+    energy = loop(near).potential
+
+    def at(s: Any) -> Place:
+        return loop(near + half * (1 - mp.cos(s)))
 
     def speed(s: Any) -> Any:
-        place = loop(far * (1 - mp.cos(s)) / 2)
-        return abs(far * mp.sin(s)) / 2 * mp.sqrt(place.mass / 2 / (start - place.potential))
+        place = at(s)
+        return abs(half * mp.sin(s)) * mp.sqrt(place.mass / 2 / (energy - place.potential))
 
-    s = _reached(speed, t)
-    place = loop(far * (1 - mp.cos(s)) / 2)
-    return place, far * mp.sin(s) / 2 / speed(s)
+    s = _reached(speed, t, mp.acos(1 + near / half))
+    return at(s), half * mp.sin(s) / speed(s)
 
 
-def _reached(slope: Callable[[Any], Any], t: Any, piece: float = 0.25) -> Any:
-    """Return s with ∫₀ˢ slope = t, for slope > 0: by pieces, and Newton in the last."""
-    step = mp.pi * piece
-    s, left = mp.mpf(0), t
-    while (more := mp.quadgl(slope, [s, s + step])) <= left:
-        s, left = s + step, left - more
+def _reached(slope: Callable[[Any], Any], t: Any, s: Any = 0, piece: float = 0.25) -> Any:
+    """Return where ∫ slope from s on is t, for slope > 0: by pieces, and Newton in the last.
+
+    Pieces end at multiples of π/4: a slope may have no value at those of π, where it has a limit.
+    """
+    step, left = mp.pi * piece, t
+    number = mp.floor(s / step) + 1
+    while (more := mp.quadgl(slope, [s, number * step])) <= left:
+        s, left, number = number * step, left - more, number + 1
     for _ in range(60):
         ds = left / slope(s + step * mp.mpf("1e-9"))
         left -= mp.quadgl(slope, [s, s + ds])

@@ -206,6 +206,7 @@ WAYS: dict[str, Way] = {
     "four-bars-40": _four_bars(40),
     "parallelogram": _four_bars(1),
     "bricard": _loop(loops.bricard, 500),
+    "bricard-pushed": _loop(lambda t: loops.bricard(t, "2"), 1000),
     "bennett": _loop(loops.bennett, 500),
     "slider-crank": _loop(loops.slider_crank, 5000),
     "flyball-governor": _midpoint(equations.flyball_governor, (("0.01", 60), ("0.09", 300)),

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ..generator.bodies.multibody import Multibody
     from ..runtime.output.trajectory import Trajectory
 
-__all__ = ["BENNETT", "BRICARD", "FOUR_BAR", "FOUR_BARS", "PARALLELOGRAM", "SLIDER_CRANK",
-           "four_bars"]
+__all__ = ["BENNETT", "BRICARD", "BRICARD_PUSHED", "FOUR_BAR", "FOUR_BARS", "PARALLELOGRAM",
+           "SLIDER_CRANK", "four_bars"]
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 #: Largest denominator of a number of these models, and how far a double of it may be off.
@@ -117,7 +117,8 @@ PARALLELOGRAM = Reference(
 # ---------------------------------------------------------------- spatial loops
 
 
-def _bricard() -> Model:
+def _bricard(rate: float = 0.0) -> Model:
+    """Five rods along edges of a cube; hinges begin to turn at ``rate``, to and fro by turns."""
     from ..generator.bodies.multibody import Multibody
 
     points = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
@@ -128,7 +129,8 @@ def _bricard() -> Model:
         build.body(name, mass=1, inertia=[float(inertia[i][i]) for i in range(3)],
                    position=np.add(a, b) / 2)
     for i, (axis, at) in enumerate(zip("yzxyzx", points, strict=True)):
-        build.revolute(f"h{i}", names[i], names[i + 1], axis=_AXES[axis], at=at)
+        build.revolute(f"h{i}", names[i], names[i + 1], axis=_AXES[axis], at=at,
+                       rate=rate * (-1) ** i)
     return _meant(build)
 
 
@@ -146,6 +148,12 @@ BRICARD = Reference(
     invariants={"energy": "T + V"},
     attempts=(Attempt("G-L", 3, (250, 500, 1000)), Attempt("G-L", 4, (250, 500)),
               Attempt("G-L", 2, (500, 1000, 2000))))
+
+BRICARD_PUSHED = replace(
+    BRICARD, name="bricard-pushed", title="Bricard's mechanism, pushed",
+    source=f"{BRICARD.source}; hinges that begin at 2 and −2 rad/s by turns carry it beyond where "
+           "it turns back from rest", make=lambda: _bricard(2.0),
+    attempts=(Attempt("G-L", 3, (500, 1000, 2000)), Attempt("G-L", 4, (250, 500, 1000))))
 
 
 def _bennett() -> Model:

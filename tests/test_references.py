@@ -159,6 +159,14 @@ def test_loops_by_quadrature(motion, here):
         assert float(found[place]) == pytest.approx(float(text), abs=1e-12)
 
 
+def test_a_loop_begins_with_the_rate_it_is_given():
+    """1 µs at θ' = 2 rad/s: P1 is at (cos θ, 0, −sin θ), but for what θ'' adds in t², 1e-6."""
+    with mp.workdps(20):
+        x, z, *_ = loops.bricard(mp.mpf("1e-6"), "2")["positions"]
+    assert float(x) == pytest.approx(1 - 2e-12, rel=0, abs=1e-16)
+    assert float(z) == pytest.approx(-2e-6, rel=5e-6)
+
+
 def test_a_parallelogram_goes_through_a_hundred_change_points():
     """Where φ is an odd multiple of π/2: counted by the closed form, and told in the title."""
     problem = REFERENCES["parallelogram"]
