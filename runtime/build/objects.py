@@ -33,6 +33,8 @@ class Object:
     name: str
     header: str
     flags: tuple[str, ...] = ()
+    #: Whether it has no loops that sweeps or iterations go through.
+    seldom: bool = False
 
 
 def objects_of(name: str, files: Mapping[str, str], part: Part) -> list[Object]:
@@ -62,7 +64,8 @@ def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
         lambda found: found[0] if found[1] in functions
         else f"__attribute__((unused)) static {found[0]}", header)
     return Object(f"object{number}", made,
-                  (f"-DGYROSPARK_OBJECT={number}", "-fvisibility=hidden", "-Wno-unused-function"))
+                  (f"-DGYROSPARK_OBJECT={number}", "-fvisibility=hidden", "-Wno-unused-function"),
+                  seldom=number == 4)
 
 
 def _has_lanes(name: str, header: str) -> bool:
