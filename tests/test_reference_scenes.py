@@ -88,17 +88,18 @@ def test_a_package_that_is_missing_is_said(monkeypatch):
 def test_steps_that_fail_are_said_and_more_are_tried(monkeypatch):
     """And a method ends where its runs cost too much."""
     scene = told(REFERENCES["kovalevskaya"])
-    tried, said = [], []
+    tried, said, clock = [], [], [0.0]
 
     def prepare(steps, seconds):
         def go():
             tried.append(steps)
             if steps < 100:
                 raise Unavailable("no solution")
+            clock[0] += 1
             return at_start(scene.scene)
         return go
 
-    monkeypatch.setattr(reference_bodies, "_DEAR", 0.0)
+    monkeypatch.setattr(reference_bodies.time, "thread_time", lambda: clock[0])
     monkeypatch.setattr(reference_bodies, "_exudyn", lambda scene: [("RK", prepare)])
     monkeypatch.setattr(reference_bodies, "_mujoco", lambda scene: [])
     run, = measure_bodies(REFERENCES["kovalevskaya"], rounds=1, watch=said.append)
