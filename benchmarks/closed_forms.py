@@ -11,8 +11,8 @@ from typing import Any
 
 import mpmath as mp
 
-__all__ = ["Numbers", "bead", "four_bars", "free_body", "heavy_top", "jacobi", "simple_pendulum",
-           "spherical_pendulum"]
+__all__ = ["Numbers", "bead", "four_bars", "free_body", "growing_mass", "heavy_top", "jacobi",
+           "simple_pendulum", "spherical_pendulum"]
 
 Numbers = Mapping[str, Sequence[Any]]
 
@@ -75,6 +75,14 @@ def bead(t: Any) -> Numbers:
     out = w * (mp.sinh(w * t) + k * (mp.cos(w * t) - mp.cosh(w * t)))
     c, s = mp.cos(w * t), mp.sin(w * t)
     return {"positions": [r * c, r * s], "velocities": [out * c - w * r * s, out * s + w * r * c]}
+
+
+def growing_mass(t: Any) -> Numbers:
+    """x'' + 2c x' + k² x = 0 from rest at 1, c = 1/4 and k = 1."""
+    c = mp.mpf(1) / 4
+    turn = mp.sqrt(1 - c**2)
+    decay, cosine, sine = mp.exp(-c * t), mp.cos(turn * t), mp.sin(turn * t) / turn
+    return {"positions": [decay * (cosine + c * sine)], "velocities": [-decay * sine]}
 
 
 # ---------------------------------------------------------------- bodies that turn

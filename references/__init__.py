@@ -17,7 +17,8 @@
     governor    the flyball governor with stiff dampers
     linkages    four-bars in a row, Bricard's, Bennett's, a spatial slider-crank
     pendulums   the pendulum in a plane and on a sphere
-    surfaces    Neumann's oscillator, the geodesic of an ellipsoid, a bead on a wire that turns
+    surfaces    Neumann's oscillator, the geodesic of an ellipsoid, a bead on a wire that turns, a
+                mass that grows
     bodies      free bodies, and tops that are integrable
     catalogue   all of them by name
     measuring   error against cost

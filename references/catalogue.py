@@ -17,7 +17,7 @@ from .linkages import (
 from .mechanisms import ANDREWS, CAR_AXIS
 from .pendulums import SIMPLE_PENDULUM, SPHERICAL_PENDULUM
 from .problem import Reference
-from .surfaces import BEAD, ELLIPSOID, NEUMANN
+from .surfaces import BEAD, ELLIPSOID, GROWING_MASS, NEUMANN
 
 __all__ = ["REFERENCES", "names", "reference"]
 
@@ -25,7 +25,7 @@ REFERENCES = {found.name: found for found in (
     CAR_AXIS, ANDREWS, SIMPLE_PENDULUM, SPHERICAL_PENDULUM, FOUR_BAR,
     FOUR_BARS, PARALLELOGRAM, BRICARD, BRICARD_PUSHED, BENNETT, SLIDER_CRANK,
     FLYBALL_GOVERNOR, FLYBALL_GOVERNOR_STIFF, DZHANIBEKOV, FREE_BODY, HEAVY_TOP, KOVALEVSKAYA,
-    GORYACHEV_CHAPLYGIN, NEUMANN, ELLIPSOID, BEAD)}
+    GORYACHEV_CHAPLYGIN, NEUMANN, ELLIPSOID, BEAD, GROWING_MASS)}
 
 
 def names() -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Points on surfaces: Neumann's oscillator on the sphere, the geodesic of an ellipsoid, a bead."""
+"""Points: on the sphere (Neumann), on an ellipsoid, on a wire that turns, of a mass that grows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..generator.bodies.model import Model
     from ..runtime.output.trajectory import Trajectory
 
-__all__ = ["BEAD", "ELLIPSOID", "NEUMANN"]
+__all__ = ["BEAD", "ELLIPSOID", "GROWING_MASS", "NEUMANN"]
 
 _POSITIONS, _VELOCITIES = ("x", "y", "z"), ("x'", "y'", "z'")
 _ATTEMPTS = (Attempt("G-L", 4, (100, 250, 500, 1000)), Attempt("G-L", 3, (250, 1000, 4000)),
@@ -91,6 +91,21 @@ def _bead() -> Model:
     return Model(system, values, np.array([1, 0]), np.array([0, 2]))
 
 
+def _growing_mass() -> Model:
+    """L = e^(2ct) (v² − k² x²)/2, c = 1/4 and k = 1: time in the mass and in the spring."""
+    import sympy as sp
+
+    from ..generator.bodies.model import Model
+    from ..generator.systems.system import System
+
+    x, v, t = sp.symbols("x x_t t", real=True)
+    c, k = sp.symbols("c k", positive=True)
+    system = System.from_lagrangian(sp.exp(2 * c * t) * (v**2 - k**2 * x**2) / 2, [x], [v], [c, k],
+                                    time=t, name="growing_mass")
+    values: dict[str, Any] = {"c": Fraction("0.25"), "k": Fraction(1)}
+    return Model(system, values, np.array([1]), np.array([0]))
+
+
 NEUMANN = Reference(
     name="neumann", title="Neumann's oscillator on a sphere",
     source="H = |p|²/2 + (x² + 2y² + 4z²)/2, q = (0.6, 0.64, 0.48), p = (0.8, −0.48, −0.36)",
@@ -117,5 +132,17 @@ BEAD = Reference(
     groups={"positions": ("x", "y"), "velocities": ("x'", "y'")}, read=_end,
     invariants={"energy balance": "H − ∫ λ·g_t dt"},
     no_bodies="the wire turns by a law of time",
+    attempts=(Attempt("G-L", 4, (10, 25, 50, 100)), Attempt("G-L", 3, (25, 100, 400)),
+              Attempt("EMS", None, (400, 1600))))
+
+GROWING_MASS = Reference(
+    name="growing-mass", title="Oscillator whose mass and spring grow",
+    source="Caldirola and Kanai: L = e^(2ct) (x'² − k² x²)/2, c = 1/4 1/s, k = 1 1/s, from rest at "
+           "1 m; x = e^(−ct) (cos Ωt + (c/Ω) sin Ωt), Ω² = k² − c²",
+    form="Lagrangian", make=_growing_mass, seconds="10",
+    groups={"positions": ("x",), "velocities": ("x'",)},
+    read=lambda run: {"positions": run.q[-1], "velocities": run.velocities[-1]},
+    invariants={"energy balance": "H − ∫ H_t dt"},
+    no_bodies="no body has a mass that grows",
     attempts=(Attempt("G-L", 4, (10, 25, 50, 100)), Attempt("G-L", 3, (25, 100, 400)),
               Attempt("EMS", None, (400, 1600))))

@@ -96,7 +96,7 @@ def test_digits_are_made_by_the_script(name):
 
 
 @pytest.mark.parametrize("name", [
-    "simple-pendulum", "spherical-pendulum", "bead", "heavy-top",
+    "simple-pendulum", "spherical-pendulum", "bead", "growing-mass", "heavy-top",
     *(pytest.param(name, marks=pytest.mark.slow) for name in ("dzhanibekov", "free-body"))])
 def test_closed_forms(name):
     """They begin where the model does and give the stored digits."""
