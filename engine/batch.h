@@ -51,26 +51,35 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
 {
     MANY(t) *run = &b->run;
     const lanes far = splat((real)0.02);
-    const int predicted = run->predictor.count > 0;
-    lanes rate = splat(0), taken = splat(0), living = splat(0);
+    const int predicted = run->predictor.count > 0, watches = watches_rates(&run->predictor);
+    lanes taken = splat(0), living = splat(0);
     for (int i = 0; i < LANES; ++i) {
-        set_part(&rate, i, run->predictor.rate[i]);
         set_part(&living, i, (real)alive[i]);
         lost[i] = OK;
     }
-    lanes_progress_t progress = lanes_start_of_sweeps(rate);
+    lanes_progress_t progress = lanes_start_of_sweeps();
     lanes_mask busy = living > splat(0), early = busy & lanes_others(busy);
     MANY(start)(run, predicted);
     for (int round = 1; lanes_any(busy); ++round) {
         MANY(sweep)(run);
         const lanes change = run->change;
+        const lanes_mask on = lanes_goes_on(&progress, change, options->tolerance,
+            options->max_iterations);
+        if (!watches && !lanes_any(busy & lanes_others(on))) {
+            lanes_go_on(&progress, change, run->bound.defect);
+            taken = lanes_pick(busy, taken + 1, taken);
+            continue;
+        }
         const lanes_mask looks = busy & lanes_calls_for_look(&progress, change);
         if (lanes_any(looks)) {
             MANY(noise)(run);
             lanes_look(&progress, looks, run->noise);
         }
+        lanes *rates = run->predictor.rate + rate_of(round);
+        const lanes rate[2] = { rates[0], rates[1] };
         lanes_verdict_t verdict = lanes_judge(&progress, change, run->bound.defect, run->moved,
-            options->tolerance, options->max_iterations);
+            options->tolerance, options->max_iterations, watches, rates);
+        renew(lanes_others(busy), 2, rate, rates);
         taken = lanes_pick(busy, taken + 1, taken);
         if (predicted && round == 1) {
             const lanes_mask fresh = busy & lanes_others(change < far*far);
@@ -78,7 +87,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
                 if (holds(&busy, i))
                     run->predictor.first[i] = part(&change, i);
             if (lanes_any(fresh)) { /* a far prediction may lead to another root */
-                const lanes_progress_t start = lanes_start_of_sweeps(rate);
+                const lanes_progress_t start = lanes_start_of_sweeps();
                 renew(fresh, sizeof(progress)/sizeof(lanes), &start.sweeps, &progress.sweeps);
                 restart(b, fresh, NULL);
             }
@@ -88,7 +97,6 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         for (int i = 0; i < LANES; ++i)
             if (holds(&ends, i) && holds(&verdict.failed, i))
                 lost[i] = why(part(&progress.change, i), part(&progress.before, i));
-        rate = lanes_pick(ends, progress.rate, rate);
         busy &= lanes_others(ends);
         if (lanes_any(ends) && lanes_any(busy)) {
             early |= ends;
@@ -99,10 +107,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             MANY(factor)(run);
         }
     }
-    for (int i = 0; i < LANES; ++i) {
-        run->predictor.rate[i] = part(&rate, i);
+    for (int i = 0; i < LANES; ++i)
         sweeps[i] += (int)part(&taken, i);
-    }
     if (lanes_any(early))
         keep(early, MANY(RESULT), &b->kept, &run->now);
 }

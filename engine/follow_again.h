@@ -14,6 +14,6 @@ INLINE void RUN(follow)(RUN(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
         second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
         for (int a = 0; a < N; ++a)
             L_new[i*N + a] = w->hb[i]*H_p[a];
-        RUN(take)(w, i, L_new, H_q, q_change, p_change);
+        RUN(take)(w, i, L_new + i*N, H_q, q_change, p_change);
     }
 }

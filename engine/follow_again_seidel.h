@@ -23,6 +23,6 @@ INLINE void RUN(follow)(RUN(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
         lanes H_q[N], H_p[N];
         const lanes t = w->t + w->late[i];
         second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        RUN(take)(w, i, L_new, H_q, q_change, p_change);
+        RUN(take)(w, i, L_new + i*N, H_q, q_change, p_change);
     }
 }

@@ -8,16 +8,16 @@ INLINE void RUN(follow)(RUN(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes C[RUN(S)*N];
     RUN(constrain)(w, L_new, C);
     for (int i = 0; i < RUN(S); ++i) {
-        lanes H_q[N], H_p[N];
+        lanes H_q[N], H_p[N], P[N], L[N]; /* kept in registers: stores take longer than sums */
         const lanes pull = w->hb[i]*w->bound.correction;
         for (int a = 0; a < N; ++a) {
             const lanes more = C[i*N + a] - w->now.C[i*N + a];
-            momentum[i*N + a] += more;
+            P[a] = momentum[i*N + a] + more;
             w->now.C[i*N + a] = C[i*N + a];
-            L_new[i*N + a] += pull*more;
+            L[a] = L_new[i*N + a] + pull*more;
         }
         const lanes t = w->t + w->late[i];
-        second_rates(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        RUN(take)(w, i, L_new, H_q, q_change, p_change);
+        second_rates(LANES_AT(&w->constants, t), Q + i*N, P, &t, shared[i], H_p, H_q);
+        RUN(take)(w, i, L, H_q, q_change, p_change);
     }
 }

@@ -1,29 +1,31 @@
-/* The function for L (group 0) or L^ (1) of one trajectory, from equations of all coordinates. */
-static void RUN(learn_stages)(RUN(t) *w, lesson_t *l, int group, int track, int lags)
+/* The function for L and L^ of one trajectory, from equations of all coordinates. */
+static void RUN(learn_stages)(RUN(t) *w, lesson_t *l, int track, int lags)
 {
     RUN(lessons) *s = &w->lessons;
-    const int steps = RUN(steps_recalled)(w);
-    const int at = group*RUN(HAT), known = S + PICKS*lags;
+    const int steps = RUN(steps_recalled)(w), known = 2*(LAST + lags);
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
-    begin_lesson(l, known, RUN(ridge)(RUN(recalled)(w, 1) + at, RUN(HAT), track));
+    const lanes *newest = RUN(recalled)(w, 1);
+    begin_lesson(l, known, 2*S, (const real[2]){ RUN(ridge)(newest, RUN(HAT), track),
+        RUN(ridge)(newest + RUN(HAT), RUN(HAT), track) });
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/N, a = e % N;
-        real *row = next_row(l);
-        const lanes *x = RUN(recalled)(w, ago) + at, *before = RUN(recalled)(w, ago + 1) + at;
-        for (int j = 0; j < S; ++j) {
-            row[j] = RUN(number)(before, track, j, N, a);
-            row[right_sides(l) + j] = RUN(number)(x, track, j, N, a);
-        }
-        for (int m = 1; m <= lags; ++m) {
-            before = RUN(recalled)(w, ago + 1 + m) + at;
-            for (int pick = 0; pick < PICKS; ++pick)
-                row[S + (m - 1)*PICKS + pick] = RUN(number)(before, track, pick*(S/2), N, a);
+        real *row = next_row(l), *right = row + right_sides(l);
+        for (int group = 0; group < 2; ++group) {
+            const int at = group*RUN(HAT);
+            const lanes *x = RUN(recalled)(w, ago) + at, *last = RUN(recalled)(w, ago + 1) + at;
+            for (int j = 0; j < S; ++j)
+                right[group*S + j] = RUN(number)(x, track, j, N, a);
+            for (int j = 0; j < LAST; ++j)
+                row[2*j + group] = RUN(number)(last, track, stage_regarded(j), N, a);
+            for (int m = 0; m < lags; ++m)
+                row[2*(LAST + m) + group] = RUN(number)(RUN(recalled)(w, ago + 2 + m) + at, track,
+                    0, N, a);
         }
     }
     end_lesson(l);
     for (int k = 0; k < KNOWN; ++k)
-        for (int j = 0; j < S; ++j)
-            set_part(&s->next[group][k*RUN(S) + j/RUN(PER)], track + j % RUN(PER),
+        for (int j = 0; j < 2*S; ++j)
+            set_part(&s->next[RUN(coefficient)(k, j/S, j % S/RUN(PER))], track + j % S % RUN(PER),
                 learnt(l, k, j));
 }
 
@@ -35,8 +37,7 @@ NOINLINE void RUN(learn)(RUN(t) *w, int track)
     lesson_t lesson;
     if (lags < 0)
         return;
-    for (int group = 0; group < 2; ++group)
-        RUN(learn_stages)(w, &lesson, group, track, lags);
+    RUN(learn_stages)(w, &lesson, track, lags);
     RUN(learn_nodes)(w, &lesson, track);
     s->lags = lags;
     s->latest[track] = w->predictor.count;
@@ -48,11 +49,9 @@ NOINLINE void RUN(ahead)(const RUN(t) *w, lanes *x)
 {
     const RUN(lessons) *s = &w->lessons;
     const lanes *before[LAGS + 1];
-    for (int group = 0; group < 2; ++group) {
-        for (int m = 0; m <= s->lags; ++m)
-            before[m] = RUN(recalled)(w, 1 + m) + group*RUN(HAT);
-        RUN(stages_ahead)(s->next[group], before, s->lags, x + group*RUN(HAT));
-    }
+    for (int m = 0; m <= s->lags; ++m)
+        before[m] = RUN(recalled)(w, 1 + m);
+    RUN(stages_ahead)(s->next, before, s->lags, x);
     RUN(nodes_ahead)(w, x + RUN(IMPULSE));
 }
 
@@ -179,8 +178,8 @@ static void RUN(forget)(RUN(t) *w)
         s->latest[i] = 0;
         s->error[i] = 0;
     }
-    for (int k = 0; k < KNOWN*RUN(S); ++k)
-        s->next[0][k] = s->next[1][k] = splat(0);
+    for (int k = 0; k < KNOWN*2*RUN(S); ++k)
+        s->next[k] = splat(0);
     for (int k = 0; k < ORDER; ++k)
         s->wave[k] = splat(0);
 }

@@ -12,11 +12,9 @@ typedef struct {
     NUMBER before; /* of the sweep before it */
     NUMBER first;  /* of the first */
     NUMBER least;  /* of all sweeps */
-    NUMBER left;   /* what is expected of the next sweep, were it not for rounding */
+    NUMBER left;   /* expected of the next sweep, were it not for rounding; far from that huge */
     NUMBER defect; /* of the constraints in the last sweep, relative to the state */
     NUMBER least_defect;
-    NUMBER rate;   /* ratio of two changes far from round-off, the mean of many steps */
-    NUMBER seen;   /* the same, last seen in this step */
 } ON(progress_t);
 
 /* Where the sweeps have ended, and where they did without success. */
@@ -24,11 +22,11 @@ typedef struct {
     ON(mask) ended, failed;
 } ON(verdict_t);
 
-static ON(progress_t) ON(start_of_sweeps)(NUMBER rate)
+static ON(progress_t) ON(start_of_sweeps)(void)
 {
     const NUMBER none = ON(all)(0), huge = ON(all)((real)HUGE_VAL), floor = ON(all)(16*epsilon);
     const ON(progress_t) start = { none, none, none, none, none, floor, none, none, none, huge,
-        huge, huge, huge, rate, none };
+        huge, huge, huge };
     return start;
 }
 
@@ -38,7 +36,7 @@ static ON(progress_t) ON(start_of_sweeps)(NUMBER rate)
  */
 INLINE ON(mask) ON(calls_for_look)(const ON(progress_t) *s, NUMBER change)
 {
-    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+    return (s->looked < 1) & (s->sweeps > 2) & (change > s->change/4)
         & ON(others)(change < s->floor*s->floor);
 }
 
@@ -49,46 +47,83 @@ static void ON(look)(ON(progress_t) *s, ON(mask) looks, NUMBER noise)
     s->floor = ON(pick)(looks, ON(larger)(s->floor, 16*ON(root)(noise)), s->floor);
 }
 
-/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
-INLINE ON(mask) ON(is_met)(ON(progress_t) *s, NUMBER defect)
+/* What constraints have come to. */
+INLINE void ON(note_defect)(ON(progress_t) *s, NUMBER defect)
 {
-    const NUMBER next = defect*ON(larger)(defect/s->defect, ON(all)((real)0.0001));
-    const real floor = 4*epsilon*epsilon;
-    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     s->idle = ON(pick)(defect < (real)0.8*s->least_defect, ON(all)(0), s->idle + 1);
     s->defect = defect;
     s->least_defect = ON(pick)(defect < s->least_defect, defect, s->least_defect);
-    return (defect <= floor) | ON(others)(next > floor)
-        | ((s->idle > 2) & (defect < low*low));
 }
 
 /*
- * The rate of two sweeps together, for modes may alternate; not of the first, which has the changes
- * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
- * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
+ * A sweep far from rounding that shrank what it changes goes on whatever else is true of it, and
+ * little is noted of it. Not so every eighth, nor one that calls for a look.
  */
-INLINE void ON(watch)(ON(progress_t) *s, NUMBER change, NUMBER two_ago, NUMBER rate)
+INLINE ON(mask) ON(goes_on)(const ON(progress_t) *s, NUMBER change, real tolerance, int most)
 {
-    const ON(mask) unknown = ON(others)(s->rate < 1);
-    const ON(mask) clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
-    const ON(mask) seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
-    s->seen = ON(pick)(seen, rate, s->seen);
-    s->rate = ON(pick)(seen, ON(pick)(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
+    return (change < s->change) & (s->sweeps > 0) & (s->turn < 7) & (s->sweeps < (real)most - 2)
+        & (change < 9) & (change > tolerance*tolerance) & ON(others)(change < s->floor*s->floor)
+        & ON(others)(ON(calls_for_look)(s, change));
+}
+
+/* All that a verdict would note of it. */
+INLINE void ON(go_on)(ON(progress_t) *s, NUMBER change, NUMBER defect)
+{
+    s->before = s->change;
+    s->change = change;
+    s->least = ON(smaller)(change, s->least);
+    s->sweeps += 1;
+    s->turn += 1;
+    s->calm = ON(all)(0);
+    s->left = ON(all)((real)HUGE_VAL);
+    ON(note_defect)(s, defect);
+}
+
+/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
+INLINE ON(mask) ON(is_met)(ON(progress_t) *s, NUMBER defect)
+{
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const ON(mask) next = (defect*defect <= floor*s->defect) & ((real)0.0001*defect <= floor);
+    ON(note_defect)(s, defect);
+    return (defect <= floor) | next | ((s->idle > 2) & (defect < low*low));
+}
+
+/* A rate that was never seen is that of the sweep before it, below 0; 1 where there is none. */
+INLINE NUMBER ON(size_of_rate)(NUMBER rate)
+{
+    return ON(larger)(rate, -rate);
 }
 
 /*
- * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
- * nothing, but what is left goes on shrinking there as it did before.
+ * By how much this sweep shrinks a change, rates[0], is noted wherever a change that does so would
+ * still be clear of rounding, whatever it then is: if large ones alone were, the mean would be too
+ * large. Each sweep has its own: the first ones shrink less than those that follow.
+ */
+INLINE void ON(watch)(const ON(progress_t) *s, NUMBER change, NUMBER rate, NUMBER *rates)
+{
+    const NUMBER known = ON(size_of_rate)(rates[0]);
+    const ON(mask) old = (rates[0] > 0) & (rates[0] < 1), next = (rates[1] > 0) & (rates[1] < 1);
+    const ON(mask) clear = (known >= 1) | (16*s->before*known > s->floor*s->floor);
+    const ON(mask) seen = (s->sweeps > 1) & (rate < 1) & (change < 9) & clear;
+    const NUMBER mean = ON(pick)(old, rates[0] + (rate - rates[0])/8, rate);
+    rates[0] = ON(pick)(seen, mean, rates[0]);
+    rates[1] = ON(pick)(next, rates[1], -ON(size_of_rate)(rates[0]));
+}
+
+/*
+ * What is left after a sweep near rounding, where changes tell nothing any more: it goes on
+ * shrinking as it is known to do, or as it did in this step where nothing is known.
  */
 INLINE NUMBER ON(what_is_left)(const ON(progress_t) *s, ON(mask) near, NUMBER change, NUMBER ratio,
-    NUMBER rate)
+    NUMBER rate, const NUMBER *rates)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
     const NUMBER slow = ON(all)((real)0.0001);
-    const NUMBER usual = ON(larger)(slow, ON(larger)(s->rate, s->seen));
     const NUMBER next = ON(larger)(ratio, ON(pick)(s->sweeps < 3, slow, rate));
-    return ON(pick)(near, ON(smaller)(s->left, change)*ON(smaller)(usual, next),
-        change*ON(larger)(next, usual));
+    const NUMBER known = ON(size_of_rate)(rates[1]);
+    const NUMBER usual = ON(larger)(slow, ON(pick)(known < 1, known, next));
+    return ON(pick)(near, ON(smaller)(s->left, change)*usual, ON(all)((real)HUGE_VAL));
 }
 
 /* Where changes at the rate of all sweeps so far would not come to the floor in time. */
@@ -107,7 +142,7 @@ NOINLINE ON(mask) ON(is_late)(const ON(progress_t) *s, int most)
  * to depends on no other.
  */
 static ON(verdict_t) ON(judge)(ON(progress_t) *s, NUMBER change, NUMBER defect, NUMBER moved,
-    real tolerance, int most)
+    real tolerance, int most, int watches, NUMBER *rates)
 {
     const NUMBER floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
     const NUMBER noise = ON(pick)(s->looked > 0, ON(larger)(round_off, floor/256), round_off);
@@ -122,8 +157,9 @@ static ON(verdict_t) ON(judge)(ON(progress_t) *s, NUMBER change, NUMBER defect, 
     s->turn = ON(pick)(s->turn < 7, s->turn + 1, ON(all)(0));
     const ON(mask) one = s->sweeps < 2, over = s->sweeps > (real)most;
     s->first = ON(pick)(one, change, s->first);
-    ON(watch)(s, change, two_ago, rate);
-    s->left = ON(what_is_left)(s, near, change, ratio, rate);
+    if (watches)
+        ON(watch)(s, change, ON(pick)(s->sweeps < 3, ratio, rate), rates);
+    s->left = ON(what_is_left)(s, near, change, ratio, rate, rates);
     s->calm = ON(pick)(stalls, s->calm + 1, ON(all)(0));
     const ON(mask) small = (change <= tolerance*tolerance)
         | (met & ((65536*s->left < noise) | (s->calm > 3)));

@@ -2,28 +2,38 @@
 
 /*
  * The stages of a step are values of one motion at different times. Those of the next step are a
- * linear function of all stages of the last one and of a few of each step before it, the same
- * function for all coordinates. It is fitted to the steps in memory by least squares; the ridge is
- * their round-off, which keeps the coefficients small. One lesson serves one trajectory.
+ * linear function of stages of the last one and of the first of each step before it, the same
+ * function for all coordinates. L and L^ of a coordinate swing with the same frequencies: each
+ * regards both, and learns of a motion in half as many steps. It is fitted to the steps in memory
+ * by least squares; the ridge is their round-off, which keeps the coefficients small. One lesson
+ * serves one trajectory.
  */
-enum { PICKS = S > 1 ? 2 : 1, LAGS = 12, KNOWN = S + PICKS*LAGS };
-enum { WIDEST = S + 2*LAGS, LESSON_ROWS = 16 }; /* no less than ORDER */
+enum { SKIP = S > 4 ? 2 : 1, LAST = (S + SKIP - 1)/SKIP }; /* each SKIP-th stage, to the last */
+enum { LAGS = 13, KNOWN = 2*(LAST + LAGS) };
+enum { LESSON_ROWS = 16 };
+_Static_assert((int)KNOWN >= (int)ORDER, "the multipliers have lessons of their own");
 enum { FIRST_LESSON = HISTORY/4, SECOND_LESSON = 3*HISTORY/4 }; /* after so many steps */
 /* Columns stand in blocks, those of the right sides in blocks of their own. */
-enum { RIGHTS = (S + LANES - 1)/LANES, BLOCKS = (WIDEST + LANES - 1)/LANES + RIGHTS };
+enum { RIGHTS = (2*S + LANES - 1)/LANES, BLOCKS = (KNOWN + LANES - 1)/LANES + RIGHTS };
 
 typedef struct {
-    int known, rights; /* unknown coefficients; the first block of the right sides */
-    int count;         /* equations that wait in A */
-    lanes R[WIDEST][BLOCKS]; /* triangular, and right sides */
+    int known, rights, blocks; /* unknown coefficients; the first block of right sides, and all */
+    int count;                 /* equations that wait in A */
+    lanes R[KNOWN][BLOCKS]; /* triangular, and right sides */
     lanes A[LESSON_ROWS][BLOCKS];
 } lesson_t;
+
+/* The stage of the last step that is number j of those regarded. */
+INLINE int stage_regarded(int j)
+{
+    return S - 1 - (LAST - 1 - j)*SKIP;
+}
 
 /* How many steps before the last there are equations for, after `steps` steps; -1: for none. */
 static int lags_after(long steps)
 {
     int lags = LAGS;
-    while (lags >= 0 && (steps - 1 - lags)*N < S + PICKS*lags)
+    while (lags >= 0 && (steps - 1 - lags)*N < 2*(LAST + lags))
         --lags;
     return lags;
 }
@@ -39,15 +49,17 @@ INLINE real *numbers_of(lanes *row)
     return (real *)row;
 }
 
-static void begin_lesson(lesson_t *l, int known, real ridge)
+/* `sides` are right sides; ridge[k % 2] is that of coefficient k. */
+static void begin_lesson(lesson_t *l, int known, int sides, const real ridge[2])
 {
     l->known = known;
     l->rights = (known + LANES - 1)/LANES;
+    l->blocks = l->rights + (sides + LANES - 1)/LANES;
     l->count = 0;
     for (int k = 0; k < known; ++k) {
-        for (int block = 0; block < l->rights + RIGHTS; ++block)
+        for (int block = 0; block < l->blocks; ++block)
             l->R[k][block] = splat(0);
-        numbers_of(l->R[k])[k] = ridge;
+        numbers_of(l->R[k])[k] = ridge[k % 2];
     }
 }
 
@@ -57,7 +69,7 @@ static void begin_lesson(lesson_t *l, int known, real ridge)
  */
 static void take_in(lesson_t *l)
 {
-    const int blocks = l->rights + RIGHTS;
+    const int blocks = l->blocks;
     for (; l->count < LESSON_ROWS; ++l->count)
         for (int block = 0; block < blocks; ++block)
             l->A[l->count][block] = splat(0);
@@ -96,7 +108,7 @@ static real *next_row(lesson_t *l)
         take_in(l);
     lanes *row = l->A[l->count++];
     row[l->rights - 1] = splat(0); /* there may be columns of no use */
-    for (int block = l->rights; block < l->rights + RIGHTS; ++block)
+    for (int block = l->rights; block < l->blocks; ++block)
         row[block] = splat(0);
     return numbers_of(row);
 }
@@ -112,7 +124,7 @@ static void end_lesson(lesson_t *l)
     take_in(l);
     for (int k = l->known - 1; k >= 0; --k) {
         const real *row = numbers_of(l->R[k]);
-        for (int block = l->rights; block < l->rights + RIGHTS; ++block) {
+        for (int block = l->rights; block < l->blocks; ++block) {
             lanes even = l->R[k][block], odd = splat(0);
             int j = k + 1;
             for (; j + 1 < l->known; j += 2) {

@@ -12,8 +12,8 @@ static void RUN(learn_nodes)(RUN(t) *w, lesson_t *l, int track)
 {
     const int steps = RUN(steps_recalled)(w), order = RUN(order_after)(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    begin_lesson(l, order,
-        RUN(ridge)(RUN(recalled)(w, 1) + RUN(IMPULSE), RUN(X) - RUN(IMPULSE), track));
+    const real ridge = RUN(ridge)(RUN(recalled)(w, 1) + RUN(IMPULSE), RUN(X) - RUN(IMPULSE), track);
+    begin_lesson(l, order, 1, (const real[2]){ ridge, ridge });
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
         real *row = next_row(l);

@@ -2,7 +2,7 @@
 enum { RUN(TRACKS) = LANES/RUN(PER) };
 
 typedef struct {
-    lanes next[2][KNOWN*RUN(S)]; /* the function for L, for L^: a column for each regressor */
+    lanes next[KNOWN*2*RUN(S)];  /* the function for L and L^, of L and L^ in turn */
     lanes wave[ORDER];           /* the recurrence of all multipliers */
     lanes learnt[RUN(X)];        /* two predictions, on trial */
     lanes other[RUN(IMPULSE)];

@@ -9,7 +9,7 @@
  * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
  * small). They change the starting values only, never what the sweeps converge to.
  */
-enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2, RATES = 24 };
 enum { EQUATIONS = 16 }; /* that a group gives to a fit at one step */
 enum { AGAIN = 8, LONGEST = 12 }; /* steps between looks at a fit, polynomials in its place */
 /* Rates of q, of p, and multipliers have each their own recurrence. */
@@ -20,12 +20,24 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
-    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    lanes rate[RATES]; /* by how much sweeps shrink changes, sweep by sweep: squares, means */
     real first[LANES]; /* what the first sweep changed of the last prediction, squared */
     int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
 } predictor_t;
+
+/* Which rate is that of a sweep; behind it is that of the next. */
+INLINE int rate_of(int sweep)
+{
+    return sweep < RATES - 1 ? sweep - 1 : RATES - 2;
+}
+
+/* Whether this step is one that watches them: the first ones do, and some of the others. */
+INLINE int watches_rates(const predictor_t *s)
+{
+    return s->count < 64 || s->count % 8 == 0;
+}
 
 static void forget(predictor_t *s)
 {
@@ -35,7 +47,9 @@ static void forget(predictor_t *s)
     for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
     for (int i = 0; i < LANES; ++i)
-        s->rate[i] = s->first[i] = 1;
+        s->first[i] = 1;
+    for (int i = 0; i < RATES; ++i)
+        s->rate[i] = splat(1);
 }
 
 /* The values of m steps ago; m = 0 is the place of the newest. */

@@ -36,7 +36,7 @@ NOINLINE void sweep_once(ONE(t) *w)
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps)
 {
-    progress_t progress = start_of_sweeps(w->predictor.rate[0]);
+    progress_t progress = start_of_sweeps();
     const real far = (real)0.02;
     verdict_t verdict;
     int round = 0;
@@ -45,13 +45,14 @@ static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps
         sweep_once(w);
         const real change = ONE(of_lanes)(&w->change);
         const real defect = ONE(of_lanes)(&w->bound.defect);
+        ++round;
         if (calls_for_look(&progress, change)) {
             ONE(noise)(w);
             look(&progress, 1, ONE(of_lanes)(&w->noise));
         }
         verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
-            options->max_iterations);
-        ++round;
+            options->max_iterations, watches_rates(&w->predictor),
+            (real *)w->predictor.rate + rate_of(round));
         for (int i = 0; i < LANES && predicted && round == 1; ++i)
             w->predictor.first[i] = change;
         if (predicted && round == 1 && change > far*far)
@@ -62,7 +63,6 @@ static int sweep(ONE(t) *w, const options_t *options, int predicted, int *sweeps
         }
     } while (!verdict.ended);
     *sweeps += round;
-    w->predictor.rate[0] = progress.rate;
     return verdict.failed ? why(progress.change, progress.before) : OK;
 }
 

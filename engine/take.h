@@ -6,10 +6,10 @@ INLINE void RUN(take)(RUN(t) *w, int i, const lanes *L_new, const lanes *H_q, la
     lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->hb_hat[i]*H_q[a];
-        const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
+        const lanes dq = L_new[a] - L[a], dp = force - L_hat[a];
         dq_square += dq*dq;
         dp_square += dp*dp;
-        L[a] = L_new[i*N + a];
+        L[a] = L_new[a];
         L_hat[a] = force;
     }
     *q_change += dq_square;

@@ -147,7 +147,7 @@ int heavy_top_ems_alpha_integrate(const heavy_top_ems_alpha_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[77888];
+    unsigned char memory[79424];
 } heavy_top_ems_alpha_batch;
 
 /*
@@ -255,7 +255,7 @@ struct heavy_top_ems_alpha_work {
     double t; /* at the start of the step */
     double q_mean[4];
     double p_mean[4];
-    unsigned char memory[78400]; /* of the fast path, kept from step to step */
+    unsigned char memory[79936]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_ems_alpha_begin has begun */
         heavy_top_ems_alpha_options options;
         heavy_top_ems_alpha_report report;

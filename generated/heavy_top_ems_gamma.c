@@ -1618,11 +1618,9 @@ typedef struct {
     real before; /* of the sweep before it */
     real first;  /* of the first */
     real least;  /* of all sweeps */
-    real left;   /* what is expected of the next sweep, were it not for rounding */
+    real left;   /* expected of the next sweep, were it not for rounding; far from that huge */
     real defect; /* of the constraints in the last sweep, relative to the state */
     real least_defect;
-    real rate;   /* ratio of two changes far from round-off, the mean of many steps */
-    real seen;   /* the same, last seen in this step */
 } progress_t;
 
 /* Where the sweeps have ended, and where they did without success. */
@@ -1630,11 +1628,11 @@ typedef struct {
     mask ended, failed;
 } verdict_t;
 
-static progress_t start_of_sweeps(real rate)
+static progress_t start_of_sweeps(void)
 {
     const real none = all(0), huge = all((real)HUGE_VAL), floor = all(16*epsilon);
     const progress_t start = { none, none, none, none, none, floor, none, none, none, huge,
-        huge, huge, huge, rate, none };
+        huge, huge, huge };
     return start;
 }
 
@@ -1644,7 +1642,7 @@ static progress_t start_of_sweeps(real rate)
  */
 INLINE mask calls_for_look(const progress_t *s, real change)
 {
-    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+    return (s->looked < 1) & (s->sweeps > 2) & (change > s->change/4)
         & others(change < s->floor*s->floor);
 }
 
@@ -1655,46 +1653,83 @@ static void look(progress_t *s, mask looks, real noise)
     s->floor = pick(looks, larger(s->floor, 16*root(noise)), s->floor);
 }
 
-/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
-INLINE mask is_met(progress_t *s, real defect)
+/* What constraints have come to. */
+INLINE void note_defect(progress_t *s, real defect)
 {
-    const real next = defect*larger(defect/s->defect, all((real)0.0001));
-    const real floor = 4*epsilon*epsilon;
-    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     s->idle = pick(defect < (real)0.8*s->least_defect, all(0), s->idle + 1);
     s->defect = defect;
     s->least_defect = pick(defect < s->least_defect, defect, s->least_defect);
-    return (defect <= floor) | others(next > floor)
-        | ((s->idle > 2) & (defect < low*low));
 }
 
 /*
- * The rate of two sweeps together, for modes may alternate; not of the first, which has the changes
- * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
- * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
+ * A sweep far from rounding that shrank what it changes goes on whatever else is true of it, and
+ * little is noted of it. Not so every eighth, nor one that calls for a look.
  */
-INLINE void watch(progress_t *s, real change, real two_ago, real rate)
+INLINE mask goes_on(const progress_t *s, real change, real tolerance, int most)
 {
-    const mask unknown = others(s->rate < 1);
-    const mask clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
-    const mask seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
-    s->seen = pick(seen, rate, s->seen);
-    s->rate = pick(seen, pick(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
+    return (change < s->change) & (s->sweeps > 0) & (s->turn < 7) & (s->sweeps < (real)most - 2)
+        & (change < 9) & (change > tolerance*tolerance) & others(change < s->floor*s->floor)
+        & others(calls_for_look(s, change));
+}
+
+/* All that a verdict would note of it. */
+INLINE void go_on(progress_t *s, real change, real defect)
+{
+    s->before = s->change;
+    s->change = change;
+    s->least = smaller(change, s->least);
+    s->sweeps += 1;
+    s->turn += 1;
+    s->calm = all(0);
+    s->left = all((real)HUGE_VAL);
+    note_defect(s, defect);
+}
+
+/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
+INLINE mask is_met(progress_t *s, real defect)
+{
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const mask next = (defect*defect <= floor*s->defect) & ((real)0.0001*defect <= floor);
+    note_defect(s, defect);
+    return (defect <= floor) | next | ((s->idle > 2) & (defect < low*low));
+}
+
+/* A rate that was never seen is that of the sweep before it, below 0; 1 where there is none. */
+INLINE real size_of_rate(real rate)
+{
+    return larger(rate, -rate);
 }
 
 /*
- * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
- * nothing, but what is left goes on shrinking there as it did before.
+ * By how much this sweep shrinks a change, rates[0], is noted wherever a change that does so would
+ * still be clear of rounding, whatever it then is: if large ones alone were, the mean would be too
+ * large. Each sweep has its own: the first ones shrink less than those that follow.
+ */
+INLINE void watch(const progress_t *s, real change, real rate, real *rates)
+{
+    const real known = size_of_rate(rates[0]);
+    const mask old = (rates[0] > 0) & (rates[0] < 1), next = (rates[1] > 0) & (rates[1] < 1);
+    const mask clear = (known >= 1) | (16*s->before*known > s->floor*s->floor);
+    const mask seen = (s->sweeps > 1) & (rate < 1) & (change < 9) & clear;
+    const real mean = pick(old, rates[0] + (rate - rates[0])/8, rate);
+    rates[0] = pick(seen, mean, rates[0]);
+    rates[1] = pick(next, rates[1], -size_of_rate(rates[0]));
+}
+
+/*
+ * What is left after a sweep near rounding, where changes tell nothing any more: it goes on
+ * shrinking as it is known to do, or as it did in this step where nothing is known.
  */
 INLINE real what_is_left(const progress_t *s, mask near, real change, real ratio,
-    real rate)
+    real rate, const real *rates)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
     const real slow = all((real)0.0001);
-    const real usual = larger(slow, larger(s->rate, s->seen));
     const real next = larger(ratio, pick(s->sweeps < 3, slow, rate));
-    return pick(near, smaller(s->left, change)*smaller(usual, next),
-        change*larger(next, usual));
+    const real known = size_of_rate(rates[1]);
+    const real usual = larger(slow, pick(known < 1, known, next));
+    return pick(near, smaller(s->left, change)*usual, all((real)HUGE_VAL));
 }
 
 /* Where changes at the rate of all sweeps so far would not come to the floor in time. */
@@ -1713,7 +1748,7 @@ NOINLINE mask is_late(const progress_t *s, int most)
  * to depends on no other.
  */
 static verdict_t judge(progress_t *s, real change, real defect, real moved,
-    real tolerance, int most)
+    real tolerance, int most, int watches, real *rates)
 {
     const real floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
     const real noise = pick(s->looked > 0, larger(round_off, floor/256), round_off);
@@ -1728,8 +1763,9 @@ static verdict_t judge(progress_t *s, real change, real defect, real moved,
     s->turn = pick(s->turn < 7, s->turn + 1, all(0));
     const mask one = s->sweeps < 2, over = s->sweeps > (real)most;
     s->first = pick(one, change, s->first);
-    watch(s, change, two_ago, rate);
-    s->left = what_is_left(s, near, change, ratio, rate);
+    if (watches)
+        watch(s, change, pick(s->sweeps < 3, ratio, rate), rates);
+    s->left = what_is_left(s, near, change, ratio, rate, rates);
     s->calm = pick(stalls, s->calm + 1, all(0));
     const mask small = (change <= tolerance*tolerance)
         | (met & ((65536*s->left < noise) | (s->calm > 3)));
@@ -1758,11 +1794,9 @@ typedef struct {
     lanes before; /* of the sweep before it */
     lanes first;  /* of the first */
     lanes least;  /* of all sweeps */
-    lanes left;   /* what is expected of the next sweep, were it not for rounding */
+    lanes left;   /* expected of the next sweep, were it not for rounding; far from that huge */
     lanes defect; /* of the constraints in the last sweep, relative to the state */
     lanes least_defect;
-    lanes rate;   /* ratio of two changes far from round-off, the mean of many steps */
-    lanes seen;   /* the same, last seen in this step */
 } lanes_progress_t;
 
 /* Where the sweeps have ended, and where they did without success. */
@@ -1770,12 +1804,12 @@ typedef struct {
     lanes_mask ended, failed;
 } lanes_verdict_t;
 
-static lanes_progress_t lanes_start_of_sweeps(lanes rate)
+static lanes_progress_t lanes_start_of_sweeps(void)
 {
     const lanes none = lanes_all(0), huge = lanes_all((real)HUGE_VAL),
         floor = lanes_all(16*epsilon);
     const lanes_progress_t start = { none, none, none, none, none, floor, none, none, none, huge,
-        huge, huge, huge, rate, none };
+        huge, huge, huge };
     return start;
 }
 
@@ -1785,7 +1819,7 @@ static lanes_progress_t lanes_start_of_sweeps(lanes rate)
  */
 INLINE lanes_mask lanes_calls_for_look(const lanes_progress_t *s, lanes change)
 {
-    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+    return (s->looked < 1) & (s->sweeps > 2) & (change > s->change/4)
         & lanes_others(change < s->floor*s->floor);
 }
 
@@ -1796,47 +1830,84 @@ static void lanes_look(lanes_progress_t *s, lanes_mask looks, lanes noise)
     s->floor = lanes_pick(looks, lanes_larger(s->floor, 16*lanes_root(noise)), s->floor);
 }
 
-/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
-INLINE lanes_mask lanes_is_met(lanes_progress_t *s, lanes defect)
+/* What constraints have come to. */
+INLINE void lanes_note_defect(lanes_progress_t *s, lanes defect)
 {
-    const lanes next = defect*lanes_larger(defect/s->defect, lanes_all((real)0.0001));
-    const real floor = 4*epsilon*epsilon;
-    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     s->idle = lanes_pick(defect < (real)0.8*s->least_defect, lanes_all(0), s->idle + 1);
     s->defect = defect;
     s->least_defect = lanes_pick(defect < s->least_defect, defect, s->least_defect);
-    return (defect <= floor) | lanes_others(next > floor)
-        | ((s->idle > 2) & (defect < low*low));
 }
 
 /*
- * The rate of two sweeps together, for modes may alternate; not of the first, which has the changes
- * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
- * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
+ * A sweep far from rounding that shrank what it changes goes on whatever else is true of it, and
+ * little is noted of it. Not so every eighth, nor one that calls for a look.
  */
-INLINE void lanes_watch(lanes_progress_t *s, lanes change, lanes two_ago, lanes rate)
+INLINE lanes_mask lanes_goes_on(const lanes_progress_t *s, lanes change, real tolerance, int most)
 {
-    const lanes_mask unknown = lanes_others(s->rate < 1);
-    const lanes_mask clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
-    const lanes_mask seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
-    s->seen = lanes_pick(seen, rate, s->seen);
-    s->rate = lanes_pick(seen, lanes_pick(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
+    return (change < s->change) & (s->sweeps > 0) & (s->turn < 7) & (s->sweeps < (real)most - 2)
+        & (change < 9) & (change > tolerance*tolerance) & lanes_others(change < s->floor*s->floor)
+        & lanes_others(lanes_calls_for_look(s, change));
+}
+
+/* All that a verdict would note of it. */
+INLINE void lanes_go_on(lanes_progress_t *s, lanes change, lanes defect)
+{
+    s->before = s->change;
+    s->change = change;
+    s->least = lanes_smaller(change, s->least);
+    s->sweeps += 1;
+    s->turn += 1;
+    s->calm = lanes_all(0);
+    s->left = lanes_all((real)HUGE_VAL);
+    lanes_note_defect(s, defect);
+}
+
+/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
+INLINE lanes_mask lanes_is_met(lanes_progress_t *s, lanes defect)
+{
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const lanes_mask next = (defect*defect <= floor*s->defect) & ((real)0.0001*defect <= floor);
+    lanes_note_defect(s, defect);
+    return (defect <= floor) | next | ((s->idle > 2) & (defect < low*low));
+}
+
+/* A rate that was never seen is that of the sweep before it, below 0; 1 where there is none. */
+INLINE lanes lanes_size_of_rate(lanes rate)
+{
+    return lanes_larger(rate, -rate);
 }
 
 /*
- * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
- * nothing, but what is left goes on shrinking there as it did before.
+ * By how much this sweep shrinks a change, rates[0], is noted wherever a change that does so would
+ * still be clear of rounding, whatever it then is: if large ones alone were, the mean would be too
+ * large. Each sweep has its own: the first ones shrink less than those that follow.
+ */
+INLINE void lanes_watch(const lanes_progress_t *s, lanes change, lanes rate, lanes *rates)
+{
+    const lanes known = lanes_size_of_rate(rates[0]);
+    const lanes_mask old = (rates[0] > 0) & (rates[0] < 1), next = (rates[1] > 0) & (rates[1] < 1);
+    const lanes_mask clear = (known >= 1) | (16*s->before*known > s->floor*s->floor);
+    const lanes_mask seen = (s->sweeps > 1) & (rate < 1) & (change < 9) & clear;
+    const lanes mean = lanes_pick(old, rates[0] + (rate - rates[0])/8, rate);
+    rates[0] = lanes_pick(seen, mean, rates[0]);
+    rates[1] = lanes_pick(next, rates[1], -lanes_size_of_rate(rates[0]));
+}
+
+/*
+ * What is left after a sweep near rounding, where changes tell nothing any more: it goes on
+ * shrinking as it is known to do, or as it did in this step where nothing is known.
  */
 INLINE lanes lanes_what_is_left(const lanes_progress_t *s, lanes_mask near, lanes change,
     lanes ratio,
-    lanes rate)
+    lanes rate, const lanes *rates)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
     const lanes slow = lanes_all((real)0.0001);
-    const lanes usual = lanes_larger(slow, lanes_larger(s->rate, s->seen));
     const lanes next = lanes_larger(ratio, lanes_pick(s->sweeps < 3, slow, rate));
-    return lanes_pick(near, lanes_smaller(s->left, change)*lanes_smaller(usual, next),
-        change*lanes_larger(next, usual));
+    const lanes known = lanes_size_of_rate(rates[1]);
+    const lanes usual = lanes_larger(slow, lanes_pick(known < 1, known, next));
+    return lanes_pick(near, lanes_smaller(s->left, change)*usual, lanes_all((real)HUGE_VAL));
 }
 
 /* Where changes at the rate of all sweeps so far would not come to the floor in time. */
@@ -1855,7 +1926,7 @@ NOINLINE lanes_mask lanes_is_late(const lanes_progress_t *s, int most)
  * to depends on no other.
  */
 static lanes_verdict_t lanes_judge(lanes_progress_t *s, lanes change, lanes defect, lanes moved,
-    real tolerance, int most)
+    real tolerance, int most, int watches, lanes *rates)
 {
     const lanes floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
     const lanes noise = lanes_pick(s->looked > 0, lanes_larger(round_off, floor/256), round_off);
@@ -1870,8 +1941,9 @@ static lanes_verdict_t lanes_judge(lanes_progress_t *s, lanes change, lanes defe
     s->turn = lanes_pick(s->turn < 7, s->turn + 1, lanes_all(0));
     const lanes_mask one = s->sweeps < 2, over = s->sweeps > (real)most;
     s->first = lanes_pick(one, change, s->first);
-    lanes_watch(s, change, two_ago, rate);
-    s->left = lanes_what_is_left(s, near, change, ratio, rate);
+    if (watches)
+        lanes_watch(s, change, lanes_pick(s->sweeps < 3, ratio, rate), rates);
+    s->left = lanes_what_is_left(s, near, change, ratio, rate, rates);
     s->calm = lanes_pick(stalls, s->calm + 1, lanes_all(0));
     const lanes_mask small = (change <= tolerance*tolerance)
         | (met & ((65536*s->left < noise) | (s->calm > 3)));
@@ -1900,7 +1972,7 @@ enum { HISTORY = 16 };
  * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
  * small). They change the starting values only, never what the sweeps converge to.
  */
-enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2, RATES = 24 };
 enum { EQUATIONS = 16 }; /* that a group gives to a fit at one step */
 enum { AGAIN = 8, LONGEST = 12 }; /* steps between looks at a fit, polynomials in its place */
 /* Rates of q, of p, and multipliers have each their own recurrence. */
@@ -1911,12 +1983,24 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
-    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    lanes rate[RATES]; /* by how much sweeps shrink changes, sweep by sweep: squares, means */
     real first[LANES]; /* what the first sweep changed of the last prediction, squared */
     int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
 } predictor_t;
+
+/* Which rate is that of a sweep; behind it is that of the next. */
+INLINE int rate_of(int sweep)
+{
+    return sweep < RATES - 1 ? sweep - 1 : RATES - 2;
+}
+
+/* Whether this step is one that watches them: the first ones do, and some of the others. */
+INLINE int watches_rates(const predictor_t *s)
+{
+    return s->count < 64 || s->count % 8 == 0;
+}
 
 static void forget(predictor_t *s)
 {
@@ -1926,7 +2010,9 @@ static void forget(predictor_t *s)
     for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
     for (int i = 0; i < LANES; ++i)
-        s->rate[i] = s->first[i] = 1;
+        s->first[i] = 1;
+    for (int i = 0; i < RATES; ++i)
+        s->rate[i] = splat(1);
 }
 
 /* The values of m steps ago; m = 0 is the place of the newest. */
@@ -2617,7 +2703,7 @@ NOINLINE void sweep_once(mean_t *w)
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps)
 {
-    progress_t progress = start_of_sweeps(w->predictor.rate[0]);
+    progress_t progress = start_of_sweeps();
     const real far = (real)0.02;
     verdict_t verdict;
     int round = 0;
@@ -2626,13 +2712,14 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
         sweep_once(w);
         const real change = mean_of_lanes(&w->change);
         const real defect = mean_of_lanes(&w->bound.defect);
+        ++round;
         if (calls_for_look(&progress, change)) {
             mean_noise(w);
             look(&progress, 1, mean_of_lanes(&w->noise));
         }
         verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
-            options->max_iterations);
-        ++round;
+            options->max_iterations, watches_rates(&w->predictor),
+            (real *)w->predictor.rate + rate_of(round));
         for (int i = 0; i < LANES && predicted && round == 1; ++i)
             w->predictor.first[i] = change;
         if (predicted && round == 1 && change > far*far)
@@ -2643,7 +2730,6 @@ static int sweep(mean_t *w, const options_t *options, int predicted, int *sweeps
         }
     } while (!verdict.ended);
     *sweeps += round;
-    w->predictor.rate[0] = progress.rate;
     return verdict.failed ? why(progress.change, progress.before) : OK;
 }
 
@@ -3060,26 +3146,35 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
 {
     mean_t *run = &b->run;
     const lanes far = splat((real)0.02);
-    const int predicted = run->predictor.count > 0;
-    lanes rate = splat(0), taken = splat(0), living = splat(0);
+    const int predicted = run->predictor.count > 0, watches = watches_rates(&run->predictor);
+    lanes taken = splat(0), living = splat(0);
     for (int i = 0; i < LANES; ++i) {
-        set_part(&rate, i, run->predictor.rate[i]);
         set_part(&living, i, (real)alive[i]);
         lost[i] = OK;
     }
-    lanes_progress_t progress = lanes_start_of_sweeps(rate);
+    lanes_progress_t progress = lanes_start_of_sweeps();
     lanes_mask busy = living > splat(0), early = busy & lanes_others(busy);
     mean_start(run, predicted);
     for (int round = 1; lanes_any(busy); ++round) {
         mean_sweep(run);
         const lanes change = run->change;
+        const lanes_mask on = lanes_goes_on(&progress, change, options->tolerance,
+            options->max_iterations);
+        if (!watches && !lanes_any(busy & lanes_others(on))) {
+            lanes_go_on(&progress, change, run->bound.defect);
+            taken = lanes_pick(busy, taken + 1, taken);
+            continue;
+        }
         const lanes_mask looks = busy & lanes_calls_for_look(&progress, change);
         if (lanes_any(looks)) {
             mean_noise(run);
             lanes_look(&progress, looks, run->noise);
         }
+        lanes *rates = run->predictor.rate + rate_of(round);
+        const lanes rate[2] = { rates[0], rates[1] };
         lanes_verdict_t verdict = lanes_judge(&progress, change, run->bound.defect, run->moved,
-            options->tolerance, options->max_iterations);
+            options->tolerance, options->max_iterations, watches, rates);
+        renew(lanes_others(busy), 2, rate, rates);
         taken = lanes_pick(busy, taken + 1, taken);
         if (predicted && round == 1) {
             const lanes_mask fresh = busy & lanes_others(change < far*far);
@@ -3087,7 +3182,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
                 if (holds(&busy, i))
                     run->predictor.first[i] = part(&change, i);
             if (lanes_any(fresh)) { /* a far prediction may lead to another root */
-                const lanes_progress_t start = lanes_start_of_sweeps(rate);
+                const lanes_progress_t start = lanes_start_of_sweeps();
                 renew(fresh, sizeof(progress)/sizeof(lanes), &start.sweeps, &progress.sweeps);
                 restart(b, fresh, NULL);
             }
@@ -3097,7 +3192,6 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         for (int i = 0; i < LANES; ++i)
             if (holds(&ends, i) && holds(&verdict.failed, i))
                 lost[i] = why(part(&progress.change, i), part(&progress.before, i));
-        rate = lanes_pick(ends, progress.rate, rate);
         busy &= lanes_others(ends);
         if (lanes_any(ends) && lanes_any(busy)) {
             early |= ends;
@@ -3108,10 +3202,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             mean_factor(run);
         }
     }
-    for (int i = 0; i < LANES; ++i) {
-        run->predictor.rate[i] = part(&rate, i);
+    for (int i = 0; i < LANES; ++i)
         sweeps[i] += (int)part(&taken, i);
-    }
     if (lanes_any(early))
         keep(early, mean_RESULT, &b->kept, &run->now);
 }

@@ -160,7 +160,7 @@ int heavy_top_gl1_gamma_integrate(const heavy_top_gl1_gamma_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[92992];
+    unsigned char memory[95296];
 } heavy_top_gl1_gamma_batch;
 
 /*
@@ -276,7 +276,7 @@ struct heavy_top_gl1_gamma_work {
     double Q_tilde[2][4];
     double G[2][1][4];
     double K[1][4][4];
-    unsigned char memory[93504]; /* of the fast path, kept from step to step */
+    unsigned char memory[95808]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_gl1_gamma_begin has begun */
         heavy_top_gl1_gamma_options options;
         heavy_top_gl1_gamma_report report;

@@ -160,7 +160,7 @@ int heavy_top_gl2_alpha_integrate(const heavy_top_gl2_alpha_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[119872];
+    unsigned char memory[122944];
 } heavy_top_gl2_alpha_batch;
 
 /*
@@ -276,7 +276,7 @@ struct heavy_top_gl2_alpha_work {
     double Q_tilde[3][4];
     double G[3][1][4];
     double K[2][4][4];
-    unsigned char memory[94080]; /* of the fast path, kept from step to step */
+    unsigned char memory[96384]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_gl2_alpha_begin has begun */
         heavy_top_gl2_alpha_options options;
         heavy_top_gl2_alpha_report report;

@@ -160,7 +160,7 @@ int heavy_top_gl3_gamma_integrate(const heavy_top_gl3_gamma_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[147008];
+    unsigned char memory[150848];
 } heavy_top_gl3_gamma_batch;
 
 /*
@@ -276,7 +276,7 @@ struct heavy_top_gl3_gamma_work {
     double Q_tilde[4][4];
     double G[4][1][4];
     double K[3][4][4];
-    unsigned char memory[94656]; /* of the fast path, kept from step to step */
+    unsigned char memory[96960]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_gl3_gamma_begin has begun */
         heavy_top_gl3_gamma_options options;
         heavy_top_gl3_gamma_report report;

@@ -1680,11 +1680,9 @@ typedef struct {
     real before; /* of the sweep before it */
     real first;  /* of the first */
     real least;  /* of all sweeps */
-    real left;   /* what is expected of the next sweep, were it not for rounding */
+    real left;   /* expected of the next sweep, were it not for rounding; far from that huge */
     real defect; /* of the constraints in the last sweep, relative to the state */
     real least_defect;
-    real rate;   /* ratio of two changes far from round-off, the mean of many steps */
-    real seen;   /* the same, last seen in this step */
 } progress_t;
 
 /* Where the sweeps have ended, and where they did without success. */
@@ -1692,11 +1690,11 @@ typedef struct {
     mask ended, failed;
 } verdict_t;
 
-static progress_t start_of_sweeps(real rate)
+static progress_t start_of_sweeps(void)
 {
     const real none = all(0), huge = all((real)HUGE_VAL), floor = all(16*epsilon);
     const progress_t start = { none, none, none, none, none, floor, none, none, none, huge,
-        huge, huge, huge, rate, none };
+        huge, huge, huge };
     return start;
 }
 
@@ -1706,7 +1704,7 @@ static progress_t start_of_sweeps(real rate)
  */
 INLINE mask calls_for_look(const progress_t *s, real change)
 {
-    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+    return (s->looked < 1) & (s->sweeps > 2) & (change > s->change/4)
         & others(change < s->floor*s->floor);
 }
 
@@ -1717,46 +1715,83 @@ static void look(progress_t *s, mask looks, real noise)
     s->floor = pick(looks, larger(s->floor, 16*root(noise)), s->floor);
 }
 
-/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
-INLINE mask is_met(progress_t *s, real defect)
+/* What constraints have come to. */
+INLINE void note_defect(progress_t *s, real defect)
 {
-    const real next = defect*larger(defect/s->defect, all((real)0.0001));
-    const real floor = 4*epsilon*epsilon;
-    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     s->idle = pick(defect < (real)0.8*s->least_defect, all(0), s->idle + 1);
     s->defect = defect;
     s->least_defect = pick(defect < s->least_defect, defect, s->least_defect);
-    return (defect <= floor) | others(next > floor)
-        | ((s->idle > 2) & (defect < low*low));
 }
 
 /*
- * The rate of two sweeps together, for modes may alternate; not of the first, which has the changes
- * of a prediction. It is noted wherever a change that shrinks at the known rate would still be
- * clear of rounding, whatever it then is: if large ones alone were, the mean would be too large.
+ * A sweep far from rounding that shrank what it changes goes on whatever else is true of it, and
+ * little is noted of it. Not so every eighth, nor one that calls for a look.
  */
-INLINE void watch(progress_t *s, real change, real two_ago, real rate)
+INLINE mask goes_on(const progress_t *s, real change, real tolerance, int most)
 {
-    const mask unknown = others(s->rate < 1);
-    const mask clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
-    const mask seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
-    s->seen = pick(seen, rate, s->seen);
-    s->rate = pick(seen, pick(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
+    return (change < s->change) & (s->sweeps > 0) & (s->turn < 7) & (s->sweeps < (real)most - 2)
+        & (change < 9) & (change > tolerance*tolerance) & others(change < s->floor*s->floor)
+        & others(calls_for_look(s, change));
+}
+
+/* All that a verdict would note of it. */
+INLINE void go_on(progress_t *s, real change, real defect)
+{
+    s->before = s->change;
+    s->change = change;
+    s->least = smaller(change, s->least);
+    s->sweeps += 1;
+    s->turn += 1;
+    s->calm = all(0);
+    s->left = all((real)HUGE_VAL);
+    note_defect(s, defect);
+}
+
+/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
+INLINE mask is_met(progress_t *s, real defect)
+{
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const mask next = (defect*defect <= floor*s->defect) & ((real)0.0001*defect <= floor);
+    note_defect(s, defect);
+    return (defect <= floor) | next | ((s->idle > 2) & (defect < low*low));
+}
+
+/* A rate that was never seen is that of the sweep before it, below 0; 1 where there is none. */
+INLINE real size_of_rate(real rate)
+{
+    return larger(rate, -rate);
 }
 
 /*
- * What is left after a sweep. Far from rounding this step's own rates tell it. Near it they tell
- * nothing, but what is left goes on shrinking there as it did before.
+ * By how much this sweep shrinks a change, rates[0], is noted wherever a change that does so would
+ * still be clear of rounding, whatever it then is: if large ones alone were, the mean would be too
+ * large. Each sweep has its own: the first ones shrink less than those that follow.
+ */
+INLINE void watch(const progress_t *s, real change, real rate, real *rates)
+{
+    const real known = size_of_rate(rates[0]);
+    const mask old = (rates[0] > 0) & (rates[0] < 1), next = (rates[1] > 0) & (rates[1] < 1);
+    const mask clear = (known >= 1) | (16*s->before*known > s->floor*s->floor);
+    const mask seen = (s->sweeps > 1) & (rate < 1) & (change < 9) & clear;
+    const real mean = pick(old, rates[0] + (rate - rates[0])/8, rate);
+    rates[0] = pick(seen, mean, rates[0]);
+    rates[1] = pick(next, rates[1], -size_of_rate(rates[0]));
+}
+
+/*
+ * What is left after a sweep near rounding, where changes tell nothing any more: it goes on
+ * shrinking as it is known to do, or as it did in this step where nothing is known.
  */
 INLINE real what_is_left(const progress_t *s, mask near, real change, real ratio,
-    real rate)
+    real rate, const real *rates)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
     const real slow = all((real)0.0001);
-    const real usual = larger(slow, larger(s->rate, s->seen));
     const real next = larger(ratio, pick(s->sweeps < 3, slow, rate));
-    return pick(near, smaller(s->left, change)*smaller(usual, next),
-        change*larger(next, usual));
+    const real known = size_of_rate(rates[1]);
+    const real usual = larger(slow, pick(known < 1, known, next));
+    return pick(near, smaller(s->left, change)*usual, all((real)HUGE_VAL));
 }
 
 /* Where changes at the rate of all sweeps so far would not come to the floor in time. */
@@ -1775,7 +1810,7 @@ NOINLINE mask is_late(const progress_t *s, int most)
  * to depends on no other.
  */
 static verdict_t judge(progress_t *s, real change, real defect, real moved,
-    real tolerance, int most)
+    real tolerance, int most, int watches, real *rates)
 {
     const real floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
     const real noise = pick(s->looked > 0, larger(round_off, floor/256), round_off);
@@ -1790,8 +1825,9 @@ static verdict_t judge(progress_t *s, real change, real defect, real moved,
     s->turn = pick(s->turn < 7, s->turn + 1, all(0));
     const mask one = s->sweeps < 2, over = s->sweeps > (real)most;
     s->first = pick(one, change, s->first);
-    watch(s, change, two_ago, rate);
-    s->left = what_is_left(s, near, change, ratio, rate);
+    if (watches)
+        watch(s, change, pick(s->sweeps < 3, ratio, rate), rates);
+    s->left = what_is_left(s, near, change, ratio, rate, rates);
     s->calm = pick(stalls, s->calm + 1, all(0));
     const mask small = (change <= tolerance*tolerance)
         | (met & ((65536*s->left < noise) | (s->calm > 3)));
@@ -1819,29 +1855,27 @@ typedef struct {
     lanes before; /* of the sweep before it */
     lanes first;  /* of the first */
     lanes least;  /* of all sweeps */
-    lanes left;   /* what is expected of the next sweep, were it not for rounding */
+    lanes left;   /* expected of the next sweep, were it not for rounding; far from that huge */
     lanes defect; /* of the constraints in the last sweep, relative to the state */
     lanes least_defect;
-    lanes rate;   /* ratio of two changes far from round-off, the mean of many steps */
-    lanes seen;   /* the same, last seen in this step */
 } lanes_progress_t;
 
 typedef struct {
     lanes_mask ended, failed;
 } lanes_verdict_t;
 
-static lanes_progress_t lanes_start_of_sweeps(lanes rate)
+static lanes_progress_t lanes_start_of_sweeps(void)
 {
     const lanes none = lanes_all(0), huge = lanes_all((real)HUGE_VAL),
         floor = lanes_all(16*epsilon);
     const lanes_progress_t start = { none, none, none, none, none, floor, none, none, none, huge,
-        huge, huge, huge, rate, none };
+        huge, huge, huge };
     return start;
 }
 
 INLINE lanes_mask lanes_calls_for_look(const lanes_progress_t *s, lanes change)
 {
-    return (s->looked < 1) & (s->sweeps > 1) & (change > s->change/4)
+    return (s->looked < 1) & (s->sweeps > 2) & (change > s->change/4)
         & lanes_others(change < s->floor*s->floor);
 }
 
@@ -1851,37 +1885,67 @@ static void lanes_look(lanes_progress_t *s, lanes_mask looks, lanes noise)
     s->floor = lanes_pick(looks, lanes_larger(s->floor, 16*lanes_root(noise)), s->floor);
 }
 
-INLINE lanes_mask lanes_is_met(lanes_progress_t *s, lanes defect)
+INLINE void lanes_note_defect(lanes_progress_t *s, lanes defect)
 {
-    const lanes next = defect*lanes_larger(defect/s->defect, lanes_all((real)0.0001));
-    const real floor = 4*epsilon*epsilon;
-    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     s->idle = lanes_pick(defect < (real)0.8*s->least_defect, lanes_all(0), s->idle + 1);
     s->defect = defect;
     s->least_defect = lanes_pick(defect < s->least_defect, defect, s->least_defect);
-    return (defect <= floor) | lanes_others(next > floor)
-        | ((s->idle > 2) & (defect < low*low));
 }
 
-INLINE void lanes_watch(lanes_progress_t *s, lanes change, lanes two_ago, lanes rate)
+INLINE lanes_mask lanes_goes_on(const lanes_progress_t *s, lanes change, real tolerance, int most)
 {
-    const lanes_mask unknown = lanes_others(s->rate < 1);
-    const lanes_mask clear = unknown | (16*two_ago*s->rate*s->rate > s->floor*s->floor);
-    const lanes_mask seen = (s->sweeps > 3) & (change < two_ago) & (change < 9) & clear;
-    s->seen = lanes_pick(seen, rate, s->seen);
-    s->rate = lanes_pick(seen, lanes_pick(unknown, rate, s->rate + (rate - s->rate)/16), s->rate);
+    return (change < s->change) & (s->sweeps > 0) & (s->turn < 7) & (s->sweeps < (real)most - 2)
+        & (change < 9) & (change > tolerance*tolerance) & lanes_others(change < s->floor*s->floor)
+        & lanes_others(lanes_calls_for_look(s, change));
+}
+
+INLINE void lanes_go_on(lanes_progress_t *s, lanes change, lanes defect)
+{
+    s->before = s->change;
+    s->change = change;
+    s->least = lanes_smaller(change, s->least);
+    s->sweeps += 1;
+    s->turn += 1;
+    s->calm = lanes_all(0);
+    s->left = lanes_all((real)HUGE_VAL);
+    lanes_note_defect(s, defect);
+}
+
+INLINE lanes_mask lanes_is_met(lanes_progress_t *s, lanes defect)
+{
+    const real floor = 4*epsilon*epsilon;
+    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
+    const lanes_mask next = (defect*defect <= floor*s->defect) & ((real)0.0001*defect <= floor);
+    lanes_note_defect(s, defect);
+    return (defect <= floor) | next | ((s->idle > 2) & (defect < low*low));
+}
+
+INLINE lanes lanes_size_of_rate(lanes rate)
+{
+    return lanes_larger(rate, -rate);
+}
+
+INLINE void lanes_watch(const lanes_progress_t *s, lanes change, lanes rate, lanes *rates)
+{
+    const lanes known = lanes_size_of_rate(rates[0]);
+    const lanes_mask old = (rates[0] > 0) & (rates[0] < 1), next = (rates[1] > 0) & (rates[1] < 1);
+    const lanes_mask clear = (known >= 1) | (16*s->before*known > s->floor*s->floor);
+    const lanes_mask seen = (s->sweeps > 1) & (rate < 1) & (change < 9) & clear;
+    const lanes mean = lanes_pick(old, rates[0] + (rate - rates[0])/8, rate);
+    rates[0] = lanes_pick(seen, mean, rates[0]);
+    rates[1] = lanes_pick(next, rates[1], -lanes_size_of_rate(rates[0]));
 }
 
 INLINE lanes lanes_what_is_left(const lanes_progress_t *s, lanes_mask near, lanes change,
     lanes ratio,
-    lanes rate)
+    lanes rate, const lanes *rates)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
     const lanes slow = lanes_all((real)0.0001);
-    const lanes usual = lanes_larger(slow, lanes_larger(s->rate, s->seen));
     const lanes next = lanes_larger(ratio, lanes_pick(s->sweeps < 3, slow, rate));
-    return lanes_pick(near, lanes_smaller(s->left, change)*lanes_smaller(usual, next),
-        change*lanes_larger(next, usual));
+    const lanes known = lanes_size_of_rate(rates[1]);
+    const lanes usual = lanes_larger(slow, lanes_pick(known < 1, known, next));
+    return lanes_pick(near, lanes_smaller(s->left, change)*usual, lanes_all((real)HUGE_VAL));
 }
 
 NOINLINE lanes_mask lanes_is_late(const lanes_progress_t *s, int most)
@@ -1892,7 +1956,7 @@ NOINLINE lanes_mask lanes_is_late(const lanes_progress_t *s, int most)
 }
 
 static lanes_verdict_t lanes_judge(lanes_progress_t *s, lanes change, lanes defect, lanes moved,
-    real tolerance, int most)
+    real tolerance, int most, int watches, lanes *rates)
 {
     const lanes floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
     const lanes noise = lanes_pick(s->looked > 0, lanes_larger(round_off, floor/256), round_off);
@@ -1907,8 +1971,9 @@ static lanes_verdict_t lanes_judge(lanes_progress_t *s, lanes change, lanes defe
     s->turn = lanes_pick(s->turn < 7, s->turn + 1, lanes_all(0));
     const lanes_mask one = s->sweeps < 2, over = s->sweeps > (real)most;
     s->first = lanes_pick(one, change, s->first);
-    lanes_watch(s, change, two_ago, rate);
-    s->left = lanes_what_is_left(s, near, change, ratio, rate);
+    if (watches)
+        lanes_watch(s, change, lanes_pick(s->sweeps < 3, ratio, rate), rates);
+    s->left = lanes_what_is_left(s, near, change, ratio, rate, rates);
     s->calm = lanes_pick(stalls, s->calm + 1, lanes_all(0));
     const lanes_mask small = (change <= tolerance*tolerance)
         | (met & ((65536*s->left < noise) | (s->calm > 3)));
@@ -1937,7 +2002,7 @@ enum { HISTORY = 32 };
  * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
  * small). They change the starting values only, never what the sweeps converge to.
  */
-enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2 };
+enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2, RATES = 24 };
 enum { EQUATIONS = 16 }; /* that a group gives to a fit at one step */
 enum { AGAIN = 8, LONGEST = 12 }; /* steps between looks at a fit, polynomials in its place */
 /* Rates of q, of p, and multipliers have each their own recurrence. */
@@ -1948,12 +2013,24 @@ typedef struct {
     long training; /* the step from which the next fit takes its samples */
     int order;     /* c_m in use */
     int fitted;    /* whether by least squares */
-    real rate[LANES];  /* how fast sweeps converge, as last seen */
+    lanes rate[RATES]; /* by how much sweeps shrink changes, sweep by sweep: squares, means */
     real first[LANES]; /* what the first sweep changed of the last prediction, squared */
     int stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
     lanes coefficient[GROUPS][ORDER];
     lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
 } predictor_t;
+
+/* Which rate is that of a sweep; behind it is that of the next. */
+INLINE int rate_of(int sweep)
+{
+    return sweep < RATES - 1 ? sweep - 1 : RATES - 2;
+}
+
+/* Whether this step is one that watches them: the first ones do, and some of the others. */
+INLINE int watches_rates(const predictor_t *s)
+{
+    return s->count < 64 || s->count % 8 == 0;
+}
 
 static void forget(predictor_t *s)
 {
@@ -1963,7 +2040,9 @@ static void forget(predictor_t *s)
     for (int i = 0; i < LANES; ++i)
         s->stages[i] = 1;
     for (int i = 0; i < LANES; ++i)
-        s->rate[i] = s->first[i] = 1;
+        s->first[i] = 1;
+    for (int i = 0; i < RATES; ++i)
+        s->rate[i] = splat(1);
 }
 
 /* The values of m steps ago; m = 0 is the place of the newest. */
@@ -2266,28 +2345,38 @@ static const real fast_onward_nodes[4][4] = {
 
 /*
  * The stages of a step are values of one motion at different times. Those of the next step are a
- * linear function of all stages of the last one and of a few of each step before it, the same
- * function for all coordinates. It is fitted to the steps in memory by least squares; the ridge is
- * their round-off, which keeps the coefficients small. One lesson serves one trajectory.
+ * linear function of stages of the last one and of the first of each step before it, the same
+ * function for all coordinates. L and L^ of a coordinate swing with the same frequencies: each
+ * regards both, and learns of a motion in half as many steps. It is fitted to the steps in memory
+ * by least squares; the ridge is their round-off, which keeps the coefficients small. One lesson
+ * serves one trajectory.
  */
-enum { PICKS = S > 1 ? 2 : 1, LAGS = 12, KNOWN = S + PICKS*LAGS };
-enum { WIDEST = S + 2*LAGS, LESSON_ROWS = 16 }; /* no less than ORDER */
+enum { SKIP = S > 4 ? 2 : 1, LAST = (S + SKIP - 1)/SKIP }; /* each SKIP-th stage, to the last */
+enum { LAGS = 13, KNOWN = 2*(LAST + LAGS) };
+enum { LESSON_ROWS = 16 };
+_Static_assert((int)KNOWN >= (int)ORDER, "the multipliers have lessons of their own");
 enum { FIRST_LESSON = HISTORY/4, SECOND_LESSON = 3*HISTORY/4 }; /* after so many steps */
 /* Columns stand in blocks, those of the right sides in blocks of their own. */
-enum { RIGHTS = (S + LANES - 1)/LANES, BLOCKS = (WIDEST + LANES - 1)/LANES + RIGHTS };
+enum { RIGHTS = (2*S + LANES - 1)/LANES, BLOCKS = (KNOWN + LANES - 1)/LANES + RIGHTS };
 
 typedef struct {
-    int known, rights; /* unknown coefficients; the first block of the right sides */
-    int count;         /* equations that wait in A */
-    lanes R[WIDEST][BLOCKS]; /* triangular, and right sides */
+    int known, rights, blocks; /* unknown coefficients; the first block of right sides, and all */
+    int count;                 /* equations that wait in A */
+    lanes R[KNOWN][BLOCKS]; /* triangular, and right sides */
     lanes A[LESSON_ROWS][BLOCKS];
 } lesson_t;
+
+/* The stage of the last step that is number j of those regarded. */
+INLINE int stage_regarded(int j)
+{
+    return S - 1 - (LAST - 1 - j)*SKIP;
+}
 
 /* How many steps before the last there are equations for, after `steps` steps; -1: for none. */
 static int lags_after(long steps)
 {
     int lags = LAGS;
-    while (lags >= 0 && (steps - 1 - lags)*N < S + PICKS*lags)
+    while (lags >= 0 && (steps - 1 - lags)*N < 2*(LAST + lags))
         --lags;
     return lags;
 }
@@ -2303,15 +2392,17 @@ INLINE real *numbers_of(lanes *row)
     return (real *)row;
 }
 
-static void begin_lesson(lesson_t *l, int known, real ridge)
+/* `sides` are right sides; ridge[k % 2] is that of coefficient k. */
+static void begin_lesson(lesson_t *l, int known, int sides, const real ridge[2])
 {
     l->known = known;
     l->rights = (known + LANES - 1)/LANES;
+    l->blocks = l->rights + (sides + LANES - 1)/LANES;
     l->count = 0;
     for (int k = 0; k < known; ++k) {
-        for (int block = 0; block < l->rights + RIGHTS; ++block)
+        for (int block = 0; block < l->blocks; ++block)
             l->R[k][block] = splat(0);
-        numbers_of(l->R[k])[k] = ridge;
+        numbers_of(l->R[k])[k] = ridge[k % 2];
     }
 }
 
@@ -2321,7 +2412,7 @@ static void begin_lesson(lesson_t *l, int known, real ridge)
  */
 static void take_in(lesson_t *l)
 {
-    const int blocks = l->rights + RIGHTS;
+    const int blocks = l->blocks;
     for (; l->count < LESSON_ROWS; ++l->count)
         for (int block = 0; block < blocks; ++block)
             l->A[l->count][block] = splat(0);
@@ -2360,7 +2451,7 @@ static real *next_row(lesson_t *l)
         take_in(l);
     lanes *row = l->A[l->count++];
     row[l->rights - 1] = splat(0); /* there may be columns of no use */
-    for (int block = l->rights; block < l->rights + RIGHTS; ++block)
+    for (int block = l->rights; block < l->blocks; ++block)
         row[block] = splat(0);
     return numbers_of(row);
 }
@@ -2376,7 +2467,7 @@ static void end_lesson(lesson_t *l)
     take_in(l);
     for (int k = l->known - 1; k >= 0; --k) {
         const real *row = numbers_of(l->R[k]);
-        for (int block = l->rights; block < l->rights + RIGHTS; ++block) {
+        for (int block = l->rights; block < l->blocks; ++block) {
             lanes even = l->R[k][block], odd = splat(0);
             int j = k + 1;
             for (; j + 1 < l->known; j += 2) {
@@ -2468,7 +2559,7 @@ typedef struct {
 enum { stages_TRACKS = LANES/stages_PER };
 
 typedef struct {
-    lanes next[2][KNOWN*stages_S]; /* the function for L, for L^: a column for each regressor */
+    lanes next[KNOWN*2*stages_S];  /* the function for L and L^, of L and L^ in turn */
     lanes wave[ORDER];           /* the recurrence of all multipliers */
     lanes learnt[stages_X];        /* two predictions, on trial */
     lanes other[stages_IMPULSE];
@@ -2801,10 +2892,10 @@ INLINE void stages_take(stages_t *w, int i, const lanes *L_new, const lanes *H_q
     lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->hb_hat[i]*H_q[a];
-        const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
+        const lanes dq = L_new[a] - L[a], dp = force - L_hat[a];
         dq_square += dq*dq;
         dp_square += dp*dp;
-        L[a] = L_new[i*N + a];
+        L[a] = L_new[a];
         L_hat[a] = force;
     }
     *q_change += dq_square;
@@ -2821,17 +2912,17 @@ INLINE void stages_follow(stages_t *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes C[stages_S*N];
     stages_constrain(w, L_new, C);
     for (int i = 0; i < stages_S; ++i) {
-        lanes H_q[N], H_p[N];
+        lanes H_q[N], H_p[N], P[N], L[N]; /* kept in registers: stores take longer than sums */
         const lanes pull = w->hb[i]*w->bound.correction;
         for (int a = 0; a < N; ++a) {
             const lanes more = C[i*N + a] - w->now.C[i*N + a];
-            momentum[i*N + a] += more;
+            P[a] = momentum[i*N + a] + more;
             w->now.C[i*N + a] = C[i*N + a];
-            L_new[i*N + a] += pull*more;
+            L[a] = L_new[i*N + a] + pull*more;
         }
         const lanes t = w->t + w->late[i];
-        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        stages_take(w, i, L_new, H_q, q_change, p_change);
+        second_rates(&w->constants, Q + i*N, P, &t, shared[i], H_p, H_q);
+        stages_take(w, i, L, H_q, q_change, p_change);
     }
 }
 
@@ -2929,8 +3020,9 @@ static void stages_learn_nodes(stages_t *w, lesson_t *l, int track)
 {
     const int steps = stages_steps_recalled(w), order = stages_order_after(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    begin_lesson(l, order,
-        stages_ridge(stages_recalled(w, 1) + stages_IMPULSE, stages_X - stages_IMPULSE, track));
+    const real ridge = stages_ridge(stages_recalled(w, 1) + stages_IMPULSE,
+        stages_X - stages_IMPULSE, track);
+    begin_lesson(l, order, 1, (const real[2]){ ridge, ridge });
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
         real *row = next_row(l);
@@ -2965,30 +3057,36 @@ INLINE void stages_nodes_ahead(const stages_t *w, lanes *x)
     }
 }
 
+/* Where the coefficient of regressor k for an item of L (group 0) or L^ (1) stands. */
+INLINE int stages_coefficient(int k, int group, int item)
+{
+    return (2*k + group)*stages_S + item;
+}
+
 /* Numbers start..start + count - 1 of the stages of the next step, `count` of each. */
 INLINE void stages_four_ahead(const lanes *next, const lanes *const *before, int lags, int start,
     int count, lanes *y)
 {
-    lanes sum[2][4][stages_S]; /* even and odd regressors */
+    lanes sum[2][4][2*stages_S]; /* of L and of L^ as regressors */
     for (int a = 0; a < count; ++a)
-        for (int i = 0; i < stages_S; ++i)
+        for (int i = 0; i < 2*stages_S; ++i)
             sum[0][a][i] = sum[1][a][i] = splat(0);
-    for (int j = 0; j < S; ++j, next += stages_S)
+    for (int k = 0; k < 2*LAST; ++k, next += 2*stages_S)
         for (int a = 0; a < count; ++a) {
-            const lanes value = splat(part(&before[0][j/LANES*N + start + a], j % LANES));
-            for (int i = 0; i < stages_S; ++i)
-                sum[j % 2][a][i] += next[i]*value;
+            const int j = stage_regarded(k/2), item = k % 2*stages_HAT + j/LANES*N;
+            const lanes value = splat(part(&before[0][item + start + a], j % LANES));
+            for (int i = 0; i < 2*stages_S; ++i)
+                sum[k % 2][a][i] += next[i]*value;
         }
     for (int m = 1; m <= lags; ++m)
-        for (int pick = 0; pick < PICKS; ++pick, next += stages_S)
+        for (int group = 0; group < 2; ++group, next += 2*stages_S)
             for (int a = 0; a < count; ++a) {
-                const int j = pick*(S/2);
-                const lanes value = splat(part(&before[m][j/LANES*N + start + a], j % LANES));
-                for (int i = 0; i < stages_S; ++i)
-                    sum[pick % 2][a][i] += next[i]*value;
+                const lanes value = splat(part(&before[m][group*stages_HAT + start + a], 0));
+                for (int i = 0; i < 2*stages_S; ++i)
+                    sum[group][a][i] += next[i]*value;
             }
     for (int a = 0; a < count; ++a)
-        for (int i = 0; i < stages_S; ++i)
+        for (int i = 0; i < 2*stages_S; ++i)
             y[i*N + start + a] = sum[0][a][i] + sum[1][a][i];
 }
 
@@ -3001,32 +3099,36 @@ INLINE void stages_stages_ahead(const lanes *next, const lanes *const *before, i
         stages_four_ahead(next, before, lags, start, N % 4, y);
 }
 
-/* The function for L (group 0) or L^ (1) of one trajectory, from equations of all coordinates. */
-static void stages_learn_stages(stages_t *w, lesson_t *l, int group, int track, int lags)
+/* The function for L and L^ of one trajectory, from equations of all coordinates. */
+static void stages_learn_stages(stages_t *w, lesson_t *l, int track, int lags)
 {
     stages_lessons *s = &w->lessons;
-    const int steps = stages_steps_recalled(w);
-    const int at = group*stages_HAT, known = S + PICKS*lags;
+    const int steps = stages_steps_recalled(w), known = 2*(LAST + lags);
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
-    begin_lesson(l, known, stages_ridge(stages_recalled(w, 1) + at, stages_HAT, track));
+    const lanes *newest = stages_recalled(w, 1);
+    begin_lesson(l, known, 2*S, (const real[2]){ stages_ridge(newest, stages_HAT, track),
+        stages_ridge(newest + stages_HAT, stages_HAT, track) });
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/N, a = e % N;
-        real *row = next_row(l);
-        const lanes *x = stages_recalled(w, ago) + at, *before = stages_recalled(w, ago + 1) + at;
-        for (int j = 0; j < S; ++j) {
-            row[j] = stages_number(before, track, j, N, a);
-            row[right_sides(l) + j] = stages_number(x, track, j, N, a);
-        }
-        for (int m = 1; m <= lags; ++m) {
-            before = stages_recalled(w, ago + 1 + m) + at;
-            for (int pick = 0; pick < PICKS; ++pick)
-                row[S + (m - 1)*PICKS + pick] = stages_number(before, track, pick*(S/2), N, a);
+        real *row = next_row(l), *right = row + right_sides(l);
+        for (int group = 0; group < 2; ++group) {
+            const int at = group*stages_HAT;
+            const lanes *x = stages_recalled(w, ago) + at, *last = stages_recalled(w, ago + 1) + at;
+            for (int j = 0; j < S; ++j)
+                right[group*S + j] = stages_number(x, track, j, N, a);
+            for (int j = 0; j < LAST; ++j)
+                row[2*j + group] = stages_number(last, track, stage_regarded(j), N, a);
+            for (int m = 0; m < lags; ++m)
+                row[2*(LAST + m) + group] = stages_number(stages_recalled(w, ago + 2 + m) + at,
+                    track,
+                    0, N, a);
         }
     }
     end_lesson(l);
     for (int k = 0; k < KNOWN; ++k)
-        for (int j = 0; j < S; ++j)
-            set_part(&s->next[group][k*stages_S + j/stages_PER], track + j % stages_PER,
+        for (int j = 0; j < 2*S; ++j)
+            set_part(&s->next[stages_coefficient(k, j/S, j % S/stages_PER)],
+                track + j % S % stages_PER,
                 learnt(l, k, j));
 }
 
@@ -3038,8 +3140,7 @@ NOINLINE void stages_learn(stages_t *w, int track)
     lesson_t lesson;
     if (lags < 0)
         return;
-    for (int group = 0; group < 2; ++group)
-        stages_learn_stages(w, &lesson, group, track, lags);
+    stages_learn_stages(w, &lesson, track, lags);
     stages_learn_nodes(w, &lesson, track);
     s->lags = lags;
     s->latest[track] = w->predictor.count;
@@ -3051,11 +3152,9 @@ NOINLINE void stages_ahead(const stages_t *w, lanes *x)
 {
     const stages_lessons *s = &w->lessons;
     const lanes *before[LAGS + 1];
-    for (int group = 0; group < 2; ++group) {
-        for (int m = 0; m <= s->lags; ++m)
-            before[m] = stages_recalled(w, 1 + m) + group*stages_HAT;
-        stages_stages_ahead(s->next[group], before, s->lags, x + group*stages_HAT);
-    }
+    for (int m = 0; m <= s->lags; ++m)
+        before[m] = stages_recalled(w, 1 + m);
+    stages_stages_ahead(s->next, before, s->lags, x);
     stages_nodes_ahead(w, x + stages_IMPULSE);
 }
 
@@ -3182,8 +3281,8 @@ static void stages_forget(stages_t *w)
         s->latest[i] = 0;
         s->error[i] = 0;
     }
-    for (int k = 0; k < KNOWN*stages_S; ++k)
-        s->next[0][k] = s->next[1][k] = splat(0);
+    for (int k = 0; k < KNOWN*2*stages_S; ++k)
+        s->next[k] = splat(0);
     for (int k = 0; k < ORDER; ++k)
         s->wave[k] = splat(0);
 }
@@ -3378,8 +3477,7 @@ typedef struct {
 enum { trajectories_TRACKS = LANES/trajectories_PER };
 
 typedef struct {
-    lanes next[2][KNOWN*trajectories_S]; /* the function for L,
-        for L^: a column for each regressor */
+    lanes next[KNOWN*2*trajectories_S];  /* the function for L and L^, of L and L^ in turn */
     lanes wave[ORDER];           /* the recurrence of all multipliers */
     lanes learnt[trajectories_X];        /* two predictions, on trial */
     lanes other[trajectories_IMPULSE];
@@ -3658,10 +3756,10 @@ INLINE void trajectories_take(trajectories_t *w, int i, const lanes *L_new, cons
     lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->hb_hat[i]*H_q[a];
-        const lanes dq = L_new[i*N + a] - L[a], dp = force - L_hat[a];
+        const lanes dq = L_new[a] - L[a], dp = force - L_hat[a];
         dq_square += dq*dq;
         dp_square += dp*dp;
-        L[a] = L_new[i*N + a];
+        L[a] = L_new[a];
         L_hat[a] = force;
     }
     *q_change += dq_square;
@@ -3674,17 +3772,17 @@ INLINE void trajectories_follow(trajectories_t *w, lanes *Q, lanes *momentum, la
     lanes C[trajectories_S*N];
     trajectories_constrain(w, L_new, C);
     for (int i = 0; i < trajectories_S; ++i) {
-        lanes H_q[N], H_p[N];
+        lanes H_q[N], H_p[N], P[N], L[N]; /* kept in registers: stores take longer than sums */
         const lanes pull = w->hb[i]*w->bound.correction;
         for (int a = 0; a < N; ++a) {
             const lanes more = C[i*N + a] - w->now.C[i*N + a];
-            momentum[i*N + a] += more;
+            P[a] = momentum[i*N + a] + more;
             w->now.C[i*N + a] = C[i*N + a];
-            L_new[i*N + a] += pull*more;
+            L[a] = L_new[i*N + a] + pull*more;
         }
         const lanes t = w->t + w->late[i];
-        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_p, H_q);
-        trajectories_take(w, i, L_new, H_q, q_change, p_change);
+        second_rates(&w->constants, Q + i*N, P, &t, shared[i], H_p, H_q);
+        trajectories_take(w, i, L, H_q, q_change, p_change);
     }
 }
 
@@ -3770,9 +3868,9 @@ static void trajectories_learn_nodes(trajectories_t *w, lesson_t *l, int track)
 {
     const int steps = trajectories_steps_recalled(w), order = trajectories_order_after(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    begin_lesson(l, order,
-        trajectories_ridge(trajectories_recalled(w, 1) + trajectories_IMPULSE,
-            trajectories_X - trajectories_IMPULSE, track));
+    const real ridge = trajectories_ridge(trajectories_recalled(w, 1) + trajectories_IMPULSE,
+        trajectories_X - trajectories_IMPULSE, track);
+    begin_lesson(l, order, 1, (const real[2]){ ridge, ridge });
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
         real *row = next_row(l);
@@ -3806,25 +3904,37 @@ INLINE void trajectories_nodes_ahead(const trajectories_t *w, lanes *x)
     }
 }
 
+enum { trajectories_ROWS = 2*trajectories_S, trajectories_BLOCK = 4 };
+
+INLINE int trajectories_coefficient(int k, int group, int item)
+{
+    const int row = group*trajectories_S + item, first = row - row % trajectories_BLOCK;
+    const int rows = trajectories_ROWS - first < trajectories_BLOCK ? trajectories_ROWS - first : trajectories_BLOCK;
+    return first*KNOWN + k*rows + row % trajectories_BLOCK;
+}
+
 INLINE void trajectories_block_ahead(const lanes *next, const lanes *const *before, int lags,
     int row,
     int rows, int start, int count, lanes *y)
 {
-    lanes sum[4][4];
+    lanes sum[trajectories_BLOCK][4];
     LOAD_AGAIN(next);
     for (int i = 0; i < rows; ++i)
         for (int a = 0; a < count; ++a)
             sum[i][a] = splat(0);
-    next += row;
-    for (int j = 0; j < S; ++j, next += S)
+    for (int k = 0; k < 2*LAST; ++k, next += rows) {
+        const lanes *x = before[0] + k % 2*trajectories_HAT + stage_regarded(k/2)*N + start;
         for (int i = 0; i < rows; ++i)
             for (int a = 0; a < count; ++a)
-                sum[i][a] += next[i]*before[0][j*N + start + a];
+                sum[i][a] += next[i]*x[a];
+    }
     for (int m = 1; m <= lags; ++m)
-        for (int pick = 0; pick < PICKS; ++pick, next += S)
+        for (int group = 0; group < 2; ++group, next += rows) {
+            const lanes *x = before[m] + group*trajectories_HAT + start;
             for (int i = 0; i < rows; ++i)
                 for (int a = 0; a < count; ++a)
-                    sum[i][a] += next[i]*before[m][pick*(S/2)*N + start + a];
+                    sum[i][a] += next[i]*x[a];
+        }
     for (int i = 0; i < rows; ++i)
         for (int a = 0; a < count; ++a)
             y[(row + i)*N + start + a] = sum[i][a];
@@ -3835,6 +3945,7 @@ INLINE void trajectories_rows_ahead(const lanes *next, const lanes *const *befor
     int rows, lanes *y)
 {
     int start = 0;
+    next += row*KNOWN;
     for (; start + 4 <= N; start += 4)
         trajectories_block_ahead(next, before, lags, row, rows, start, 4, y);
     if (N % 4 > 0)
@@ -3845,42 +3956,43 @@ INLINE void trajectories_stages_ahead(const lanes *next, const lanes *const *bef
     lanes *y)
 {
     int row = 0;
-    for (; row + 4 <= S; row += 4)
-        trajectories_rows_ahead(next, before, lags, row, 4, y);
-    if (S % 4 > 0)
-        trajectories_rows_ahead(next, before, lags, row, S % 4, y);
+    for (; row + trajectories_BLOCK <= trajectories_ROWS; row += trajectories_BLOCK)
+        trajectories_rows_ahead(next, before, lags, row, trajectories_BLOCK, y);
+    if (trajectories_ROWS % trajectories_BLOCK > 0)
+        trajectories_rows_ahead(next, before, lags, row, trajectories_ROWS % trajectories_BLOCK, y);
 }
 
-static void trajectories_learn_stages(trajectories_t *w, lesson_t *l, int group, int track,
-    int lags)
+static void trajectories_learn_stages(trajectories_t *w, lesson_t *l, int track, int lags)
 {
     trajectories_lessons *s = &w->lessons;
-    const int steps = trajectories_steps_recalled(w);
-    const int at = group*trajectories_HAT, known = S + PICKS*lags;
+    const int steps = trajectories_steps_recalled(w), known = 2*(LAST + lags);
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, known);
-    begin_lesson(l, known, trajectories_ridge(trajectories_recalled(w, 1) + at, trajectories_HAT,
-        track));
+    const lanes *newest = trajectories_recalled(w, 1);
+    begin_lesson(l, known, 2*S, (const real[2]){ trajectories_ridge(newest, trajectories_HAT,
+        track),
+        trajectories_ridge(newest + trajectories_HAT, trajectories_HAT, track) });
     for (int e = 0; e < available; e += stride) {
         const int ago = 1 + e/N, a = e % N;
-        real *row = next_row(l);
-        const lanes *x = trajectories_recalled(w, ago) + at, *before = trajectories_recalled(w,
-            ago + 1) + at;
-        for (int j = 0; j < S; ++j) {
-            row[j] = trajectories_number(before, track, j, N, a);
-            row[right_sides(l) + j] = trajectories_number(x, track, j, N, a);
-        }
-        for (int m = 1; m <= lags; ++m) {
-            before = trajectories_recalled(w, ago + 1 + m) + at;
-            for (int pick = 0; pick < PICKS; ++pick)
-                row[S + (m - 1)*PICKS + pick] = trajectories_number(before, track, pick*(S/2), N,
-                    a);
+        real *row = next_row(l), *right = row + right_sides(l);
+        for (int group = 0; group < 2; ++group) {
+            const int at = group*trajectories_HAT;
+            const lanes *x = trajectories_recalled(w, ago) + at, *last = trajectories_recalled(w,
+                ago + 1) + at;
+            for (int j = 0; j < S; ++j)
+                right[group*S + j] = trajectories_number(x, track, j, N, a);
+            for (int j = 0; j < LAST; ++j)
+                row[2*j + group] = trajectories_number(last, track, stage_regarded(j), N, a);
+            for (int m = 0; m < lags; ++m)
+                row[2*(LAST + m) + group] = trajectories_number(trajectories_recalled(w,
+                    ago + 2 + m) + at, track,
+                    0, N, a);
         }
     }
     end_lesson(l);
     for (int k = 0; k < KNOWN; ++k)
-        for (int j = 0; j < S; ++j)
-            set_part(&s->next[group][k*trajectories_S + j/trajectories_PER],
-                track + j % trajectories_PER,
+        for (int j = 0; j < 2*S; ++j)
+            set_part(&s->next[trajectories_coefficient(k, j/S, j % S/trajectories_PER)],
+                track + j % S % trajectories_PER,
                 learnt(l, k, j));
 }
 
@@ -3891,8 +4003,7 @@ NOINLINE void trajectories_learn(trajectories_t *w, int track)
     lesson_t lesson;
     if (lags < 0)
         return;
-    for (int group = 0; group < 2; ++group)
-        trajectories_learn_stages(w, &lesson, group, track, lags);
+    trajectories_learn_stages(w, &lesson, track, lags);
     trajectories_learn_nodes(w, &lesson, track);
     s->lags = lags;
     s->latest[track] = w->predictor.count;
@@ -3903,11 +4014,9 @@ NOINLINE void trajectories_ahead(const trajectories_t *w, lanes *x)
 {
     const trajectories_lessons *s = &w->lessons;
     const lanes *before[LAGS + 1];
-    for (int group = 0; group < 2; ++group) {
-        for (int m = 0; m <= s->lags; ++m)
-            before[m] = trajectories_recalled(w, 1 + m) + group*trajectories_HAT;
-        trajectories_stages_ahead(s->next[group], before, s->lags, x + group*trajectories_HAT);
-    }
+    for (int m = 0; m <= s->lags; ++m)
+        before[m] = trajectories_recalled(w, 1 + m);
+    trajectories_stages_ahead(s->next, before, s->lags, x);
     trajectories_nodes_ahead(w, x + trajectories_IMPULSE);
 }
 
@@ -4022,8 +4131,8 @@ static void trajectories_forget(trajectories_t *w)
         s->latest[i] = 0;
         s->error[i] = 0;
     }
-    for (int k = 0; k < KNOWN*trajectories_S; ++k)
-        s->next[0][k] = s->next[1][k] = splat(0);
+    for (int k = 0; k < KNOWN*2*trajectories_S; ++k)
+        s->next[k] = splat(0);
     for (int k = 0; k < ORDER; ++k)
         s->wave[k] = splat(0);
 }
@@ -4297,7 +4406,7 @@ NOINLINE void sweep_once(stages_t *w)
 /* Sweeps from the starting values until they have converged: OK, or why they have not. */
 static int sweep(stages_t *w, const options_t *options, int predicted, int *sweeps)
 {
-    progress_t progress = start_of_sweeps(w->predictor.rate[0]);
+    progress_t progress = start_of_sweeps();
     const real far = (real)0.02;
     verdict_t verdict;
     int round = 0;
@@ -4306,13 +4415,14 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
         sweep_once(w);
         const real change = stages_of_lanes(&w->change);
         const real defect = stages_of_lanes(&w->bound.defect);
+        ++round;
         if (calls_for_look(&progress, change)) {
             stages_noise(w);
             look(&progress, 1, stages_of_lanes(&w->noise));
         }
         verdict = judge(&progress, change, defect, part(&w->moved, 0), options->tolerance,
-            options->max_iterations);
-        ++round;
+            options->max_iterations, watches_rates(&w->predictor),
+            (real *)w->predictor.rate + rate_of(round));
         for (int i = 0; i < LANES && predicted && round == 1; ++i)
             w->predictor.first[i] = change;
         if (predicted && round == 1 && change > far*far)
@@ -4323,7 +4433,6 @@ static int sweep(stages_t *w, const options_t *options, int predicted, int *swee
         }
     } while (!verdict.ended);
     *sweeps += round;
-    w->predictor.rate[0] = progress.rate;
     return verdict.failed ? why(progress.change, progress.before) : OK;
 }
 
@@ -4741,26 +4850,35 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
 {
     trajectories_t *run = &b->run;
     const lanes far = splat((real)0.02);
-    const int predicted = run->predictor.count > 0;
-    lanes rate = splat(0), taken = splat(0), living = splat(0);
+    const int predicted = run->predictor.count > 0, watches = watches_rates(&run->predictor);
+    lanes taken = splat(0), living = splat(0);
     for (int i = 0; i < LANES; ++i) {
-        set_part(&rate, i, run->predictor.rate[i]);
         set_part(&living, i, (real)alive[i]);
         lost[i] = OK;
     }
-    lanes_progress_t progress = lanes_start_of_sweeps(rate);
+    lanes_progress_t progress = lanes_start_of_sweeps();
     lanes_mask busy = living > splat(0), early = busy & lanes_others(busy);
     trajectories_start(run, predicted);
     for (int round = 1; lanes_any(busy); ++round) {
         trajectories_sweep(run);
         const lanes change = run->change;
+        const lanes_mask on = lanes_goes_on(&progress, change, options->tolerance,
+            options->max_iterations);
+        if (!watches && !lanes_any(busy & lanes_others(on))) {
+            lanes_go_on(&progress, change, run->bound.defect);
+            taken = lanes_pick(busy, taken + 1, taken);
+            continue;
+        }
         const lanes_mask looks = busy & lanes_calls_for_look(&progress, change);
         if (lanes_any(looks)) {
             trajectories_noise(run);
             lanes_look(&progress, looks, run->noise);
         }
+        lanes *rates = run->predictor.rate + rate_of(round);
+        const lanes rate[2] = { rates[0], rates[1] };
         lanes_verdict_t verdict = lanes_judge(&progress, change, run->bound.defect, run->moved,
-            options->tolerance, options->max_iterations);
+            options->tolerance, options->max_iterations, watches, rates);
+        renew(lanes_others(busy), 2, rate, rates);
         taken = lanes_pick(busy, taken + 1, taken);
         if (predicted && round == 1) {
             const lanes_mask fresh = busy & lanes_others(change < far*far);
@@ -4768,7 +4886,7 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
                 if (holds(&busy, i))
                     run->predictor.first[i] = part(&change, i);
             if (lanes_any(fresh)) { /* a far prediction may lead to another root */
-                const lanes_progress_t start = lanes_start_of_sweeps(rate);
+                const lanes_progress_t start = lanes_start_of_sweeps();
                 renew(fresh, sizeof(progress)/sizeof(lanes), &start.sweeps, &progress.sweeps);
                 restart(b, fresh, NULL);
             }
@@ -4778,7 +4896,6 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
         for (int i = 0; i < LANES; ++i)
             if (holds(&ends, i) && holds(&verdict.failed, i))
                 lost[i] = why(part(&progress.change, i), part(&progress.before, i));
-        rate = lanes_pick(ends, progress.rate, rate);
         busy &= lanes_others(ends);
         if (lanes_any(ends) && lanes_any(busy)) {
             early |= ends;
@@ -4789,10 +4906,8 @@ static void sweep_lanes(batch_t *b, const options_t *options, const int *alive, 
             trajectories_factor(run);
         }
     }
-    for (int i = 0; i < LANES; ++i) {
-        run->predictor.rate[i] = part(&rate, i);
+    for (int i = 0; i < LANES; ++i)
         sweeps[i] += (int)part(&taken, i);
-    }
     if (lanes_any(early))
         keep(early, trajectories_RESULT, &b->kept, &run->now);
 }

@@ -160,7 +160,7 @@ int heavy_top_gl4_alpha_integrate(const heavy_top_gl4_alpha_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[174400];
+    unsigned char memory[179008];
 } heavy_top_gl4_alpha_batch;
 
 /*
@@ -276,7 +276,7 @@ struct heavy_top_gl4_alpha_work {
     double Q_tilde[5][4];
     double G[5][1][4];
     double K[4][4][4];
-    unsigned char memory[95232]; /* of the fast path, kept from step to step */
+    unsigned char memory[97536]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_gl4_alpha_begin has begun */
         heavy_top_gl4_alpha_options options;
         heavy_top_gl4_alpha_report report;

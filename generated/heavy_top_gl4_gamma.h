@@ -160,7 +160,7 @@ int heavy_top_gl4_gamma_integrate(const heavy_top_gl4_gamma_parameters *paramete
  * preparation.
  */
 typedef struct {
-    unsigned char memory[174400];
+    unsigned char memory[179008];
 } heavy_top_gl4_gamma_batch;
 
 /*
@@ -276,7 +276,7 @@ struct heavy_top_gl4_gamma_work {
     double Q_tilde[5][4];
     double G[5][1][4];
     double K[4][4][4];
-    unsigned char memory[95232]; /* of the fast path, kept from step to step */
+    unsigned char memory[97536]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_gl4_gamma_begin has begun */
         heavy_top_gl4_gamma_options options;
         heavy_top_gl4_gamma_report report;

@@ -161,7 +161,7 @@ int heavy_top_liiiab2_gamma_integrate(const heavy_top_liiiab2_gamma_parameters *
  * preparation.
  */
 typedef struct {
-    unsigned char memory[116352];
+    unsigned char memory[119424];
 } heavy_top_liiiab2_gamma_batch;
 
 /*
@@ -278,7 +278,7 @@ struct heavy_top_liiiab2_gamma_work {
     double Q_tilde[2][4];
     double G[2][1][4];
     double K[1][4][4];
-    unsigned char memory[93888]; /* of the fast path, kept from step to step */
+    unsigned char memory[96192]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_liiiab2_gamma_begin has begun */
         heavy_top_liiiab2_gamma_options options;
         heavy_top_liiiab2_gamma_report report;

@@ -161,7 +161,7 @@ int heavy_top_liiiab3_alpha_integrate(const heavy_top_liiiab3_alpha_parameters *
  * preparation.
  */
 typedef struct {
-    unsigned char memory[143488];
+    unsigned char memory[147328];
 } heavy_top_liiiab3_alpha_batch;
 
 /*
@@ -278,7 +278,7 @@ struct heavy_top_liiiab3_alpha_work {
     double Q_tilde[3][4];
     double G[3][1][4];
     double K[2][4][4];
-    unsigned char memory[94464]; /* of the fast path, kept from step to step */
+    unsigned char memory[96768]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_liiiab3_alpha_begin has begun */
         heavy_top_liiiab3_alpha_options options;
         heavy_top_liiiab3_alpha_report report;

@@ -161,7 +161,7 @@ int heavy_top_liiiab4_alpha_integrate(const heavy_top_liiiab4_alpha_parameters *
  * preparation.
  */
 typedef struct {
-    unsigned char memory[170880];
+    unsigned char memory[175488];
 } heavy_top_liiiab4_alpha_batch;
 
 /*
@@ -278,7 +278,7 @@ struct heavy_top_liiiab4_alpha_work {
     double Q_tilde[4][4];
     double G[4][1][4];
     double K[3][4][4];
-    unsigned char memory[95040]; /* of the fast path, kept from step to step */
+    unsigned char memory[97344]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_liiiab4_alpha_begin has begun */
         heavy_top_liiiab4_alpha_options options;
         heavy_top_liiiab4_alpha_report report;

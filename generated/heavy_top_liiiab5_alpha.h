@@ -161,7 +161,7 @@ int heavy_top_liiiab5_alpha_integrate(const heavy_top_liiiab5_alpha_parameters *
  * preparation.
  */
 typedef struct {
-    unsigned char memory[198528];
+    unsigned char memory[203904];
 } heavy_top_liiiab5_alpha_batch;
 
 /*
@@ -278,7 +278,7 @@ struct heavy_top_liiiab5_alpha_work {
     double Q_tilde[5][4];
     double G[5][1][4];
     double K[4][4][4];
-    unsigned char memory[95616]; /* of the fast path, kept from step to step */
+    unsigned char memory[97920]; /* of the fast path, kept from step to step */
     struct { /* the trajectory that heavy_top_liiiab5_alpha_begin has begun */
         heavy_top_liiiab5_alpha_options options;
         heavy_top_liiiab5_alpha_report report;

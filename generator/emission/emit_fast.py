@@ -152,8 +152,8 @@ def _memory(
     forced = n if one else s * n
     constants += 3 + 2 * nodes if scheme.system.is_timed else 0
     ring = (_history(scheme) + 1) * x
-    lessons = 2 * (s + 24) * blocks + 2 * x + 24 if scheme.tableau else 0
+    lessons = 2 * (s + 30) * blocks + 2 * x + 24 if scheme.tableau else 0
     vectors = (forced + blocks + constants + 42
                + 5 * n + 2 * blocks + tables + 2 * iterate + ring + lessons + 4 * m + m * m
-               + 3 * (16 + 17 * 17))
+               + 3 * (16 + 17 * 17) + 24)
     return vectors * lanes * real.bytes + 512
