@@ -125,5 +125,5 @@ def test_gamma_fast_costs_no_sweeps_and_changes_nothing():
     run = {"dt": 0.02, "steps": 200}
     many, few = (step.integrate(top.q0, top.p0, parameters=top.parameters | {"gamma": g}, **run)
                  for g in (gamma_m(top.inertia), gs.gamma_fast(top.inertia, [0, 0, 126])))
-    assert few.iterations.mean() < 1.02 * many.iterations.mean()
+    assert few.iterations.mean() < 1.05 * many.iterations.mean()
     assert np.abs(few.q - many.q).max() < 1e-11

@@ -161,7 +161,8 @@ def test_gears_turn_as_often_as_they_like():
     assert (20 * 2 + alpha * 2) / (2 * math.pi) > 30
     assert np.abs(quantity(done, "small") - (20 + alpha * done.t)).max() <= 1e-10
     assert np.abs(quantity(done, "large") + 17 / 43 * quantity(done, "small")).max() <= 1e-10
-    assert done.report.constraint_max <= (17 + 43) * math.pi * EPS
+    # An angle and its product are rounded at up to π, its sine and cosine by an ε.
+    assert done.report.constraint_max <= (17 + 43) * (math.pi + 1) * EPS
 
 
 @pytest.mark.parametrize("ratio", [0.5, 0.3137])
