@@ -265,7 +265,7 @@ def test_killed_builds_leave_nothing_that_is_loaded(kills, own_cache, quick):
         process.communicate(timeout=PATIENCE)
         for path in kept(own_cache):  # appeared whole or not at all
             assert path.read_bytes().startswith(b"\x7fELF")
-            if path.with_name(path.name + ".sha256").is_file():
+            if path.with_name(path.name + ".json").is_file():
                 assert module._is_whole(path)
         if rng.random() < 0.3:
             done = build(own_cache, quick)
@@ -374,7 +374,7 @@ def test_module_without_its_checksum_is_built_anew(proof, built, own_cache):
     content, expected = built
     own_cache.mkdir()
     for name, data in content.items():
-        if name.endswith(".sha256"):
+        if name.endswith(".so.json"):
             if proof is not None:
                 (own_cache / name).write_bytes(proof)
         else:
@@ -390,7 +390,7 @@ def test_whole_module_is_used_as_it_is(built, own_cache, monkeypatch):
     for name, data in content.items():
         (own_cache / name).write_bytes(data)
     monkeypatch.setenv("CC", "cc")
-    monkeypatch.setattr(module, "compile_module", lambda *_: pytest.fail("compiled"))
+    monkeypatch.setattr(module, "compile_verified", lambda *_: pytest.fail("compiled"))
     loaded = module.load_module("heavy_top_ims_gamma", files_of())
     assert loaded.lib.heavy_top_ims_gamma_step
 
@@ -519,7 +519,7 @@ def test_clearing_touches_only_what_is_ours(own_cache):
     own_cache.mkdir()
     key = "0123456789abcdef" * 2
     ours = [f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so",
-            f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so.sha256",
+            f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so.json",
             f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd",
             f"heavy_top_gl8_alpha-{key}.source.json"]
     theirs = ["thesis.tex", ".bashrc", "notes-1.source.json", "lib.so", f"{key}.so", "build-log"]

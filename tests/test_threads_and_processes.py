@@ -63,7 +63,7 @@ def test_threads_that_make_the_same_stepper_at_once(monkeypatch, tmp_path):
 
     with ThreadPoolExecutor(8) as pool:
         assert len(set(pool.map(make, range(8)))) == 1
-    assert {path.suffix for path in tmp_path.iterdir()} == {".so", ".sha256"}
+    assert {path.suffix for path in tmp_path.iterdir()} == {".so", ".json"}
 
 
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, SystemExit, MemoryError, RuntimeError])

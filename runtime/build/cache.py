@@ -25,7 +25,7 @@ import cffi
 import platformdirs
 
 from ...errors import GyrosparkError
-from . import objects, quad_wrapper
+from . import kernel_check, kernel_text, objects, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .objects import Part
 
@@ -35,7 +35,7 @@ _STALE_SECONDS = 24 * 3600
 #: No build takes so long; ``clear`` takes it for ended.
 _ENDED_SECONDS = 3600
 #: Names of finished files. Nothing else is listed or removed, whatever folder the user chose.
-_ENTRY = re.compile(r"\w+-[0-9a-f]{32}\.(source\.json|[\w.-]*(so|pyd)(\.sha256)?)")
+_ENTRY = re.compile(r"\w+-[0-9a-f]{32}\.(source\.json|[\w.-]*(so|pyd)(\.json|\.sha256)?)")
 
 
 class CacheError(GyrosparkError):
@@ -61,7 +61,7 @@ def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -
             "files": files,
             "part": part,
             "made by": [Path(str(module.__file__)).read_text(encoding="utf-8")
-                        for module in (objects, quad_wrapper)],
+                        for module in (kernel_check, kernel_text, objects, quad_wrapper)],
             "command": compiler.command,
             "version": compiler.version,
             "flags": [compiler.flags, compiler.seldom_flags, compiler.link_flags, STRICT_FLAGS,

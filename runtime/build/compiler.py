@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,8 @@ import numpy as np
 
 from ...errors import CompilerError, InputError
 from ...real import REALS, Real
+from .kernel_check import CheckFunction, check_functions, check_text
+from .kernel_text import kernels_of
 from .objects import Part, declarations_of, objects_of
 from .quad_wrapper import is_quad, wrap_declarations
 
@@ -158,9 +161,10 @@ def read_declarations(header: str) -> str:
 
 
 def compile_module(
-    name: str, files: dict[str, str], compiler: Compiler, folder: Path, part: Part = "runs"
-) -> Path:
-    """Compile a stepper in ``folder`` and return the path of the extension module.
+    name: str, files: dict[str, str], compiler: Compiler, folder: Path, part: Part = "runs",
+    more_flags: Sequence[str] = (),
+) -> tuple[Path, list[CheckFunction]]:
+    """Compile a stepper in ``folder``; return the path of the extension module and its checks.
 
     The objects of the kernel are compiled side by side under strict warnings; meanwhile cffi's
     wrapper is written, and compiled beside them without, for it is not ours.
@@ -180,16 +184,21 @@ def compile_module(
     compile_ = [*compiler.command, *compiler.flags,
                 *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS)]
     running, linked = [], ["wrapper.o"]
+    kernels = kernels_of(files[f"{name}.c"])
+    checks: list[CheckFunction] = []
     for made in objects_of(name, files, part):
         inside = folder / made.name
-        inside.mkdir()
+        inside.mkdir(exist_ok=True)
         (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
-        shutil.copy(folder / f"{name}.c", inside)
-        own = [*made.flags, *(compiler.seldom_flags if made.seldom else ())]
+        own_checks = check_functions(f"{name}_{made.name}", kernels, made.checks)
+        checks += own_checks
+        (inside / f"{name}.c").write_text(files[f"{name}.c"] + check_text(own_checks),
+                                          encoding="utf-8")
+        own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags]
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")
-    wrapper = _write_wrapper(name, declarations_of(name, files[f"{name}.h"], part), folder)
+    wrapper = _write_wrapper(name, declarations_of(name, files[f"{name}.h"], part), checks, folder)
     include = sysconfig.get_paths()["include"]
     running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
                            wrapper.name, "-o", "wrapper.o"], folder))
@@ -200,11 +209,13 @@ def compile_module(
     if not target.is_file():
         raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
                             f"{shlex.join(link)}. {_CURE}", command=link)
-    return target
+    return target, checks
 
 
-def _write_wrapper(name: str, header: str, folder: Path) -> Path:
-    """Write cffi's C for a header; return its path."""
+def _write_wrapper(
+    name: str, header: str, checks: Sequence[CheckFunction], folder: Path
+) -> Path:
+    """Write cffi's C for a header and the functions of the check; return its path."""
     declarations, functions, renamed = read_declarations(header), "", ""
     if is_quad(declarations):
         declarations, functions = wrap_declarations(declarations)
@@ -214,9 +225,10 @@ def _write_wrapper(name: str, header: str, folder: Path) -> Path:
         renamed = f"#define {real.c_type} {standard}\n"
     ffi = cffi.FFI()
     # Work memory is opaque to callers; how large it is, the C compiler tells cffi.
-    ffi.cdef(f"{declarations}\nstruct {name}_work {{ ...; }};")
+    checked = "\n".join(check.declaration for check in checks)
+    ffi.cdef(f"{declarations}\nstruct {name}_work {{ ...; }};\n{checked}")
     ffi.set_source(module_name(name), f'{renamed}#define {name.upper()}_WORK\n'
-                   f'#include "{name}.h"\n{functions}', compiler_verbose=0)
+                   f'#include "{name}.h"\n{functions}\n{checked}', compiler_verbose=0)
     wrapper = folder / f"{module_name(name)}.c"
     ffi.emit_c_code(str(wrapper))
     return wrapper

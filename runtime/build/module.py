@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.machinery
-import importlib.util
+import json
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from ...errors import CompilerError
@@ -20,12 +18,12 @@ from .cache import (
     publish,
     workshop,
 )
-from .compiler import compile_module, extension_suffix, find_compiler, module_name
+from .compiler import Compiler, extension_suffix, find_compiler
 from .objects import Part
 from .prebuilt import prebuilt_module, prebuilt_provenance
+from .verified import compile_verified, import_module, loaded
 
 __all__ = ["load_module", "provenance"]
-
 
 def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     """Return the compiled module of a stepper, or that of its lanes, which is compiled apart.
@@ -33,7 +31,8 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     Compiles only what is not in the cache. Without a compiler, what a platform's wheel brought.
 
     A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
-    could end the process, so its checksum, kept beside it, is compared first.
+    could end the process, so its checksum, recorded beside it, is compared first. What was compiled
+    is cached when its kernels agree with their statements (``kernel_check``).
 
     Raises
     ------
@@ -44,34 +43,28 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         compiler = find_compiler()
     except CompilerError:
         if path := prebuilt_module(files, part):
-            return _import(name, path)
+            return import_module(name, path)
         raise
-    key = binary_key(files, compiler, part)
-    path = cache_folder() / f"{name}-{key}{extension_suffix()}"
+    path = _path_of(name, files, compiler, part)
     if _is_whole(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
-            return _import(name, path)
+            return import_module(name, path)
     what = name if part == "runs" else f"{name} for ensembles"
     with doing(f"compiling {what}", f"compiled {what}"), workshop() as folder:
-        built = compile_module(name, files, compiler, folder, part)
-        proof = folder / "sha256"
-        proof.write_text(_checksum(built), encoding="ascii")
+        built, record = compile_verified(name, files, compiler, folder, part)
+        proof = folder / "record.json"
+        proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
         publish(built, path.name)
-        publish(proof, _proof_of(path).name)
-    try:
-        return _import(name, path)
-    except ImportError as error:
-        raise CompilerError(
-            f"The C compiler made a module that does not load: {error}. It may be one for another "
-            "machine or Python; set CC to a compiler for this one.", command=list(compiler.command)
-        ) from error
+        publish(proof, _record_of(path).name)
+    return loaded(name, path, compiler)
 
 
 def provenance(files: dict[str, str]) -> dict[str, str]:
     """Return all on which the bits depend that a stepper computes, each by its name."""
     try:
         compiler = find_compiler()
-        made = {"compiler": compiler.version, "flags": " ".join(compiler.flags)}
+        flags = [*compiler.flags, *_further_flags(files, compiler)]
+        made = {"compiler": compiler.version, "flags": " ".join(flags)}
     except CompilerError:
         if not (made := prebuilt_provenance(files) or {}):
             raise
@@ -82,8 +75,23 @@ def provenance(files: dict[str, str]) -> dict[str, str]:
     }
 
 
-def _proof_of(path: Path) -> Path:
-    return path.with_name(f"{path.name}.sha256")
+def _further_flags(files: dict[str, str], compiler: Compiler) -> list[str]:
+    """Return flags with which the cached module was compiled because without them it was wrong."""
+    (name,) = (Path(file).stem for file in files if file.endswith(".json"))
+    path = _path_of(name, files, compiler, "runs")
+    try:
+        return list(json.loads(_record_of(path).read_text(encoding="utf-8"))["flags"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return []
+
+
+def _path_of(name: str, files: dict[str, str], compiler: Compiler, part: Part) -> Path:
+    key = binary_key(files, compiler, part)
+    return cache_folder() / f"{name}-{key}{extension_suffix()}"
+
+
+def _record_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.json")
 
 
 def _checksum(path: Path) -> str:
@@ -91,18 +99,9 @@ def _checksum(path: Path) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a module is in the cache, byte for byte as it was published."""
+    """Whether a module is in the cache, byte for byte as it was published, and was checked."""
     try:
-        return _proof_of(path).read_text(encoding="ascii") == _checksum(path)
-    except (OSError, ValueError):
+        record = json.loads(_record_of(path).read_text(encoding="utf-8"))
+        return bool(record["sha256"] == _checksum(path))
+    except (OSError, ValueError, TypeError, KeyError):
         return False
-
-
-def _import(name: str, path: Path) -> ModuleType:
-    loader = importlib.machinery.ExtensionFileLoader(module_name(name), str(path))
-    spec = importlib.util.spec_from_file_location(module_name(name), path, loader=loader)
-    if spec is None:
-        raise ImportError(f"{path} is not an extension module.")
-    module = importlib.util.module_from_spec(spec)
-    loader.exec_module(module)
-    return module

@@ -15,6 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from .kernel_check import Kind
+
 __all__ = ["Object", "Part", "declarations_of", "objects_of"]
 
 #: Which of the two modules.
@@ -24,6 +26,8 @@ Part = Literal["runs", "lanes"]
 _BOTH = {"lanes", "work_size"}
 _RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
 _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
+#: Which kernels an object is made of, by its number: Newton's of numbers, those of sweeps of lanes.
+_CHECKS: dict[int, tuple[Kind, ...]] = {1: ("numbers",), 2: ("lanes",), 3: ("lanes",)}
 
 
 @dataclass(frozen=True)
@@ -35,13 +39,15 @@ class Object:
     flags: tuple[str, ...] = ()
     #: Whether it has no loops that sweeps or iterations go through.
     seldom: bool = False
+    #: Kernels of these kinds are compared with their statements when it has been compiled.
+    checks: tuple[Kind, ...] = ()
 
 
 def objects_of(name: str, files: Mapping[str, str], part: Part) -> list[Object]:
     """Return what a module is linked of, that which takes longest first."""
     header = files[f"{name}.h"]
     if not _has_lanes(name, header):
-        return [Object("whole", header)]
+        return [Object("whole", header, checks=("numbers",))]
     if part == "lanes":
         made: dict[int, set[str]] = {3: _LANES, 1: set()}
     else:
@@ -65,7 +71,7 @@ def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
         else f"__attribute__((unused)) static {found[0]}", header)
     return Object(f"object{number}", made,
                   (f"-DGYROSPARK_OBJECT={number}", "-fvisibility=hidden", "-Wno-unused-function"),
-                  seldom=number == 4)
+                  seldom=number == 4, checks=_CHECKS.get(number, ()))
 
 
 def _has_lanes(name: str, header: str) -> bool:

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from .cache import digest
-from .compiler import compile_module, find_compiler
+from .compiler import find_compiler
 from .objects import Part
+from .verified import compile_verified
 
 __all__ = ["prebuild", "prebuilt_module", "prebuilt_provenance"]
 
@@ -35,7 +36,7 @@ def prebuild(steppers: Mapping[str, dict[str, str]], folder: Path) -> None:
     Raises
     ------
     CompilerError
-        See ``compile_module``.
+        See ``compile_verified``.
     """
     compiler = replace(find_compiler(), portable=True)
     folder.mkdir(parents=True)
@@ -43,12 +44,13 @@ def prebuild(steppers: Mapping[str, dict[str, str]], folder: Path) -> None:
     for name, files in steppers.items():
         for part in ("runs", "lanes"):
             with tempfile.TemporaryDirectory() as inside:
-                module = compile_module(name, files, compiler, Path(inside), part)
+                module, record = compile_verified(name, files, compiler, Path(inside), part)
                 target = folder / f"{name}_{part}{_SUFFIX}"
                 shutil.move(module, target)
             made[target.name] = {
                 "source": digest(files), "part": part, "sha256": _checksum(target),
-                "compiler": compiler.version, "flags": " ".join(compiler.flags)}
+                "compiler": compiler.version,
+                "flags": " ".join([*compiler.flags, *record["flags"]])}
     (folder / "modules.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
 
 
