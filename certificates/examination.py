@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..generator.algebra.derivatives import derivative
 from ..generator.algebra.evaluation import evaluate
+from ..generator.algebra.rounding import rounding
 from ..generator.bodies.model import Model
 from ..generator.symmetry.momentum_maps import (
     MAX_COORDINATES,
@@ -28,6 +29,9 @@ from .promises import Promise, Promises
 from .round_off import RoundOff
 
 __all__ = ["Examination", "Line"]
+
+#: A step too short to move anything: what the residual says is then of the state itself.
+_SHORT = 1e-30
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,7 @@ class Examination:
                        "each block keeps what the scheme keeps; that rates are chosen from the "
                        f"state breaks it by O(Δt^{self.step.order}) from block to block; loops are "
                        "measured with the rates of the start")
+        yield self._compiled_system()
         yield self._loop()
         yield self._reversal()
         if self.step.m:
@@ -129,6 +134,40 @@ class Examination:
         yield from self._momentum_maps()
         yield self._order()
         yield from self._quantities()
+
+    # ------------------------------------------------------------ the compiled equations
+
+    def _compiled_system(self) -> Line:
+        """Compare compiled H, H_p, H_q - F and g with the model's expressions, in units of ε.
+
+        All other lines are measured with the compiled stepper alone, which would agree with itself
+        if it were one of another system. The residual at x = 0 (SPARK; for IMS and EMS at the start
+        itself) is (-H_p, H_q - F, g) in the limit of a short step.
+        """
+        system, n, step = self.model.system, self.model.system.n, self.step
+        expressions = [system.H, *system.H_p, *system.minus_p_rate, *system.constraints]
+        rows = np.unique(np.linspace(0, self.steps, 5).astype(int))
+        at = self.round_off.values(rows)
+        expected = np.broadcast_to(evaluate(expressions, at), (len(expressions), len(rows)))
+        sizes = np.broadcast_to(rounding(expressions, at, {}), expected.shape)
+        still = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
+        stages = self._manifest["stages"] or 1
+        found = np.empty_like(expected)
+        for k, (q, p, t) in enumerate(zip(*(x[rows] for x in (self.run.q, self.run.p, self.run.t)),
+                                          strict=True)):
+            x = np.zeros(step.unknowns)
+            if self._manifest["unknowns_are_state"]:
+                x[: 2 * n] = *q, *p
+            r = step.residual(x, q, p, dt=_SHORT, parameters=still, t=t).astype(float)
+            end = 2 * stages * n
+            found[:, k] = [float(step.energy(q, p, parameters=still, t=t)), *-r[:n],
+                           *r[stages * n : (stages + 1) * n], *r[end : end + step.m]]
+        with np.errstate(all="ignore"):
+            off = np.abs(found - expected) / (self.round_off.epsilon * sizes)
+        off[found == expected] = 0.0
+        value = float(off.max())
+        return judged("compiled H, H_p, H_q − F, g", f"{value:.2g} times the estimated round-off",
+                      "≤ 16", Promise(True, "compiled from this model's H, g and F"), value, 16.0)
 
     # ------------------------------------------------------------ symplecticity, symmetry
 

@@ -135,9 +135,9 @@ class RoundOff:
         size = max(16, _ROOM // parts)
         for start in range(0, len(self.run.t), size):
             rows = slice(start, start + size)
-            yield self._values(rows), len(self.run.t[rows])
+            yield self.values(rows), len(self.run.t[rows])
 
-    def _values(self, rows: slice) -> dict[Any, Any]:
+    def values(self, rows: slice | NDArray[np.int64]) -> dict[Any, Any]:
         """Return the values of all symbols at states of the run, in double."""
         system, run = self.system, self.run
         at: dict[Any, Any] = {s: self.parameters[str(s)] for s in system.parameters}

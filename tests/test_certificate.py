@@ -14,7 +14,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.certificates import examination
+from gyrospark.certificates import certificate, examination
 from gyrospark.certificates.measurements import OrderSeen, order_seen, reversal, trend
 from gyrospark.certificates.round_off import RoundOff
 from gyrospark.generator.bodies.rigid_body import heavy_top
@@ -51,6 +51,29 @@ BENT = {"A_hat": [["1/4 + 1/10000", "1/4 - sqrt(3)/6"], ["1/4 + sqrt(3)/6", "1/4
 
 def verdicts(certificate):
     return {line.quantity: line.holds for line in certificate.lines}
+
+
+# ---------------------------------------------------------------- the compiled system
+
+
+@pytest.mark.parametrize("wrong", ["potential", "mass", "constraint", None])
+def test_a_stepper_of_another_system_is_found(wrong, monkeypatch):
+    """All that is measured of such a stepper holds: only the model's expressions tell."""
+    known = pendulum()
+    x, y = known.system.q
+    (m, g), H, constraints = known.system.parameters, known.system.H, known.system.constraints
+    made = gs.System((x, y), known.system.p, (m, g), {
+        "potential": H - 2 * m * g * y, "mass": H + known.system.p[0]**2 * 1e-9}.get(wrong, H),
+        constraints=[constraints[0] + (1e-9 if wrong == "constraint" else 0)], name="pendulum")
+    compiled = gs.stepper("G-L", 2, system=made)
+    monkeypatch.setattr(certificate, "compiled", lambda *_: (known, compiled))
+    if wrong == "constraint":  # at a start on its own constraint, which is off by less than is seen
+        known = gs.Model(known.system, known.parameters, *compiled.project(
+            known.q0, known.p0, parameters=known.parameters), dt=known.dt, steps=known.steps)
+    found = verdicts(gs.certify(known, "G-L", 2))
+    line = found.pop("compiled H, H_p, H_q − F, g")
+    assert line is (wrong is None)
+    assert False not in found.values()
 
 
 # ---------------------------------------------------------------- what holds
