@@ -36,7 +36,14 @@ from ..runtime.steps.integration import (
 from .checkpoint import Seen, State, pack, unpack
 from .durable import storage_errors
 from .happened import Happened
-from .layout import CHECKPOINT, array_of, attributes_of, fields_of, wide_name
+from .layout import (
+    CHECKPOINT,
+    array_of,
+    attributes_of,
+    fields_of,
+    fields_of_event,
+    wide_name,
+)
 from .soundness import COMPLETE, ENDED, FAILED, RUNNING, stored_values
 from .writer import CURE, Batch, Writer
 
@@ -72,6 +79,7 @@ class Course:
         try:
             kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
                           len(self.events))
+            self._refuse_beyond(kept)
         except ValueError as error:
             raise InputError(f"The store {str(self.path)!r} cannot be gone on with: {error}. What "
                              "is stored can be read; choose another store for the run.") from error
@@ -86,6 +94,17 @@ class Course:
             self.end = self._stored("time", self.fields[0].wide, done - 1, 1)
         rows.iterations[done - first] = kept.most
         return kept, first, rows
+
+    def _refuse_beyond(self, kept: State | None) -> None:
+        """Refuse a checkpoint of more steps, rows or events than the store has."""
+        if kept is None:
+            return
+        counts = [] if kept.seen is None else kept.seen.counts.tolist()
+        stored = [array_of(self.group, fields_of_event(self.manifest, one.name)[0].name).shape[0]
+                  for one in self.events]
+        if (kept.steps > self.run.steps or self._states(kept) > self.run.rows + 1
+                or any(count > rows for count, rows in zip(counts, stored, strict=True))):
+            raise ValueError("its checkpoint is ahead of what is stored")
 
     def _go_on_looking(self, kept: State | None) -> None:
         """Look for events from where the run stands; what is stored from behind there is dropped.
