@@ -17,6 +17,7 @@ from .cache import (
     cache_folder,
     cpu_description,
     digest,
+    is_trusted,
     publish,
     workshop,
 )
@@ -33,7 +34,8 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     Compiles only what is not in the cache. Without a compiler, what a platform's wheel brought.
 
     A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
-    could end the process, so its checksum, kept beside it, is compared first.
+    could end the process, so its checksum, kept beside it, is compared first. So is one that
+    another user could have written.
 
     Raises
     ------
@@ -91,9 +93,10 @@ def _checksum(path: Path) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a module is in the cache, byte for byte as it was published."""
+    """Whether a module is in the cache, byte for byte as it was published, by nobody else."""
     try:
-        return _proof_of(path).read_text(encoding="ascii") == _checksum(path)
+        return (is_trusted(path)
+                and _proof_of(path).read_text(encoding="ascii") == _checksum(path))
     except (OSError, ValueError):
         return False
 
