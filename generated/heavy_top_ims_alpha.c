@@ -3484,7 +3484,8 @@ static int is_sound_predictor(const predictor_t *s, long steps, int settled)
 {
     return within(s->count, 0, steps) && s->training >= 0 && s->training - 65536 <= s->count
         && (settled || s->count - s->training <= STRIDE*(SAMPLES - 1))
-        && within(s->order, 0, ORDER) && within(s->fitted, 0, 1) && are_flags(LANES, s->stages);
+        && within(s->order, s->count > 0, ORDER) && within(s->fitted, 0, 1) && are_flags(LANES,
+            s->stages);
 }
 
 int heavy_top_ims_alpha_is_sound(const report_t *report, work_t *w)

@@ -42,9 +42,17 @@ from .layout import (
     attributes_of,
     fields_of,
     fields_of_event,
+    names_of,
     wide_name,
 )
-from .soundness import COMPLETE, ENDED, FAILED, RUNNING, stored_values
+from .soundness import (
+    COMPLETE,
+    ENDED,
+    FAILED,
+    RUNNING,
+    refuse_missing_blocks,
+    stored_values,
+)
 from .writer import CURE, Batch, Writer
 
 __all__ = ["Course"]
@@ -115,6 +123,9 @@ class Course:
             self.counts = kept.seen.counts
             assert self.observer is not None
             self.observer.go_on(kept.steps, kept.seen.memory)
+            for one, count in zip(self.events, self.counts.tolist(), strict=True):
+                refuse_missing_blocks(self.path, self.group, 0, count,
+                                      names_of(fields_of_event(self.manifest, one.name)))
         names = [one.name for one in self.events]
         with storage_errors(self.path, CURE):
             Happened(self.group, self.manifest, names).grow(
@@ -149,6 +160,7 @@ class Course:
 
     def _read(self, first: int, count: int) -> Rows:
         """Return a block of rows with what is stored of it."""
+        refuse_missing_blocks(self.path, self.group, first, first + count)
         rows = self._empty()
         for one in self.fields:
             part = getattr(rows, one.name, None)

@@ -577,7 +577,7 @@ def test_folders_of_others_are_never_removed(own_cache, tmp_path):
     assert not (own_cache / "gyrospark-build-reallyus").exists()
 
 
-# ---------------------------------------------------------------- what other users could have written
+# ---------------------------------------------------------------- what other users could write
 
 
 def publish_both(own_cache, quick, monkeypatch):
