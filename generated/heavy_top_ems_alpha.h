@@ -143,6 +143,13 @@ int heavy_top_ems_alpha_integrate(const heavy_top_ems_alpha_parameters *paramete
         heavy_top_ems_alpha_work *work);
 
 /*
+ * Whether a record and work memory that were kept on a disk have whole numbers as steps leave them:
+ * heavy_top_ems_alpha_integrate counts and chooses by these, and does not look at them again.
+ */
+int heavy_top_ems_alpha_is_sound(const heavy_top_ems_alpha_report *report,
+    heavy_top_ems_alpha_work *work);
+
+/*
  * Memory of heavy_top_ems_alpha_integrate_lanes, for one batch at a time. Contents need no
  * preparation.
  */

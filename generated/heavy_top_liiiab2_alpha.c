@@ -5181,3 +5181,54 @@ int heavy_top_liiiab2_alpha_near(const parameters_t *parameters, long count,
     }
     return rows[0] >= 0;
 }
+
+/*
+ * ------------------------------------------------------------------ memory that was kept on a disk
+ */
+
+static int within(long number, long least, long most)
+{
+    return least <= number && number <= most;
+}
+
+static int are_flags(int count, const int *flags)
+{
+    int sound = 1;
+    for (int i = 0; i < count; ++i)
+        sound &= within(flags[i], 0, 1);
+    return sound;
+}
+
+/* `settled`: nobody trains a recurrence any more, however long ago that was to begin. */
+static int is_sound_predictor(const predictor_t *s, long steps, int settled)
+{
+    return within(s->count, 0, steps) && s->training >= 0 && s->training - 65536 <= s->count
+        && (settled || s->count - s->training <= STRIDE*(SAMPLES - 1))
+        && within(s->order, s->count > 0, ORDER) && within(s->fitted, 0, 1) && are_flags(LANES,
+            s->stages);
+}
+
+static int are_sound_lessons(const stages_lessons *s, long count)
+{
+    int sound = within(s->lags, 0, LAGS) && within(s->order, 0, ORDER)
+        && are_flags(stages_TRACKS, s->taken) && are_flags(stages_TRACKS, s->settled)
+        && are_flags(stages_TRACKS, s->trial);
+    for (int i = 0; i < stages_TRACKS; ++i)
+        sound &= within(s->latest[i], 0, count);
+    return sound;
+}
+
+int heavy_top_liiiab2_alpha_is_sound(const report_t *report, work_t *w)
+{
+    const long steps = report->steps;
+    int sound = steps >= 0 && report->iterations >= 0 && report->iterations_max >= 0
+        && report->newton_steps >= 0 && report->newton_steps <= steps;
+    const fast_t *f = fast_of(w);
+    const stages_t *s = &f->run;
+    sound &= within(f->failures, 0, 6) && within(f->wait, 0, 63)
+        && within(f->way, SWEEPS_FIRST, NEWTON_FIRST) && within(f->steps, 0, 1 << 16)
+        && within(f->patience, 0, 1 << 16) && within(s->constants._used, 0, LANES);
+    sound &= are_sound_lessons(&s->lessons, s->predictor.count);
+    sound &= is_sound_predictor(&s->predictor, steps, stages_all_settled(s));
+    return sound;
+}

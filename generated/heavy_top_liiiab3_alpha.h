@@ -157,6 +157,13 @@ int heavy_top_liiiab3_alpha_integrate(const heavy_top_liiiab3_alpha_parameters *
         heavy_top_liiiab3_alpha_work *work);
 
 /*
+ * Whether a record and work memory that were kept on a disk have whole numbers as steps leave them:
+ * heavy_top_liiiab3_alpha_integrate counts and chooses by these, and does not look at them again.
+ */
+int heavy_top_liiiab3_alpha_is_sound(const heavy_top_liiiab3_alpha_report *report,
+    heavy_top_liiiab3_alpha_work *work);
+
+/*
  * Memory of heavy_top_liiiab3_alpha_integrate_lanes, for one batch at a time. Contents need no
  * preparation.
  */

@@ -4,6 +4,10 @@ Of a run with events also what looking for them goes on from, and how many of ea
 
 The compiled code keeps all that a run has learned (compensation terms, the predictor's past, the
 rate at which sweeps converge) in its work memory, and that is kept byte for byte.
+
+The digest detects damage, not intent: anyone can compute it. Every integer that indexes, counts or
+selects is therefore checked against its range before a run continues, those of work memory by the
+compiled function ``is_sound``, which knows where they are.
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.call.binding import Binding
+from ..runtime.call.binding import REASONS, Binding
 from ..runtime.call.wide import as_bytes, from_bytes
 from ..runtime.events.watch import TAIL, Memory
 
@@ -23,6 +27,7 @@ __all__ = ["Seen", "State", "pack", "room", "unpack"]
 
 Array = NDArray[Any]
 _DIGEST = 32
+_UNSOUND = "the checkpoint holds numbers that no run leaves"
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
     Raises
     ------
     ValueError
-        If the bytes are damaged.
+        If the bytes are damaged, or an integer is outside of its range.
     """
     digest, body = data[:_DIGEST], data[_DIGEST:]
     if not data.any():
@@ -134,9 +139,14 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
     for struct in (report, work):
         image = binding.image(struct)
         image[:] = take(image.size)
+    if not (0 <= most < 2**31 and (-events <= status <= 0 or status in REASONS)
+            and binding.function("is_sound")(report, work)):
+        raise ValueError(_UNSOUND)
     if not events:
         return State(q, p, report, work, most, status)
     rows, *known = (int(x) for x in take(8 * (1 + 2 * events)).view("<i8"))
+    if not (0 <= rows <= TAIL and min(known) >= 0 and max(known[events:]) <= 1):
+        raise ValueError(_UNSOUND)
     tail = numbers(2, TAIL, binding.n)[:, :rows]
     memory = Memory(tail[0], tail[1], np.array(known[events:], bool))
     return State(q, p, report, work, most, status, Seen(np.array(known[:events]), memory))

@@ -36,8 +36,23 @@ from ..runtime.steps.integration import (
 from .checkpoint import Seen, State, pack, unpack
 from .durable import storage_errors
 from .happened import Happened
-from .layout import CHECKPOINT, array_of, attributes_of, fields_of, wide_name
-from .soundness import COMPLETE, ENDED, FAILED, RUNNING, stored_values
+from .layout import (
+    CHECKPOINT,
+    array_of,
+    attributes_of,
+    fields_of,
+    fields_of_event,
+    names_of,
+    wide_name,
+)
+from .soundness import (
+    COMPLETE,
+    ENDED,
+    FAILED,
+    RUNNING,
+    refuse_missing_blocks,
+    stored_values,
+)
 from .writer import CURE, Batch, Writer
 
 __all__ = ["Course"]
@@ -72,6 +87,7 @@ class Course:
         try:
             kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
                           len(self.events))
+            self._refuse_beyond(kept)
         except ValueError as error:
             raise InputError(f"The store {str(self.path)!r} cannot be gone on with: {error}. What "
                              "is stored can be read; choose another store for the run.") from error
@@ -87,6 +103,17 @@ class Course:
         rows.iterations[done - first] = kept.most
         return kept, first, rows
 
+    def _refuse_beyond(self, kept: State | None) -> None:
+        """Refuse a checkpoint of more steps, rows or events than the store has."""
+        if kept is None:
+            return
+        counts = [] if kept.seen is None else kept.seen.counts.tolist()
+        stored = [array_of(self.group, fields_of_event(self.manifest, one.name)[0].name).shape[0]
+                  for one in self.events]
+        if (kept.steps > self.run.steps or self._states(kept) > self.run.rows + 1
+                or any(count > rows for count, rows in zip(counts, stored, strict=True))):
+            raise ValueError("its checkpoint is ahead of what is stored")
+
     def _go_on_looking(self, kept: State | None) -> None:
         """Look for events from where the run stands; what is stored from behind there is dropped.
 
@@ -96,6 +123,9 @@ class Course:
             self.counts = kept.seen.counts
             assert self.observer is not None
             self.observer.go_on(kept.steps, kept.seen.memory)
+            for one, count in zip(self.events, self.counts.tolist(), strict=True):
+                refuse_missing_blocks(self.path, self.group, 0, count,
+                                      names_of(fields_of_event(self.manifest, one.name)))
         names = [one.name for one in self.events]
         with storage_errors(self.path, CURE):
             Happened(self.group, self.manifest, names).grow(
@@ -130,6 +160,7 @@ class Course:
 
     def _read(self, first: int, count: int) -> Rows:
         """Return a block of rows with what is stored of it."""
+        refuse_missing_blocks(self.path, self.group, first, first + count)
         rows = self._empty()
         for one in self.fields:
             part = getattr(rows, one.name, None)

@@ -15,7 +15,13 @@ import numpy as np
 from ..errors import InputError, MissingDependencyError, StorageError
 from ..runtime.body.euler import check_sequence
 from ..runtime.output.outputs import labels_of
-from ..runtime.output.states import beside, event_headings, headings, write_csv
+from ..runtime.output.states import (
+    beside,
+    event_headings,
+    headings,
+    spreadsheet_text,
+    write_csv,
+)
 from ..runtime.show.endings import ENDINGS, ending_of
 from .durable import finished
 from .table import Column, Table, stored_table, table_of
@@ -104,6 +110,11 @@ def save_table(trajectory: Trajectory, path: Path) -> Path:
         As for ``export``.
     """
     check_export(path)
+    for name in trajectory.events:
+        if "/" in name or "\0" in name:
+            raise InputError(f"The event {name!r} names variables of a NetCDF file, where '/' parts "
+                             'groups; give it another name, as in gs.Event(..., name="landing"), '
+                             "or save the run as .npz or .csv.")
     return _write(table_of(trajectory), path)
 
 
@@ -130,7 +141,7 @@ def _write_csv(table: Table, path: Path) -> None:
 
 def _write_events(table: Table, path: Path) -> None:
     """Write what has happened as CSV: the name of the event, then what its arrays hold."""
-    blocks = ([np.full(len(arrays[0]), name), *arrays] for name, own in table.events.items()
+    blocks = ([np.full(len(arrays[0]), spreadsheet_text(name)), *arrays] for name, own in table.events.items()
               for _, arrays in own.blocks(own.numbers))
     write_csv(path, event_headings(table.system), blocks)
 

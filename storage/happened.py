@@ -64,7 +64,8 @@ def _behind(array: zarr.Array[Any], begun: int, rows: Array) -> list[Chunk]:
     """Return the chunks that have new rows; the first has old ones too."""
     block, inner = array.chunks[0], (0,) * (array.ndim - 1)
     first = begun // block
-    whole = np.concatenate([np.asarray(array[first * block : begun]), rows])
+    known = stored_values(array, first * block, begun - first * block, False, array.dtype)
+    whole = np.concatenate([known, rows])
     return [Chunk(array, (first + i, *inner), whole[i * block : (i + 1) * block])
             for i in range(-(-len(whole) // block))]
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..errors import InputError
 from ..real import REALS, RealName
+from ..runtime.build.manifest import sizes_of
 from ..runtime.call.reals import from_text
 from ..runtime.call.wide import from_bytes
 from ..runtime.output.report import Report, known_fields
@@ -126,8 +127,11 @@ def _about_manifest(about: Mapping[str, Any]) -> Iterator[str]:
         yield "it has no manifest"
     elif manifest.get("real") not in list(REALS):
         yield f"manifest.real is {manifest.get('real')!r}"
-    elif not isinstance(system.get("quantities", {}), (Mapping, list)):
-        yield f"manifest.system.quantities are {system['quantities']!r}"
+    else:
+        try:
+            sizes_of(manifest)
+        except (KeyError, TypeError, ValueError, AttributeError):
+            yield "its manifest is not complete"
 
 
 def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[str]:

@@ -122,7 +122,7 @@ def test_symbols_are_the_documented_functions(name, spec, tmp_path):
     functions = {"step", "integrate", "T1", "T2", "guess", "residual", "jacobian",
                  "increment_size", "last_increment", "lands", "hamiltonian", "defects",
                  "project", "lanes", "integrate_lanes", "integrate_many", "work_size",
-                 "begin", "advance", "set_parameters", "report_of", "near"}
+                 "begin", "advance", "set_parameters", "report_of", "near", "is_sound"}
     if spec.stages:
         functions |= {"coefficients"}
     assert exported == {f"{spec.name}_{function}" for function in functions}

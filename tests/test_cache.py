@@ -221,7 +221,7 @@ def test_full_cache_is_told(size, small_disk, quick):
     assert done.returncode == 1
     assert re.search(r"(CacheError|CompilerError): ", done.stderr)
     assert "No space left" in done.stderr
-    assert not list(disk.glob("build-*"))
+    assert not list(disk.glob("*build-*"))
     call(["mount", "-o", "remount,size=2m", disk])
     again = build(disk, quick)
     assert again.returncode == 0, again.stderr
@@ -521,8 +521,10 @@ def test_clearing_touches_only_what_is_ours(own_cache):
     ours = [f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so",
             f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so.json",
             f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd",
+            f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd.json",
             f"heavy_top_gl8_alpha-{key}.source.json"]
-    theirs = ["thesis.tex", ".bashrc", "notes-1.source.json", "lib.so", f"{key}.so", "build-log"]
+    theirs = ["thesis.tex", ".bashrc", "notes-1.source.json", "lib.so", f"{key}.so", "build-log",
+              f"kernel-{key}.so"]
     for name in [*ours, *theirs]:
         (own_cache / name).touch()
     (own_cache / "folder").mkdir()
@@ -531,18 +533,122 @@ def test_clearing_touches_only_what_is_ours(own_cache):
     assert {p.name for p in own_cache.iterdir()} == {*theirs, "folder"}
 
 
+def left(name, hours, mark=cache._MARKED):
+    """Make a build's folder of so many hours ago."""
+    name.mkdir(parents=True)
+    (name / "kernel.o").touch()
+    if mark is not None:
+        (name / cache._MARK).write_text(mark)
+    then = time.time() - hours * 3600
+    os.utime(name, (then, then))
+
+
 def test_old_build_folders_are_swept_up(own_cache, quick, monkeypatch):
     """What killed builds left goes away a day later, or when the cache is cleared; not earlier."""
     monkeypatch.setenv("CC", quick)
-    for name, hours in (("build-old", 30), ("build-young", 2), ("build-now", 0)):
-        (own_cache / name).mkdir(parents=True)
-        (own_cache / name / "kernel.o").touch()
-        then = time.time() - hours * 3600
-        os.utime(own_cache / name, (then, then))
+    for name, hours in (("oldbuild", 30), ("newbuild", 2), ("nowbuild", 0)):
+        left(own_cache / f"gyrospark-build-{name}", hours)
     module.load_module("heavy_top_ims_gamma", files_of())
-    assert {p.name for p in own_cache.glob("build-*")} == {"build-young", "build-now"}
+    assert {p.name[-8:] for p in own_cache.glob("*build-*")} == {"newbuild", "nowbuild"}
     cache.clear()
-    assert {p.name for p in own_cache.glob("build-*")} == {"build-now"}
+    assert {p.name[-8:] for p in own_cache.glob("*build-*")} == {"nowbuild"}
+
+
+def test_folders_of_others_are_never_removed(own_cache, tmp_path):
+    """However old: other names, no mark, another mark, a link, another owner."""
+    for name, mark in (("build-arm64", cache._MARKED), ("build-arm64/src", None),
+                       ("gyrospark-build-notmarkd", None), ("gyrospark-build-otherwis", "mine"),
+                       ("gyrospark-build-arm64-release", cache._MARKED)):
+        left(own_cache / name, 1000, mark)
+    theirs = {*own_cache.rglob("*")}
+    left(tmp_path / "gyrospark-build-elsewher", 1000)
+    (own_cache / "gyrospark-build-linkedto").symlink_to(tmp_path / "gyrospark-build-elsewher")
+    theirs |= {own_cache / "gyrospark-build-linkedto", *tmp_path.rglob("gyrospark-build-else*/*")}
+    if os.geteuid() == 0:
+        left(own_cache / "gyrospark-build-foreigns", 1000)
+        os.chown(own_cache / "gyrospark-build-foreigns", 12345, 12345)
+        theirs |= {*own_cache.rglob("gyrospark-build-foreigns/*")}
+    left(own_cache / "gyrospark-build-reallyus", 1000)
+    with cache.workshop() as folder:
+        assert cache._BUILD_NAME.fullmatch(folder.name)
+        assert [p.name for p in folder.iterdir()] == [cache._MARK]
+    cache.clear()
+    assert all(path.exists() for path in theirs)
+    assert not (own_cache / "gyrospark-build-reallyus").exists()
+
+
+# ---------------------------------------------------------------- what other users could write
+
+
+def publish_both(own_cache, quick, monkeypatch):
+    """Build a module and keep a text; return their files."""
+    monkeypatch.setenv("CC", quick)
+    module.load_module("heavy_top_ims_gamma", files_of())
+    cache.keep("text.source.json", ["text"])
+    (built,) = kept(own_cache)
+    return built, own_cache / "text.source.json"
+
+
+def test_what_is_published_is_written_by_nobody_else(own_cache, quick, monkeypatch):
+    """Whatever the umask: with 002, of groups of one user, files would be writable by the group."""
+    before = os.umask(0o000)
+    try:
+        built, text = publish_both(own_cache, quick, monkeypatch)
+    finally:
+        os.umask(before)
+    for path in (own_cache, built, text):
+        assert not path.stat().st_mode & 0o022
+        assert cache.distrusted(path) == ""
+    assert module._is_whole(built)
+    assert cache.kept(text.name) == ["text"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+@pytest.mark.parametrize("planted", ["group writes", "others write", "link", "other owner"])
+def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_path):
+    """Each is rebuilt; nothing that another user could have written is loaded or compiled."""
+    for path in publish_both(own_cache, quick, monkeypatch):
+        if planted == "link":
+            path.rename(tmp_path / path.name)
+            path.symlink_to(tmp_path / path.name)
+        elif planted == "other owner":
+            if os.geteuid() != 0:
+                pytest.skip("only root gives files away")
+            os.chown(path, 12345, 12345)
+        else:
+            path.chmod(0o764 if planted == "group writes" else 0o746)
+        assert cache.distrusted(path) != ""
+        assert not module._is_whole(path)
+    assert cache.kept("text.source.json") is None
+    monkeypatch.setattr(module, "compile_module", lambda *given: pytest.fail("built anew"))
+    with pytest.raises(pytest.fail.Exception, match="built anew"):
+        module.load_module("heavy_top_ims_gamma", files_of())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+@pytest.mark.parametrize(("mode", "above", "owner", "trusted"), [
+    (0o700, 0o755, None, True), (0o1777, 0o755, None, True), (0o755, 0o1777, None, True),
+    (0o755, 0o775, None, True), (0o777, 0o755, None, False), (0o775, 0o755, None, False),
+    (0o755, 0o777, None, False), (0o700, 0o755, 12345, False)])
+def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache, quick,
+                                          monkeypatch, tmp_path):
+    """A sticky folder is one where others cannot replace what is ours."""
+    built, text = publish_both(own_cache, quick, monkeypatch)
+    if owner is not None and os.geteuid() != 0:
+        pytest.skip("only root gives files away")
+    own_cache.chmod(mode)
+    tmp_path.chmod(above)
+    if owner is not None:
+        os.chown(own_cache, owner, owner)
+    assert module._is_whole(built) is trusted
+    assert (cache.kept(text.name) == ["text"]) is trusted
+    if trusted:
+        with cache.workshop():
+            return
+    with pytest.raises(cache.CacheError, match="GYROSPARK_CACHE") as caught, cache.workshop():
+        pass
+    assert str(own_cache) in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_empty_or_missing_cache_is_no_error(own_cache):

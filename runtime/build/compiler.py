@@ -137,7 +137,11 @@ def _probe(command: tuple[str, ...], what: str) -> Compiler:
         raise CompilerError(f"{what} does not answer --version. {_CURE}",
                             command=list(command)) from error
     except OSError as error:
-        raise CompilerError(f"{what} does not start: {error.strerror}. {_CURE}",
+        quoted = ""
+        if len(command) > 1 and what.startswith("The compiler CC="):
+            quoted = (" Blanks part a command from its options: quote a path that has some, as in "
+                      f"CC={shlex.quote(shlex.quote(' '.join(command)))}.")
+        raise CompilerError(f"{what} does not start: {error.strerror}.{quoted} {_CURE}",
                             command=list(command)) from error
     if answer.returncode != 0:
         raise CompilerError(f"{what} answers --version with exit code {answer.returncode}. {_CURE}",

@@ -15,6 +15,7 @@ from .cache import (
     cache_folder,
     cpu_description,
     digest,
+    is_trusted,
     publish,
     workshop,
 )
@@ -31,8 +32,9 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     Compiles only what is not in the cache. Without a compiler, what a platform's wheel brought.
 
     A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
-    could end the process, so its checksum, recorded beside it, is compared first. What was compiled
-    is cached when its kernels agree with their statements (``kernel_check``).
+    could end the process, so its checksum, recorded beside it, is compared first. So is one that
+    another user could have written. What was compiled is cached when its kernels agree with their
+    statements (``kernel_check``).
 
     Raises
     ------
@@ -99,9 +101,9 @@ def _checksum(path: Path) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether a module is in the cache, byte for byte as it was published, and was checked."""
+    """Whether a module is in the cache, as it was published when checked, and by nobody else."""
     try:
         record = json.loads(_record_of(path).read_text(encoding="utf-8"))
-        return bool(record["sha256"] == _checksum(path))
+        return is_trusted(path) and bool(record["sha256"] == _checksum(path))
     except (OSError, ValueError, TypeError, KeyError):
         return False

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["beside", "event_headings", "finished", "headings", "save_csv", "save_events",
-           "states_of", "write_csv"]
+           "spreadsheet_text", "states_of", "write_csv"]
 
 Array = NDArray[Any]
 
@@ -99,12 +99,20 @@ def event_headings(system: Mapping[str, Any]) -> list[str]:
                              "rising": ()})
 
 
+def spreadsheet_text(name: str) -> str:
+    """Return a name as a cell of CSV: spreadsheets take one that begins like a formula for one.
+
+    Such a name gets an apostrophe before it, which they show as text.
+    """
+    return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "\n")) else name
+
+
 def save_events(trajectory: Trajectory, path: Path) -> None:
     """Write the events of a trajectory, if it has any, beside the .csv file of its states."""
     if trajectory.events:
         with finished(beside(path)) as part:
             write_csv(part, event_headings(trajectory.manifest["system"]), [
-                [np.full(len(found), name), found.t, found.q, found.p, found.steps,
+                [np.full(len(found), spreadsheet_text(name)), found.t, found.q, found.p, found.steps,
                  found.rising.astype(int)] for name, found in trajectory.events.items()])
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from . import (
     c_calls,
+    checkpoints,
     command_line,
     files,
     formulas,
@@ -42,6 +43,8 @@ ENTRANCES = {entrance.name: entrance for entrance in (
              command_line.check, 300, 0.025),
     Entrance("store", "stored runs (Zarr), exported or gone on with", command_line.check_store,
              30, 0.002),
+    Entrance("checkpoint", "checkpoints of stored runs, and stores, forged", checkpoints.check,
+             300, 0.05),
     Entrance("trajectory", "trajectory files (.npz), and what is asked of them",
              files.check_trajectory, 20, 0.03),
     Entrance("source", "sources kept in the cache (JSON)", files.check_source, 10, 0.02),

@@ -1,0 +1,215 @@
+"""Checkpoints of stored runs, forged: bits, integers and parts changed, the digest computed anew.
+
+One in forty inputs is a whole store, with other JSON or other arrays in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from work_memory import integers_of
+
+import gyrospark as gs
+from gyrospark.errors import GyrosparkError
+from gyrospark.runtime.events.found import Crossings
+from gyrospark.runtime.steps.integration import Rows, advance
+from gyrospark.storage import course, layout
+from gyrospark.storage.checkpoint import pack, unpack
+
+from .choices import Choices
+from .mutations import changed_bytes, changed_tree
+from .scratch import scratch
+from .sentences import refuse_unless_sentence
+
+#: Steps that an accepted checkpoint is taken on by: fits and lessons of the predictor among them.
+STEPS = 10
+EDGES = (-1, -2, 0, 1, 2, 7, 24, 33, 2**31 - 1, -(2**31), 2**32, 2**33 + 46, 2**62, 2**63 - 1,
+         -(2**63))
+
+
+class EndedError(Exception):
+    """The end of the sound run, half way."""
+
+
+class Case:
+    """A stepper with a run that was ended half way, and where its checkpoint has integers."""
+
+    def __init__(self, stepper: Any, event: bool) -> None:
+        top = gs.problems.fast_top()
+        self.stepper, self.binding = stepper, stepper.binding
+        self.events = ([gs.Event(stepper.manifest["system"]["coordinates"][0], level=0.3)]
+                       if event else [])
+        parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+        q, p = stepper.project(top.q0, top.p0, parameters=parameters)
+        self.arguments = {"q": q, "p": p, "dt": 1e-3, "steps": 120, "every": 3,
+                          "parameters": parameters, "events": self.events}
+        self.path = scratch() / f"{stepper.name}-{len(self.events)}.zarr"
+        self._record()
+        self.run = stepper.checked_run(q, p, dt=1e-3, steps=120, every=3, parameters=parameters,
+                                       t0=0.0, solver="auto", tolerance=None, max_iterations=50)
+        group = layout.open_group(self.path)
+        self.sound = np.asarray(layout.array_of(group, layout.CHECKPOINT)[:])
+        state = unpack(self.binding, self.sound, len(self.events))
+        assert state is not None
+        assert pack(self.binding, state).tobytes() == self.sound.tobytes()
+        report, work = (self.binding.image(part).size for part in (state.report, state.work))
+        numbers = 2 * len(gs.runtime.call.wide.as_bytes(state.q).reshape(-1))
+        with tempfile.TemporaryDirectory() as folder:
+            found = integers_of(stepper.name, stepper.files, Path(folder))
+        at = {"report": 48 + numbers, "work": 48 + numbers + report}
+        at["fast"] = at["work"]
+        self.integers = [(32, 8), (40, 8)] + [
+            (at[kind] + one.offset + i, one.item) for kind, places in found.items()
+            for one in places for i in range(0, one.size, one.item)]
+        behind = at["work"] + work
+        if self.events:
+            self.integers += 3 * [(behind + 8 * i, 8) for i in range(1 + 2 * len(self.events))]
+
+    def _record(self) -> None:
+        chunk, rows, seconds = course.COMMIT_SECONDS, layout._MOST_ROWS, course.next_chunk
+        course.COMMIT_SECONDS, layout._MOST_ROWS = 0.0, 16
+
+        def small(run: Any, done: int, most: int, *room: int) -> tuple[int, int]:
+            return seconds(run, done, min(most, 6), *room)
+
+        def progress(done: int) -> None:
+            if done > 70:
+                raise EndedError
+
+        course.next_chunk = small
+        shutil.rmtree(self.path, ignore_errors=True)
+        busy, course.Writer.busy = course.Writer.busy, False  # type: ignore[assignment]
+        try:
+            gs.record(self.stepper, **self.arguments, out=self.path, progress=progress)
+        except EndedError:
+            pass
+        finally:
+            course.COMMIT_SECONDS, layout._MOST_ROWS, course.next_chunk = chunk, rows, seconds
+            course.Writer.busy = busy  # type: ignore[method-assign]
+
+
+@cache
+def case(number: int) -> Case:
+    return (
+        lambda: Case(gs.stepper("G-L", 3), event=False),
+        lambda: Case(gs.stepper("EMS"), event=True),
+        lambda: Case(gs.stepper("G-L", 2, frame="symmetries"), event=False),
+        lambda: Case(gs.stepper("G-L", 2, real="long-double"), event=True),
+    )[number]()
+
+
+def check(data: bytes) -> str:
+    """Go on from one forged checkpoint, or with one forged store."""
+    choices = Choices(data)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")  # of numbers that mean nothing
+        if choices.one_in(40):
+            return forged_store(choices, case(choices.below(2)))
+        return forged_checkpoint(choices, case(choices.below(4)))
+
+
+# ---------------------------------------------------------------- the checkpoint
+
+
+def forged_checkpoint(choices: Choices, one: Case) -> str:
+    state = None
+    try:
+        state = unpack(one.binding, forged(choices, one), len(one.events))
+    except ValueError as error:
+        assert "checkpoint" in str(error), error  # of ours
+        return "refused"
+    if state is None or state.status or state.steps > 2**40:
+        return "accepted"
+    rows = Rows.room(one.binding, STEPS)
+    status = advance(one.binding, one.run, one.binding.parameters(one.run.parameters, 0.0), STEPS,
+                     1, state.q, state.p, rows.after(0), state.report, state.work)
+    return "went on" if status == 0 else "step failed"
+
+
+def forged(choices: Choices, one: Case) -> np.ndarray:
+    """Return a checkpoint of the right length with a digest that is mostly right."""
+    body = bytearray(one.sound[32:].tobytes())
+    for _ in range(1 + choices.below(3)):
+        kind = choices.below(8)
+        if kind < 5:
+            start, size = choices.pick(one.integers)
+            number = choices.pick(EDGES) if kind else choices.below(2**20) - 100
+            body[start - 32 : start - 32 + size] = (number % 2 ** (8 * size)).to_bytes(
+                size, "little")
+        elif kind < 7:
+            at = choices.below(len(body))
+            body[at] ^= 1 << choices.below(8)
+        else:
+            at = 8 * choices.below(len(body) // 8)
+            body[at : at + 8] = np.float64(choices.double()).tobytes()
+    digest = hashlib.sha256(bytes(body)).digest()
+    if choices.one_in(32):
+        digest = changed_bytes(digest, choices).ljust(32, b"\0")[:32]
+    return np.frombuffer(digest + bytes(body), dtype=np.uint8)
+
+
+# ---------------------------------------------------------------- the store
+
+
+def forged_store(choices: Choices, one: Case) -> str:
+    path = scratch() / "forged.zarr"
+    shutil.rmtree(path, ignore_errors=True)
+    shutil.copytree(one.path, path)
+    kind = choices.below(4)
+    if kind < 2:
+        meta = path / "zarr.json"
+        content = json.loads(meta.read_text(encoding="utf-8"))
+        content["attributes"] = changed_tree(content["attributes"], choices, Choices.value)
+        meta.write_bytes(json.dumps(content).encode("utf-8", "surrogatepass"))
+    elif kind == 2:
+        fsync, os.fsync = os.fsync, lambda handle: None
+        try:
+            group = layout.open_group(path, write=True)
+            layout.array_of(group, layout.CHECKPOINT)[:] = forged(choices, one)
+        finally:
+            os.fsync = fsync
+    else:
+        victim = choices.pick(sorted(x for x in path.rglob("*") if x.is_file()))
+        content = victim.read_bytes()
+        victim.write_bytes(content[: choices.below(len(content) + 1)] if choices.below(2)
+                           else changed_bytes(content, choices))
+    return used(path, one)
+
+
+def used(path: Path, one: Case) -> str:
+    """Use a store in each way."""
+    outcomes = set()
+    uses: list[Callable[[], Any]] = [
+        lambda: asked(gs.open_recording(path)),
+        lambda: gs.open_recording(path).export(path.with_suffix(".csv")),
+        lambda: gs.record(one.stepper, **one.arguments, out=path, resume=True),
+    ]
+    fsync, os.fsync = os.fsync, lambda handle: None
+    try:
+        for use in uses:
+            try:
+                use()
+                outcomes.add("accepted")
+            except GyrosparkError as error:
+                refuse_unless_sentence(error)
+                outcomes.add("refused")
+    finally:
+        os.fsync = fsync
+    return "store " + " and ".join(sorted(outcomes))
+
+
+def asked(recording: Any) -> None:
+    assert repr(recording)
+    found: dict[str, Crossings] = recording.events
+    assert all(len(one.t) >= 0 for one in found.values())
+    recording.trajectory()
