@@ -39,7 +39,6 @@ from .run_report import (
     axis_errors,
     json_text,
     result_of,
-    warn_of_turning,
 )
 
 if TYPE_CHECKING:
@@ -214,8 +213,6 @@ def run(
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error
             click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
-            if trouble is None:
-                warn_of_turning(step, done)
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)
             return 130
