@@ -62,11 +62,10 @@ class Turning:
         """Warn where it is more than the method can bear, and return whether it is."""
         if self.radians <= self.borne:
             return False
-        dt = abs(self.dt)
-        remark(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad in a step of "
-               f"{dt:.6g} s, and a method of order {self.order} resolves {self.borne:g} at the "
-               "most: the motion is lost within some turns. Take a dt well below "
-               f"{dt * self.borne / self.radians:.2g}.")
+        remark(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
+               f"method of order {self.order} bears {self.borne:g} at the most: the motion is "
+               "lost within some turns. Take a dt well below "
+               f"{abs(self.dt) * self.borne / self.radians:.2g}.")
         return True
 
 
@@ -94,7 +93,7 @@ class Rotations:
             return None
         if len(q) == 1:  # in Python's floats: a quarter of the time
             rows: Any = (q[0].astype(float).tolist(), p[0].astype(float).tolist())
-            number: Any = float
+            number: Any = _only
         else:
             rows = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
             number = partial(np.asarray, dtype=float)
@@ -136,6 +135,10 @@ def fastest_turning(trajectory: Trajectory) -> Turning | None:
     """Return |Ω Δt| of the body that turns fastest in the stored states of a run, if one does."""
     return Rotations(trajectory.manifest).fastest(
         trajectory.parameters, trajectory.dt, trajectory.q, trajectory.p)
+
+
+def _only(x: Any) -> float:
+    return float(x[0] if isinstance(x, np.ndarray) and x.shape else x)
 
 
 def _speed(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:
