@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, MissingDependencyError, StorageError
+from ..extras import install
 from ..runtime.body.euler import check_sequence
 from ..runtime.output.outputs import labels_of
 from ..runtime.output.states import beside, event_headings, headings, write_csv
@@ -43,7 +44,7 @@ def check_export(path: Path) -> None:
             import h5py  # noqa: F401
         except ImportError as error:
             raise MissingDependencyError(
-                "NetCDF needs h5netcdf; `pip install gyrospark[netcdf]` brings it."
+                f"NetCDF needs h5netcdf; {install('netcdf')} brings it."
             ) from error
 
 

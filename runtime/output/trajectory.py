@@ -276,7 +276,7 @@ class Trajectory(Shown):
           their columns, parameters, report, events and manifest: what ``load`` reads.
         - .csv: a column a number, under the names of coordinates, momenta and quantities; events
           in a second file, ``run.events.csv``.
-        - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (``pip install gyrospark[netcdf]``).
+        - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (h5netcdf).
 
         Raises
         ------

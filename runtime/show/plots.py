@@ -1,4 +1,4 @@
-"""Pictures of a trajectory; needs matplotlib (``pip install gyrospark[plot]``)."""
+"""Pictures of a trajectory; needs matplotlib."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError, MissingDependencyError
+from ...extras import install
 from ...real import REALS
 from ..build.places import bodies_of
 from .endings import PICTURES, ending_of
@@ -117,7 +118,7 @@ def figure_class() -> Any:
         from .picture import Picture
     except ImportError as error:
         raise MissingDependencyError(
-            "Pictures need matplotlib; `pip install matplotlib` or `pip install gyrospark[plot]`."
+            f"Pictures need matplotlib; {install('plot')} brings it."
         ) from error
     return Picture
 
