@@ -7,7 +7,9 @@ processes may build the same stepper at once without a lock: the last one wins w
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import errno
 import functools
 import hashlib
 import json
@@ -25,6 +27,7 @@ import cffi
 import platformdirs
 
 from ...errors import GyrosparkError
+from ...remarks import remark
 from . import objects, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .objects import Part
@@ -42,10 +45,36 @@ class CacheError(GyrosparkError):
     """The cache folder cannot be used."""
 
 
+#: Folders that cannot be used → what this process uses in their place.
+_IN_PLACE: dict[Path, Path] = {}
+
+
 def cache_folder() -> Path:
     """Return the cache folder: ``GYROSPARK_CACHE``, else the platform's place for caches."""
     chosen = os.environ.get("GYROSPARK_CACHE")
-    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gyrospark"))
+    folder = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gyrospark"))
+    return _IN_PLACE.get(folder, folder)
+
+
+def _usable(folder: Path) -> Path:
+    """Return the folder if files can be made in it, else a temporary one, with a warning.
+
+    A full disk is none of these cases: that is said where the room is wanted.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="build-", dir=folder):
+            return folder
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise
+        made = Path(tempfile.mkdtemp(prefix="gyrospark-"))
+        atexit.register(shutil.rmtree, made, ignore_errors=True)
+        _IN_PLACE[folder] = made
+        remark(f"The cache folder {str(folder)!r} cannot be used: {error.strerror or error}. What "
+               f"is compiled is kept in {str(made)!r} until this process ends; set "
+               "GYROSPARK_CACHE to a folder that can be written.")
+        return made
 
 
 def digest(content: Any) -> str:
@@ -90,11 +119,11 @@ def workshop() -> Iterator[Path]:
     Raises
     ------
     CacheError
-        If the cache folder cannot be written, is full, or becomes so meanwhile.
+        If the cache folder is full, or can no longer be written.
     """
     folder = cache_folder()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = _usable(folder)
         _remove_stale(folder, _STALE_SECONDS)
         with tempfile.TemporaryDirectory(prefix="build-", dir=folder) as private:
             yield Path(private)

@@ -56,7 +56,7 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         built = compile_module(name, files, compiler, folder, part)
         proof = folder / "sha256"
         proof.write_text(_checksum(built), encoding="ascii")
-        publish(built, path.name)
+        path = publish(built, path.name)  # elsewhere, if the folder cannot be used
         publish(proof, _proof_of(path).name)
     try:
         return _import(name, path)
