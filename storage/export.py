@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arguments import why_unwritable
 from ..errors import InputError, MissingDependencyError, StorageError
 from ..extras import install
 from ..runtime.body.euler import check_sequence
@@ -119,7 +120,7 @@ def _write(table: Table, path: Path) -> Path:
             write(table, part)
     except (OSError, RuntimeError) as error:  # HDF5 has a RuntimeError for some of the system's
         raise StorageError(f"The file {str(path)!r} cannot be written: "
-                           f"{getattr(error, 'strerror', None) or error}.") from error
+                           f"{why_unwritable(path, error)}.") from error
     return path
 
 

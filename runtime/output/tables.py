@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import as_flag, as_path
+from ...arguments import as_flag, as_path, why_unwritable
 from ...errors import GyrosparkError, InputError, MissingDependencyError
 from ...extras import install
 from ..body.euler import check_sequence
@@ -55,7 +55,7 @@ def to_csv(
             write_csv(part, list(columns), [list(columns.values())])
     except OSError as error:
         raise GyrosparkError(f"The table cannot be written to {str(target)!r}: "
-                             f"{error.strerror or error}.") from error
+                             f"{why_unwritable(target, error)}.") from error
     return target
 
 

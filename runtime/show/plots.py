@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...arguments import as_path
+from ...arguments import as_path, why_unwritable
 from ...errors import GyrosparkError, InputError, MissingDependencyError
 from ...extras import install
 from ...real import REALS
@@ -102,7 +102,7 @@ def save(figure: Any, target: Path) -> None:
         figure.savefig(target, dpi=150)
     except OSError as error:
         raise GyrosparkError(
-            f"The picture cannot be written to {str(target)!r}: {error.strerror or error}."
+            f"The picture cannot be written to {str(target)!r}: {why_unwritable(target, error)}."
         ) from error
 
 
