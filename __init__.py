@@ -190,14 +190,28 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def _missing(name: str, message: str) -> type:
-    """Return what stands for a name whose extra is not installed: to call it is refused."""
-    def refuse(cls: type, *arguments: object, **options: object) -> None:
+def _missing(name: str, message: str) -> Any:
+    """Return what stands for a name whose extra is not installed: to call it is refused.
+
+    Its documentation is read from its file, which cannot be imported.
+    """
+    import ast
+    from pathlib import Path
+
+    def refuse(*arguments: object, **options: object) -> Any:
         from .errors import MissingDependencyError
 
         raise MissingDependencyError(message)
 
-    return type(name, (), {"__new__": refuse, "__doc__": message})
+    path = Path(__file__).parent.joinpath(*_HOMES[name].split(".")).with_suffix(".py")
+    node = next(one for one in ast.parse(path.read_text(encoding="utf-8")).body
+                if isinstance(one, (ast.ClassDef, ast.FunctionDef)) and one.name == name)
+    about = f"{message}\n\n{ast.get_docstring(node)}"
+    if isinstance(node, ast.ClassDef):
+        return type(name, (), {"__new__": refuse, "__doc__": about})
+    refuse.__name__ = refuse.__qualname__ = name
+    refuse.__doc__ = f"{name}({ast.unparse(node.args)})\n\n{about}"
+    return refuse
 
 
 def __dir__() -> list[str]:

@@ -15,7 +15,8 @@ import numpy as np
 from .errors import InputError
 from .naming import shown
 
-__all__ = ["as_flag", "as_items", "as_mapping", "as_path", "as_text"]
+__all__ = ["as_flag", "as_items", "as_mapping", "as_path", "as_text",
+           "why_unwritable"]
 
 
 def as_path(name: str, value: Any, example: str) -> Path:
@@ -35,6 +36,14 @@ def as_path(name: str, value: Any, example: str) -> Path:
     if not usable:
         raise InputError(f"{name} = {shown(value)} is no file name; give one such as {example!r}.")
     return path
+
+
+def why_unwritable(path: Path, error: Exception) -> str:
+    """Return why a file could not be written, with the cure where its folder is missing."""
+    if not path.parent.is_dir():
+        return (f"there is no folder {str(path.parent)!r}; make it, as with "
+                f"pathlib.Path({str(path.parent)!r}).mkdir(parents=True), or choose another")
+    return str(getattr(error, "strerror", None) or error)
 
 
 def as_flag(name: str, value: Any) -> bool:

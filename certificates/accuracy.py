@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StepFailed
+from ..remarks import listening
 from ..runtime.output.trajectory import Trajectory
 from ..runtime.run.stepper import Stepper
 from ..runtime.show.plots import figure_class, save
@@ -75,7 +76,8 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
 
     def run(step: float, n: int) -> tuple[Trajectory, float]:
         begun = time.process_time()
-        made = stepper.integrate(q, p, dt=step, steps=n, every=n, parameters=parameters)
+        with listening():
+            made = stepper.integrate(q, p, dt=step, steps=n, every=n, parameters=parameters)
         return made, time.process_time() - begun
 
     def least(step: float, n: int) -> tuple[Trajectory, float]:

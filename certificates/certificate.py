@@ -24,6 +24,7 @@ from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeNam
 from ..markup import card, table
 from ..naming import choose, shown
 from ..real import REALS, RealName
+from ..remarks import listening
 from ..runtime.body.inertia import gamma_m
 from ..runtime.body.problems import Problem
 from ..runtime.call.checks import as_positive_count, as_step
@@ -158,9 +159,10 @@ def certify(
     values = dict(run.parameters)  # with a number where a rule was given
     promises = _promises(known, step, scheme, stages, tableau, values)
     round_off = RoundOff(known.system, run, values, step)
-    lines = Examination(known, step, promises, run, values, round_off,
-                        "" if follow is None else str(follow)).lines()
-    return Certificate(model.name, step.name, step.order, run.dt, count, values, list(lines))
+    with listening():  # what is to be said of the run has been said
+        lines = list(Examination(known, step, promises, run, values, round_off,
+                                 "" if follow is None else str(follow)).lines())
+    return Certificate(model.name, step.name, step.order, run.dt, count, values, lines)
 
 
 def compiled(

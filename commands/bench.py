@@ -85,9 +85,9 @@ def bench(
     beside heyoka and SciPy.
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
-    optional: pip install "gyrospark[bench]" brings those that are on PyPI. For steady numbers pin
-    the run to one core (taskset -c 0 gyrospark bench), all but ensemble and sweeps, which have
-    several workers.
+    optional: pip install ".[bench]" in a checkout brings those that are on PyPI. For steady
+    numbers pin the run to one core (taskset -c 0 gyrospark bench), all but ensemble and sweeps,
+    which have several workers.
     Exit code 1 if one of gyrospark's own runs fails.
 
     \b

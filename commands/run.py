@@ -39,7 +39,6 @@ from .run_report import (
     axis_errors,
     json_text,
     result_of,
-    warn_of_turning,
 )
 
 if TYPE_CHECKING:
@@ -214,8 +213,6 @@ def run(
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error
             click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
-            if trouble is None:
-                warn_of_turning(step, done)
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)
             return 130
@@ -243,11 +240,20 @@ def _options(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
         if not sign or key not in allowed:
             raise InputError(
                 f"--set {setting!r} does not fit {entry.name}; write KEY=VALUE with KEY among "
-                f"{', '.join(allowed) or 'none: it takes no settings'}{proposal(key, allowed)}."
+                f"{', '.join(allowed) or 'none: it takes no settings'}{proposal(key, allowed)}. "
+                "(Masses, lengths and the like are keys of a model file, "
+                f"{_file_like(entry.name)}; in Python they are parameters of a run.)"
             )
         numbers = [real_number(f"--set {key}", part) for part in value.split(",")]
         arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)
     return arguments
+
+
+def _file_like(name: str) -> str:
+    """Return an example of the same name, or one to begin with."""
+    own = f"examples/{name}.toml"
+    there = Path(__file__).parents[1].joinpath(own).is_file()
+    return own if there else "such as examples/pendulum.toml"
 
 
 def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputWarning, StepFailed, Stopped
+from ..errors import StepFailed, Stopped
 from ..exact import digits_of
 from ..runtime.body.inertia import AIMS
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from ..runtime.run.stepper import Stepper
     from .run_outputs import Done
 
-__all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of", "warn_of_turning"]
+__all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of"]
 
 
 def json_text(result: dict[str, Any]) -> str:
@@ -105,20 +104,6 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
     if done.out is not None:
         result["out"] = done.out
     return result
-
-
-def warn_of_turning(step: Stepper, done: Done) -> None:
-    """Warn where a body turns by more in a step than the method can bear."""
-    from ..runtime.output.turning import fastest_turning
-
-    turning = fastest_turning(done.trajectory)
-    if turning is None or turning.radians <= turning.borne:
-        return
-    dt = float(done.trajectory.dt) * turning.borne / turning.radians
-    warnings.warn(InputWarning(
-        f"The fastest rotation, of {turning.body}, is {turning.radians:.3g} rad a step, and a "
-        f"method of order {step.order} bears {turning.borne:g} at the most: the motion is lost "
-        f"within some turns. Take a dt well below {dt:.2g}."), stacklevel=2)
 
 
 def _all_digits(trajectory: Trajectory) -> dict[str, Any]:

@@ -20,8 +20,9 @@
 from importlib.util import find_spec
 
 from ..errors import MissingDependencyError
+from ..extras import install
 
 for _package in ("zarr", "xarray", "google_crc32c", "filelock"):
     if find_spec(_package) is None:
         raise MissingDependencyError(
-            f"Stored runs and sweeps need {_package}; `pip install gyrospark[storage]` brings it.")
+            f"Stored runs and sweeps need {_package}; {install('storage')} brings it.")

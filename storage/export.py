@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arguments import why_unwritable
 from ..errors import InputError, MissingDependencyError, StorageError
+from ..extras import install
 from ..runtime.body.euler import check_sequence
 from ..runtime.output.outputs import labels_of
 from ..runtime.output.states import (
@@ -49,7 +51,7 @@ def check_export(path: Path) -> None:
             import h5py  # noqa: F401
         except ImportError as error:
             raise MissingDependencyError(
-                "NetCDF needs h5netcdf; `pip install gyrospark[netcdf]` brings it."
+                f"NetCDF needs h5netcdf; {install('netcdf')} brings it."
             ) from error
 
 
@@ -129,7 +131,7 @@ def _write(table: Table, path: Path) -> Path:
             write(table, part)
     except (OSError, RuntimeError) as error:  # HDF5 has a RuntimeError for some of the system's
         raise StorageError(f"The file {str(path)!r} cannot be written: "
-                           f"{getattr(error, 'strerror', None) or error}.") from error
+                           f"{why_unwritable(path, error)}.") from error
     return path
 
 

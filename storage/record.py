@@ -120,6 +120,7 @@ def record(
     as_callback("progress", progress)
     asked = as_events(events, stepper.manifest["system"])
     refuse_unusable_names(asked, "arrays of a store")
+    warned = stepper.warned(run)
     with claim(path):
         group = _opened(stepper, run, asked, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
@@ -127,6 +128,9 @@ def record(
     recording = Recording(path)
     if recording.status != COMPLETE and not recording.status.startswith(ENDED):
         raise recording.failure()
+    if not warned:
+        last = recording.trajectory(first=len(recording) - 1)
+        stepper.rotations.warn(last.parameters, last.dt, last.q, last.p)
     return recording
 
 

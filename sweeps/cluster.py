@@ -8,6 +8,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from ..errors import GyrosparkError, InputError, MissingDependencyError
+from ..extras import install
 from ..runtime.interrupts import Interrupts
 from ..storage.layout import Field
 from .compute import compute
@@ -44,7 +45,7 @@ def client_of(where: Any) -> Client:
         from distributed import Client
     except ImportError as error:
         raise MissingDependencyError(
-            "A cluster needs dask.distributed; `pip install gyrospark[cluster]` brings it."
+            f"A cluster needs dask.distributed; {install('cluster')} brings it."
         ) from error
     if isinstance(where, Client):
         return where

@@ -21,6 +21,7 @@ from ..runtime.call.binding import SolverName
 from ..runtime.call.checks import as_callback, as_positive_count
 from ..runtime.call.wide import as_bytes
 from ..runtime.interrupts import ctrl_c, watched
+from ..runtime.output.turning import Turning
 from ..storage.durable import new_store_path, remove_parts, storage_errors
 from ..storage.fresh import appearing, is_new
 from ..storage.identity import refuse_if_different, versions
@@ -40,7 +41,7 @@ from .results import (
     open_sweep,
 )
 from .study import Study
-from .tiles import Tile, tile_shape, tiles_of
+from .tiles import Tile, cells_of, tile_shape, tiles_of
 
 if TYPE_CHECKING:
     import xarray
@@ -154,6 +155,7 @@ def run_study(
     count = os.cpu_count() or 1
     threads = count if workers is None else as_positive_count("workers", workers, least=1)
     as_callback("progress", progress)
+    _warn_of_turning(study)
     client = None if dask is None else cluster.client_of(dask)
     attributes = _attributes(study, fields)
     if out is None:
@@ -175,6 +177,21 @@ def run_study(
         with storage_errors(path, CURE):
             remove_parts(path)
     return open_sweep(path)
+
+
+def _warn_of_turning(study: Study) -> None:
+    """Warn where a body turns too far in a step at the start of some cell, of the worst one."""
+    found: list[Turning] = []
+    for tile in tiles_of(study):
+        cells = cells_of(study, tile)
+        for scheme, stepper in enumerate(study.steppers):
+            some = cells.scheme == scheme
+            worst = stepper.rotations.fastest(
+                {name: x[some] for name, x in cells.parameters.items()}, cells.dt[some],
+                cells.q[some], cells.p[some]) if some.any() else None
+            found += [] if worst is None else [worst]
+    if found:
+        max(found, key=lambda one: one.radians / one.borne).warn()
 
 
 def _prepare(

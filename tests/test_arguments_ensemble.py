@@ -69,6 +69,7 @@ def test_a_trajectory_does_not_depend_on_its_neighbours(step, count):
         assert np.abs(one.p - many.p[i]).max() < 1e-13 * np.abs(p[i]).max()
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_failing_member_does_not_touch_the_others(gl3):
     q, p, dts, _ = members()
     dts[2] = 5.0
@@ -151,6 +152,7 @@ def test_remarks_on_members_are_made(gl3):
         gl3.integrate_ensemble(q, p, dt=dts, steps=1, parameters=PARAMETERS | {"gamma": gammas})
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_members_are_made_when_they_are_asked_for(gl3):
     """Of what was stored, whatever becomes of the ensemble's own arrays; also from a pickle."""
     q, p, dts, _ = members()

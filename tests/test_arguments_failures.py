@@ -13,6 +13,7 @@ from calls import LATE, PARAMETERS, RUN, TOP, equal
 from gyrospark.runtime.call.binding import REASONS
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_failed_step_carries_everything_before_it(failures):
     """Bit for bit what a shorter run returns; step, time and reason are told."""
     for step, options, failure in failures:
@@ -57,6 +58,7 @@ def test_one_iteration_is_not_enough(step):
         assert caught.value.trajectory.multipliers.shape[0] == 0
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("dt", [1e300, -1e300, 1e-320, 1e30])
 def test_hopeless_time_step_fails_or_works_without_a_warning(dt, step):
     """No exception but StepFailed; what is returned is finite and on the constraint."""

@@ -167,3 +167,29 @@ def test_file_of_another_version(saved, tmp_path):
     with refused(r"other\.npz' was written by gyrospark .* in format 9; this is gyrospark .*, "
                  "which reads format 2"):
         gs.Trajectory.load(rewritten(path, other, about={"format": 9}))
+
+
+@pytest.mark.parametrize("name", ["run.npz", "run.csv", "run.nc", "run.png", "run.html"])
+def test_a_missing_folder_is_named(name, tmp_path):
+    """With the way to make it; nothing is made."""
+    run = gs.stepper("IMS").integrate(TOP.q0, TOP.p0, steps=2, **RUN)
+    write = {".png": run.plot, ".html": run.view}.get(Path(name).suffix, run.save)
+    with pytest.raises(gs.GyrosparkError, match="mkdir"):
+        write(tmp_path / "no" / "such" / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_messages_say_the_way(gyrospark):
+    """Rows of starts, a parameter of 0, an example from elsewhere, a mass of a named model."""
+    step = gs.stepper("IMS")
+    for rows in (np.tile(TOP.q0, (3, 1)), [TOP.q0.tolist()] * 3):
+        with pytest.raises(gs.InputError, match="integrate_ensemble"):
+            step.integrate(rows, rows, steps=1, **RUN)
+    with pytest.raises(gs.InputError, match="positive=True"):
+        gs.Multibody("x").parameter("c", 0, positive=True)
+    with pytest.raises(gs.InputError, match="positive=True"):
+        step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=PARAMETERS | {"I1": 0})
+    assert "'examples/pendulum.toml'" in gyrospark("run", "pendulum.toml", "--steps", "3").stderr
+    assert "examples/" not in gyrospark("run", "no-such.toml", "--steps", "3").stderr
+    said = gyrospark("run", "double_pendulum", "--set", "mass=3", "--steps", "3").stderr
+    assert "examples/double_pendulum.toml" in said

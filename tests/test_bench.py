@@ -32,6 +32,7 @@ from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_rati
 from gyrospark.benchmarks.peers import exudyn_bodies, mujoco_bodies, optional, ours, pydy_bodies
 from gyrospark.benchmarks.peers.entry import Entry
 from gyrospark.commands import bench_tables, main
+from gyrospark.extras import install
 from gyrospark.runtime.body.quaternion import rotation_matrix
 from gyrospark.sweeps.sweep import run_study
 
@@ -619,7 +620,7 @@ def test_command_says_what_is_missing_before_it_measures(
     monkeypatch.setattr(sys.modules["gyrospark.commands.bench"], "_MEASURE", {})
     code, out, err = bench(*arguments)
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert f"pip install gyrospark[{extra}]" in err
+    assert install(extra) in err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -10,6 +10,8 @@ import pytest
 import gyrospark as gs
 from calls import PARAMETERS, TOP
 
+pytestmark = pytest.mark.filterwarnings("ignore:The fastest rotation")
+
 FAILURES = {
     "diverged": {"dt": 0.08, "solver": "fixed-point"},
     "not converged": {"dt": 0.01, "max_iterations": 2},

@@ -89,6 +89,7 @@ def test_time_goes_on_with_the_steps():
     assert np.array_equal(anew[0], alone.q[-1])
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_failed_call_holds_nothing(gl3):
     loop(gl3, 3)
     with pytest.raises(gs.StepFailed):

@@ -20,6 +20,7 @@ import documents
 import gyrospark
 from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
+from gyrospark.extras import install, packages_of
 from processes import FAST_TOP, ROOT, call, cli, python
 
 HALLS = ("certificates", "commands", "generator", "runtime", "storage", "sweeps")
@@ -236,12 +237,29 @@ def test_names_of_an_extra_that_is_not_installed_say_so_when_they_are_called(pac
         "for name in ('record', 'open_recording', 'sweep', 'open_sweep', 'Recording'):\n"
         "    try:\n        getattr(gs, name)('x', {})\n"
         "    except gs.MissingDependencyError as error:\n        print(error)\n"
+        "for name, word in (('record', 'resume'), ('sweep', 'over'), ('Recording', 'stored')):\n"
+        "    assert word in inspect.getdoc(getattr(gs, name)), name\n"
         "from gyrospark import commands\n"
         "sys.argv, sys.stderr = ['gyrospark', 'export', 'a.zarr', 'a.csv'], sys.stdout\n"
         "try:\n    commands.main()\nexcept SystemExit as end:\n    assert end.code == 2")
-    sentence = (f"Stored runs and sweeps need {package}; `pip install gyrospark[storage]` brings "
-                "it.")
+    sentence = f"Stored runs and sweeps need {package}; {install('storage')} brings it."
     assert said.splitlines() == [sentence] * 5 + [f"gyrospark: {sentence}"]
+
+
+def test_hints_name_the_packages_of_an_extra(monkeypatch):
+    """Those of pyproject.toml in a checkout, and the same ones where it is installed."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"]
+    checkout = {extra: packages_of(extra) for extra in extras}
+    assert checkout["storage"] == extras["storage"]
+    assert checkout["netcdf"] == [*extras["storage"], *extras["netcdf"][1:]]
+    assert all("gyrospark" not in one for found in checkout.values() for one in found)
+    assert "ziglang" in checkout["compiler"][0]  # which the message on compilers says
+    monkeypatch.setattr(Path, "is_file", lambda self: False)
+    listed = [f'{one}{" and" if ";" in one else ";"} extra == "{extra}"'
+              for extra, found in extras.items() for one in found]
+    monkeypatch.setattr("importlib.metadata.requires", lambda name: listed)
+    assert {extra: packages_of(extra) for extra in extras} == checkout
 
 
 def test_public_names_are_those_of_the_contract():

@@ -61,6 +61,7 @@ def test_whatever_the_split(parts, gl3):
     assert_is(sim, gl3.integrate(TOP.q0, TOP.p0, steps=sum(parts), **RUN))
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("real", ["float", "long-double", "float128"])
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_every_type(real, solver):

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
+from functools import partial
 from math import pi
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.runtime.output.turning import fastest_turning
@@ -46,6 +51,7 @@ def test_more_than_is_borne_is_told(scheme, borne, gyrospark):
     assert answer.document["radians_per_step"] > borne
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_the_error_beside_the_bound_of_order_two(gl3):
     """A midpoint turns by 4 arctan(θ/4) in place of θ: two radians are lost in some turns."""
     top = gs.problems.fast_top()
@@ -75,6 +81,78 @@ def test_what_does_not_turn_has_none(gyrospark):
     for answer in (points, framed):
         assert "radians_per_step" not in answer.document
     assert framed.stderr == ""
+
+
+def said_of(call):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        call()
+    return [str(one.message) for one in said if one.category is gs.InputWarning
+            and one.filename == __file__]
+
+
+def test_python_warns_as_the_command_does(gl3, tmp_path):
+    """At 2 rad a step nobody, at 6.3 everybody, once a call; the advice is a smaller step."""
+    top = gs.problems.fast_top()
+    parameters = top.parameters | {"gamma": "m"}
+    start, many = (top.q0, top.p0), ([top.q0] * 2, [top.p0] * 2)
+    calls = {
+        "integrate": lambda how: gl3.integrate(*start, steps=4, **how),
+        "start": lambda how: gl3.start(*start, **how),
+        "step": lambda how: gl3.step(*start, **how),
+        "ensemble": lambda how: gl3.integrate_ensemble(*many, steps=4, **how),
+        "one": lambda how: gl3.integrate_ensemble(*(x[:1] for x in many), steps=4, **how),
+        "differ": lambda how: gl3.integrate_ensemble(
+            *many, steps=4, **how | {"dt": [1e-3, how["dt"]]}),
+        "record": lambda how: gs.record(gl3, *start, steps=4, **how,
+                                        out=tmp_path / f"{how['dt']}.zarr"),
+        "sweep": lambda how: gs.sweep("fast-top", {"dt": [1e-3, how["dt"]]}, scheme="G-L",
+                                      stages=3, steps=4, parameters={"gamma": 4e-4}),
+        "pilots": lambda how: gl3.integrate(*start, steps=4, **how | {
+            "parameters": parameters | {"gamma": "auto"}}),
+    }
+    for name, call in calls.items():
+        slow, fast = ({"dt": dt, "parameters": parameters} for dt in (2 / (40 * pi), 0.05))
+        assert said_of(partial(call, slow)) == [], name
+        said = said_of(partial(call, fast))
+        assert len(said) == 1, name
+        assert "6.28 rad" in said[0], name
+
+
+def test_a_body_that_gets_fast_on_the_way():
+    """Let go near its highest place, a top is at rest at first; shown by a state on the way."""
+    top = gs.problems.fast_top()
+    parameters = top.parameters | {"gamma": "m"}
+    q, p = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
+    step = gs.stepper("G-L", 2)
+    run = {"dt": 0.09, "parameters": parameters}
+    assert len(said_of(lambda: step.integrate(q, p, steps=200, **run))) == 1
+    assert said_of(lambda: step.start(q, p, **run)) == []
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """A short run of two free bodies, one of which has a tensor."""
+    build = gs.Multibody("pair")
+    build.body("plain", mass=1.0, inertia=(0.5, 0.6, 0.7), position=(0, 0, 0))
+    build.body("tilted", mass=1.0, position=(3, 0, 0),
+               inertia=[[1.0, 0.1, 0.2], [0.1, 1.1, 0.05], [0.2, 0.05, 0.9]])
+    model = build.model()
+    step = gs.stepper("IMS", system=model)
+    return step.integrate(model.q0, model.p0, dt=0.1, steps=1, parameters=dict(
+        model.parameters) | dict.fromkeys(model.bodies, "m"))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5))
+def test_rates_are_those_of_the_bodies(pair, seed, rows):
+    """Of moments and of a tensor, of one state and many, beside ``BodyMotion``."""
+    rng = np.random.default_rng(seed)
+    states = replace(pair, q=rng.standard_normal((rows, 14)), p=rng.standard_normal((rows, 14)))
+    rates = {name: np.linalg.norm(states.angular_velocity(name), axis=1).max()
+             for name in states.bodies}
+    found = fastest_turning(states)
+    assert found.body == max(rates, key=rates.__getitem__)
+    assert found.radians == pytest.approx(0.1 * rates[found.body], rel=1e-12)
 
 
 def test_every_type_has_radians():

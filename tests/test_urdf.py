@@ -168,6 +168,32 @@ def test_more_can_be_added(arm):
     assert build.start.after["tie: length"] <= 64 * EPS
 
 
+@pytest.mark.parametrize(("told", "radians"), [
+    ("45 deg", math.pi / 4), ("45 rad", 45.0), ("pi/4", math.pi / 4), (0.25, 0.25),
+    ("90 deg - 0.1 rad", math.pi / 2 - 0.1)])
+def test_angles_and_rates_have_units(arm, told, radians):
+    """In Python as in a model file; what says its unit needs no warning."""
+    angle, rate = "shoulder_angle", "shoulder_rate"
+    motion = Motion(gs.load_urdf(arm, ignore="limits", angles={"shoulder": told},
+                                 rates={"shoulder": "10 rpm", "slide-1": "1/2"}))
+    turned = motion.value(angle) - radians
+    assert abs(turned - 2 * math.pi * round(turned / (2 * math.pi))) < 1e-13
+    assert motion.value(rate) == pytest.approx(math.pi / 3, rel=1e-14)
+    assert motion.value("slide_1_speed") == pytest.approx(0.5, rel=1e-14)
+
+
+def test_angles_beyond_a_turn_warn(arm, gyrospark):
+    """Of hinges; a travel of 45 m is one, and a rate of 45 rad/s."""
+    with pytest.warns(gs.InputWarning, match="shoulder.*radians.*45 deg"):
+        gs.load_urdf(arm, ignore="limits", angles={"shoulder": 45})
+    gs.load_urdf(arm, ignore="limits", angles={"slide-1": 45}, rates={"wheel": 45})
+    with pytest.raises(gs.InputError, match="unit deg"):
+        gs.load_urdf(arm, ignore="limits", angles={"slide-1": "45 deg"})
+    command = ("run", arm, "--dt", "1e-3", "--steps", "2", "--json", "--set", "ignore=limits")
+    assert "shoulder" in gyrospark(*command, "--set", "shoulder=45").stderr
+    assert gyrospark(*command, "--set", "shoulder=45 deg").stderr == ""
+
+
 def test_the_command_runs_it(arm, gyrospark):
     """By name, with settings; what is there and not ignored is told in a sentence."""
     def run(*settings):
@@ -182,7 +208,7 @@ def test_the_command_runs_it(arm, gyrospark):
         ((), "has limits (ends of a joint's range, 2 of them)"),
         (("ignore=limit",), "'limit'; choose limits"),
         (("ignore=limits", "elbow=1"), "angles names 'elbow', which is no joint that moves"),
-        (("ignore=limits", "shoulder=x"), "shoulder='x' is no number"),
+        (("ignore=limits", "shoulder=x"), "'shoulder' is 'x'"),
         (("ignore=limits", "base=flying"), "'flying'"),
     ]:
         failed = run(*settings)

@@ -94,7 +94,11 @@ class Loads(Linkage):
         """Return a symbol for potentials, forces and quantities, with its value."""
         self._claim(name)
         domain = {"positive": True} if as_flag("positive", positive) else {"real": True}
-        self._values[name] = float(finite(f"parameter {name!r}", value, ()))
+        number = float(finite(f"parameter {name!r}", value, ()))
+        if positive and number <= 0:
+            raise InputError(f"The parameter {name!r} is {number:g} and declared positive=True; "
+                             "leave that out where 0 or less is meant.")
+        self._values[name] = number
         self._symbols[name] = sp.Symbol(name, **domain)
         return self._symbols[name]
 

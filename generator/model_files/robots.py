@@ -47,7 +47,8 @@ _AXES = {"axis": 0, "axis_a": 0, "axis_b": 1}
 
 def read_urdf(
     path: str | Path, *, base: Literal["fixed", "floating"] = "fixed",
-    angles: Mapping[str, float] | None = None, rates: Mapping[str, float] | None = None,
+    angles: Mapping[str, float | str] | None = None,
+    rates: Mapping[str, float | str] | None = None,
     ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
@@ -61,9 +62,9 @@ def read_urdf(
         The file, at most 1 MiB of UTF-8; macros of xacro expanded.
     base : {"fixed", "floating"}
         Whether the root link is space, or a body.
-    angles, rates : mapping of str to float, optional
-        Angles or travels of joints at the start, and their rates (rad, m, rad/s, m/s); 0 by
-        default. Joints with <mimic> follow theirs.
+    angles, rates : mapping of str to float or text, optional
+        Angles or travels of joints at the start, and their rates (rad, m, rad/s, m/s; "45 deg",
+        "10 rpm" are texts); 0 by default. Joints with <mimic> follow theirs.
     ignore : names
         What to do without that a file has: "limits", "friction", "collision", "contact",
         "transmission", "gazebo", "safety_controller", or "all". What is there and is not ignored
@@ -97,7 +98,8 @@ def read_urdf(
 
 def load_urdf(
     path: str | Path, *, base: Literal["fixed", "floating"] = "fixed",
-    angles: Mapping[str, float] | None = None, rates: Mapping[str, float] | None = None,
+    angles: Mapping[str, float | str] | None = None,
+    rates: Mapping[str, float | str] | None = None,
     ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,

@@ -13,10 +13,10 @@ import sympy as sp
 
 from . import bounded_numbers as numbers
 from .bounded_numbers import ROOTS, Value, rational
-from .grammar import parse
+from .grammar import parse, parse_quantity
 from .tokens import RefusedError, decimal_parts, refuse_at, tokens
 
-__all__ = ["decimal_digits", "parse_expression"]
+__all__ = ["decimal_digits", "parse_expression", "parse_number"]
 
 #: Different radicals, such as √3; each costs SymPy a search for square factors.
 MAX_RADICALS = 100
@@ -39,6 +39,16 @@ def parse_expression(
     """
     arithmetic = _ExactNumbers(names, set() if radicals is None else radicals)
     return parse(text, arithmetic, "a number such as 1/2 or sqrt(3)/6").exact
+
+
+def parse_number(text: str, units: Mapping[str, str] = MappingProxyType({})) -> float:
+    """Return the double next to what an arithmetic text says, in rad and seconds.
+
+    ``units`` are those of ``grammar`` that it may have: "30 deg" is pi/6. Raises ``InputError`` as
+    ``parse_expression`` does.
+    """
+    arithmetic = _ExactNumbers({"pi": sp.pi}, set())
+    return float(parse_quantity(text, arithmetic, "a number such as 0.5", units).exact)
 
 
 class _ExactNumbers:

@@ -35,7 +35,10 @@ def read_text(path: Path, most: int) -> str:
         with path.open("rb") as stream:
             content = stream.read(most + 1)
     except FileNotFoundError:
-        raise UnusableFileError("there is no such file; correct the path.") from None
+        own = Path("examples", path.name)
+        cure = (f"the example of that name is {own.as_posix()!r} from everywhere"
+                if path.name and (_PACKAGE / own).is_file() else "correct the path")
+        raise UnusableFileError(f"there is no such file; {cure}.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise UnusableFileError(
             f"it cannot be read ({getattr(error, 'strerror', None) or error}); check its path and "

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ...arguments import as_items, as_mapping, as_text
+from ...body_values import remark_on_angles
 from ...catalogue import SYSTEMS
 from ...errors import InputError
 from ...exact import decimal
@@ -27,6 +28,8 @@ from ..bodies.bodies import GROUND, Frame
 from ..bodies.multibody import Multibody
 from ..bodies.poses import attitude, finite, rotation, three
 from ..text.c_names import KEYWORDS
+from ..text.expressions import parse_number
+from ..text.grammar import ANGLES, RATES
 from .robot import MOVING, Joint, Place, Robot, read_robot
 from .tree import Limb, Mount, limbs_of, placed
 from .xml_text import read_xml
@@ -34,6 +37,8 @@ from .xml_text import read_xml
 __all__ = ["BASES", "Close", "parse_urdf", "read_settings"]
 
 BASES = ("fixed", "floating")
+#: What coordinates and rates of hinges may be told in.
+_UNITS = {"angles": ANGLES, "rates": RATES}
 _VECTORS = ("gravity", "position", "quaternion", "velocity", "angular_velocity")
 
 
@@ -85,7 +90,8 @@ def read_settings(
     """Return the bodies and joints of a text, with settings as a command has them.
 
     ``base=floating``, ``ignore=limits,collision``, ``gravity=0,0,-1.62`` (and position, quaternion,
-    velocity, angular_velocity), ``JOINT=0.5`` for an angle or travel, ``JOINT.rate=1``.
+    velocity, angular_velocity), ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel,
+    ``JOINT.rate=1``.
     """
     options: dict[str, Any] = {"angles": {}, "rates": {}, "rep": rep or "gamma"}
     for key, value in settings.items():
@@ -98,7 +104,8 @@ def read_settings(
         else:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
-            options[kind][name] = _number(key, value)
+            number = decimal(value)
+            options[kind][name] = value if number is None else float(number)
     return parse_urdf(text, path, close=close, **options)
 
 
@@ -124,11 +131,26 @@ def _coordinates(robot: Robot, what: str, given: Any) -> dict[str, float]:
 
     def value(joint: Joint) -> float:
         if joint.follows is None:
-            return float(finite(f"{what} of {joint.name!r}", told.get(joint.name, 0.0), ()))
+            return _coordinate(what, joint, told.get(joint.name, 0.0))
         leader, ratio, offset = joint.follows
         return ratio * value(moving[leader]) + (offset if what == "angles" else 0.0)
 
     return {name: value(joint) for name, joint in moving.items()}
+
+
+def _coordinate(what: str, joint: Joint, given: Any) -> float:
+    """Return a coordinate or rate that is a number, or a text such as "45 deg"."""
+    about, is_angle = f"{what[:-1]} of {joint.name!r}", joint.kind != "prismatic"
+    if isinstance(given, str):
+        try:
+            return float(finite(about, parse_number(given, _UNITS[what] if is_angle else {}), ()))
+        except InputError as error:
+            raise InputError(f"The {about} is {shown(given)}: {error}") from None
+    number = float(finite(about, given, ()))
+    if is_angle and what == "angles":
+        remark_on_angles(f"The {about}", [number], cure=(
+            f'"{number:.6g} deg"; "{number:.6g} rad" says that radians are'))
+    return number
 
 
 def _build(

@@ -21,6 +21,7 @@ from ...body_values import (
     real_array,
 )
 from ...errors import InputError, MissingDependencyError
+from ...extras import install
 from ...naming import shown
 
 if TYPE_CHECKING:
@@ -230,7 +231,7 @@ def _scipy_rotation() -> Any:
         from scipy.spatial.transform import Rotation
     except ImportError as error:
         raise MissingDependencyError(
-            "A SciPy Rotation is asked for and SciPy is not installed; `pip install scipy` or "
-            "`pip install gyrospark[rotation]` cures it."
+            f"A SciPy Rotation is asked for and SciPy is not installed; {install('rotation')} "
+            "cures it."
         ) from error
     return Rotation

@@ -11,7 +11,9 @@ removed (``_remove_stale``).
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import errno
 import functools
 import hashlib
 import json
@@ -31,6 +33,7 @@ import cffi
 import platformdirs
 
 from ...errors import GyrosparkError
+from ...remarks import remark
 from . import kernel_check, kernel_text, objects, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .objects import Part
@@ -52,10 +55,42 @@ class CacheError(GyrosparkError):
     """The cache folder cannot be used."""
 
 
+#: Folders that cannot be used → what this process uses in their place.
+_IN_PLACE: dict[Path, Path] = {}
+
+
 def cache_folder() -> Path:
     """Return the cache folder: ``GYROSPARK_CACHE``, else the platform's place for caches."""
     chosen = os.environ.get("GYROSPARK_CACHE")
-    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gyrospark"))
+    folder = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gyrospark"))
+    return _IN_PLACE.get(folder, folder)
+
+
+def _usable(folder: Path) -> Path:
+    """Return the folder if files can be made in it, and by no other user; else a temporary one.
+
+    That is told in a warning. A full disk is none of these cases: it is said where room is wanted.
+    """
+    try:
+        if not folder.is_dir():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
+        why = distrusted(folder)
+        cure = (f"a folder that only you can write to, or chown and chmod go-w "
+                f"{shlex.quote(str(folder))}")
+        if not why:
+            with tempfile.TemporaryDirectory(prefix=_BUILD, dir=folder):
+                return folder
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise
+        why, cure = error.strerror or str(error), "a folder that can be written"
+    made = Path(tempfile.mkdtemp(prefix="gyrospark-"))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    _IN_PLACE[folder] = made
+    remark(f"The cache folder {str(folder)!r} cannot be used: {why}. What is compiled is kept in "
+           f"{str(made)!r} until this process ends; set GYROSPARK_CACHE to {cure}.")
+    return made
 
 
 def digest(content: Any) -> str:
@@ -134,19 +169,11 @@ def workshop() -> Iterator[Path]:
     Raises
     ------
     CacheError
-        If the cache folder cannot be written, is full, or becomes so meanwhile; if other users
-        could write to it.
+        If the cache folder is full, or can no longer be written.
     """
     folder = cache_folder()
     try:
-        if not folder.is_dir():
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            folder.mkdir(mode=0o700, exist_ok=True)
-        if why := distrusted(folder):
-            raise CacheError(
-                f"The cache folder {str(folder)!r} is not safe to load code from: {why}. Set "
-                "GYROSPARK_CACHE to a folder that only you can write to, or make this one so "
-                f"(chown, chmod go-w {shlex.quote(str(folder))}).")
+        folder = _usable(folder)
         _remove_stale(folder, _STALE_SECONDS)
         with tempfile.TemporaryDirectory(prefix=_BUILD, dir=folder) as private:
             (Path(private) / _MARK).write_text(_MARKED, encoding="ascii")

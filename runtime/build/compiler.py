@@ -60,8 +60,8 @@ _Float128 root(_Float128 x) { return sqrtf128(x)*1.5F128 + FLT128_EPSILON; }
 _Running = tuple[list[str], subprocess.Popen[str]]
 
 _CURE = (
-    "Install gcc or clang, set CC to a compiler, or `pip install gyrospark[compiler]`, which "
-    "brings one from PyPI."
+    "Install gcc or clang, set CC to a compiler, or `pip install ziglang`, which brings one from "
+    "PyPI."
 )
 
 

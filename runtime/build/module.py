@@ -56,7 +56,7 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         built, record = compile_verified(name, files, compiler, folder, part)
         proof = folder / "record.json"
         proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
-        publish(built, path.name)
+        path = publish(built, path.name)  # elsewhere, if the folder cannot be used
         publish(proof, _record_of(path).name)
     return loaded(name, path, compiler)
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import StepFailed
 from ...exact import Number
+from ...remarks import listening
 from ..body.inertia import gamma_m
 from .frame_start import Direction
 from .motion_error import MotionError
@@ -86,9 +87,11 @@ class FramePilots:
     def run(self, x: Array, finer: int = 1) -> Trajectory | None:
         """Return a run, with steps so many times finer; None where one did not converge."""
         try:
-            return self.stepper.integrate(
-                self.q, self.p, dt=self.dt / finer, steps=self.steps * finer,
-                every=finer * self.every, t0=self.t0, parameters=self.parameters | self.values(x))
+            with listening():  # what is to be said is said of the run that is asked for
+                return self.stepper.integrate(
+                    self.q, self.p, dt=self.dt / finer, steps=self.steps * finer,
+                    every=finer * self.every, t0=self.t0,
+                    parameters=self.parameters | self.values(x))
         except StepFailed:
             return None
 

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import StepFailed
 from ...exact import Number
+from ...remarks import listening
 from ..body.inertia import MEANS_BY_SYMBOL, Aim
 from .motion_error import MotionError, sizes
 
@@ -180,9 +181,10 @@ class Pilots:
         return {name: float(x) for name, x in zip(self.bodies, gammas, strict=True)}
 
     def _run(self, values: dict[str, float], finer: int = 1) -> Trajectory:
-        return self.stepper.integrate(
-            self.q, self.p, dt=self.dt / finer, steps=self.steps * finer, every=finer, t0=self.t0,
-            parameters={**self.parameters, **values})
+        with listening():  # what is to be said is said of the run that is asked for
+            return self.stepper.integrate(
+                self.q, self.p, dt=self.dt / finer, steps=self.steps * finer, every=finer,
+                t0=self.t0, parameters={**self.parameters, **values})
 
     def _add(
         self, label: str, values: dict[str, float], run: Trajectory | None,

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import InputError, StepFailed, Stopped
 from ...exact import Number, as_double, exact
 from ...naming import shown
+from ...remarks import listening
 from ..body.inertia import AIMS
 from ..call.checks import as_real
 from .motion_error import MotionError
@@ -181,8 +182,9 @@ class _Search:
     def _run(self, n: int) -> tuple[Array | None, StepFailed | None]:
         """Return q of a run at _ROWS times, None where a step fails."""
         try:
-            run = self.stepper.integrate(dt=self.span / n, steps=n, every=n // _ROWS,
-                                         **self.arguments)
+            with listening():  # what is to be said is said of the run that is asked for
+                run = self.stepper.integrate(dt=self.span / n, steps=n, every=n // _ROWS,
+                                             **self.arguments)
         except StepFailed as failure:
             return None, failure
         return np.asarray(run.q), None

@@ -63,7 +63,7 @@ class BodyMotion:
         Raises
         ------
         MissingDependencyError
-            Without SciPy (``pip install gyrospark[rotation]``).
+            Without SciPy.
         """
         return quaternion.to_rotation(self.attitude)
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import as_flag, as_path
+from ...arguments import as_flag, as_path, why_unwritable
 from ...errors import GyrosparkError, InputError, MissingDependencyError
+from ...extras import install
 from ..body.euler import check_sequence
 from ..show.endings import ending_of
 from .body_motion import FrameName
@@ -54,7 +55,7 @@ def to_csv(
             write_csv(part, list(columns), [list(columns.values())])
     except OSError as error:
         raise GyrosparkError(f"The table cannot be written to {str(target)!r}: "
-                             f"{error.strerror or error}.") from error
+                             f"{why_unwritable(target, error)}.") from error
     return target
 
 
@@ -82,13 +83,13 @@ def to_dataframe(
     InputError
         For another sequence or frame; where these are asked for and there is no body.
     MissingDependencyError
-        Without pandas (``pip install gyrospark[pandas]``).
+        Without pandas.
     """
     try:
         import pandas
     except ImportError as error:
         raise MissingDependencyError(
-            "Data frames need pandas; `pip install pandas` or `pip install gyrospark[pandas]`."
+            f"Data frames need pandas; {install('pandas')} brings it."
         ) from error
     columns = _columns(trajectory, euler, degrees, angular_velocity)
     time = pandas.Index(columns.pop("time"), name="time")
@@ -110,7 +111,7 @@ def to_xarray(
         import xarray
     except ImportError as error:
         raise MissingDependencyError(
-            "Datasets need xarray; `pip install xarray` or `pip install gyrospark[storage]`."
+            f"Datasets need xarray; {install('storage')} brings it."
         ) from error
     manifest, values = trajectory.manifest, states_of(trajectory)
     variables: dict[str, Any] = {}

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import as_path
+from ...arguments import as_path, why_unwritable
 from ...errors import GyrosparkError, InputError
 from ...naming import choose, shown
 from ..build.places import bodies_of, joints_of
@@ -276,7 +276,7 @@ class Trajectory(Shown):
           their columns, parameters, report, events and manifest: what ``load`` reads.
         - .csv: a column a number, under the names of coordinates, momenta and quantities; events
           in a second file, ``run.events.csv``.
-        - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (``pip install gyrospark[netcdf]``).
+        - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (h5netcdf).
 
         Raises
         ------
@@ -302,7 +302,8 @@ class Trajectory(Shown):
                 write_npz(self, target)
         except OSError as error:
             raise GyrosparkError(
-                f"The trajectory cannot be written to {str(target)!r}: {error.strerror or error}."
+                f"The trajectory cannot be written to {str(target)!r}: "
+                f"{why_unwritable(target, error)}."
             ) from error
         return target
 

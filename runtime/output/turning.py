@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...remarks import remark
 from ..build.places import bodies_of
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["Turning", "fastest_turning"]
+__all__ = ["Rotations", "Turning", "fastest_turning"]
+
+Array = NDArray[Any]
 
 #: Up to which order a turn of how many rad a step is borne. Measured on the fast top, the regular
 #: precession and a free body with three moments, by IMS, EMS, G-L and LIIIA-B: the error of the
@@ -24,11 +30,14 @@ __all__ = ["Turning", "fastest_turning"]
 #: another, and states half a turn apart do not tell which way a body turns.
 _BORNE = {3: 1.5, 5: 2.5}
 _MOST = 3.0
+#: Stored states of a run that are looked at for a warning: all of a long run would cost as much as
+#: the steps of a small system.
+_LOOKED_AT = 64
 
 
 @dataclass(frozen=True)
 class Turning:
-    """The fastest rotation among the stored states of a run.
+    """The fastest rotation among some states.
 
     Attributes
     ----------
@@ -37,29 +46,109 @@ class Turning:
         |Ω Δt|: how far it turns in a step.
     borne : float
         How far a method of this order can bear.
+    dt : float
+        The time step, in seconds.
+    order : int
+        Of the method.
     """
 
     body: str
     radians: float
     borne: float
+    dt: float
+    order: int
+
+    def warn(self) -> bool:
+        """Warn where it is more than the method can bear, and return whether it is."""
+        if self.radians <= self.borne:
+            return False
+        remark(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
+               f"method of order {self.order} bears {self.borne:g} at the most: the motion is "
+               "lost within some turns. Take a dt well below "
+               f"{abs(self.dt) * self.borne / self.radians:.2g}.")
+        return True
 
 
-def fastest_turning(trajectory: Trajectory) -> Turning | None:
-    """Return |Ω Δt| of the body that turns fastest; None where no body turns, or none is known.
+class Rotations:
+    """How far the bodies of a stepper turn in a step.
 
     A co-moving frame needs no resolving of the rotation along it: with one there is no answer.
     """
-    manifest, dt = trajectory.manifest, float(trajectory.dt)
-    rates = [one["name"] for one in manifest.get("frame", {}).get("symmetries", ())]
-    if any(trajectory.parameters.get(name, 0) != 0 for name in rates):
-        return None
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
-        found = {name: float(np.linalg.norm(trajectory.angular_velocity(name), axis=1).max())
-                 for name in bodies_of(manifest)}
-    finite = {name: rate * abs(dt) for name, rate in found.items() if math.isfinite(rate * dt)}
-    if not finite:
-        return None
-    body = max(finite, key=finite.__getitem__)
-    order = manifest["scheme"]["order"]
-    borne = next((radians for most, radians in _BORNE.items() if order <= most), _MOST)
-    return Turning(body, finite[body], borne)
+
+    def __init__(self, manifest: Mapping[str, Any]) -> None:
+        self._bodies = bodies_of(manifest)
+        self._rates = [one["name"] for one in manifest.get("frame", {}).get("symmetries", ())]
+        self._order = manifest["scheme"]["order"]
+        self._borne = next((radians for most, radians in _BORNE.items() if self._order <= most),
+                           _MOST)
+
+    def fastest(
+        self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
+    ) -> Turning | None:
+        """Return |Ω Δt| of the body that turns fastest in rows of q and p; None where none does.
+
+        ``dt`` and each parameter are one number, or one for each row.
+        """
+        if not self._bodies:
+            return None
+        if len(q) == 1:  # in Python's floats: a quarter of the time
+            rows: Any = (q[0].astype(float).tolist(), p[0].astype(float).tolist())
+            number: Any = _only
+        else:
+            rows = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
+            number = partial(np.asarray, dtype=float)
+        moves = [number(parameters[name]) != 0 for name in self._rates if name in parameters]
+        dt = number(dt)
+        largest = Turning("", -1.0, self._borne, 0.0, self._order)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
+            for name, body in self._bodies.items():
+                inertia = [number(parameters[key]) for key in body.inertia]
+                radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in rows)) * dt)
+                if moves:
+                    radians = np.where(np.any(np.broadcast_arrays(*moves), axis=0), -1.0, radians)
+                if len(q) == 1:
+                    row, found = 0, float(radians)
+                else:
+                    radians = np.where(np.isfinite(radians), radians, -1.0)
+                    row = int(np.argmax(radians))
+                    found = float(radians[row])
+                if largest.radians < found < math.inf:
+                    step = float(np.broadcast_to(dt, len(q))[row]) if np.ndim(dt) else float(dt)
+                    largest = replace(largest, body=name, radians=found, dt=step)
+        return largest if largest.body else None
+
+    def warn(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> bool:
+        """Warn where a body turns by more than the method can bear, and return whether it does."""
+        found = self.fastest(parameters, dt, q, p)
+        return found is not None and found.warn()
+
+    def warn_of(self, trajectory: Trajectory) -> None:
+        """Warn so of some of the stored states of a run behind the start, the last among them."""
+        count = len(trajectory) - 1
+        if not count:
+            return
+        rows = [-1] if count == 1 else np.unique(np.linspace(1, count, _LOOKED_AT).astype(int))
+        self.warn(trajectory.parameters, trajectory.dt, trajectory.q[rows], trajectory.p[rows])
+
+
+def fastest_turning(trajectory: Trajectory) -> Turning | None:
+    """Return |Ω Δt| of the body that turns fastest in the stored states of a run, if one does."""
+    return Rotations(trajectory.manifest).fastest(
+        trajectory.parameters, trajectory.dt, trajectory.q, trajectory.p)
+
+
+def _only(x: Any) -> float:
+    return float(x[0] if isinstance(x, np.ndarray) and x.shape else x)
+
+
+def _speed(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:
+    """Return |Ω| = |J⁻¹ ½ L(q) p| (19), from three moments or the six entries of J⁻¹."""
+    (a, b, c, d), (e, f, g, h) = q, p
+    x, y, z = -b * e + a * f + d * g - c * h, -c * e - d * f + a * g + b * h, (
+        -d * e + c * f - b * g + a * h)
+    if len(inertia) == 3:
+        x, y, z = x / inertia[0], y / inertia[1], z / inertia[2]
+    else:
+        xx, xy, xz, yy, yz, zz = inertia
+        x, y, z = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+    return (x * x + y * y + z * z) ** 0.5 / 2

@@ -123,6 +123,8 @@ def integrate_members(
     runs = checked_runs(stepper, given, options)
     runs = replace(runs, inputs=as_inputs(inputs, stepper.binding, runs.first.steps, hold, size))
     levels = _levels(stepper, events)
+    if runs.first.steps:
+        stepper.rotations.warn(runs.parameters, runs.dt, runs.q, runs.p)
     course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
     with ctrl_c() as interrupts:
         def fill(some: Course) -> None:

@@ -209,7 +209,13 @@ class Evaluation:
 
     def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
         as_array = self.binding.array
-        return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))
+        try:
+            return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))
+        except InputError as error:
+            if np.asarray(q, dtype=object).ndim != 2:
+                raise
+            raise InputError(f"{error} Many starts at once, a row each, are integrated by "
+                             "integrate_ensemble.") from None
 
     def _state_rows(
         self, q: ArrayLike, p: ArrayLike, second: str = "p"

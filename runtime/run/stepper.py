@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -24,6 +24,7 @@ from ..call.inputs import as_inputs
 from ..choice.frame_choice import chosen
 from ..choice.step_choice import with_step
 from ..output.trajectory import Trajectory
+from ..output.turning import Rotations
 from ..steps.consistency import refuse_inconsistent
 from ..steps.count import step_count
 from ..steps.follow import followed
@@ -84,6 +85,11 @@ class Stepper(Evaluation):
         """What the bits of a result depend on beside its arguments: source, compiler, CPU."""
         return provenance(self.files)
 
+    @cached_property
+    def rotations(self) -> Rotations:
+        """How far bodies turn in a step, which integrations warn of."""
+        return Rotations(self.manifest)
+
     # ------------------------------------------------------------ stepping
 
     def step(
@@ -119,6 +125,7 @@ class Stepper(Evaluation):
             run = self.checked_run(q, p, dt=dt, steps=1, every=1, t0=t0,
                                    parameters=self.fed(parameters, inputs), solver=solver,
                                    tolerance=tolerance, max_iterations=max_iterations)
+            self.warned(run)
             held = LastStep(self.binding, run, given) if solver != "python" else None
         if held is not None and fed is not None:
             held.feed(fed.at(0))
@@ -157,6 +164,7 @@ class Stepper(Evaluation):
         run = self.checked_run(q0, p0, dt=dt, steps=0, every=1, parameters=parameters, t0=t0,
                                solver=choose("solver of a simulation", solver, held),
                                tolerance=tolerance, max_iterations=max_iterations)
+        self.warned(run)
         return Simulation(self, run)
 
     def integrate(
@@ -261,8 +269,11 @@ class Stepper(Evaluation):
         run = replace(run, follow=follow).fed(as_inputs(inputs, self.binding, run.steps, hold))
         if t_eval is not None:
             run = replace(run, marks=marks_of(self, run, t_eval))
+        warned = not run.steps or self.warned(run)
         found = observed(self, run, as_events(events, self.manifest["system"]),
                          as_callback("progress", progress)).made_by(self)
+        if not warned:
+            self.rotations.warn_of(found)
         return found if t_eval is None else self.at(found, t_eval)
 
     def integrate_ensemble(
@@ -365,6 +376,10 @@ class Stepper(Evaluation):
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
             refuse_inconsistent(self.binding, self.manifest, run)
         return run
+
+    def warned(self, run: Run) -> bool:
+        """Warn where a body turns too far in a step at a run's start, and return whether."""
+        return self.rotations.warn(run.parameters, run.dt, run.q[None], run.p[None])
 
     def _run(
         self, q: ArrayLike, p: ArrayLike, dt: Number, steps: int, every: int,

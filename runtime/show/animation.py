@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import as_path
+from ...arguments import as_path, why_unwritable
 from ...body_values import real_array
 from ...errors import GyrosparkError, InputError, MissingDependencyError
 from ...naming import choose, shown
@@ -75,7 +75,7 @@ def animate(
         part.replace(target)
     except OSError as error:
         raise GyrosparkError(f"The film cannot be written to {str(target)!r}: "
-                             f"{error.strerror or error}.") from error
+                             f"{why_unwritable(target, error)}.") from error
     finally:
         part.unlink(missing_ok=True)
     return target

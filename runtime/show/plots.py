@@ -1,4 +1,4 @@
-"""Pictures of a trajectory; needs matplotlib (``pip install gyrospark[plot]``)."""
+"""Pictures of a trajectory; needs matplotlib."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...arguments import as_path
+from ...arguments import as_path, why_unwritable
 from ...errors import GyrosparkError, InputError, MissingDependencyError
+from ...extras import install
 from ...real import REALS
 from ..build.places import bodies_of
 from .endings import PICTURES, ending_of
@@ -101,7 +102,7 @@ def save(figure: Any, target: Path) -> None:
         figure.savefig(target, dpi=150)
     except OSError as error:
         raise GyrosparkError(
-            f"The picture cannot be written to {str(target)!r}: {error.strerror or error}."
+            f"The picture cannot be written to {str(target)!r}: {why_unwritable(target, error)}."
         ) from error
 
 
@@ -117,7 +118,7 @@ def figure_class() -> Any:
         from .picture import Picture
     except ImportError as error:
         raise MissingDependencyError(
-            "Pictures need matplotlib; `pip install matplotlib` or `pip install gyrospark[plot]`."
+            f"Pictures need matplotlib; {install('plot')} brings it."
         ) from error
     return Picture
 

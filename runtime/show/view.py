@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...arguments import as_path
+from ...arguments import as_path, why_unwritable
 from ...errors import GyrosparkError, InputError
 from ...naming import choose
 from .endings import PAGES, ending_of
@@ -88,7 +88,7 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
             target.write_text(page, encoding="utf-8")
         except OSError as error:
             raise GyrosparkError(f"The page cannot be written to {str(target)!r}: "
-                                 f"{error.strerror or error}.") from error
+                                 f"{why_unwritable(target, error)}.") from error
     return View(scene.title, page, target)
 
 

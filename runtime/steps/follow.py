@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import InputError, StepFailed, Stopped
 from ...exact import Number
 from ...naming import shown
+from ...remarks import listening
 from ..call.checks import as_positive_count
 from ..choice.frame_choice import asks_for_frame, start_frame, with_frame
 from ..choice.gamma_choice import PILOT_STEPS
@@ -115,9 +116,10 @@ def _errors(
         numbers = {**parameters, **{name: "m" for name, x in parameters.items()
                                     if name != "frame" and isinstance(x, str)}}
         try:
-            return np.asarray(stepper.integrate(
-                q, p, dt=dt / finer, steps=steps * finer, every=finer, t0=t0,
-                parameters=numbers).q)
+            with listening():  # what is to be said is said of the run that is asked for
+                return np.asarray(stepper.integrate(
+                    q, p, dt=dt / finer, steps=steps * finer, every=finer, t0=t0,
+                    parameters=numbers).q)
         except StepFailed:
             return None
         except Stopped as stopped:  # its trajectory is a pilot's

@@ -76,7 +76,9 @@ def _as_parameter(
         value = ruled(name, value, given)
     made = as_real(f"Parameter {name}", value, number)
     if domain == "positive" and made <= 0:
-        raise InputError(f"Parameter {name} = {made} is not positive; give a number above 0.")
+        raise InputError(f"Parameter {name} = {made} is not positive, as the system declares it; "
+                         "give a number above 0. (Where 0 is meant, declare the symbol without "
+                         "positive=True.)")
     if domain == "nonzero" and made == 0:
         raise InputError(f"Parameter {name} = 0 divides by zero; give a number other than 0.")
     if made < 0 and has_inertia(name, given):
