@@ -7,6 +7,14 @@ in the metric of the kinetic energy, which knows no units: ω = 𝕀⁻¹J with 
 
 Three rotations of space do not commute: a frame about another axis than that of the angular
 momentum l would lose l. So they go together, about l.
+
+Near an axis of a symmetry A q and J are small and ω is large: the frame fits the velocity of this
+instant and nothing else. Whether it does, the acceleration in the frame tells,
+
+    d²q̃/dt² = q̈ − 2 Ω q̇ + Ω² q,    Ω = Σ ω_i A_i,
+
+0 on a relative equilibrium, and |ω||q̇| where the motion passes an axis. ``start_rates`` leaves out
+a direction that makes it more than twice as large.
 """
 
 from __future__ import annotations
@@ -18,14 +26,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...errors import InputError, StepFailed
 from .symmetries import Symmetry
 
 if TYPE_CHECKING:
     from ..run.stepper import Stepper
 
-__all__ = ["Direction", "Velocities", "directions_of", "least_squares"]
+__all__ = ["Direction", "Velocities", "directions_of", "least_squares", "start_rates"]
 
 Array = NDArray[Any]
+
+#: A direction that makes the acceleration so many times larger is left out.
+_FASTER = 2.0
 
 
 class Direction:
@@ -73,6 +85,7 @@ class Velocities:
         self._stepper, self._t = stepper, t0
         rates = {symmetry.name for symmetry in stepper.symmetries}
         self._parameters = {name: x for name, x in parameters.items() if name not in rates}
+        self.epsilon: float = stepper.binding.epsilon
         self._ends = bool(stepper.manifest["scheme"]["unknowns_are_state"])
 
     def __call__(self, q: Array, p: Array) -> Array:
@@ -82,6 +95,22 @@ class Velocities:
             x[: 2 * n] = [*q, *p]
         found = self._stepper.residual(x, q, p, dt=1.0, parameters=self._parameters, t=self._t)
         return -np.array(found[:n], dtype=float)
+
+    def acceleration(self, q: ArrayLike, p: ArrayLike, dt: Any) -> Array | None:
+        """Return q̈, by central differences of H_p over a small part of a step.
+
+        None where these small steps can't be taken: the run itself then says why.
+        """
+        step, h = self._stepper, float(dt) * self._stepper.binding.epsilon ** (1 / 3)
+        try:
+            if step.m and not step.manifest["scheme"]["keeps_momentum_constraint"]:
+                q, p = step.project(q, p, parameters=self._parameters, t=self._t)
+            ends = [step.integrate(q, p, dt=x, steps=1, t0=self._t, parameters=self._parameters)
+                    for x in (h, -h)]
+        except (InputError, StepFailed):
+            return None
+        after, before = (self(end.q[-1], end.p[-1]) for end in ends)
+        return (after - before) / (2 * h)
 
     def root_of_mass(self, q: Array, p: Array) -> Array:
         """Return W with WᵀW = H_pp⁻¹, H_pp by differences: exact where H is quadratic in p."""
@@ -105,3 +134,38 @@ def least_squares(
         wanted.append(root @ velocities(place, momenta))
     found, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=1e-9)
     return np.asarray(found)
+
+
+def start_rates(
+    velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike, dt: Any
+) -> tuple[Array, list[int]]:
+    """Return the least squares of a state, and which directions are left out, with rate 0."""
+    rates = least_squares(velocities, directions, q, p)
+    acceleration = velocities.acceleration(q, p, dt)
+    if acceleration is None:
+        return rates, []
+    place, momenta = (np.array(x, dtype=float) for x in (q, p))
+    root, velocity = velocities.root_of_mass(place, momenta), velocities(place, momenta)
+
+    def faster(rates: Array) -> float:
+        turn = sum((w * d.A for w, d in zip(rates, directions, strict=True)), 0 * directions[0].A)
+        return float(np.linalg.norm(root @ (
+            acceleration - 2 * turn @ velocity + turn @ (turn @ place))))
+
+    def without(left_out: list[int]) -> Array:
+        kept = [i for i in range(len(directions)) if i not in left_out]
+        found = np.zeros(len(directions))
+        if kept:
+            found[kept] = least_squares(velocities, [directions[i] for i in kept], q, p)
+        return found
+
+    noise = velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
+    left_out: list[int] = []
+    while len(left_out) < len(directions):
+        others = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
+        tried = [without(other) for other in others]
+        best = min(range(len(others)), key=lambda i: faster(tried[i]))
+        if faster(rates) <= _FASTER * faster(tried[best]) + noise:
+            break
+        rates, left_out = tried[best], others[best]
+    return rates, left_out
