@@ -15,7 +15,7 @@ from ...event import as_events
 from ...exact import Number
 from ...markup import card, table
 from ...naming import shown
-from ..call.checks import as_numbers
+from ..call.checks import as_numbers, as_positive_count
 from ..call.inputs import Inputs, as_inputs
 from ..choice.frame_choice import asks_for_frame, start_frame
 from ..events.found import Crossings, CrossingsOfMany
