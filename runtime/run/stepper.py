@@ -201,7 +201,8 @@ class Stepper(Evaluation):
             aimed at the energy; ``"frame"`` is "start", the start's least squares, or "auto", what
             ``choose_frame`` finds, or "follow", the least squares of the state every 100 steps
             ("follow 50": every 50), for a motion that changes for good. ``Trajectory.parameters``
-            has the numbers, of such a frame those of the start.
+            has the numbers, of such a frame those of the start. A warning tells of rates that
+            "start" and "follow" leave 0, near an axis of symmetry.
         t0 : float
             Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
             counted, not summed up.
