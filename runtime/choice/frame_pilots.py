@@ -35,6 +35,8 @@ Array = NDArray[Any]
 _ROWS = 250
 #: How far two references may be apart, in parts of what the worse one changed by when refined.
 _AGREES = 4.0
+#: The same, in parts of the error that is judged.
+_SMALL = 0.01
 #: By how much a frame must be better than none.
 _CLEAR = 1.05
 
@@ -135,16 +137,21 @@ class FramePilots:
         plain = self._reference(none)
         found, doubt = plain, math.inf if plain is None else plain.doubt
         moved = None if np.array_equal(start, none) else self._reference(start)
-        if moved is not None and moved.doubt < doubt:
-            apart = 0.0 if plain is None else _size(plain.error(moved.motion)[1:] / plain.scale)
-            if plain is None or apart <= _AGREES * plain.change:
-                found = moved
+        if moved is not None and moved.doubt < doubt and (
+                plain is None or self._agrees(plain, moved, self.run(none))):
+            found = moved
         if found is None:
             return None
         epsilon = self.stepper.binding.epsilon
         self._motion, self._scale = found.error, found.scale
         self.doubt = found.doubt + epsilon * (2 + math.sqrt(self.steps) / 4)
         return found.finest
+
+    def _agrees(self, plain: _Reference, moved: _Reference, run: Trajectory | None) -> bool:
+        """Whether references are near each other, or so near that a run's error is told by both."""
+        apart, error = (0.0 if q is None else _size(plain.error(np.asarray(q))[1:] / plain.scale)
+                        for q in (moved.motion, None if run is None else run.q))
+        return apart <= max(_AGREES * plain.change, _SMALL * error)
 
     def _reference(self, x: Array) -> _Reference | None:
         """Return the motion in a frame, extrapolated; None where a run did not converge."""

@@ -38,6 +38,10 @@ Array = NDArray[Any]
 
 #: A direction that makes the acceleration so many times larger is left out.
 _FASTER = 2.0
+#: What the difference may be wrong by, in parts of q̈ and of the step's part of Δt.
+_NOISE = 16.0
+#: Singular values below this part of the largest are 0.
+_RANK = 1e-9
 
 
 class Direction:
@@ -97,20 +101,18 @@ class Velocities:
         return -np.array(found[:n], dtype=float)
 
     def acceleration(self, q: ArrayLike, p: ArrayLike, dt: Any) -> Array | None:
-        """Return q̈, by central differences of H_p over a small part of a step.
+        """Return q̈, by a difference of H_p over a small part of a step.
 
-        None where these small steps can't be taken: the run itself then says why.
+        None where that step can't be taken: the run itself then says why.
         """
-        step, h = self._stepper, float(dt) * self._stepper.binding.epsilon ** (1 / 3)
+        step, h = self._stepper, float(dt) * self.epsilon ** (1 / 3)
         try:
             if step.m and not step.manifest["scheme"]["keeps_momentum_constraint"]:
                 q, p = step.project(q, p, parameters=self._parameters, t=self._t)
-            ends = [step.integrate(q, p, dt=x, steps=1, t0=self._t, parameters=self._parameters)
-                    for x in (h, -h)]
+            end = step.integrate(q, p, dt=h, steps=1, t0=self._t, parameters=self._parameters)
         except (InputError, StepFailed):
             return None
-        after, before = (self(end.q[-1], end.p[-1]) for end in ends)
-        return (after - before) / (2 * h)
+        return (self(end.q[-1], end.p[-1]) - self(end.q[0], end.p[0])) / h
 
     def root_of_mass(self, q: Array, p: Array) -> Array:
         """Return W with WᵀW = H_pp⁻¹, H_pp by differences: exact where H is quadratic in p."""
@@ -132,7 +134,7 @@ def least_squares(
         root = velocities.root_of_mass(place, momenta)
         rows.append(root @ np.stack([d.A @ place for d in directions], axis=1))
         wanted.append(root @ velocities(place, momenta))
-    found, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=1e-9)
+    found, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=_RANK)
     return np.asarray(found)
 
 
@@ -140,32 +142,31 @@ def start_rates(
     velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike, dt: Any
 ) -> tuple[Array, list[int]]:
     """Return the least squares of a state, and which directions are left out, with rate 0."""
-    rates = least_squares(velocities, directions, q, p)
-    acceleration = velocities.acceleration(q, p, dt)
-    if acceleration is None:
-        return rates, []
     place, momenta = (np.array(x, dtype=float) for x in (q, p))
     root, velocity = velocities.root_of_mass(place, momenta), velocities(place, momenta)
-
-    def faster(rates: Array) -> float:
-        turn = sum((w * d.A for w, d in zip(rates, directions, strict=True)), 0 * directions[0].A)
-        return float(np.linalg.norm(root @ (
-            acceleration - 2 * turn @ velocity + turn @ (turn @ place))))
+    columns = root @ np.stack([d.A @ place for d in directions], axis=1)
 
     def without(left_out: list[int]) -> Array:
         kept = [i for i in range(len(directions)) if i not in left_out]
         found = np.zeros(len(directions))
-        if kept:
-            found[kept] = least_squares(velocities, [directions[i] for i in kept], q, p)
+        found[kept] = np.linalg.lstsq(columns[:, kept], root @ velocity, rcond=_RANK)[0]
         return found
 
-    noise = velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
+    def size(rates: Array) -> float:
+        """Return that of the acceleration in a frame."""
+        turn = sum((w * d.A for w, d in zip(rates, directions, strict=True)), 0 * directions[0].A)
+        return float(np.linalg.norm(root @ (
+            acceleration - 2 * turn @ velocity + turn @ (turn @ place))))
+
     left_out: list[int] = []
+    rates, acceleration = without(left_out), velocities.acceleration(q, p, dt)
+    if acceleration is None:
+        return rates, left_out
+    noise = _NOISE * velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
     while len(left_out) < len(directions):
         others = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
-        tried = [without(other) for other in others]
-        best = min(range(len(others)), key=lambda i: faster(tried[i]))
-        if faster(rates) <= _FASTER * faster(tried[best]) + noise:
+        best = min(others, key=lambda other: size(without(other)))
+        if size(rates) <= _FASTER * size(without(best)) + noise:
             break
-        rates, left_out = tried[best], others[best]
+        rates, left_out = without(best), best
     return rates, left_out

@@ -47,6 +47,8 @@ _FAR = 3.0
 _CLEAR, _ROUNDING = 1.05, 8.0
 #: How far two references may be apart, in parts of what the worse one changed by when refined.
 _AGREES = 4.0
+#: The same, in parts of the error that is judged.
+_SMALL = 0.01
 
 
 @dataclass(frozen=True)
@@ -176,8 +178,9 @@ class _Pilots:
         if moved[0] is not None and moved[1] is not None:
             error = MotionError(moved[1], _as_floats(moved[1]))
             own = float(_sizes(error, moved[0])[0])
+            apart, still = (_sizes(error, q)[0] for q in (exact, self.run(choices[0])))
             if exact is None or (own < change
-                                 and _sizes(error, exact)[0] <= _AGREES * change):
+                                 and apart <= max(_AGREES * change, _SMALL * still)):
                 exact, doubt = moved[1], own
         if exact is None:
             return [np.zeros(2) for _ in choices], math.inf
