@@ -148,13 +148,17 @@ def frame_for(
     from ..runtime.steps.follow import followed
 
     q0, p0, t0 = state
-    _, follow = followed(step, q0, p0, dt=dt, steps=steps, t0=t0,
-                             parameters={**parameters, "frame": mode})
-    if follow is not None:
-        return Frame({"frame": str(follow)}, {"frame": start_frame(step, q0, p0, parameters),
-                                              "frame_reason": f"{follow} steps"})
+    forced, follow = followed(step, q0, p0, dt=dt, steps=steps, t0=t0,
+                              parameters={**parameters, "frame": mode})
+    if follow is not None:  # the run says what is to be warned of
+        return Frame({"frame": str(follow)}, {
+            "frame": start_frame(step, q0, p0, parameters, dt=dt, t0=t0, warn=False),
+            "frame_reason": f"{follow} steps"})
     if mode == "start":
-        values = start_frame(step, q0, p0, parameters)
+        values = start_frame(step, q0, p0, parameters, dt=dt, t0=t0)
+        return Frame(values, {"frame": values})
+    if "frame" not in forced:  # forces act
+        values = {symmetry.name: forced.get(symmetry.name, 0.0) for symmetry in step.symmetries}
         return Frame(values, {"frame": values})
     bodies = {name: inertia for name, inertia in start.bodies.items()
               if name in parameters} if aim == "motion" else {}

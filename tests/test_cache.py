@@ -659,7 +659,7 @@ def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache
         with cache.workshop():
             return
     monkeypatch.setattr(cache, "_IN_PLACE", {})
-    with pytest.warns(InputWarning, match="GYROSPARK_CACHE"), cache.workshop() as folder:
+    with pytest.warns(gs.InputWarning, match="GYROSPARK_CACHE"), cache.workshop() as folder:
         assert own_cache not in folder.parents
         assert not cache.distrusted(folder)
 

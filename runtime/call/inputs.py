@@ -74,6 +74,17 @@ class Inputs:
         owner = runs[:, None] if len(self.values) > 1 else 0
         return Inputs(self.names, np.ascontiguousarray(self.values[owner, rows]), 1)
 
+    @property
+    def first(self) -> dict[str, Any]:
+        """The inputs of the first step of the first run by name; 1 where there is no step."""
+        rows = self.values[0]
+        return dict(zip(self.names, rows[0].tolist() if len(rows) else [1.0] * len(self.names),
+                        strict=True))
+
+    def of_steps(self, count: int) -> Inputs:
+        """Return those of the first steps of the first run, a row for each; the last row stays."""
+        return self.taken(np.zeros(1, int), np.zeros(1, int), count)
+
     def at(self, step: int) -> Array:
         """Return the row of a step of the first run."""
         row: Array = self.values[0, step // self.hold if self.hold else 0]

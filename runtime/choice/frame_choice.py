@@ -20,11 +20,13 @@ from ...arguments import as_mapping
 from ...errors import InputError, Stopped
 from ...exact import Number
 from ...naming import choose, shown
+from ...remarks import remark
 from ..body.inertia import AIMS, gamma_m, known_inertia, principal_moments, ruled
 from ..call.checks import as_positive_count, as_step
+from ..call.inputs import as_inputs
 from .frame_pilots import FramePilots
 from .frame_search import FrameChoice, Search
-from .frame_start import Velocities, directions_of, least_squares
+from .frame_start import Velocities, directions_of, start_rates
 from .gamma_choice import PILOT_STEPS, with_choice
 
 if TYPE_CHECKING:
@@ -47,6 +49,8 @@ def choose_frame(
     bodies: Mapping[str, Sequence[float]] | None = None,
     steps: int = PILOT_STEPS,
     t0: Number = 0.0,
+    inputs: Any = None,
+    hold: int = 1,
 ) -> FrameChoice:
     """Return the rates of the co-moving frame that makes the error of runs from (q, p) smallest.
 
@@ -67,6 +71,8 @@ def choose_frame(
         Length of the pilot runs, at least 8. They should see the motion's slowest period.
     t0 : float
         Time at the start, for forces that depend on it.
+    inputs, hold
+        Those of ``integrate`` for as many steps; pilots run with them.
 
     Raises
     ------
@@ -85,6 +91,9 @@ def choose_frame(
     >>> parameters = parameters | choice.values
     """
     known = _usable(stepper, parameters)
+    count = as_positive_count("steps", steps, least=8)
+    fed = as_inputs(inputs, stepper.binding, count, hold)
+    known |= fed.first if fed is not None else {}
     rates = {symmetry.name for symmetry in stepper.symmetries}
     known = {name: value for name, value in known.items() if name not in rates}
     if bodies is None:
@@ -101,15 +110,18 @@ def choose_frame(
                         tolerance=None, max_iterations=50, t0=t0)
     numbers = _ruled(numbers)
     pilots = FramePilots(stepper, q, p, as_step(dt, stepper.binding.number),
-                         as_positive_count("steps", steps, least=8), numbers,
-                         directions_of(stepper, q, p, numbers), bodies, t0)
+                         count, numbers, directions_of(stepper, q, p, numbers), bodies, t0,
+                         fed if fed is None else fed.of_steps(count))
     return Search(pilots, Velocities(stepper, numbers, t0)).choice()
 
 
 def start_frame(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Any]
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Any], *, dt: Number,
+    t0: Number = 0.0, warn: bool = True,
 ) -> dict[str, float]:
     """Return the rates of the least squares of a start, without a run.
+
+    Directions along which the frame is faster than the motion have rate 0, with a warning.
 
     Raises
     ------
@@ -121,16 +133,21 @@ def start_frame(
     directions = directions_of(stepper, q, p, known)
     if not directions:
         return found
-    rates = least_squares(Velocities(stepper, known), directions, q, p)
+    rates, left_out = start_rates(Velocities(stepper, known, t0), directions, q, p, dt)
     for rate, direction in zip(rates.tolist(), directions, strict=True):
         for name, weight in direction.weights.items():
             found[name] += rate * weight
+    if left_out and warn:
+        names = ", ".join(name for i in left_out for name in directions[i].weights)
+        remark(f"The state is so near an axis of symmetry that a frame along {names} would turn "
+               "faster than the motion and enlarge its error: the rate is 0. frame = 'auto' "
+               "chooses rates by measured errors; a rate that is given is used as it is.")
     return found
 
 
 def with_frame(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Any, t0: Number = 0.0,
+    parameters: Any, t0: Number = 0.0, inputs: Any = None, hold: int = 1,
 ) -> Any:
     """Return the parameters of a run with ``"frame"`` replaced by the rates it stands for."""
     if not isinstance(parameters, Mapping) or not asks_for_frame(stepper, parameters):
@@ -144,11 +161,13 @@ def with_frame(
         raise InputError(f"Parameter {given[0]} is given besides frame = {mode!r}, which chooses "
                          "it; give one.")
     if mode in ("start", "follow"):
-        return others | start_frame(stepper, q, p, others)
+        return others | start_frame(stepper, q, p, others, dt=dt, t0=t0)
     run = as_positive_count("steps", steps)
+    pilot = min(max(run, 8), PILOT_STEPS)
+    fed = as_inputs(inputs, stepper.binding, run, hold) if run else None
     try:
-        choice = choose_frame(stepper, q, p, dt=dt, parameters=others, t0=t0,
-                              steps=min(max(run, 8), PILOT_STEPS))
+        choice = choose_frame(stepper, q, p, dt=dt, parameters=others, t0=t0, steps=pilot,
+                              inputs=fed if fed is None else fed.of_steps(pilot).values[0])
     except Stopped as stopped:  # its trajectory is a pilot's
         raise Stopped("Stopped before the first step, while the frame was chosen.", stopped.signal
                       ) from None
@@ -157,10 +176,11 @@ def with_frame(
 
 def chosen(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Any, t0: Number = 0.0,
+    parameters: Any, t0: Number = 0.0, inputs: Any = None, hold: int = 1,
 ) -> Any:
     """Return the parameters of a run with all that they leave to be chosen: frame, then γ."""
-    moving = with_frame(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
+    moving = with_frame(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0,
+                        inputs=inputs, hold=hold)
     return with_choice(stepper, q, p, dt=dt, steps=steps, parameters=moving, t0=t0)
 
 

@@ -3,8 +3,8 @@
 Tried are no frame, the least squares of the start and of the whole motion, what the lines of its
 spectrum ask for, and parts of these; from the best of them Levenberg and Marquardt's steps go on,
 for the errors are polynomials of ω and of 1/γ. All of that on the first half of the pilots. What is
-then best on all of them is chosen; no frame and the least squares of the start are always among
-what it is chosen from, and what was searched for must beat them clearly.
+then best on all of them is chosen, if it is better than no frame by 5 % and by more than the
+reference may be wrong; what was searched for must beat the least squares of the start, too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from .frame_lines import Lines
 from .frame_pilots import FramePilot, FramePilots
-from .frame_start import Velocities, least_squares
+from .frame_start import Velocities, least_squares, start_rates
 
 if TYPE_CHECKING:
     from ..output.trajectory import Trajectory
@@ -114,8 +114,8 @@ class Search:
         self.none = np.concatenate([np.zeros(pilots.rates), self.ones])
         self.start = self.none
         if pilots.rates:
-            self.start = self._with(least_squares(velocities, pilots.directions, pilots.q,
-                                                  pilots.p))
+            self.start = self._with(start_rates(velocities, pilots.directions, pilots.q, pilots.p,
+                                                pilots.dt)[0])
 
     def _with(self, rates: Array) -> Array:
         return np.concatenate([rates, self.ones])
@@ -123,7 +123,7 @@ class Search:
     def choice(self) -> FrameChoice:
         """Return the choice."""
         pilots = self.pilots
-        finest = pilots.set_reference([self.start, self.none])
+        finest = pilots.set_reference(self.none, self.start)
         if finest is None:
             pilots.stepper.integrate(pilots.q, pilots.p, dt=pilots.dt / 8, steps=8 * pilots.steps,
                                      parameters=pilots.parameters, t0=pilots.t0)  # says why
@@ -141,7 +141,7 @@ class Search:
             why = "the error is round-off" if pilots.rates or len(self.ones) else (
                 "there is no symmetry with these parameters")
             return always[0], f"no frame: {why}", self.none
-        if pilots.rates and self._is_rounding(always[1]):
+        if pilots.rates and self._is_rounding(always[1]) and pilots.is_clear(always[1]):
             label = pilots.done[always[1]].label  # of rounding the next is no better
             return always[1], f"{label}: its error is round-off", self.start
         tried = {always[0]: self.none, always[1]: self.start}
@@ -150,11 +150,12 @@ class Search:
         searched: dict[int, Array] = {}
         for x in self._beginnings(tried):
             searched |= self._searched(x)
-        best = min(always, key=lambda i: pilots.done[i].whole)
+        best = always[1] if pilots.is_clear(always[1]) else always[0]
         for numbers, needed in ((tried, 1.0), (searched, _CLEARLY)):
             # the best of the first half; whether it is any good, all of it says
             found = min(numbers, key=lambda i: pilots.done[i].half, default=best)
-            if pilots.done[found].whole * needed < pilots.done[best].whole:
+            if (pilots.done[found].whole * needed < pilots.done[best].whole
+                    and pilots.is_clear(found)):
                 best = found
         known = tried | searched
         if self._is_rounding(best):
@@ -173,7 +174,7 @@ class Search:
         if self.pilots.steps < _FEW:
             return None
         search = Search(self.pilots.coarser(), self.velocities)
-        finest = search.pilots.set_reference([search.start, search.none])
+        finest = search.pilots.set_reference(search.none, search.start)
         return None if finest is None else search._best(finest)[2]
 
     def _chosen(self, plain: int, best: int, reason: str) -> FrameChoice:

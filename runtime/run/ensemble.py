@@ -15,8 +15,8 @@ from ...event import as_events
 from ...exact import Number
 from ...markup import card, table
 from ...naming import shown
-from ..call.checks import as_numbers
-from ..call.inputs import as_inputs
+from ..call.checks import as_numbers, as_positive_count
+from ..call.inputs import Inputs, as_inputs
 from ..choice.frame_choice import asks_for_frame, start_frame
 from ..events.found import Crossings, CrossingsOfMany
 from ..events.watch import Levels
@@ -119,9 +119,10 @@ def integrate_members(
     given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
                   _each_parameters(stepper.fed(parameters, inputs), size))
-    given = _with_frames(stepper, given)
-    runs = checked_runs(stepper, given, options)
-    runs = replace(runs, inputs=as_inputs(inputs, stepper.binding, runs.first.steps, hold, size))
+    fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]), hold,
+                    size)
+    given = _with_frames(stepper, given, fed)
+    runs = replace(checked_runs(stepper, given, options), inputs=fed)
     levels = _levels(stepper, events)
     if runs.first.steps:
         stepper.rotations.warn(runs.parameters, runs.dt, runs.q, runs.p)
@@ -181,14 +182,16 @@ def _ensemble(
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 
-def _with_frames(stepper: Stepper, given: Given) -> Given:
+def _with_frames(stepper: Stepper, given: Given, inputs: Inputs | None) -> Given:
     """Return what is given with each start's own least squares where a frame is asked for."""
     def rates(i: int) -> dict[str, float]:
         own = given.parameters_of(i)
         if own["frame"] != "start":
             refuse_choice(own["frame"])
         others = {name: value for name, value in own.items() if name != "frame"}
-        return others | start_frame(stepper, given.q[i], given.p[i], others)
+        first = {} if inputs is None else inputs.of(i).first
+        return others | start_frame(stepper, given.q[i], given.p[i], others | first,
+                                    dt=given.dt[i], t0=given.t0[i])
 
     if isinstance(given.parameters, list):
         if not any(asks_for_frame(stepper, one) for one in given.parameters):

@@ -20,7 +20,7 @@ from ..build.manifest import remarks_of
 from ..build.module import provenance
 from ..call.binding import SOLVERS, SolverName
 from ..call.checks import as_callback, as_positive_count, as_real
-from ..call.inputs import as_inputs
+from ..call.inputs import Inputs, as_inputs
 from ..choice.frame_choice import chosen
 from ..choice.step_choice import with_step
 from ..output.trajectory import Trajectory
@@ -209,7 +209,8 @@ class Stepper(Evaluation):
             aimed at the energy; ``"frame"`` is "start", the start's least squares, or "auto", what
             ``choose_frame`` finds, or "follow", the least squares of the state every 100 steps
             ("follow 50": every 50), for a motion that changes for good. ``Trajectory.parameters``
-            has the numbers, of such a frame those of the start.
+            has the numbers, of such a frame those of the start. A warning tells of rates that
+            "start" and "follow" leave 0, near an axis of symmetry.
         t0 : float
             Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
             counted, not summed up.
@@ -261,12 +262,14 @@ class Stepper(Evaluation):
         dt_, steps, t_end = with_step(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
                                       t0=t0, inputs=inputs, parameters=parameters, **how)
         steps = step_count(steps, t_end, t0, dt_)
-        parameters, follow = followed(self, q, p, dt=dt_, steps=steps, t0=t0,
-                                      parameters=self.fed(parameters, inputs))
-        parameters = chosen(self, q, p, dt=dt_, steps=steps, parameters=parameters, t0=t0)
+        fed = as_inputs(inputs, self.binding, as_positive_count("steps", steps), hold)
+        parameters, follow = followed(self, q, p, dt=dt_, steps=steps, t0=t0, inputs=inputs,
+                                      hold=hold, parameters=self.fed(parameters, fed))
+        parameters = chosen(self, q, p, dt=dt_, steps=steps, parameters=parameters, t0=t0,
+                            inputs=inputs, hold=hold)
         run = self.checked_run(q, p, dt=dt_, steps=steps, every=every, parameters=parameters,
                                t0=t0, **how)
-        run = replace(run, follow=follow).fed(as_inputs(inputs, self.binding, run.steps, hold))
+        run = replace(run, follow=follow).fed(fed)
         if t_eval is not None:
             run = replace(run, marks=marks_of(self, run, t_eval))
         warned = not run.steps or self.warned(run)
@@ -359,7 +362,8 @@ class Stepper(Evaluation):
 
     def fed(self, parameters: Any, inputs: Any) -> Any:
         """Return parameters with a number for each input, where those of the steps are given."""
-        some = dict.fromkeys(self.binding.input_names if inputs is not None else (), 1.0)
+        some = inputs.first if isinstance(inputs, Inputs) else dict.fromkeys(
+            self.binding.input_names if inputs is not None else (), 1.0)
         if isinstance(parameters, Mapping):
             return {**parameters, **some}
         if not some or not isinstance(parameters, Sequence):
