@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import as_mapping
+from ...arguments import as_flag, as_mapping
 from ...errors import InputError
 from ...event import Event, as_events
 from ...exact import Number
@@ -140,13 +140,16 @@ class Stepper(Evaluation):
         solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
+        record: bool = False,
     ) -> Simulation:
         """Return a simulation that stands at (q0, p0) and is advanced by its caller.
 
         The arguments are those of ``integrate``, but for ``solver="python"`` and parameters
         ``"auto"``. ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
         ``sim.report`` and ``sim.quantity(name)`` say where they led. What ``integrate`` gives for
-        as many steps it gives to the bit, in calls of however many.
+        as many steps it gives to the bit, in calls of however many. With ``record=True`` it keeps
+        every state, and ``sim.trajectory`` is what ``integrate`` returns, with the inputs that
+        ``advance`` was given.
 
         Raises
         ------
@@ -157,7 +160,7 @@ class Stepper(Evaluation):
         run = self.checked_run(q0, p0, dt=dt, steps=0, every=1, parameters=parameters, t0=t0,
                                solver=choose("solver of a simulation", solver, held),
                                tolerance=tolerance, max_iterations=max_iterations)
-        return Simulation(self, run)
+        return Simulation(self, run, as_flag("record", record))
 
     def integrate(
         self,
