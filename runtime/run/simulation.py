@@ -1,10 +1,10 @@
 """One trajectory held in compiled memory between calls: its predictor, its rounding errors.
 
-``Recorded`` keeps every state as well. ``Held`` is what both users of it share: ``Simulation``, which its caller advances by any number of
+``Held`` is what both users of it share: ``Simulation``, which its caller advances by any number of
 steps, and a loop of ``Stepper.step``, which gives each call the end of the one before. As long as
 it does, with the same time step, parameters and solver, compiled code goes on in the memory of that
 call: a call then takes the sweeps, and gives the bits, of a step inside ``integrate``. Any other
-call starts anew, as ``integrate`` does.
+call starts anew, as ``integrate`` does. ``Recorded`` keeps every state of a simulation as well.
 """
 
 from __future__ import annotations
