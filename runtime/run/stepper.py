@@ -172,6 +172,7 @@ class Stepper(Evaluation):
         parameters: Mapping[str, Any],
         t0: Number = 0.0,
         t_end: Number | None = None,
+        round: bool = False,
         error: Number | None = None,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
         hold: int = 1,
@@ -210,7 +211,9 @@ class Stepper(Evaluation):
             counted, not summed up.
         t_end : float, optional
             In place of ``steps``: the time of the last state. (t_end − t0)/dt is a whole number
-            but for the rounding of these three.
+            but for the rounding of these three, and any other t_end is refused.
+        round : bool
+            End at the step next to ``t_end`` instead, within half a step of it.
         error : float, optional
             Wanted with ``dt="auto"``: the largest error of the motion on the way, attitudes in rad
             and points in parts of their reach.
@@ -255,7 +258,7 @@ class Stepper(Evaluation):
                                "max_iterations": max_iterations}
         dt_, steps, t_end = with_step(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
                                       t0=t0, inputs=inputs, parameters=parameters, **how)
-        steps = step_count(steps, t_end, t0, dt_)
+        steps = step_count(steps, t_end, t0, dt_, as_flag("round", round) and dt != "auto")
         parameters, follow = followed(self, q, p, dt=dt_, steps=steps, t0=t0,
                                       parameters=self.fed(parameters, inputs))
         parameters = chosen(self, q, p, dt=dt_, steps=steps, parameters=parameters, t0=t0)
