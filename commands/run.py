@@ -77,6 +77,8 @@ _BAR_FROM = 20_000
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--t-end", metavar="T",
               help="Time of the last state in seconds, in place of --steps.")
+@click.option("--round", "nearest", is_flag=True,
+              help="End at the step next to --t-end, where no whole number of them leads there.")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
 @click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
@@ -111,7 +113,7 @@ _BAR_FROM = 20_000
 def run(
     problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
     dt: str | None, error: str | None, t0: str, steps: str | None, t_end: str | None,
-    every: str, solver: str, tolerance: str | None, max_iterations: str,
+    nearest: bool, every: str, solver: str, tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
     euler: str | None, degrees: bool,
     resume: bool, seed: str | None, plot: Path | None, page: Path | None, film: Path | None,
@@ -170,7 +172,7 @@ def run(
     }
     step_size, count, measured = step_for(
         step, start, {"q": q0, "p": p0, "t0": begin, "parameters": parameters, **how},
-        {"dt": dt, "error": error, "steps": steps, "t_end": t_end})
+        {"dt": dt, "error": error, "steps": steps, "t_end": t_end}, nearest)
     aim = aim_of(start, parameters, gamma or alpha, unnamed=bool(note) and not frames)
     state = q0, p0, begin
     frame = frame_for(step, start, state, step_size, count, parameters, frames, aim)

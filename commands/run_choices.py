@@ -186,11 +186,12 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
 
 def step_for(
     step: Stepper, start: Start, arguments: dict[str, Any], given: Mapping[str, str | None],
+    nearest: bool,
 ) -> tuple[Any, int, dict[str, Any]]:
     """Return dt, the number of steps, and what was measured if --dt is auto.
 
     ``arguments`` are those of the run that are known, ``given`` the options dt, error, steps and
-    t_end.
+    t_end; ``nearest`` takes the step next to t_end.
     """
     if given["dt"] == "auto":
         return _chosen(step, arguments, given)
@@ -199,7 +200,7 @@ def step_for(
                          "--error away.")
     dt = _step_size(given["dt"], start)
     return dt, _step_count(given["steps"], given["t_end"], start, dt,
-                           arguments["t0"]), {}
+                           arguments["t0"], nearest), {}
 
 
 def _chosen(
@@ -232,7 +233,7 @@ def _step_size(option: str | None, start: Start) -> float:
 
 
 def _step_count(
-    steps: str | None, t_end: str | None, start: Start, dt: float, t0: float
+    steps: str | None, t_end: str | None, start: Start, dt: float, t0: float, nearest: bool
 ) -> int:
     """Return the number of steps of the option, up to the time of the other, or the model's own."""
     from ..runtime.steps.count import step_count
@@ -240,7 +241,10 @@ def _step_count(
     if t_end is not None:
         if steps is not None:
             raise InputError(f"--steps {steps} and --t-end {t_end} are both given; give one.")
-        return step_count(None, real_number("--t-end", t_end), t0, dt)
+        return step_count(None, real_number("--t-end", t_end), t0, dt, nearest)
+    if nearest:
+        raise InputError("--round is for --t-end, the time of the last state; give that, or leave "
+                         "--round away.")
     if steps is None and start.steps is None:
         raise InputError(f"--steps is not given and {start.name} names none; write for example "
                          "--steps 1000, or --t-end 1.")

@@ -8,6 +8,7 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import RUN, TOP
+from gyrospark.errors import InputWarning
 from gyrospark.generator.model_files.model_file import parse_model
 from gyrospark.runtime.output.joint_motion import _shortest
 
@@ -137,11 +138,11 @@ def test_what_nothing_uses_is_still_known():
 # ---------------------------------------------------------------- joints
 
 
-def pendulum(hinge=False, angle=1.0):
+def pendulum(hinge=False, angle=1.0, rate=0.5):
     """Return a bar of 2 kg that swings about x, held half a metre above its centre."""
     build = gs.Multibody("swing_hinge" if hinge else "swing")
     c, s = np.cos(angle), np.sin(angle)
-    bar = build.body("bar", mass=2.0, inertia=(0.3, 0.3, 0.1), angular_velocity=(0.5, 0, 0),
+    bar = build.body("bar", mass=2.0, inertia=(0.3, 0.3, 0.1), angular_velocity=(rate, 0, 0),
                      rotation=[[1, 0, 0], [0, c, -s], [0, s, c]])
     if hinge:
         build.revolute("pin", build.ground, bar, axis=(2, 0, 0), at=(0, 0, 0), on_b=(0, 0, 0.5))
@@ -219,6 +220,31 @@ def test_angles_count_whole_turns(four_bar):
     turns = [four_bar.body(name).euler("xyz")[:, 2] for name in ("coupler", "crank")]
     assert np.abs(np.sin(angle - turns[0] + turns[1])).max() < 1e-12
     assert np.abs(slope(angle, DT) - four_bar.joint("hinge1").rate()[1:-1]).max() < 1e-3
+
+
+def test_turns_that_rates_do_not_tell_are_warned_of():
+    """A bar that falls over and over, at 5 to 14 rad/s: true to a state every 0.1 s, then told."""
+    model = pendulum(hinge=True, rate=12.0)
+    turned = run(model, 1000, dt=5e-3).joint().angle()
+    assert abs(turned[-1] - turned[0]) > 20
+    some = run(model, 1000, dt=5e-3, every=20).joint()
+    assert np.abs(some.angle() - turned[::20]).max() < 1e-12  # without a word: warnings are errors
+    for every in (100, 1000):
+        ends = run(model, 1000, dt=5e-3, every=every)
+        with pytest.warns(InputWarning, match="every"):
+            angle = ends.joint().angle()
+        assert np.abs(np.sin((angle - turned[::every]) / 2)).max() < 1e-9
+    cured = ends.at(np.linspace(0, 5, 101)).joint().angle()  # as the warning says
+    assert np.abs(cured - turned[::10]).max() < 1e-9
+
+
+def test_a_steady_turn_needs_no_warning():
+    """A wheel at a constant rate, stored at its ends: its turns are those of the rate."""
+    build = gs.Multibody("wheel", gravity=(0, 0, 0))
+    build.top("w", mass=1, inertia=(0.2, 0.2, 0.3), centre=(0, 0, 0))
+    build.align("axle", "ground", "w", axis=(0, 0, 1), rate=30.0)
+    made = run(build.model(), 1000, ("IMS",), every=1000)
+    assert made.joint().angle()[-1] == pytest.approx(30.0, abs=0.1)
 
 
 def test_a_rod_pulls_along_itself():

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
 from gyrospark.errors import InputError
@@ -108,11 +109,96 @@ def test_a_driven_hinge_turns_as_told_and_says_its_torque():
     rates = run.angular_velocity("b")[:, 2]
     assert np.abs(rates - (1.5 + run.t**2)).max() <= 256 * EPS
     place = model.system.constraint_names.index("engine: angle")
-    torque = run.multipliers[:, -1, place]  # on the ground, less that on b
+    torque = run.multipliers[:, -1, place]  # on b
     wanted = (INERTIA + MASS * ARM**2) * 2 * run.t + MASS * GRAVITY * ARM * np.sin(f)
-    assert np.abs(torque + wanted[1:]).max() <= 1e-5
+    assert np.abs(torque - wanted[1:]).max() <= 1e-5
+    assert np.abs(run.joint("engine").torque() - np.outer(wanted, Z)).max() <= 1e-5
+    assert np.abs(run.joint("engine").force()).max() == 0
+    assert np.abs(run.joint("engine").angle() - f).max() <= 64 * EPS
     gain = run.energies - run.energies[0]
     assert np.abs(gain - run.work).max() <= 1e-12  # all of it is the engine's
+
+
+@pytest.mark.parametrize("ground_first", [True, False])
+def test_the_power_of_a_drive_is_the_energy_that_it_brings(ground_first):
+    """Torque on b times rate against the energy's own increase, whichever body is the second."""
+    build = hanging(f"powered_{ground_first}")
+    rod(build, "b")
+    ends = ("ground", "b") if ground_first else ("b", "ground")
+    build.revolute("shaft", *ends, axis=(0, 0.6, 0.8), at=(0, 0, 0))
+    build.drive("engine", "shaft", angle=sp.sin(2 * build.time))
+    model = build.model()
+    run = gs.stepper("G-L", 4, system=model.system).integrate(
+        model.q0, model.p0, dt=0.01, steps=200, parameters=model.parameters)
+    engine, shaft = run.joint("engine"), run.joint("shaft")
+    along = (engine.torque() * (0, 0.6, 0.8)).sum(axis=1)
+    power = along * shaft.rate()
+    assert np.abs(np.diff(run.energies) - (power[1:] + power[:-1]) / 2 * 0.01).max() < 2e-5
+    middle = slice(1, -1)
+    assert np.abs(power[middle] - (run.energies[2:] - run.energies[:-2]) / 0.02).max() < 5e-3
+    assert np.abs(power).max() > 0.1
+    assert np.abs(shaft.angle() - np.sin(2 * run.t)).max() < 1e-13
+
+
+def test_a_motor_and_a_drive_agree_on_their_sign():
+    """The torque of a drive, as the law of a motor of the same joint, gives the same motion."""
+    runs = []
+    for motor in (False, True):
+        build = gs.Multibody(f"sign_{motor}", gravity=(0, 0, 0))
+        for name in "ab":
+            build.top(name, mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
+        build.align("fix", "ground", "a", axis=Z)
+        build.align("shaft", "a", "b", axis=Z)
+        # b turns by t² against a: each has half of it, for both weigh the same
+        if motor:
+            build.motor("engine", "shaft", torque=INERTIA)
+        else:
+            build.drive("engine", "shaft", angle=build.time**2)
+        model = build.model()
+        runs.append(gs.stepper("G-L", 3, system=model.system).integrate(
+            model.q0, model.p0, dt=0.01, steps=50, parameters=model.parameters))
+    driven, moved = runs
+    assert np.abs(driven.joint("engine").torque()[:, 2] - INERTIA).max() < 1e-10
+    assert np.abs(angles(driven, "b") - angles(moved, "b")).max() < 1e-12
+
+
+@pytest.mark.parametrize("said", [0.0, 0.4, -2.5, 7.0])
+def test_all_angles_of_a_joint_are_one(said):
+    """Of a quantity, a spring, a drive, a coupling and a run, whatever the attitude at the start.
+
+    A spring about the joint is at rest where the angle is: H − T is ½ k (θ − rest)².
+    """
+    build = gs.Multibody("one_angle", gravity=(0, 0, 0))
+    build.top("a", mass=1, inertia=(0.1, 0.2, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (0.3, 0.2, 0.5)))
+    build.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (1.3, 0.1, -0.7)))
+    axis = np.array([0.6, 0.0, 0.8])
+    build.align("pin", "a", "b", axis=axis, angle=said, rate=3.0)
+    build.quantity("turned", build.angle("pin"))
+    build.joint_spring("spring", "pin", stiffness=2.0, rest=0.1)
+    model = build.model()
+    run = gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=0.01, steps=15, parameters=model.parameters)
+    angle = run.joint("pin").angle()
+    assert abs(angle[0] - said) < 1e-14
+    assert np.abs(angle - run.quantity("turned")).max() < 1e-12
+    spin = 0
+    for name in "ab":
+        omega = run.body(name).angular_velocity()
+        spin += ((omega @ run.body(name).inertia) * omega).sum(axis=1) / 2
+    assert np.abs(run.energies - spin - (angle - 0.1) ** 2).max() < 1e-10
+    driven = gs.Multibody("one_driven", gravity=(0, 0, 0))
+    driven.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (1.3, 0.1, -0.7)))
+    driven.align("pin", "ground", "b", axis=axis)
+    driven.drive("engine", "pin", angle=said + driven.time / 2)
+    driven.quantity("turned", driven.angle("pin"))
+    model = driven.model()
+    run = gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=0.01, steps=40, parameters=model.parameters)
+    for angle in (run.joint("pin").angle(), run.joint("engine").angle(), run.quantity("turned")):
+        assert np.abs(angle - said - run.t / 2).max() < 1e-12
 
 
 def test_a_motor_turns_by_its_law():
@@ -189,9 +275,13 @@ def test_wrong_use_ends_in_one_sentence():
     rod(build, "b")
     hinge = build.revolute("shaft", build.ground, "b", axis=Z, at=(0, 0, 0), on_b=(0, ARM, 0),
                            rate=2.0)
+    angled = hanging("angled")
+    rod(angled, "b")
+    angled.revolute("shaft", "ground", "b", axis=Z, at=(0, 0, 0), on_b=(0, ARM, 0), angle=0.5)
     for said, call in (
         ("no start satisfies both", lambda: build.drive("engine", hinge, angle=t)),
         ("no start satisfies it", lambda: build.drive("engine", hinge, angle=sp.sqrt(t))),
+        ("one angle", lambda: angled.drive("engine", "shaft", angle=1 + angled.time)),
         ("contains 'z'", lambda: build.drive("engine", hinge, angle=sp.Symbol("z"))),
         ("shift", lambda: build.drive("engine", "shift", angle=t)),
         ("no start satisfies it", lambda: build.moving_point("p", (1 / t, 0, 0))),

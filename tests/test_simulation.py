@@ -16,12 +16,14 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from calls import LATE, PARAMETERS, RUN, TOP, refused
+from gyrospark.runtime.output.outputs import OUTPUTS
 from gyrospark.runtime.run import simulation
 from processes import ROOT
 from strategies import EPS
 from test_forces import PARAMETERS as DRAG
 from test_forces import start as start_of
 from test_forces import stepper_for
+from test_inputs import pendulum, stepper
 
 
 def begun(step, **more):
@@ -316,3 +318,100 @@ def test_the_start_counts_once_in_a_run(gl3):
     q = TOP.q0 * (1 + 2e-15)
     run = gl3.integrate(q, TOP.p0, steps=1, **RUN)
     assert run.report.constraint_mean == pytest.approx(run.g_errors.mean(), rel=1e-12)
+
+
+def assert_same_run(found, run):
+    """Every array of a trajectory is another's, to the bit, and so is the report."""
+    for one in OUTPUTS:
+        a, b = getattr(found, one.attribute), getattr(run, one.attribute)
+        assert a.dtype == b.dtype
+        assert np.array_equal(a, b, equal_nan=a.dtype != object), one.attribute
+    assert found.report == run.report
+    assert (found.dt, found.every) == (run.dt, run.every)
+    assert list(map(repr, found.parameters.items())) == list(map(repr, run.parameters.items()))
+
+
+@pytest.mark.parametrize(("scheme", "stages", "solver"), [
+    ("G-L", 2, "auto"), ("EMS", None, "newton"), ("IMS", None, "fixed-point")])
+@given(parts=st.lists(st.tuples(st.integers(0, 30), st.none() | st.integers(-3, 3)), max_size=6))
+@settings(max_examples=6, deadline=None)
+def test_a_history_is_that_of_integrate(scheme, stages, solver, parts):
+    """With the inputs that held in each step, however the steps are shared out, and goes on."""
+    step = stepper(pendulum, scheme, stages)
+    how = {"dt": 0.03, "t0": 1.5, "solver": solver}
+    given_ = {"push": 0.5, "pull": -1.0}
+    sim = step.start([0.6, -0.8], [0.8, 0.6], parameters={"k": 2.0} | given_, record=True, **how)
+    rows = []
+    for steps, pull in parts:
+        given_ |= {} if pull is None else {"pull": pull}
+        sim.advance(steps, **({} if pull is None else {"pull": pull}))
+        rows += [list(given_.values())] * steps
+        if steps % 2:
+            sim = pickle.loads(pickle.dumps(sim))
+    whole = step.integrate([0.6, -0.8], [0.8, 0.6], parameters={"k": 2.0} | (
+        given_ if all(pull is None for _, pull in parts) else {}), steps=len(rows),
+        inputs=None if all(pull is None for _, pull in parts) else np.reshape(rows, (-1, 2)), **how)
+    assert_same_run(sim.trajectory, whole)
+    assert_is(sim, whole)
+
+
+@pytest.mark.parametrize("real", ["float", "float128"])
+def test_a_history_of_every_type(real, tmp_path):
+    """It is a trajectory: saved, read, asked between its steps."""
+    step = gs.stepper("G-L", 2, real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    how = {"dt": 0.002, "parameters": PARAMETERS}
+    sim = step.start(q, p, **how, record=True)
+    in_pieces(sim, 7, 5)
+    run = step.integrate(q, p, steps=35, **how)
+    found = sim.trajectory
+    assert_same_run(found, run)
+    assert_same_run(gs.Trajectory.load(found.save(tmp_path / "run.npz")), run)
+    assert np.array_equal(found.at([0.0123]).q, run.at([0.0123]).q)
+    sim.advance(5)
+    assert len(found) == 36
+    assert len(sim.trajectory) == 41
+
+
+def test_a_history_in_a_frame():
+    step = gs.stepper("G-L", 2, frame="symmetries")
+    run = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=90,
+                         parameters=PARAMETERS | {"frame": "start"})
+    sim = step.start(TOP.q0, TOP.p0, dt=1e-3, parameters=run.parameters, record=True)
+    in_pieces(sim, 9, 10)
+    assert_same_run(sim.trajectory, run)
+
+
+def test_a_history_ends_where_a_step_fails(gl3):
+    """With all until then; copies have their own."""
+    sim = begun(gl3, dt=0.08, record=True, solver="fixed-point", max_iterations=30)
+    other = sim.copy()
+    with pytest.raises(gs.StepFailed) as failed:
+        sim.advance(10)
+    assert len(failed.value.trajectory) == len(sim.trajectory) == sim.steps + 1
+    assert len(other.trajectory) == 1
+    with refused("records ends there"):
+        sim.advance(1)
+
+
+def test_a_history_is_asked_for(gl3):
+    with refused("record=True"):
+        _ = begun(gl3).trajectory
+    with refused("record"):
+        begun(gl3, record=1)
+    sim = begun(gl3, record=True)
+    with refused("keeps its parameters"):
+        sim.parameters = sim.parameters | {"mgl": 0.1}
+    assert len(sim.trajectory) == 1
+
+
+def test_a_history_grows_as_a_list_does(gl3):
+    """Room is made a logarithm of times; a call of many steps makes it once."""
+    sim, rooms = begun(gl3, record=True), set()
+    for _ in range(500):
+        sim.advance(1)
+        rooms.add(len(sim._held._rows.iterations))
+    assert len(rooms) <= 6
+    assert max(rooms) < 2 * 500
+    sim.advance(20_000)
+    assert_is(sim, sim.trajectory)

@@ -73,3 +73,30 @@ def test_wrong_use_is_refused(gl3, gyrospark):
     refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "1", "--steps", "3"),
                        "--steps 3 and --t-end 1 are both given")
     refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "soon"), "--t-end 'soon'")
+
+
+@given(t_end=st.floats(-1e3, 1e3), dt=plain, t0=st.one_of(st.just(0.0), plain))
+def test_the_step_next_to_any_time(t_end, dt, t0):
+    """Within half a step, and what fits is what it was."""
+    dt = -dt if t_end < t0 else dt
+    count = step_count(None, t_end, t0, dt, True)
+    off = Fraction(t_end) - Fraction(t0) - count * Fraction(dt)
+    assert abs(off) <= abs(Fraction(dt)) / 2
+
+
+def test_a_run_that_is_rounded(gl3, gyrospark):
+    """0.0304 s is between 30 and 31 steps; a run of steps, or of no end at all, rounds nothing."""
+    made = gl3.integrate(TOP.q0, TOP.p0, t_end=0.0304, round=True, **RUN)
+    assert made.report.steps == 30
+    assert gl3.integrate(TOP.q0, TOP.p0, t_end=0.0306, round=True, **RUN).report.steps == 31
+    said = gyrospark(*COMMAND, "--dt", "1e-3", "--t-end", "0.0306", "--round").document
+    assert said["steps"] == 31
+    with refused("t_end = 0.0304 is no whole number"):
+        gl3.integrate(TOP.q0, TOP.p0, t_end=0.0304, **RUN)
+    with refused("round is for t_end"):
+        gl3.integrate(TOP.q0, TOP.p0, steps=3, round=True, **RUN)
+    with refused("round = 1"):
+        gl3.integrate(TOP.q0, TOP.p0, t_end=0.03, round=1, **RUN)
+    answer = gyrospark(*COMMAND, "--dt", "1e-3", "--steps", "3", "--round")
+    assert answer.code == 2
+    assert "--round is for --t-end" in answer.stderr

@@ -259,8 +259,8 @@ class Align(Connection):
         in_a, in_b = self.ends(poses, store)
         if what == "rate":
             return dot(in_b, self.b.angular_velocity) - dot(in_a, self.a.angular_velocity)
-        w, *v = self._turned(poses, store)
-        turns = named_number(f"{self.name}_turns", self._full_turns, store)
+        *start, turns = self.zero(poses, store)
+        w, *v = product(conjugate(self.a.attitude), product(self.b.attitude, start))
         return turns + 2 * sp.atan2(dot(in_a, (v[0], v[1], v[2])), w)
 
     def push(self, what: str, effort: sp.Expr, poses: Poses, store: Store) -> Iterator[Push]:
@@ -274,15 +274,15 @@ class Align(Connection):
         """The multiple of 2π next to the angle at the start."""
         return 2 * math.pi * round(self.angle / (2 * math.pi))
 
-    def _turned(self, poses: Poses, store: Store) -> list[sp.Expr]:
-        """Return q̄_a q_b c: how b has turned, in the axes of a."""
+    def zero(self, poses: Poses, store: Store) -> tuple[sp.Expr, ...]:
+        """Return c, of which q̄_a q_b c is how b has turned in the axes of a, and full turns."""
         pose_a, pose_b = poses[self.a], poses[self.b]
         half = (self.angle - self._full_turns) / 2
         start = [math.cos(half), *(math.sin(half) * (pose_a.R.T @ self.axis))]
         before = direction(np.array(product(product(conjugate(pose_b.q), pose_a.q), start)))
-        back = [named_number(f"{self.name}_before{k}", x, store, UNIT)
-                for k, x in enumerate(before.tolist())]
-        return product(conjugate(self.a.attitude), product(self.b.attitude, back))
+        return (*(named_number(f"{self.name}_before{k}", x, store, UNIT)
+                  for k, x in enumerate(before.tolist())),
+                named_number(f"{self.name}_turns", self._full_turns, store))
 
 
 @dataclass(eq=False, repr=False)

@@ -260,13 +260,16 @@ class Machine(Loads):
         ----------
         joint : what ``revolute`` or ``align`` returned, or its name
         angle : expression of ``time`` and parameters
-            φ of the second body against the first about the axis, rad: f(0) is where the bodies
-            start, and f'(0) the rate that the joint hands on. Its multiplier is the torque, N m.
+            φ of the second body against the first about the axis, rad: f(0) is the joint's angle
+            where the bodies start, and f'(0) the rate that the joint hands on. Its multiplier is
+            the torque about the axis that the drive exerts on the second body, as a motor's, and
+            back on the first, N m; ``trajectory.joint(name).torque()`` has it in space axes.
 
         Raises
         ------
         InputError
-            If the law has no finite value or rate at t = 0, or the joint starts at another rate.
+            If the law has no finite value or rate at t = 0, or the joint starts at another rate
+            or angle.
         """
         driven, law = self._turning(name, joint), self._law(f"angle of {name!r}", angle)
         begin, rate = self._begin(f"angle of {name!r}", law)
@@ -275,7 +278,10 @@ class Machine(Loads):
             raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
                              f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
                              "rate.")
-        hinge.rate = rate
+        if hinge.angle not in (0.0, begin):
+            raise InputError(f"The drive {name!r} begins at {begin:.6g} rad and its joint at "
+                             f"{hinge.angle:.6g}: these are one angle; leave out the joint's.")
+        hinge.rate, hinge.angle = rate, begin
         return self._join(Drive(name, driven.a, driven.b, joints=(driven,), law=law, begin=begin))
 
     def motor(

@@ -36,6 +36,7 @@ from .bodies import GROUND, Body, Frame, Moving, Particle, Push, dot
 from .joints import Connection, Equation, Joint, copies, named_vector
 from .loads import Machine
 from .model import Model
+from .pairs import Coupling, Drive
 from .poses import (
     Pose,
     Start,
@@ -320,6 +321,16 @@ class Multibody(Machine):
         for xs, force in pushes:
             for x, e in zip(xs, force, strict=True):
                 acting[x].append(e)
+        named = set().union(*(e.free_symbols for e in (
+            H, *(e for _, force in pushes for e in force), *self._quantities.values())))
+        counted = {joint.name for symbol, (joint, what) in self._measures.items()
+                   if symbol in named and what == "angle"}
+        for link in links:
+            if isinstance(link, Drive):
+                counted |= {link.name, link.joints[0].name}
+            elif isinstance(link, Coupling):
+                counted |= {joint.name for joint, what in zip(link.joints, link.what, strict=True)
+                            if what == "angle"}
         H = H.xreplace(measures)
         quantities = {name: e.xreplace(measures) for name, e in self._quantities.items()}
         q = tuple(x for body in self._bodies for x in body.coordinates)
@@ -346,7 +357,8 @@ class Multibody(Machine):
             time=self.time if self.time in used else None, quantities=quantities,
             inputs=tuple(self._inputs),
             bodies=tuple(body_at(body, kept, values) for body in self._bodies if body.q),
-            joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values)
+            joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values,
+                                  link.name in counted)
                          for link in links
                          if not any(isinstance(frame, Moving | Particle) for frame in link.frames)),
         )

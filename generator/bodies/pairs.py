@@ -6,6 +6,7 @@
     planar       align, and R(q_a) e · d = 0                                 three
     universal    ball, and R(q_a) e₁ · R(q_b) e₂ = 0                         four
     gear         sin(z₁ θ₁ + z₂ θ₂) = 0 of two joints                        one
+    drive        sin(f(t) − θ) = 0                                           one
     coupling     c₂ − (ratio c₁ + offset) = 0, c their angles or travels     one
 
 d goes from the point of a to that of b; s = c + R(q_a) e · d is the travel, with c such that it is
@@ -26,6 +27,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from ..systems.places import Pull
 from .bodies import Push, Vector, dot
 from .joints import (
     Align,
@@ -212,9 +214,9 @@ class Gear(Connection):
 
 @dataclass(eq=False, repr=False)
 class Drive(Connection):
-    """The angle of a hinge is a law of t: sin(φ − f(t)) = 0, and f(0) is where it starts.
+    """The angle of a hinge is a law of t: sin(f(t) − φ) = 0, and f(0) is where it starts.
 
-    The multiplier is the torque of the drive on the first body of the joint.
+    The multiplier is the torque of the drive on the second body of the joint, about its axis.
     """
 
     law: sp.Expr = field(kw_only=True)
@@ -222,9 +224,15 @@ class Drive(Connection):
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
-        c, s = cosine_and_sine(hinge_of(self.joints[0]), poses, store)
+        hinge = hinge_of(self)
+        c, s = cosine_and_sine(hinge, poses, store)
         since = self.law - named_number(f"{self.name}_begin", self.begin, store)
-        yield Equation(f"{self.name}: angle", s * sp.cos(since) - c * sp.sin(since))
+        yield Equation(f"{self.name}: angle", c * sp.sin(since) - s * sp.cos(since),
+                       Pull("axial", hinge.ends(poses, store)[0]))
+
+    def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
+        """Return those of the hinge."""
+        return hinge_of(self).axes(poses, store)
 
 
 @dataclass(eq=False, repr=False)
@@ -278,7 +286,9 @@ def seen(of: Pose, v: Array, by: Pose) -> Array:
 
 
 def hinge_of(joint: Connection) -> Align:
-    """Return what a joint turns about."""
+    """Return what a joint turns about; of a drive, what the joint does that it drives."""
+    if isinstance(joint, Drive):
+        return hinge_of(joint.joints[0])
     assert isinstance(joint, (Align, Revolute, Planar))
     return joint if isinstance(joint, Align) else joint.hinge
 

@@ -10,6 +10,7 @@ import sympy as sp
 from ..systems.places import BodyAt, Entries, Entry, JointAt, Pull
 from .bodies import Body, Frame
 from .joints import Connection, Poses, Store
+from .pairs import hinge_of
 
 __all__ = ["body_at", "joint_at"]
 
@@ -24,17 +25,21 @@ def body_at(body: Body, kept: set[sp.Symbol], values: Mapping[str, float]) -> Bo
 
 def joint_at(
     link: Connection, poses: Poses, equations: Iterable[str], kept: set[sp.Symbol],
-    values: Mapping[str, float],
+    values: Mapping[str, float], counted: bool,
 ) -> JointAt:
-    """Return where a joint is; ``equations`` are the names of the constraints that there are."""
+    """Return where a joint is; ``equations`` are the names of the constraints that there are.
+
+    ``counted`` says whether the system goes by its angle.
+    """
     store: Store = {}  # of values that are known
     there = set(equations)
     (on_a, on_b), (axis_a, axis_b) = link.places(store), link.axes(poses, store)
+    zero = hinge_of(link).zero(poses, store) if counted else ()
     pulls = [(equation.name, None if equation.pull is None else _pull(equation.pull, kept, values))
              for equation in link.equations(poses, store) if equation.name in there]
     return JointAt(link.name, _name(link.a), _name(link.b), _entries(on_a, kept, values),
                    _entries(on_b, kept, values), _entries(axis_a, kept, values),
-                   _entries(axis_b, kept, values), tuple(pulls))
+                   _entries(axis_b, kept, values), _entries(zero, kept, values), tuple(pulls))
 
 
 def _name(frame: Frame) -> str:

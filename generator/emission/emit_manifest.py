@@ -185,8 +185,8 @@ def _body(body: BodyAt) -> dict[str, Any]:
 def _joint(joint: JointAt) -> dict[str, Any]:
     pulls = {name: None if pull is None else {"kind": pull.kind, **_vectors(pull, "on_a", "on_b")}
              for name, pull in joint.pulls}
-    return {"bodies": [joint.a, joint.b], **_vectors(joint, "on_a", "on_b", "axis_a", "axis_b"),
-            "constraints": pulls}
+    places = _vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero")
+    return {"bodies": [joint.a, joint.b], **places, "constraints": pulls}
 
 
 def _vectors(one: JointAt | Pull, *names: str) -> dict[str, list[str | float]]:

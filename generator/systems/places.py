@@ -56,12 +56,14 @@ class Pull:
         g = e·(P_a − P_b)       force λ e on b at P_b, −λ e on a
         g = (R_a n)·(R_b e)     torque λ (R_a n) × (R_b e) on b, its opposite on a
         g = |P_a − P_b|² − l²   force 2λ (P_a − P_b) on b at P_b, its opposite on a at P_a
+        g = sin(f(t) − φ)       torque λ R_a e on b, its opposite on a, where g is 0
 
     Attributes
     ----------
-    kind : {"force", "torque", "distance"}
+    kind : {"force", "torque", "distance", "axial"}
     on_a, on_b : three entries, or ()
-        Of a force ``on_a`` is e, in space; of a torque n in a's axes and e in b's.
+        Of a force ``on_a`` is e, in space; of a torque n in a's axes and e in b's; of an axial
+        torque e, the axis of φ, in a's.
     """
 
     kind: str
@@ -83,6 +85,9 @@ class JointAt:
     axis_a, axis_b : three entries, or ()
         The axis that both keep in common, in the axes of each; of a as n₁ and n₂, six entries,
         n₁ × n₂ being the axis. () where there is none.
+    zero : five entries, or ()
+        Where something in the system goes by its angle θ, of which θ = 2 atan2(v, w) + turns with
+        (w, v e) = q̄_a q_b c: the four of c, and the turns, a multiple of 2π.
     pulls : tuple of (str, Pull or None)
         Name of each of its constraints and how it acts, None where nobody says; none of a spring.
     """
@@ -94,4 +99,5 @@ class JointAt:
     on_b: Entries = ()
     axis_a: Entries = ()
     axis_b: Entries = ()
+    zero: Entries = ()
     pulls: tuple[tuple[str, Pull | None], ...] = ()

@@ -20,9 +20,9 @@ __all__ = ["BodyAt", "JointAt", "Pull", "bodies_of", "joints_of", "numbers"]
 Array = NDArray[np.float64]
 Entry = str | float
 #: Vectors of a joint, where it has them, and how many entries they have.
-_VECTORS = {"on_a": 3, "on_b": 3, "axis_a": 6, "axis_b": 3}
+_VECTORS = {"on_a": 3, "on_b": 3, "axis_a": 6, "axis_b": 3, "zero": 5}
 #: How a multiplier acts → how many entries its vectors on a and on b have.
-_PULLS = {"force": (3, 0), "torque": (3, 3), "distance": (0, 0)}
+_PULLS = {"force": (3, 0), "torque": (3, 3), "distance": (0, 0), "axial": (3, 0)}
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class Pull:
     """How the multiplier λ of one constraint of a joint acts on b; on a acts the opposite.
 
     ``kind`` is ``"force"``, λ e with e = ``on_a`` in space; ``"torque"``, λ (R_a n) × (R_b e) with
-    n = ``on_a`` and e = ``on_b``; or ``"distance"``, the force 2λ (P_a − P_b). ``index`` is that of
-    the constraint.
+    n = ``on_a`` and e = ``on_b``; ``"distance"``, the force 2λ (P_a − P_b); or ``"axial"``, the
+    torque λ R_a e with e = ``on_a``. ``index`` is that of the constraint.
     """
 
     index: int
@@ -88,6 +88,9 @@ class JointAt:
         Its point in the axes of each; none where it has none.
     axis_a, axis_b : list of entries
         n₁ and n₂, two vectors of a, and n₁ × n₂ in b; none where there is no axis in common.
+    zero : list of entries
+        Of a joint whose angle the system goes by, c and full turns: θ = 2 atan2(v, w) + turns with
+        (w, v e) = q̄_a q_b c.
     pulls : list of Pull, or None
         None where it is not known how each of its constraints acts.
     constraints : int
@@ -100,6 +103,7 @@ class JointAt:
     on_b: list[Entry]
     axis_a: list[Entry]
     axis_b: list[Entry]
+    zero: list[Entry]
     pulls: list[Pull] | None
     constraints: int
 
@@ -140,11 +144,11 @@ def joints_of(manifest: Mapping[str, Any]) -> dict[str, JointAt]:
         a, b = joint["bodies"]
         if not {a, b} <= {"", *system["bodies"]}:
             raise ValueError("the manifest holds a joint of another body")
-        on_a, on_b, axis_a, axis_b = (
+        on_a, on_b, axis_a, axis_b, zero = (
             _vector(system, joint.get(key, []), 0, length) for key, length in _VECTORS.items())
         pulls = [_pull(system, key, pull) for key, pull in joint["constraints"].items()]
         known = [pull for pull in pulls if pull is not None]
-        found[str(name)] = JointAt(a, b, on_a, on_b, axis_a, axis_b,
+        found[str(name)] = JointAt(a, b, on_a, on_b, axis_a, axis_b, zero,
                                    known if len(known) == len(pulls) else None, len(pulls))
     return found
 

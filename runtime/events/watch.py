@@ -3,9 +3,11 @@
 Compiled code steps, a piece of the run at a time, evaluates the quantities and says between which
 states one of them comes no further from its level than it moves in a step or two; only these are
 looked at here. What is kept of them are the brackets, steps between whose ends a value has two
-signs. A value that comes near its level and turns may cross it twice within one step: where the
-parabola through three neighbours says that it might, the step is kept as one to look into. What
-turns within a step without a sign of it at the steps cannot be seen.
+signs. A value that comes near its level and turns may cross it twice within one step: where a state
+is nearer to the level than both its neighbours, the steps on its two sides are kept as ones to look
+into. A sine of θ rad a step is seen so for θ < π, and passes the bound of the compiled code, that
+its nearest state is no further off than it moves on both sides, where 1 − c ≤ 4c(1 − c²) with
+c = cos(θ/2): up to θ = 2.72. What turns more often than that between two states cannot be seen.
 """
 
 from __future__ import annotations
@@ -25,8 +27,6 @@ __all__ = ["TAIL", "Brackets", "Levels", "Memory", "Watch"]
 
 Array = NDArray[Any]
 
-#: How near to its level, beside how far it moves within a step, a turning value is looked into.
-_NEAR = 0.25
 #: States that are kept from piece to piece: a step is looked into with a neighbour on either side.
 TAIL = 3
 
@@ -127,29 +127,26 @@ class Brackets:
                         self.before[chosen], self.after[chosen], self.turning[chosen])
 
 
-def _turning(values: Array, start: int, end: int) -> tuple[Array, Array]:
-    """Return the steps from row ``start`` up to ``end`` in which a value may touch 0, and which."""
-    none = np.array([], int)
-    if len(values) < 3 or start >= end:
-        return none, none
-    y0, y1 = values[start:end], values[start + 1:end + 1]
-    one_side = (y0 > 0) & (y1 > 0) | (y0 < 0) & (y1 < 0)
-    if not one_side.any():
-        return none, none
-    bend = values[2:] - 2 * values[1:-1] + values[:-2]
-    near = np.zeros(y0.shape, bool)
-    for shift in (-1, 0):  # the parabola through a neighbour before, or behind
-        at = np.arange(start, end) + shift
-        inside = (at >= 0) & (at < len(bend))
-        second = bend[np.where(inside, at, 0)]
-        slope = y1 - y0
-        # y(s) = y0 + (slope - second/2) s + second s^2/2 turns towards 0 within the step
-        turn = (second / 2 - slope) / np.where(second != 0, second, second + 1)
-        lowest = y0 - second * turn * turn / 2
-        sign = np.where(y0 > 0, 1, -1)
-        near |= (inside[:, None] & (sign * second > 0) & (turn > 0) & (turn < 1)
-                 & (sign * lowest < _NEAR * abs(second)))
-    row, event = np.nonzero(near & one_side)
+def _turning(
+    values: Array, start: int, end: int, *, begins: bool, ends: bool
+) -> tuple[Array, Array]:
+    """Return the steps from row ``start`` up to ``end`` in which a value may touch 0, and which.
+
+    Of the states about a place where a smooth value turns, the one with the least |value| has
+    larger ones on both sides: the step before it and the step behind it are returned, unless the
+    value is further from 0 than it moves in both. ``begins`` and ``ends`` say whether the first
+    and the last row are the run's, which then lack a neighbour, and are looked at in any case.
+    """
+    size, sides = abs(values), np.sign(values.astype(float))
+    least = np.zeros(values.shape, bool)
+    before, now, behind = size[:-2], size[1:-1], size[2:]
+    least[1:-1] = ((now < before) & (now <= behind) & (now <= before - now + (behind - now))
+                   & (sides[:-2] == sides[1:-1]) & (sides[1:-1] == sides[2:]))
+    if len(values) > 1:
+        least[0] = begins & (size[0] <= size[1])
+        least[-1] = ends & (size[-1] < size[-2])
+    one_side = (sides[:-1] == sides[1:]) & (sides[1:] != 0)
+    row, event = np.nonzero(((least[:-1] | least[1:]) & one_side)[start:end])
     return row + start, event
 
 
@@ -245,7 +242,8 @@ class Watch:
 
         The last step waits for its neighbour behind.
         """
-        row, event = _turning(values, max(first - 1, 0), len(values) - 2)
+        row, event = _turning(values, max(first - 1, 0), len(values) - 2, begins=not done,
+                              ends=False)
         new = (row >= first) | ~self._closed[event]
         self._note(done, row[new], event[new], q, p, values, turning=True)
 
@@ -267,7 +265,8 @@ class Watch:
         values = self._values(self._done - last, q, p)
         seen = values if ahead is None else np.concatenate(
             [values, self._values(self._done + 1, *ahead)])
-        row, event = _turning(seen, max(last - 1, 0), last)
+        row, event = _turning(seen, max(last - 1, 0), last, begins=self._done == last,
+                              ends=ahead is None)
         row, event = row[~self._closed[event]], event[~self._closed[event]]
         self._closed[event] = True
         self._note(self._done - last, row, event, q, p, values, turning=True)

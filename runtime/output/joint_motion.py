@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from ...arguments import as_flag
 from ...errors import InputError
 from ...naming import choose
+from ...remarks import remark
+from ..body.quaternion import left_matrix
 from ..build.places import JointAt, Pull, numbers
 from .body_motion import turned
 
@@ -21,6 +23,8 @@ __all__ = ["JointMotion", "multipliers_at_states"]
 
 Array = NDArray[Any]
 _STILL = np.array([[1.0, 0.0, 0.0, 0.0]])
+#: By how many rad a turn between two states may be off that at a constant rate.
+_STEADY = 0.5
 
 
 class JointMotion:
@@ -61,9 +65,15 @@ class JointMotion:
         """Return by how much b is turned against a about their axis, shape (N+1,), in rad.
 
         It grows where b turns in the sense of the axis that the joint was given, without jumps at
-        a full turn; in the first state it lies in (−π, π]. It is 0 where the axes of both bodies
-        agree, or, where the axis has other components in a than in b, where the axes of b are
-        those of a turned the shortest way that takes the axis from one to the other.
+        a full turn. Where the model goes by the angle, in a spring, a motor, a drive, a coupling or
+        a quantity, it is that angle: at the model's start what ``angle=``, 0 by default, or the law
+        of a drive says. Else it is 0 where the axes of both bodies agree, or, where the axis has
+        other components in a than in b, where the axes of b are those of a turned the shortest way
+        that takes the axis from one to the other, and lies in (−π, π] in the first state.
+
+        Whole turns between two stored states are those of the mean of their rates: a warning says
+        where these do not tell how many there were, for b turns by more than half a turn at a rate
+        that changes. What spins up and stops again between two states is not seen.
 
         Raises
         ------
@@ -72,13 +82,38 @@ class JointMotion:
         """
         n1, n2, e, of_b = self._axes()
         q_a, q_b = self._attitudes()
-        m = turned(q_b, _shortest(np.cross(n1, n2), of_b, n1) @ n1)
-        turn: Array = np.arctan2((turned(q_a, n2) * m).sum(1), (turned(q_a, n1) * m).sum(1))
+        if self._at.zero:
+            *start, turns = numbers(self._at.zero, self._run.parameters)
+            back = left_matrix(q_a)  # its rows with q_a: the axes of q̄_a x
+            x = _product(q_b, np.array(start))
+            w, v = (q_a * x).sum(1), (back @ x[..., None])[..., 0] @ np.cross(n1, n2)
+            turn: Array = turns + 2 * np.arctan2(v, w)
+        else:
+            m = turned(q_b, _shortest(np.cross(n1, n2), of_b, n1) @ n1)
+            turn = np.arctan2((turned(q_a, n2) * m).sum(1), (turned(q_a, n1) * m).sum(1))
         # Whole turns between two states are those that the rate between them makes.
         t, rate = self._run.t.astype(float), self._rate(e)
         made = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
         turn = np.unwrap(turn - made) + made
+        self._remark_on_turns(np.diff(t), rate, np.diff(turn - made))
         return turn * (np.degrees(1.0) if as_flag("degrees", degrees) else 1.0)
+
+    def _remark_on_turns(self, spans: Array, rate: Array, off: Array) -> None:
+        """Say where states are too far apart for their rates to tell whole turns.
+
+        ``off`` is by how much more b has turned in each span than the mean of its rates makes.
+        """
+        if not len(spans):
+            return
+        far = np.abs(spans) * np.abs(rate).max() > np.pi
+        steady = (np.abs(spans * np.diff(rate)) < _STEADY) & (np.abs(off) < _STEADY)
+        if (far & ~steady).any():
+            between, most = np.abs(spans[far & ~steady]).max(), np.pi / 2 / np.abs(rate).max()
+            remark(f"joint({self.name!r}).angle() counts whole turns by the rates of the stored "
+                   f"states, and these are up to {between:.3g} s apart where it turns by up to "
+                   f"{np.abs(rate).max():.3g} rad/s: it may be off by multiples of 2π. Store a "
+                   f"state every {most:.2g} s or less, by a smaller every, or ask for the angle of "
+                   "run.at(times).")
 
     def rate(self) -> Array:
         """Return the angular velocity of b against a about their axis, shape (N+1,), in rad/s.
@@ -132,14 +167,16 @@ class JointMotion:
 
     def _reaction(self) -> tuple[Array, Array]:
         if self._at.pulls is None:
-            raise InputError(f"How the constraints of joint {self.name!r} act is not known; its "
-                             "class makes them without a Pull.")
+            raise InputError(f"The force and the torque of {self.name!r} are not known: its "
+                             "constraint acts on more than its two bodies, as that of a gear, or "
+                             "is one of your own class without a Pull. Its multipliers are in "
+                             "run.multipliers.")
         force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
         multipliers = multipliers_at_states(self._run)
         for pull in self._at.pulls:
             factor = multipliers[:, pull.index, None]
             along = self._direction(pull)
-            if pull.kind == "torque":
+            if pull.kind in ("torque", "axial"):
                 torque = torque + factor * along
             else:
                 force = force + factor * along
@@ -154,6 +191,8 @@ class JointMotion:
         if pull.kind == "force":
             return on_a[None]
         q_a, q_b = self._attitudes()
+        if pull.kind == "axial":
+            return turned(q_a, on_a)
         on_b = numbers(pull.on_b, self._run.parameters)
         return np.cross(turned(q_a, on_a), turned(q_b, on_b))
 
@@ -233,6 +272,13 @@ def _is_whole(trajectory: Trajectory) -> bool:
     t, dt, count = trajectory.t.astype(float), float(trajectory.dt), len(trajectory)
     return count == trajectory.report.steps + 1 and bool(
         (np.abs(t - t[0] - dt * np.arange(count)) < 1e-3 * abs(dt)).all())
+
+
+def _product(q: Array, r: Array) -> Array:
+    """Return q r of quaternions q, a row each, and r."""
+    w, u = r[0], r[1:]
+    scalar = q[:, :1] * w - q[:, 1:] @ u[:, None]
+    return np.hstack([scalar, q[:, :1] * u + w * q[:, 1:] + np.cross(q[:, 1:], u)])
 
 
 def _shortest(a: Array, b: Array, normal: Array) -> Array:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -73,7 +74,7 @@ def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> N
         lines = csv.writer(file)
         lines.writerow(titles)
         for arrays in blocks:
-            flat = [array.reshape(len(array), -1) for array in arrays]
+            flat = [array.reshape(len(array), math.prod(array.shape[1:])) for array in arrays]
             for start in range(0, len(arrays[0]), _ROWS):
                 parts = [_written(numbers[start : start + _ROWS]) for numbers in flat]
                 lines.writerows([number for part in row for number in part]

@@ -26,7 +26,7 @@ from .states import finished
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["read_npz", "write_npz"]
+__all__ = ["read_npz", "storable", "write_npz"]
 
 Array = NDArray[Any]
 _FORMAT = 2
@@ -53,8 +53,8 @@ def write_npz(trajectory: Trajectory, target: Path) -> None:
         np.savez_compressed(
             file, allow_pickle=False, about=np.array(json.dumps(about)),
             **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
-            **{one.attribute: _storable(getattr(trajectory, one.attribute)) for one in OUTPUTS},
-            **{name: _storable(array) for name, array in crossings.items()})
+            **{one.attribute: storable(getattr(trajectory, one.attribute)) for one in OUTPUTS},
+            **{name: storable(array) for name, array in crossings.items()})
 
 
 def read_npz(path: Path) -> dict[str, Any]:
@@ -167,7 +167,7 @@ def _names(manifest: dict[str, Any], labels: str) -> tuple[str, ...]:
     return tuple(manifest["system"].get(labels, ()))
 
 
-def _storable(array: Array) -> Array:
+def storable(array: Array) -> Array:
     """Return an array as a file can hold it: mpmath numbers as their bytes in binary128."""
     if array.dtype != object:
         return without_padding(array)

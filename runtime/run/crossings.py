@@ -32,8 +32,8 @@ Array = NDArray[Any]
 
 #: Steps that are solved for side by side.
 _AT_ONCE = 2**15
-#: Looks for the place where a value turns, before a step is taken to have no crossing.
-_LOOKS = 5
+#: Looks for the place where a value turns, at most: half a dozen are usual.
+_LOOKS = 80
 
 
 def crossings_of(
@@ -293,32 +293,53 @@ def _twofold(work: _Work) -> _Roots:
 def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
     """Return the steps within which a value does change its sign, a place where it has, its value.
 
-    The parabola through three places says where to look next; the lowest place and its
-    neighbours are kept.
+    Places are counted from the end of the step with the lower value: a value that falls there, and
+    turns, is lower than it up to twice as far as it turns. They come nearer to that end, by the
+    parabola through the last three, until one is lower; then parabolas lead to the lowest place,
+    between two that are higher. A step is left where the value is four times as high as it could
+    still fall, on the scale of how it moves within the step, or times cannot be told apart.
     """
-    x0, x2 = _whole(work, which)
+    brackets = work.brackets
     # the value is that many times above its level: it falls towards it, whatever its sign
-    side = np.where(work.brackets.before[which] > 0, 1, -1)
-    y0, y2 = side * work.brackets.before[which], side * work.brackets.after[which]
-    x1 = (x0 + x2) / 2
-    y1 = side * work.states(x1, which)[3]
+    side = np.where(brackets.before[which] > 0, 1, -1)
+    start, end = side * brackets.before[which], side * brackets.after[which]
+    turned = end < start
+    x0, x2 = _whole(work, which)
+    (y0, y2), x1 = _where(turned, (end, start), (start, end)), (x0 + x2) / 2
+
+    def value(x: Array) -> Array:
+        values: Array = side * work.states(np.where(turned, 1 - x, x), which)[3]
+        return values
+
+    y1, least = value(x1), work.tolerance(which)
+    moves = abs(y1 - y0) + abs(y2 - y1)
     found: list[tuple[Array, Array, Array]] = []
     for look in range(_LOOKS):
         through = y1 < 0
-        found.append((which[through], x1[through], (side * y1)[through]))
-        bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
-        left = ~through & (y1 < y0) & (y1 < y2) & (bend > 0)
-        which, side, x0, x1, x2, y0, y1, y2, bend = (
-            part[left] for part in (which, side, x0, x1, x2, y0, y1, y2, bend))
-        if not len(which) or look == _LOOKS - 1:
+        found.append((which[through], np.where(turned, 1 - x1, x1)[through],
+                      (side * y1)[through]))
+        inside = y1 < y0
+        left_of = x1 - x0 > x2 - x1  # where the wider of the two parts is
+        wide = np.where(inside & ~left_of, x2 - x1, x1 - x0)
+        left = (~through & (4 * moves * wide * wide >= np.where(inside, y1, y0)) & (wide > least))
+        which, side, turned, moves, least, inside, left_of, wide, x0, x1, x2, y0, y1, y2 = (
+            part[left] for part in (which, side, turned, moves, least, inside, left_of, wide,
+                                    x0, x1, x2, y0, y1, y2))
+        if not len(which):
             break
-        x = (x0 + x1) / 2 - (y1 - y0) / (x1 - x0) * (x2 - x0) / (2 * bend)
-        x = np.where((x > x0) & (x < x2) & (x != x1), x, (x1 + x2) / 2)
-        y = side * work.states(x, which)[3]
-        lower, left_of = y < y1, x < x1
-        # of four places the lowest stays in the middle of its neighbours
-        x0, y0 = _where(lower & ~left_of, (x1, y1), _where(~lower & left_of, (x, y), (x0, y0)))
-        x2, y2 = _where(lower & left_of, (x1, y1), _where(~lower & ~left_of, (x, y), (x2, y2)))
+        bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
+        bends = bend > 0
+        x = (x0 + x1) / 2 - (y1 - y0) / (x1 - x0) * (x2 - x0) / (2 * np.where(bends, bend, 1))
+        # a place at the lowest one says nothing new: one beside it, in the wider part, does
+        new = bends & (x > x0) & (x < x2) & (abs(x - x1) > (wide / 8 if look % 2 else 0 * wide))
+        x = np.where(new, x, x1 + np.where(left_of, -wide, wide) / 8)
+        near = np.where(bends & (x > x1 / 8), np.where(x < x1 / 2, x, x1 / 2), x1 / 8)
+        x = np.where(inside, x, near)
+        y = value(x)
+        # of four places the lowest stays in the middle of its neighbours; else the first three
+        lower, left_of = np.where(inside, y < y1, True), x < x1
+        x0, y0 = _where(inside & (lower != left_of), _where(lower, (x1, y1), (x, y)), (x0, y0))
+        x2, y2 = _where(lower == left_of, _where(lower, (x1, y1), (x, y)), (x2, y2))
         x1, y1 = _where(lower, (x, y), (x1, y1))
     steps, places, values = (np.concatenate(column) for column in zip(*found, strict=True))
     return steps, places, values

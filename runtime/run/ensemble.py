@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +23,7 @@ from ..choice.frame_choice import asks_for_frame, start_frame
 from ..events.found import Crossings, CrossingsOfMany
 from ..events.watch import Levels
 from ..interrupts import ctrl_c
+from ..output import ensemble_table
 from ..output.trajectory import Trajectory
 from ..steps.failure import Diagnosis
 from ..steps.integration import failure_of, trajectory_of
@@ -30,6 +33,8 @@ from .lanes import Course, fill_course, threads_of
 from .runs import Given, checked_runs
 
 if TYPE_CHECKING:
+    import xarray
+
     from .stepper import Stepper
 
 __all__ = ["Ensemble", "integrate_members"]
@@ -90,6 +95,64 @@ class Ensemble:
                 ("failed", f"{len(self.failures):,}")]
         rows += [(f"trajectory {i}", failure) for i, failure in islice(self.failures.items(), 3)]
         return card(f"Ensemble of {self._name}", table(rows))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return all trajectories as an xarray Dataset along ``trajectory`` and ``state``.
+
+        Its variables are those of ``Trajectory.to_xarray``, NaN behind the end of a trajectory
+        that failed; ``time``, ``dt``, ``steps``, ``status`` ("complete", "stopped", or why a step
+        failed) and each ``parameter_NAME`` are coordinates. Events are along dimensions of their
+        own, with the ``trajectory`` of each.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without xarray.
+
+        Examples
+        --------
+        >>> many.to_xarray().swap_dims(trajectory="parameter_mgl").energy   # doctest: +SKIP
+        """
+        return ensemble_table.to_xarray(self)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write all trajectories to a file, which appears complete or not at all; return its path.
+
+        - .npz (also where the name has no ending): the arrays of ``to_xarray`` under their names,
+          with all their digits, and ``about``, JSON with the manifest: for ``numpy.load``.
+        - .csv: a row for each state, with the number of its trajectory.
+        - .nc: ``to_xarray`` as NetCDF-4, in doubles: for ``xarray.open_dataset``.
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        GyrosparkError
+            If the file cannot be written.
+        """
+        return ensemble_table.save(self, path)
+
+    def plot(
+        self, path: str | os.PathLike[str] | None = None, *, values: Sequence[str] = ()
+    ) -> Any:
+        """Draw values and the energy error against time, a line for each trajectory.
+
+        Parameters
+        ----------
+        path : path, optional
+            Where to write the picture: .png, .svg or .pdf.
+        values : list of str
+            Quantities, coordinates or momenta by name; by default the first six quantities, or
+            coordinates where there are none.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Of 200 trajectories at most, spread over all.
+        """
+        from ..show.ensemble_plot import draw  # matplotlib is optional
+
+        return draw(self, values, path)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""

@@ -4,7 +4,7 @@
 steps, and a loop of ``Stepper.step``, which gives each call the end of the one before. As long as
 it does, with the same time step, parameters and solver, compiled code goes on in the memory of that
 call: a call then takes the sweeps, and gives the bits, of a step inside ``integrate``. Any other
-call starts anew, as ``integrate`` does.
+call starts anew, as ``integrate`` does. ``Recorded`` keeps every state of a simulation as well.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from ...exact import Number
 from ...naming import proposal
 from ..call.binding import Binding
 from ..call.checks import as_positive_count, as_real
+from ..call.inputs import Inputs
 from ..interrupts import ctrl_c
 from ..output.outputs import place_of_quantity
 from ..output.report import Report
 from ..output.trajectory import Trajectory
 from ..steps.consistency import refuse_inconsistent
 from ..steps.failure import diagnose
-from ..steps.integration import FIRST_STEPS, Pace, Rows, Run, ended_at, trajectory_of
+from ..steps.integration import FIRST_STEPS, Pace, Rows, Run, advance, ended_at, trajectory_of
 from ..steps.parameters import as_parameters
 
 if TYPE_CHECKING:
@@ -85,15 +86,25 @@ class Held:
             self.work, self.binding.parameters(parameters, self.run.t0))
 
     @property
-    def image(self) -> tuple[Array, Array, bytes]:
+    def image(self) -> tuple[Any, ...]:
         """All that differs from a run that has just begun."""
         return self.q.copy(), self.p.copy(), self.binding.image(self.work).tobytes()
 
     @image.setter
-    def image(self, image: tuple[Array, Array, bytes]) -> None:
+    def image(self, image: tuple[Any, ...]) -> None:
         self.q[:], self.p[:] = image[:2]
         memory = self.binding.image(self.work)
         memory[:] = np.frombuffer(image[2], dtype=np.uint8)
+
+    def trajectory(self, manifest: dict[str, Any]) -> Trajectory:
+        """Return what is kept of the run: the state reached."""
+        t = self.run.t0 + self.steps * self.run.dt
+        run = replace(self.run, q=self.q, p=self.p, t0=t, steps=self.steps + 1,
+                      every=self.steps + 2)
+        rows = Rows.room(self.binding, 0)
+        rows.q[0], rows.p[0] = self.q, self.p
+        return replace(trajectory_of(self.binding, manifest, run, rows, self.record, self.q,
+                                     self.p), every=1)
 
 
 class LastStep(Held):
@@ -121,6 +132,93 @@ class LastStep(Held):
         return replace(self.run, q=np.array(q, self.q.dtype), p=np.array(p, self.p.dtype), t0=t0)
 
 
+class Recorded(Held):
+    """A run that keeps each of its states: the steps of ``integrate``, a piece at a time."""
+
+    def __init__(self, binding: Binding, run: Run) -> None:
+        super().__init__(binding, run)
+        self._report, self._failed = binding.report(), False
+        self._rows = Rows.room(binding, FIRST_STEPS)
+        self._rows.q[0], self._rows.p[0], self._rows.work[0] = run.q, run.p, 0
+        #: The inputs of each step, and whether any were given.
+        self._inputs, self._fed = binding.new(FIRST_STEPS, len(binding.input_names)), False
+        self._piece(0)
+
+    @property
+    def record(self) -> Any:
+        """The running record."""
+        return self._report
+
+    def advance(self, steps: int) -> int:
+        """Take up to that many steps; return the status."""
+        if self._failed:
+            raise InputError(
+                f"Step {self.steps + 1:,} of this simulation found no solution, and what it "
+                "records ends there; start another one from sim.q and sim.p.")
+        self._make_room(self.steps + steps)
+        self._inputs[self.steps : self.steps + steps] = [
+            self.run.parameters[name] for name in self.binding.input_names]
+        status = self._piece(steps)
+        self._failed = status != 0
+        return status
+
+    def _piece(self, steps: int) -> int:
+        parameters = self.binding.parameters(self.run.parameters, self.run.t0)
+        return advance(self.binding, self.run, parameters, steps, 1, self.q, self.p,
+                       self._rows.after(self.steps), self._report, self.work)
+
+    def _make_room(self, steps: int) -> None:
+        """Make room for so many, at least twice as many as before where there is none."""
+        done, before = self.steps, self._rows
+        if steps <= len(before.iterations):
+            return
+        self._rows = Rows.room(self.binding, max(steps, 2 * len(before.iterations)))
+        self._put(done, vars(before), self._inputs)
+
+    def _put(self, done: int, rows: Mapping[str, Array], inputs: Array) -> None:
+        """Set the rows of so many steps; there is room for them."""
+        for name, array in vars(self._rows).items():
+            count = done + (name in ("q", "p", "work"))
+            array[:count] = rows[name][:count]
+        self._inputs = self.binding.new(len(self._rows.iterations), inputs.shape[1])
+        self._inputs[:done] = inputs[:done]
+
+    def feed(self, row: Array) -> None:
+        """Go on with other inputs, which the run has among its parameters."""
+        self._fed = True
+
+    def set_parameters(self, parameters: dict[str, Any]) -> None:
+        """Refuse other values of the parameters: a trajectory has one of each."""
+        raise InputError("A simulation that records keeps its parameters, for its trajectory has "
+                         "one value of each; declare what changes as an input, System(..., "
+                         "inputs=...), and give it to advance, or start without record=True.")
+
+    @property
+    def image(self) -> tuple[Any, ...]:
+        """All that differs from a run that has just begun."""
+        done = self.steps
+        rows = {name: array[: done + 1].copy() for name, array in vars(self._rows).items()}
+        return (*super().image, self.binding.image(self._report).tobytes(), rows,
+                self._inputs[:done].copy(), self._fed, self._failed)
+
+    @image.setter
+    def image(self, image: tuple[Any, ...]) -> None:
+        Held.image.__set__(self, image[:3])  # type: ignore[attr-defined]
+        report, rows, inputs, self._fed, self._failed = image[3:]
+        self.binding.image(self._report)[:] = np.frombuffer(report, dtype=np.uint8)
+        self._rows = Rows.room(self.binding, max(self.steps, FIRST_STEPS))
+        self._put(self.steps, rows, inputs)
+
+    def trajectory(self, manifest: dict[str, Any]) -> Trajectory:
+        """Return all states, and the inputs of each step."""
+        done = self.steps
+        rows = Rows(**{name: array[: done + (name in ("q", "p", "work"))].copy()
+                       for name, array in vars(self._rows).items()})
+        inputs = Inputs(self.binding.input_names, self._inputs[None, :done].copy(), 1)
+        run = replace(self.run, steps=done).fed(inputs if self._fed else None)
+        return trajectory_of(self.binding, manifest, run, rows, self._report, self.q, self.p)
+
+
 class Simulation:
     """A trajectory to hold in the hand: ``Stepper.start`` makes it, ``advance`` takes it on.
 
@@ -133,8 +231,9 @@ class Simulation:
         The time step, in the stepper's own type.
     """
 
-    def __init__(self, stepper: Stepper, run: Run) -> None:
-        self._stepper, self._held = stepper, Held(stepper.binding, run)
+    def __init__(self, stepper: Stepper, run: Run, record: bool = False) -> None:
+        self._stepper = stepper
+        self._held = (Recorded if record else Held)(stepper.binding, run)
         self._in_use = threading.Lock()
         self.dt = run.dt
 
@@ -156,7 +255,8 @@ class Simulation:
             number, or if another thread is at it.
         StepFailed
             When a step finds no solution. The simulation stays at the last step that did: with
-            other parameters it may go on, or a new one may start there with another ``dt``.
+            other parameters it may go on, unless it records, or a new one may start there with
+            another ``dt``.
         Stopped
             After Ctrl-C in a call of many steps, as a ``KeyboardInterrupt``; the simulation is at
             the last step done.
@@ -226,6 +326,28 @@ class Simulation:
         return self._held.p.copy()
 
     @property
+    def trajectory(self) -> Trajectory:
+        """Every state so far as a ``Trajectory``: what ``integrate`` returns for the same inputs.
+
+        It is a copy: what is advanced later does not change it. A state takes 2n + 3 numbers, its
+        multipliers and its inputs, of memory that grows as a list does.
+
+        Raises
+        ------
+        InputError
+            Where the simulation was started without ``record=True``; while another thread uses it.
+        """
+        if not self._records:
+            raise InputError("This simulation keeps its last state alone; start it by "
+                             "step.start(..., record=True) for sim.trajectory.")
+        self._take()
+        try:
+            found = self._held.trajectory(self._stepper.manifest)
+        finally:
+            self._in_use.release()
+        return found.made_by(self._stepper)
+
+    @property
     def report(self) -> Report:
         """Diagnostics over every step so far.
 
@@ -284,7 +406,7 @@ class Simulation:
     def copy(self) -> Simulation:
         """Return another simulation at the same state, with the same past: it takes the same steps.
         """
-        return _simulation(self._stepper, self._held.run, self._image())
+        return _simulation(self._stepper, self._held.run, self._image(), self._records)
 
     __copy__ = copy
 
@@ -293,9 +415,14 @@ class Simulation:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the stepper's sources and the bytes of the memory."""
-        return _unpickled, (self._stepper, self._stepper.provenance, self._held.run, self._image())
+        return _unpickled, (self._stepper, self._stepper.provenance, self._held.run, self._image(),
+                            self._records)
 
-    def _image(self) -> tuple[Array, Array, bytes]:
+    @property
+    def _records(self) -> bool:
+        return isinstance(self._held, Recorded)
+
+    def _image(self) -> tuple[Any, ...]:
         self._take()
         try:
             return self._held.image
@@ -305,26 +432,26 @@ class Simulation:
     # ------------------------------------------------------------ inside
 
     def _failure(self, status: int) -> StepFailed:
-        """Return the error of a step from here; its trajectory is the state reached."""
+        """Return the error of a step from here; its trajectory is what is kept."""
         held, manifest, t, done = self._held, self._stepper.manifest, self.t, self.steps
         run = replace(held.run, q=self.q, p=self.p, t0=t, steps=done + 1, every=done + 2)
-        rows = Rows.room(held.binding, 0)
-        rows.q[0], rows.p[0] = run.q, run.p
-        state: Trajectory = replace(trajectory_of(held.binding, manifest, run, rows, held.record,
-                                                  run.q, run.p), every=1)
         found = diagnose(held.binding, manifest, run, status, run.q, run.p, t)
-        return StepFailed(step=done + 1, t=float(t), trajectory=state, **asdict(found))
+        return StepFailed(step=done + 1, t=float(t), trajectory=held.trajectory(manifest),
+                          **asdict(found))
 
 
-def _simulation(stepper: Stepper, run: Run, image: tuple[Array, Array, bytes]) -> Simulation:
+def _simulation(
+    stepper: Stepper, run: Run, image: tuple[Any, ...], record: bool
+) -> Simulation:
     """Return a simulation that goes on from an image of another one."""
-    made = Simulation(stepper, run)
+    made = Simulation(stepper, run, record)
     made._held.image = image
     return made
 
 
 def _unpickled(
-    stepper: Stepper, provenance: dict[str, str], run: Run, image: tuple[Array, Array, bytes]
+    stepper: Stepper, provenance: dict[str, str], run: Run, image: tuple[Any, ...],
+    record: bool = False,
 ) -> Simulation:
     """Return a simulation in another process; the memory means the same to the same code alone."""
     own = stepper.provenance
@@ -334,7 +461,7 @@ def _unpickled(
             f"The simulation was pickled with another {' and another '.join(differs)}: what its "
             "memory holds means something else here. Pickle sim.t, sim.q and sim.p instead, and "
             "start from these.")
-    return _simulation(stepper, run, image)
+    return _simulation(stepper, run, image, record)
 
 
 def _same(a: Any, b: Any) -> bool:

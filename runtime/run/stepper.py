@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import as_mapping
+from ...arguments import as_flag, as_mapping
 from ...errors import InputError
 from ...event import Event, as_events
 from ...exact import Number
@@ -147,13 +147,16 @@ class Stepper(Evaluation):
         solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
+        record: bool = False,
     ) -> Simulation:
         """Return a simulation that stands at (q0, p0) and is advanced by its caller.
 
         The arguments are those of ``integrate``, but for ``solver="python"`` and parameters
         ``"auto"``. ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
         ``sim.report`` and ``sim.quantity(name)`` say where they led. What ``integrate`` gives for
-        as many steps it gives to the bit, in calls of however many.
+        as many steps it gives to the bit, in calls of however many. With ``record=True`` it keeps
+        every state, and ``sim.trajectory`` is what ``integrate`` returns, with the inputs that
+        ``advance`` was given.
 
         Raises
         ------
@@ -165,7 +168,7 @@ class Stepper(Evaluation):
                                solver=choose("solver of a simulation", solver, held),
                                tolerance=tolerance, max_iterations=max_iterations)
         self.warned(run)
-        return Simulation(self, run)
+        return Simulation(self, run, as_flag("record", record))
 
     def integrate(
         self,
@@ -177,6 +180,7 @@ class Stepper(Evaluation):
         parameters: Mapping[str, Any],
         t0: Number = 0.0,
         t_end: Number | None = None,
+        round: bool = False,
         error: Number | None = None,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
         hold: int = 1,
@@ -216,7 +220,9 @@ class Stepper(Evaluation):
             counted, not summed up.
         t_end : float, optional
             In place of ``steps``: the time of the last state. (t_end − t0)/dt is a whole number
-            but for the rounding of these three.
+            but for the rounding of these three, and any other t_end is refused.
+        round : bool
+            End at the step next to ``t_end`` instead, within half a step of it.
         error : float, optional
             Wanted with ``dt="auto"``: the largest error of the motion on the way, attitudes in rad
             and points in parts of their reach.
@@ -261,7 +267,7 @@ class Stepper(Evaluation):
                                "max_iterations": max_iterations}
         dt_, steps, t_end = with_step(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
                                       t0=t0, inputs=inputs, parameters=parameters, **how)
-        steps = step_count(steps, t_end, t0, dt_)
+        steps = step_count(steps, t_end, t0, dt_, as_flag("round", round) and dt != "auto")
         fed = as_inputs(inputs, self.binding, as_positive_count("steps", steps), hold)
         parameters, follow = followed(self, q, p, dt=dt_, steps=steps, t0=t0, inputs=inputs,
                                       hold=hold, parameters=self.fed(parameters, fed))

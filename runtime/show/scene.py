@@ -177,6 +177,8 @@ def _ties(trajectory: Trajectory, parts: list[Part]) -> list[Tie]:
     for name, joint in joints_of(trajectory.manifest).items():
         on_a, on_b, axis = (numbers(e, trajectory.parameters)
                             for e in (joint.on_a, joint.on_b, joint.axis_b))
+        if joint.pulls and all(pull.kind == "axial" for pull in joint.pulls):
+            continue  # a drive, at the place of its joint
         a, b = numbered[joint.a], numbered[joint.b]
         if not joint.on_b:  # an axis alone: where b is held, or where its origin is
             if b < 0:

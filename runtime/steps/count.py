@@ -17,11 +17,11 @@ __all__ = ["step_count"]
 _ROUNDING = Fraction(1, 2**52)
 
 
-def step_count(steps: Any, t_end: Any, t0: Any, dt: Any) -> int:
+def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) -> int:
     """Return the number of steps: as given, or (t_end − t0)/dt.
 
     That is a whole number n if |t_end − t0 − n dt| ≤ 2⁻⁵² (|t_end| + |t0| + n |dt|): decimals such
-    as 0.1 are rounded before they come here.
+    as 0.1 are rounded before they come here. ``nearest`` takes the whole number next to any t_end.
 
     Raises
     ------
@@ -30,6 +30,9 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any) -> int:
     """
     if (steps is None) == (t_end is None):
         raise InputError("Give either steps, their number, or t_end, the time of the last state.")
+    if nearest and t_end is None:
+        raise InputError("round is for t_end, the time of the last state; give that, or leave "
+                         "round away.")
     if t_end is None:
         return as_positive_count("steps", steps)
     as_step(dt)
@@ -40,13 +43,15 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any) -> int:
                          f"t0 = {_text(begin)}, and dt = {_text(step)} leads away from it; give "
                          f"dt = {_text(-step)}.")
     count = round(span / step)
-    if abs(span - count * step) <= _ROUNDING * (abs(end) + abs(begin) + count * abs(step)):
+    rounding = _ROUNDING * (abs(end) + abs(begin) + count * abs(step))
+    if nearest or abs(span - count * step) <= rounding:
         return as_positive_count("steps", count)
     few = math.floor(span / step)
     times = " and ".join(_text(begin + n * step) for n in (few, few + 1) if n)
     steps_of = " or ".join(_text(span / n) for n in (few + 1, few) if n)
     raise InputError(f"t_end = {_text(end)} is no whole number of steps of dt = {_text(step)} from "
-                     f"t0 = {_text(begin)}. The nearest that fit: t_end = {times}, or dt = "
+                     f"t0 = {_text(begin)}; round=True (--round) ends at the step next to it. The "
+                     f"nearest that fit: t_end = {times}, or dt = "
                      f"{steps_of}.")
 
 
