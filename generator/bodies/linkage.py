@@ -239,7 +239,7 @@ class Linkage:
             raise InputError(f"{name!r} has {' and '.join(given) or 'no axis'}; give one of axis, "
                              "axis_on_body and axis_in_space.")
         ((what, e),) = given.items()
-        axis = _direction(name, what, e)
+        axis = _direction(name, "axis", e)
         carrier = next((frame for frame in (a, b) if isinstance(frame, Body)), None)
         if carrier is None:
             return axis
