@@ -377,7 +377,7 @@ def test_bodies_are_what_the_builder_makes():
     ('bodies = ["a", "b"]', 'bodies = ["a"]', ["[[joints]] 2, bodies", "1 names", "write 2"]),
     ('bodies = ["a", "b"]', 'bodies = ["a", "a"]', ["[[joints]] 2", "itself"]),
     ("axis = [0, 1, 0]", "axis = [0, 0, 0]", ["[[joints]] 2", "axis"]),
-    ("axis = [0, 1, 0]", "", ["[[joints]] 2, axis", "missing"]),
+    ("axis = [0, 1, 0]", "", ["[[joints]] 2", "has no axis"]),
     ("rate = 2", "length = 2", ["[[joints]] 2, 'length'", "rate"]),
     ('"-k*b_omega1"', '"-k*c_omega1"', ["[[forces]] 2, torque, entry 1", "c_omega1 is unknown"]),
     ("c*(b_x - a_x)**2", "c*b_px", ["potential", "b_px is unknown"]),

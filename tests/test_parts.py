@@ -155,7 +155,7 @@ def test_the_third_axis_is_turned_onto_the_rotors(axis):
     (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 0.1), axis=(0, 0, 1), at=(0, 0, 0)),
      "inertia of 'w'"),
     (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 0.6), axis=(0, 0, 0), at=(0, 0, 0)),
-     "axis of 'w_bearing' is zero"),
+     "axis of 'w' is zero"),
     (lambda b: b.rotor("w", "bob", mass=1, inertia=(1, 0.6), axis=(0, 0, 1), at=(0, 0, 0)),
      "asks for axes of 'bob'"),
 ])

@@ -87,10 +87,11 @@ def spelled_out(e: sp.Expr) -> sp.Expr:
     known: dict[sp.Basic, sp.Basic] = {}
     for part in parts_of([e]):
         arguments = [known[a] for a in part.args]
+        same = all(a is b for a, b in zip(arguments, part.args, strict=True))
         if isinstance(part, Shared):
             known[part] = arguments[0]
         else:
-            known[part] = part.func(*arguments) if arguments else part
+            known[part] = part if same else part.func(*arguments)
     return known[e]
 
 

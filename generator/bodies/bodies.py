@@ -89,6 +89,7 @@ class Moving(Frame):
 
     name: str
     path: Vector
+    velocity: Vector
 
     def __repr__(self) -> str:
         return f"<Moving {self.name}>"
@@ -96,6 +97,10 @@ class Moving(Frame):
     def point(self, r: Sequence[object]) -> Vector:
         """Return where in space a point is that moves along."""
         return _vector([x + d for x, d in zip(self.path, self.direction(r), strict=True)])
+
+    def point_velocity(self, r: Sequence[object]) -> Vector:
+        """Return the rate of the path: the axes do not turn."""
+        return self.velocity
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,7 @@ def gimbal(*, rep: RepName = "gamma") -> Model:
     axis = rotation(at_start)[:, 2]
     build.align("frame", build.ground, outer, axis=(0, 0, 1), rate=0.5)
     build.align("ring", outer, inner, axis=(1, 0, 0), rate=-0.3)
-    build.align("spindle", inner, rotor, axis=axis, rate=150.0)
+    build.align("spindle", inner, rotor, axis_in_space=axis, rate=150.0)
     return build.model()
 
 

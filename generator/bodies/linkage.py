@@ -5,23 +5,30 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
+import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import as_text
 from ...errors import InputError
 from ...naming import proposal, shown
+from ...remarks import remark
 from .bodies import GROUND, Body, Frame, Moving, Particle
 from .joints import Align, Connection, Joint, Revolute, Rod, Spring
 from .pairs import Cylindrical, Planar, Prismatic, Screw, Universal
-from .poses import Start, finite, positive, three, three_or_none, unit
+from .poses import Start, finite, positive, rotation, three, three_or_none, unit
 
-__all__ = ["JOINTS", "Linkage"]
+__all__ = ["AXES", "JOINTS", "Linkage"]
 
 Array = NDArray[Any]
 Joined = TypeVar("Joined", bound=Connection)
+#: One of axis, axis_on_body and axis_in_space.
+AXES = ("axis", "axis_on_body", "axis_in_space")
+Axes: TypeAlias = tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None]
+#: An axis is the same in space and on a body if its components are to within this.
+_SAME_AXIS = 1e-9
 
 JOINTS = ("ball", "fixed_point", "revolute", "align", "rod", "prismatic", "cylindrical", "planar",
           "screw", "universal")
@@ -68,33 +75,40 @@ class Linkage:
         return self.ball(name, GROUND, body, at=at, on_b=on_body)
 
     def revolute(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
         on_b: ArrayLike | None = None, rate: float = 0.0, angle: float = 0.0,
     ) -> Revolute:
         """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
 
-        ``axis`` is its direction in space at the start, of any length; ``rate`` the angular
+        ``axis`` is its direction in space at the start, of any length, as ``axis_in_space`` is;
+        ``axis_on_body`` is its direction in the axes of a, or of b where a is the ground. A
+        warning tells if ``axis`` is another one in the axes of a. ``rate`` is the angular
         velocity of b against a about it in rad/s, from which an angular velocity that is not
         given follows; ``angle`` what its measure is at the start, in rad. All else as for
         ``ball``.
         """
         return self._join(Revolute(name, **self._pair(name, a, b, at, on_a, on_b),
-                                   hinge=self._hinge(name, a, b, axis, rate, angle)))
+                                   hinge=self._hinge(
+                                       name, a, b, (axis, axis_on_body, axis_in_space), rate,
+                                       angle)))
 
     def align(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, rate: float = 0.0,
-        angle: float = 0.0,
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
+        rate: float = 0.0, angle: float = 0.0,
     ) -> Align:
         """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
 
         For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
         ``axis``, ``rate`` and ``angle`` are those of ``revolute``.
         """
-        return self._join(self._hinge(name, a, b, axis, rate, angle))
+        return self._join(self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate, angle))
 
     def prismatic(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
         on_b: ArrayLike | None = None, speed: float = 0.0, travel: float = 0.0,
     ) -> Prismatic:
@@ -105,12 +119,14 @@ class Linkage:
         ``ball``. Constraints: ``name: axis 1``, ``axis 2``, ``across 1``, ``across 2``, ``turn``.
         """
         return self._join(Prismatic(
-            name, **self._pair(name, a, b, at, on_a, on_b), hinge=self._hinge(name, a, b, axis),
+            name, **self._pair(name, a, b, at, on_a, on_b),
+            hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space)),
             speed=float(finite(f"speed of {name!r}", speed, ())),
             travel=float(finite(f"travel of {name!r}", travel, ()))))
 
     def cylindrical(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
         on_b: ArrayLike | None = None, rate: float = 0.0, speed: float = 0.0,
         angle: float = 0.0, travel: float = 0.0,
@@ -118,12 +134,13 @@ class Linkage:
         """Let b slide along an axis of a and turn about it: four constraints, as ``prismatic``."""
         return self._join(Cylindrical(
             name, **self._pair(name, a, b, at, on_a, on_b),
-            hinge=self._hinge(name, a, b, axis, rate, angle),
+            hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate, angle),
             speed=float(finite(f"speed of {name!r}", speed, ())),
             travel=float(finite(f"travel of {name!r}", travel, ()))))
 
     def planar(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike,
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
         on_b: ArrayLike | None = None, rate: float = 0.0, angle: float = 0.0,
     ) -> Planar:
@@ -133,12 +150,16 @@ class Linkage:
         for ``revolute``. Constraints: ``name: axis 1``, ``axis 2``, ``distance``.
         """
         return self._join(Planar(name, **self._pair(name, a, b, at, on_a, on_b),
-                                 hinge=self._hinge(name, a, b, axis, rate, angle)))
+                                 hinge=self._hinge(
+                                     name, a, b, (axis, axis_on_body, axis_in_space), rate,
+                                     angle)))
 
     def screw(
-        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike, lead: float,
-        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
-        on_b: ArrayLike | None = None, rate: float = 0.0, travel: float = 0.0,
+        self, name: str, a: Frame | str, b: Frame | str, *, lead: float,
+        axis: ArrayLike | None = None, axis_on_body: ArrayLike | None = None,
+        axis_in_space: ArrayLike | None = None, at: ArrayLike | None = None,
+        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None, rate: float = 0.0,
+        travel: float = 0.0,
     ) -> Screw:
         """Let b turn about an axis of a and move along it by ``lead`` (m) a turn: five constraints.
 
@@ -150,7 +171,7 @@ class Linkage:
             raise InputError(f"The lead of {name!r} is 0, and a screw moves; take a revolute.")
         return self._join(Screw(
             name, **self._pair(name, a, b, at, on_a, on_b), lead=pitch,
-            hinge=self._hinge(name, a, b, axis, rate),
+            hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate),
             travel=float(finite(f"travel of {name!r}", travel, ()))))
 
     def universal(
@@ -203,12 +224,33 @@ class Linkage:
     # ------------------------------------------------------------ inside
 
     def _hinge(
-        self, name: str, a: Frame | str, b: Frame | str, axis: ArrayLike, rate: float = 0.0,
+        self, name: str, a: Frame | str, b: Frame | str, axes: Axes, rate: float = 0.0,
         angle: float = 0.0,
     ) -> Align:
-        return Align(name, *self._two(name, a, b), _direction(name, "axis", axis),
+        first, second = self._two(name, a, b)
+        return Align(name, first, second, self._axis(name, first, second, axes),
                      float(finite(f"rate of {name!r} in rad/s", rate, ())),
                      float(finite(f"angle of {name!r} in rad", angle, ())))
+
+    def _axis(self, name: str, a: Frame, b: Frame, axes: Axes) -> Array:
+        """Return the unit vector of an axis in space at the start."""
+        given = {what: e for what, e in zip(AXES, axes, strict=True) if e is not None}
+        if len(given) != 1:
+            raise InputError(f"{name!r} has {' and '.join(given) or 'no axis'}; give one of axis, "
+                             "axis_on_body and axis_in_space.")
+        ((what, e),) = given.items()
+        axis = _direction(name, "axis", e)
+        carrier = next((frame for frame in (a, b) if isinstance(frame, Body)), None)
+        if carrier is None:
+            return axis
+        turned: Array = rotation(self._bodies[carrier].q) @ axis
+        if what == "axis_on_body":
+            return turned
+        if what == "axis" and carrier is a and np.abs(turned - axis).max() > _SAME_AXIS:
+            remark(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
+                   f"at the start: on it that is another axis. Write axis_on_body= if it is told "
+                   f"in the axes of {carrier.name!r}, or axis_in_space= if it is meant in space.")
+        return axis
 
     def _pair(
         self, name: str, a: Frame | str, b: Frame | str, at: Any, on_a: Any, on_b: Any
@@ -273,8 +315,8 @@ class Linkage:
 
 
 def _direction(name: str, what: str, given: ArrayLike) -> Array:
-    """Return a direction in space, of any length, as a unit vector."""
+    """Return a direction, given in any length, as a unit vector."""
     found = three(f"{what} of {name!r}", given)
     if not found.any():
-        raise InputError(f"The {what} of {name!r} is zero; give its direction in space.")
+        raise InputError(f"The {what} of {name!r} is zero; give its direction.")
     return unit(found)

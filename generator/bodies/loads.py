@@ -148,7 +148,8 @@ class Loads(Linkage):
         self._claim(name)
         x, y, z = (self._law(f"path of {name!r}", e) for e in three_expressions(
             f"path of {name!r}", path))
-        made = Moving(name, (x, y, z))
+        made = Moving(name, (x, y, z), three_expressions(
+            f"velocity of {name!r}", [derivative(e, self.time) for e in (x, y, z)]))
         self.beginning(made)
         self._moving.append(made)
         return made

@@ -26,7 +26,7 @@ from ...body_values import (
     moments_of,
 )
 from ...errors import InputError
-from ...naming import choose
+from ...naming import choose, shown
 from ...projection import Projection, project
 from ..systems.given import few
 from ..systems.numeric_system import NumericConstraints, NumericSystem
@@ -195,8 +195,9 @@ class Multibody(Machine):
 
     def rotor(
         self, name: str, body: Frame | str, *, mass: float, inertia: Sequence[float],
-        axis: ArrayLike, at: ArrayLike | None = None, on_body: ArrayLike | None = None,
-        rate: float = 0.0,
+        axis: ArrayLike | None = None, axis_on_body: ArrayLike | None = None,
+        axis_in_space: ArrayLike | None = None, at: ArrayLike | None = None,
+        on_body: ArrayLike | None = None, rate: float = 0.0,
     ) -> Body:
         """Add a wheel that spins on a body, on the bearing ``NAME_bearing``, a revolute.
 
@@ -204,16 +205,22 @@ class Multibody(Machine):
         ----------
         inertia : two floats
             In kg m²: the moment about its axis, which is its own third one, then that across.
-        axis, at, on_body, rate : optional
-            The axis in space, where the wheel's centre is, in space or on the body, and how fast
-            it spins against the body: as for ``revolute``.
+        axis, axis_on_body, axis_in_space, rate : optional
+            The axis, in space or in the axes of the body, and how fast the wheel spins about it
+            against the body: as for ``revolute``.
+        at, on_body : three floats, optional
+            Where the wheel's centre is, in space or on the body; by default the body's origin.
         """
         along, across = finite(
             f"inertia of rotor {name!r}, about its axis and across it,", inertia, (2,))
+        carrier = self._frame(body, shown(name))
+        direction = self._axis(name, carrier, carrier, (axis, axis_on_body, axis_in_space))
         wheel = self.body(name, mass=mass, inertia=(across, across, along),
-                          quaternion=onto(three(f"axis of {name!r}", axis)))
-        self.revolute(f"{name}_bearing", body, wheel, axis=axis, at=at, on_a=on_body,
-                      on_b=(0, 0, 0), rate=rate)
+                          quaternion=onto(direction))
+        if at is None and on_body is None:
+            on_body = (0, 0, 0)
+        self.revolute(f"{name}_bearing", body, wheel, axis_in_space=direction, at=at,
+                      on_a=on_body, on_b=(0, 0, 0), rate=rate)
         return wheel
 
     # ------------------------------------------------------------ the model

@@ -115,7 +115,8 @@ def emit(
     proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
                     bool(system.forces), constant, scalar, separable, system.is_timed,
                     bool(system.inputs), lagrangian, frame is not None,
-                    bool(fast.get("half_tables")), isinstance(scheme, LagrangianEMS))
+                    bool(fast.get("half_tables")), isinstance(scheme, LagrangianEMS),
+                    definite=not isinstance(system, LagrangianSystem) or system.is_definite)
     context["system_lane_files"] = proved.legendre_lane_files()
     context |= proved.scheme_files() | proved.solver_files(fast["fast"])
     context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {

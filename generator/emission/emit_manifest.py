@@ -141,7 +141,8 @@ def _lagrangian(system: System) -> dict[str, Any]:
     """Return L and its velocities, where H is made of one."""
     if not isinstance(system, LagrangianSystem):
         return {}
-    return {"lagrangian": system.texts()[1], "velocity_names": [str(v) for v in system.velocities]}
+    return {"lagrangian": system.texts()[1], "velocity_names": [str(v) for v in system.velocities],
+            **({} if system.is_definite else {"indefinite": True})}
 
 
 def _forces_and_quantities(system: System) -> dict[str, Any]:

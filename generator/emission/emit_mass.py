@@ -21,6 +21,7 @@ def mass_context(system: LagrangianSystem) -> dict[str, Any]:
     elimination = system.elimination
     return {
         "entries": elimination.entries,
+        "definite": system.is_definite,
         "order": elimination.order,
         "counts": [len(rows) for rows in elimination.rows],
         "flat_rows": [row for rows in elimination.rows for row in rows],
@@ -35,9 +36,10 @@ def composed_operations(
     """Return the operations of H's derivatives, by the names that those of other systems have."""
     own = defaultdict(Counter[str], {k.name.removeprefix("lanes_"): Counter(k.operations)
                                      for k in kernels})
-    n, products = system.n, system.elimination.products
+    n = system.n
+    products = system.elimination.products if system.is_definite else n * n * (n + 1)
     factor = own["mass_matrix"] + Counter(div=n, mul=products, add=products)
-    below = system.elimination.entries - n
+    below = system.elimination.entries - n if system.is_definite else n * n
     solve = own["rest_momentum"] + Counter(mul=2 * below + n, add=2 * below + n)
     column = own["slope_change"] + own["force_change"] + solve
     newton = Counter({name: 2 * n * count for name, count in column.items()}

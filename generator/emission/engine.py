@@ -139,6 +139,8 @@ class Proved:
     halves: bool = False
     #: EMS of a Lagrangian, in terms of the velocities of both ends.
     ends: bool = False
+    #: M of a Lagrangian was seen to be positive definite, so that it needs no pivots.
+    definite: bool = True
 
     @property
     def _suits(self) -> str:
@@ -178,7 +180,8 @@ class Proved:
         else:
             drives = ["legendre_drive", *([] if self.stages else ["legendre_mean_drive"])]
             motion = [*(["legendre_work"] if self.forced else []), *(drives if self.timed else [])]
-        return ["mass", "legendre", *(["legendre_bound"] if self.m else []), *motion]
+        mass = "mass" if self.definite else "mass_indefinite"
+        return [mass, "mass_velocities", "legendre", *(["legendre_bound"] if self.m else []), *motion]
 
     def legendre_lane_files(self) -> list[str]:
         """Return the same on lanes, with the rates that sweeps ask for."""

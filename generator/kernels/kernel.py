@@ -11,7 +11,7 @@ import sympy as sp
 
 from ...real import Real
 from ..algebra.bounded_algebra import is_small
-from ..algebra.sharing import symbols_of
+from ..algebra.sharing import spelled_out, symbols_of
 from ..algebra.switches import Where
 from .c_printer import ON_LANES, CPrinter
 from .statements import Kernel, Statements, entries
@@ -94,6 +94,7 @@ class Constants:
         return bool(free) and free <= self._known
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:
+        e = spelled_out(e)  # constants are printed as they are, without temporaries
         if e not in self.definitions:
             free = (f"k{i}" for i in count() if f"k{i}" not in self.taken)
             name = next(islice(free, len(self.definitions) - len(self.parameters), None))

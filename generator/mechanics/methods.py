@@ -27,6 +27,7 @@ from ...naming import shown
 from ..algebra.derivatives import derivative, slopes
 from ..algebra.evaluation import evaluate
 from ..algebra.sharing import parts_of, substitute, symbols_of
+from ..systems.given import as_sequence
 from ..systems.lagrangian import LagrangianSystem, from_lagrangian
 from ..systems.numeric_system import NumericConstraints
 from ..systems.redundancy import nearest_point
@@ -57,6 +58,8 @@ class Mechanics:
         g(q, t).
     rates : list of Expr
         Constraints on the velocities; ones that are not those of g are refused.
+    inputs : dict
+        What a controller says, as it was given → its symbol.
     """
 
     motion: Motion
@@ -65,9 +68,12 @@ class Mechanics:
     loads: list[Any]
     constraints: list[sp.Expr]
     rates: list[sp.Expr] = field(default_factory=list)
+    inputs: dict[sp.Expr, sp.Symbol] = field(default_factory=dict)
 
 
-def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
+def from_mechanics(
+    method: Any, *, name: str = "system", inputs: Sequence[Any] = ()
+) -> LagrangianSystem:
     """Return the system of a method of ``sympy.physics.mechanics``.
 
     Parameters
@@ -77,6 +83,8 @@ def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
         potential energies of bodies count as loads do: give each force once.
     name : str
         A C identifier; begins the names of the generated files.
+    inputs : sequence of Symbol or dynamicsymbols
+        What a controller says in loads: held over a step, and given anew in each (``System``).
 
     Returns
     -------
@@ -94,6 +102,7 @@ def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
     found = reader(method)
+    found.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in found.q]
     names = _names(found, rates)
@@ -103,9 +112,11 @@ def from_mechanics(method: Any, *, name: str = "system") -> LagrangianSystem:
     g, bound = rest[:m], rest[m:]
     q, v = [names[x] for x in found.q], [names[x] for x in rates]
     _refuse_functions(name, [L, *g, *F], t)
-    parameters = sorted(symbols_of([L, *g, *F]) - {*q, *v, t}, key=str)
+    given = tuple(found.inputs.values())
+    parameters = sorted(symbols_of([L, *g, *F]) - {*q, *v, *given, t}, key=str)
     system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
-                             t if t in symbols_of([L, *g, *F]) else None, name=name)
+                             t if t in symbols_of([L, *g, *F]) else None, name=name,
+                             inputs=given)
     _refuse_nonholonomic(system, bound)
     return system
 
@@ -172,7 +183,7 @@ def _generalised(found: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
     motion, held = found.motion, dict[sp.Expr, sp.Expr]()
     power, potential = sp.Integer(0), sp.Integer(0)
     for where, load in ((load[0], load[1]) for load in found.loads):
-        energy = _potential(motion, where, load)
+        energy = _potential(motion, where, load, found.inputs)
         if energy is not None:
             potential += energy
             continue
@@ -190,12 +201,15 @@ def _generalised(found: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
     return substitute(forces, pushes), potential
 
 
-def _potential(motion: Motion, where: Any, load: Any) -> sp.Expr | None:
+def _potential(
+    motion: Motion, where: Any, load: Any, inputs: Mapping[sp.Expr, sp.Symbol]
+) -> sp.Expr | None:
     """Return V = −F·r of a constant force, where r is known from a point at rest."""
     if not isinstance(where, me.Point):
         return None
     components = load.to_matrix(motion.frame)
-    if me.find_dynamicsymbols(components) or me.dynamicsymbols._t in components.free_symbols:
+    changing = {me.dynamicsymbols._t, *inputs}
+    if me.find_dynamicsymbols(components) or not changing.isdisjoint(components.free_symbols):
         return None
     place = motion.place(where)
     if place is None:
@@ -206,6 +220,20 @@ def _potential(motion: Motion, where: Any, load: Any) -> sp.Expr | None:
 # ---------------------------------------------------------------- names
 
 
+def _inputs(given: Sequence[Any]) -> dict[sp.Expr, sp.Symbol]:
+    """Return a symbol for each input, which may be a function of time."""
+    found: dict[sp.Expr, sp.Symbol] = {}
+    for u in as_sequence("inputs", given):
+        if isinstance(u, AppliedUndef):
+            found[u] = sp.Symbol(u.func.__name__, real=True)
+        elif isinstance(u, sp.Symbol):
+            found[u] = u
+        else:
+            raise InputError(f"Input {shown(u)} is neither a symbol nor a function of time; make "
+                             "it with sympy.Symbol or dynamicsymbols.")
+    return found
+
+
 def _names(found: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
     """Return a symbol for each coordinate and each velocity."""
     for x in found.q:
@@ -214,7 +242,14 @@ def _names(found: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbo
                              "sympy.physics.mechanics.dynamicsymbols.")
     called = {rate: u.func.__name__ for u, rate in found.motion.speeds.items()}
     names = {x: sp.Symbol(x.func.__name__, real=True) for x in found.q}
-    taken = {str(s) for s in names.values()} | {str(s) for s in symbols_of([found.L])}
+    loads = [e for _, load in ((load[0], load[1]) for load in found.loads)
+             for components, _ in load.args for e in components]
+    own = symbols_of([found.L, *found.constraints, *loads]) | {*found.inputs.values()}
+    twice = {str(s) for s in own} & {str(s) for s in names.values()}
+    if twice:
+        raise InputError(f"{min(twice)!r} is a coordinate and a constant or an input; give one of "
+                         "them another name.")
+    taken = {str(s) for s in (*names.values(), *own)}
     for x, rate in zip(found.q, rates, strict=True):
         name = called.get(rate, f"{x.func.__name__}_t")
         while name in taken:
@@ -228,7 +263,7 @@ def _named(
     found: Mechanics, expressions: Sequence[sp.Expr], names: Mapping[sp.Expr, sp.Symbol]
 ) -> list[sp.Expr]:
     """Return expressions in symbols, generalised speeds in terms of q̇."""
-    return substitute(substitute(expressions, found.motion.speeds), names)
+    return substitute(substitute(expressions, found.motion.speeds), {**names, **found.inputs})
 
 
 def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -> None:

@@ -28,7 +28,8 @@ a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_om
 and t, beside the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
 Points with mass stand in [[point_masses]] with name, mass, position and velocity; wheels in
 [[rotors]] with name, bodies, mass, inertia = [along, across], axis, at or on_body, and rate: its
-bearing is the joint NAME_bearing. What acts on joints has ``joints`` in place of bodies:
+bearing is the joint NAME_bearing. ``axis`` is in space at the start, ``axis_on_body`` in the axes
+of the first body. What acts on joints has ``joints`` in place of bodies:
 
     [[joints]]
     name = "mesh"
@@ -55,6 +56,7 @@ from ...body_values import REPS, RepName
 from ...errors import InputError
 from ...remarks import remark
 from ..bodies.bodies import Body, Frame, Particle
+from ..bodies.linkage import AXES
 from ..bodies.linkage import JOINTS as KINDS
 from ..bodies.model import Model
 from ..bodies.multibody import Multibody
@@ -197,9 +199,9 @@ def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -
 
 def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
     """Add a wheel on a body; its bearing is a joint that motors may name."""
-    table.allow("name", "bodies", "mass", "inertia", "axis", "at", "on_body", "rate")
-    table.require("name", "bodies", "mass", "inertia", "axis")
-    vectors = {key: table.vector(key, 3) for key in ("axis", "at", "on_body") if key in table}
+    table.allow("name", "bodies", "mass", "inertia", *AXES, "at", "on_body", "rate")
+    table.require("name", "bodies", "mass", "inertia")
+    vectors = {key: table.vector(key, 3) for key in (*AXES, "at", "on_body") if key in table}
     return builder.rotor(
         table.symbol("name", table.text("name")), *_frames(table, bodies, 1),
         mass=table.number("mass"), inertia=table.vector("inertia", 2),

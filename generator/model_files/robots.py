@@ -42,7 +42,7 @@ __all__ = ["Loops", "load_urdf", "read_loops", "read_urdf"]
 
 #: Keys of a joint → of which of its links they are told.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
-_AXES = {"axis": 0, "axis_a": 0, "axis_b": 1}
+_AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
 
 
 def read_urdf(
@@ -152,7 +152,9 @@ class Loops:
                           for key, i in _POINTS.items() if key in values}
                 axes = {key: mounts[i].space.R @ np.array(values[key], float)
                         for key, i in _AXES.items() if key in values}
-                return values | points | axes
+                in_space = {"axis": "axis_in_space", "axis_on_body": "axis_in_space"}
+                return {in_space.get(key, key): one
+                        for key, one in (values | points | axes).items()}
 
             return join(builder, frames, table, in_bodies)
 

@@ -13,13 +13,14 @@ may depend on t as well: whatever drives L is a moving coordinate system, or a l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import sympy as sp
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...naming import shown
@@ -119,6 +120,19 @@ class LagrangianSystem(System):
         return any(isinstance(part, Shared) for part in parts_of([self.L]))
 
     @cached_property
+    def is_definite(self) -> bool:
+        """Whether M is positive definite at random points, so that LDLᵀ of it needs no pivots.
+
+        A regular M can't change that on the way from one of them; parameters are positive there.
+        """
+        for M in _masses(self, _POINTS, 1.0, 4 * _POINTS):
+            sizes = np.sqrt(np.abs(np.diag(M)))
+            if not (np.diag(M) > 0).all() or (
+                    np.linalg.eigvalsh(M / np.outer(sizes, sizes))[0] < -_SMALL):
+                return False
+        return True
+
+    @cached_property
     def elimination(self) -> Elimination:
         """The order in which M = L D Lᵀ keeps its zeros."""
         neighbours: dict[int, set[int]] = {i: set() for i in range(self.n)}
@@ -188,7 +202,8 @@ class LagrangianSystem(System):
 def from_lagrangian(
     L: Any, q: Any, velocities: Any, parameters: Any, constraints: Any = (), forces: Any = None,
     time: sp.Symbol | None = None, *,
-    name: str = "system", constraint_names: Sequence[str] = (),
+    name: str = "system", constraint_names: Sequence[str] = (), inputs: Any = (),
+    quantities: Mapping[str, sp.Expr] | None = None,
 ) -> LagrangianSystem:
     """Return the system of a Lagrangian L = ½ vᵀM(q)v + b(q)ᵀv − V(q), p = M v + b.
 
@@ -198,8 +213,8 @@ def from_lagrangian(
         L(q, v, t; parameters), in joules for SI input.
     q, velocities : sequence of Symbol
         Coordinates, and the symbols of their rates, n of each. The momenta are named p_…
-    parameters, constraints, name, constraint_names
-        As of ``System``.
+    parameters, constraints, name, constraint_names, inputs, quantities
+        As of ``System``; inputs stand in forces only.
     forces : sequence of Expr, optional
         F(q, v, t; parameters), n of them: d/dt L_v = L_q + F − g_qᵀλ.
     time : Symbol, optional
@@ -221,12 +236,14 @@ def from_lagrangian(
                          "velocities; give the velocity of each coordinate, in the same order.")
     pushes = tuple(map(as_expression, as_sequence("forces", () if forces is None else forces)))
     bound = tuple(map(as_expression, as_sequence("constraints", constraints)))
-    _refuse_unknown(name, L, pushes, {*coordinates, *speeds, *constants, *filter(None, [time])})
-    taken = {str(s) for s in (*coordinates, *speeds, *constants, time)}
+    given = _symbols("inputs", inputs, name)
+    _refuse_unknown(name, L, pushes,
+                    {*coordinates, *speeds, *constants, *given, *filter(None, [time])})
+    taken = {str(s) for s in (*coordinates, *speeds, *constants, *given, time)}
     system = LagrangianSystem(
         coordinates, tuple(_momentum(x, taken) for x in coordinates), constants,
         bound, L=L, velocities=speeds, forces=pushes, time=time, name=name,
-        constraint_names=tuple(constraint_names))
+        constraint_names=tuple(constraint_names), inputs=given, quantities=quantities or {})
     _refuse_unless_quadratic(system)
     _refuse_switching(system)
     _refuse_singular(system)
@@ -307,23 +324,40 @@ def _refuse_switching(system: LagrangianSystem) -> None:
 
 def _refuse_singular(system: LagrangianSystem) -> None:
     """Refuse a mass matrix that is singular wherever it is looked at."""
-    rng = np.random.default_rng(17)
-    symbols = sorted(symbols_of(system.L_v) - {*system.velocities}, key=name_of)
-    one_at_a_time = dict(zip(system.velocities, np.eye(system.n, system.n + 1), strict=True))
-    for _ in range(_POINTS):
-        at = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
-        try:
-            momenta = evaluate(system.L_v, at | one_at_a_time).astype(float)
-        except (InputError, TypeError, ArithmeticError):
-            return  # a function that NumPy does not know
-        M = momenta[:, :-1] - momenta[:, -1:]
-        if not np.isfinite(M).all():
-            continue
+    directions = None
+    for M in _masses(system, _POINTS):
         _, sizes, directions = np.linalg.svd(M)
         if sizes[-1] > _SMALL * sizes[0]:
             return
+    if directions is None:
+        return
     still = [str(v) for v, x in zip(system.velocities, directions[-1], strict=True)
              if abs(x) > np.sqrt(_SMALL)]
     raise InputError(f"The mass matrix of system {system.name!r} is singular: motion with "
                      f"{', '.join(still)} costs no kinetic energy, so that momenta do not tell "
                      f"velocities; give every coordinate a mass, or leave {shown(still[-1])} out.")
+
+
+def _masses(
+    system: LagrangianSystem, points: int, decades: float = 0.0, wide: int = 0
+) -> Iterator[NDArray[Any]]:
+    """Yield M at random points where it is finite, none if NumPy lacks a function of L.
+
+    Parameters are between 0.5 and 2; at ``wide`` more points they are up to ``decades`` decades
+    away from there, and coordinates may be negative.
+    """
+    rng = np.random.default_rng(17)
+    symbols = sorted(symbols_of(system.L_v) - {*system.velocities}, key=name_of)
+    one_at_a_time = dict(zip(system.velocities, np.eye(system.n, system.n + 1), strict=True))
+    for point in range(points + wide):
+        at = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
+        if point >= points:
+            at = {s: x * float(rng.choice([-1, 1]) if s in system.q else
+                               10 ** rng.uniform(-decades, decades)) for s, x in at.items()}
+        try:
+            momenta = evaluate(system.L_v, at | one_at_a_time).astype(float)
+        except (InputError, TypeError, ArithmeticError):
+            return  # a function that NumPy does not know
+        M = momenta[:, :-1] - momenta[:, -1:]
+        if np.isfinite(M).all():
+            yield M

@@ -213,10 +213,10 @@ def _join(
     ends = (name, frames[limb.above], frames[limb])
     axis, value, rate = where.R @ joint.axis, start.coordinates[joint.name], start.rates[joint.name]
     if joint.kind == "prismatic":
-        builder.prismatic(*ends, axis=axis, at=places[limb].x, travel=value, speed=rate)
+        builder.prismatic(*ends, axis_in_space=axis, at=places[limb].x, travel=value, speed=rate)
         measures = {"travel": builder.travel(name), "speed": builder.speed(name)}
     else:
-        builder.revolute(*ends, axis=axis, at=where.x, angle=value, rate=rate)
+        builder.revolute(*ends, axis_in_space=axis, at=where.x, angle=value, rate=rate)
         measures = {"angle": builder.angle(name), "rate": builder.rate(name)}
     for what, symbol in measures.items():
         builder.quantity(f"{plain_name(joint.name)}_{what}", symbol)

@@ -25,7 +25,7 @@ from ..choice.frame_choice import chosen
 from ..choice.step_choice import with_step
 from ..output.trajectory import Trajectory
 from ..output.turning import Rotations
-from ..steps.consistency import refuse_inconsistent
+from ..steps.consistency import refuse_inconsistent, refuse_singular_mass
 from ..steps.count import step_count
 from ..steps.follow import followed
 from ..steps.integration import Run, integrate
@@ -384,6 +384,7 @@ class Stepper(Evaluation):
         """Return the arguments of ``integrate`` as a run, or raise InputError."""
         run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
+            refuse_singular_mass(self.binding, self.manifest, run)
             refuse_inconsistent(self.binding, self.manifest, run)
         return run
 

@@ -21,7 +21,7 @@ from ..output.outputs import defect_sizes
 if TYPE_CHECKING:
     from .integration import Run
 
-__all__ = ["Defects", "defects_of_starts", "refuse_inconsistent"]
+__all__ = ["Defects", "defects_of_starts", "refuse_inconsistent", "refuse_singular_mass"]
 
 Array = NDArray[Any]
 
@@ -86,6 +86,36 @@ def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: Run) ->
         f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * binding.is_timed})` "
         "moves it onto them."
     )
+
+
+def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: Run) -> None:
+    """Refuse a start where the M of a Lagrangian has no inverse, or not the sign it was seen with.
+
+    Its columns are what momenta gain by one velocity each.
+    """
+    system = manifest["system"]
+    if "velocity_names" not in system:
+        return
+    n = binding.n
+    moving = np.concatenate([np.zeros((1, n)), np.eye(n)]).astype(binding.dtype)
+    at_rest, *columns = binding.momenta(
+        binding.parameters(run.parameters, run.t0), np.repeat(run.q[None], n + 1, axis=0), moving)
+    M = (np.array(columns) - at_rest).astype(float)
+    sizes = np.sqrt(np.abs(M).max(axis=1, initial=0))
+    if not np.isfinite(M).all():
+        return  # the steps judge it
+    still = next((name for name, size in zip(system["velocity_names"], sizes, strict=True)
+                  if not size), "")
+    values = np.linalg.eigvalsh(M / np.outer(sizes, sizes)) if not still else np.zeros(1)
+    small = 8 * n * np.finfo(float).eps * np.abs(values).max()
+    if np.abs(values).min() <= small:
+        where = f": motion with {still} costs no kinetic energy there" if still else ""
+        raise InputError("The mass matrix has no inverse at the start, so that momenta do not tell "
+                         f"velocities{where}; start elsewhere, or take other coordinates.")
+    if values[0] < 0 and not system.get("indefinite", False):
+        raise InputError("The mass matrix is not positive definite at the start, and it was at "
+                         "every place where it was looked at, so that it is factorised without "
+                         "pivots; write the numbers of its parameters into L.")
 
 
 def _changes(
