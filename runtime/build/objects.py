@@ -37,10 +37,16 @@ class Object:
     seldom: bool = False
 
 
-def objects_of(name: str, files: Mapping[str, str], part: Part) -> list[Object]:
-    """Return what a module is linked of, that which takes longest first."""
+def objects_of(
+    name: str, files: Mapping[str, str], part: Part, *, whole: bool = False
+) -> list[Object]:
+    """Return the objects that a module is linked of, the slowest to compile first.
+
+    ``whole`` asks for one object. At -O0 gcc keeps static functions that nothing calls, so that
+    each of several objects would take as long as the whole text.
+    """
     header = files[f"{name}.h"]
-    if not _has_lanes(name, header):
+    if whole or not _has_lanes(name, header):
         return [Object("whole", header)]
     if part == "lanes":
         made: dict[int, set[str]] = {3: _LANES, 1: set()}
