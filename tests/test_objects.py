@@ -57,8 +57,9 @@ def results(step):
 
 
 @pytest.mark.parametrize(("scheme", "real", "level"), [
-    ("IMS", "double", "1"), ("IMS", "long-double", "1"),
-    pytest.param("G-L", "double", "3", marks=pytest.mark.slow)])
+    ("IMS", "double", "1"),
+    *(pytest.param(*what, marks=pytest.mark.slow)
+      for what in (("IMS", "long-double", "1"), ("G-L", "double", "3")))])
 def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeypatch):
     """Runs, Newton behind them, lanes and what is evaluated once, against the file in one piece."""
     monkeypatch.setenv("GYROSPARK_OPTIMISE", level)

@@ -24,6 +24,8 @@ Part = Literal["runs", "lanes"]
 _BOTH = {"lanes", "work_size"}
 _RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
 _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
+#: Of objects that have functions which nothing in them calls.
+_FLAGS = ("-fvisibility=hidden", "-Wno-unused-function")
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,10 @@ def objects_of(
     each of several objects would take as long as the whole text.
     """
     header = files[f"{name}.h"]
-    if whole or not _has_lanes(name, header):
+    if not _has_lanes(name, header):
         return [Object("whole", header)]
+    if whole:
+        return [Object("whole", header, _FLAGS)]
     if part == "lanes":
         made: dict[int, set[str]] = {3: _LANES, 1: set()}
     else:
@@ -70,8 +74,7 @@ def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
         lambda found: found[0] if found[1] in functions
         else f"__attribute__((unused)) static {found[0]}", header)
     return Object(f"object{number}", made,
-                  (f"-DGYROSPARK_OBJECT={number}", "-fvisibility=hidden", "-Wno-unused-function"),
-                  seldom=number == 4)
+                  (f"-DGYROSPARK_OBJECT={number}", *_FLAGS), seldom=number == 4)
 
 
 def _has_lanes(name: str, header: str) -> bool:
