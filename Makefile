@@ -12,8 +12,10 @@ demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
 	    --dt 1e-3 --steps 2000 --plot demo.png --view demo.html
 
+# What a file derives and makes is made once. Files go in the order of their names: by default those
+# of few tests come last, and test_bare_machine.py, the longest, with them.
 test: .venv/ready lint
-	$(BIN)/pytest -n 2 --dist loadfile  # what a file derives and makes is made once
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: .venv/ready
 	$(BIN)/ruff check .
@@ -21,7 +23,8 @@ lint: .venv/ready
 	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands generator references runtime storage studies sweeps) \
 	    $(addprefix -m gyrospark.,__main__ exact facade)
 
-# The site, in build/site; warnings are errors, outputs of cells are kept in build/cells.
+# The site, in build/site, with a line for each page that is read; warnings are errors, outputs of
+# cells are kept in build/cells.
 docs: .venv/docs
 	$(BIN)/sphinx-build -W --keep-going --quiet -j auto docs build/site
 

@@ -33,7 +33,7 @@ def digest() -> str:
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / "cells" / digest())
 nb_execution_in_temp = True
-nb_execution_timeout = 240
+nb_execution_timeout = 1200  # a cell takes half a minute, on a busy machine ten times that
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 nb_render_markdown_format = "myst"

@@ -5,13 +5,17 @@
     g_q, e^{hA}    in running text are set as signs with what stands below and above them
     gallery        its list of pages shows the first picture of each
     pictures       without words for those who do not see them are a warning, hence an error
+    progress       a line for each page that is read, its cells with it
 """
 
 from __future__ import annotations
 
 import importlib.util
+import logging as python_logging
+import multiprocessing
 import re
 import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +24,7 @@ import site_uses
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.util import logging
 
 LOGGER = logging.getLogger(__name__)
@@ -40,9 +45,16 @@ MENDED = {
 MATHJAX = ("tex-chtml.js", "output/chtml", "input/tex/extensions", "a11y/assistive-mml.js",
            "ui")
 
+#: Pages read so far, in all processes that read them, and how many there are to read.
+READ = multiprocessing.Value("i", 0)
+TO_READ = multiprocessing.Value("i", 0)
+
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Tell Sphinx what is done when."""
+    app.connect("builder-inited", prepare_cells)
+    app.connect("env-before-read-docs", count_pages)
+    app.connect("doctree-read", show_progress)
     app.connect("source-read", fill_in)
     app.connect("autodoc-process-docstring", end_docstring)
     app.connect("sphinx-click-process-epilog", end_command)
@@ -52,6 +64,37 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("build-finished", copy_mathjax)
     app.connect("build-finished", mend_pages)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def prepare_cells(app: Sphinx) -> None:
+    """Make what the processes that run cells share, and the kernels' connection private.
+
+    The tables of jupyter-cache: two processes that find none both make them, and one fails.
+    Kernels warn of a connection that is not encrypted; those that can encrypt it are told to.
+    """
+    if "myst_nb" not in app.extensions:
+        return
+    from jupyter_cache import get_cache
+    from jupyter_client.manager import KernelManager
+    from sqlalchemy import inspect
+
+    inspect(get_cache(app.config.nb_execution_cache_path).db).get_table_names()
+    if hasattr(KernelManager, "transport_encryption"):
+        KernelManager.transport_encryption.default_value = "auto"
+    python_logging.getLogger("traitlets").setLevel("WARNING")  # each kernel tells that it runs
+
+
+def count_pages(app: Sphinx, env: BuildEnvironment, names: list[str]) -> None:
+    """Keep how many pages are to be read."""
+    READ.value, TO_READ.value = 0, len(names)
+
+
+def show_progress(app: Sphinx, tree: nodes.document) -> None:
+    """Print that a page has been read, whatever process reads it."""
+    with READ.get_lock():
+        READ.value += 1
+        print(f"{time.strftime('%H:%M:%S')} [{READ.value}/{TO_READ.value}] {app.env.docname}",
+              flush=True)
 
 
 def fill_in(app: Sphinx, name: str, source: list[str]) -> None:

@@ -11,6 +11,8 @@
 >>> for run in gs.references.measure(problem):              # doctest: +SKIP
 ...     print(run.scheme, run.steps, run.error, run.cpu_seconds)
 
+Modules::
+
     problem     what a problem is: model, digits, invariants, what others published
     truth       the digits, from digits.json, which benchmarks/make_digits.py writes
     mechanisms  car axis, Andrews' squeezing mechanism

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import zarr
 from numpy.typing import NDArray
 
@@ -171,9 +173,23 @@ class Recording:
         def read(name: str, *, after_start: bool = False) -> Array:
             """Return an array's rows in the stepper's type."""
             exact = wide and wide_name(name) in group
-            values = stored_values(array_of(group, wide_name(name) if exact else name), first,
-                                   self.states - first, exact, dtype)[::thin]
+            array = array_of(group, wide_name(name) if exact else name)
+            if thin == 1:
+                values = stored_values(array, first, self.states - first, exact, dtype)
+            else:
+                values = np.concatenate([
+                    stored_values(array, row, end - row, exact, dtype)[::thin].copy()
+                    for row, end in spans(array.chunks[0])])
             return values[1:] if after_start else values
+
+        def spans(chunk: int) -> Iterator[tuple[int, int]]:
+            """Yield the first wanted row and the end of each chunk: one is in memory at a time."""
+            yield first, first  # the type and the width of no row
+            for begin in range(first - first % chunk, self.states, chunk):
+                row = max(begin, first)
+                row += (first - row) % thin
+                if row < (end := min(begin + chunk, self.states)):
+                    yield row, end
 
         rows = len(range(first, self.states, thin))
         arrays: dict[str, Any] = {one.attribute: together(

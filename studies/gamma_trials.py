@@ -129,10 +129,7 @@ class Trial:
 
     def distances(self, gamma: float, times: tuple[float, ...] = TIMES) -> Array:
         """Return the mean distance of each axis up to each time, shape (times, 3), in rad."""
-        steps = _steps(self.body, times)
-        exact, every = _exact(self.body, steps[-1])
-        errors = exact(self.run(gamma, steps[-1], every).q)[1:]
-        return np.array([sizes(errors[: count // every], exact.paths) for count in steps])
+        return _distances(self, gamma, times)
 
     def ratios(self, rule: str = "γ_m", times: tuple[float, ...] = TIMES) -> Array:
         """Return the distances with the γ chosen for the motion over those with a rule.
@@ -157,7 +154,7 @@ class Trial:
 
     def energy_error(self, gamma: float, times: int = 1) -> float:
         """Return mean |H_k − H_0| over so many times the pilots' steps."""
-        return self.run(gamma, times * self.body.steps).report.energy_error_mean
+        return _energy_error(self, gamma, times)
 
     def energy_gain(self, rule: str | None = None, times: int = 1) -> float:
         """Return the error with a rule, or with the best of them, over that with the choice."""
@@ -175,6 +172,19 @@ class Trial:
 
 def _steps(body: Body, times: tuple[float, ...]) -> list[int]:
     return [round(t / body.dt) for t in times]
+
+
+@cache  # several claims ask for the same run
+def _distances(trial: Trial, gamma: float, times: tuple[float, ...]) -> Array:
+    steps = _steps(trial.body, times)
+    exact, every = _exact(trial.body, steps[-1])
+    errors = exact(trial.run(gamma, steps[-1], every).q)[1:]
+    return np.array([sizes(errors[: count // every], exact.paths) for count in steps])
+
+
+@cache
+def _energy_error(trial: Trial, gamma: float, times: int) -> float:
+    return trial.run(gamma, times * trial.body.steps).report.energy_error_mean
 
 
 @cache

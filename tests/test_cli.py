@@ -496,6 +496,7 @@ def test_compiler_that_fails_is_quoted(generate, monkeypatch, tmp_path):
 @pytest.mark.parametrize("arguments", [
     ["--scheme", "G-L", "--stages", "2"], ["heavy_top_ims_alpha"], [EXAMPLE],
     ["heavy_top_liiiab2_gamma"], ["--scheme", "EMS"], ["--tableau", EXAMPLE],
+    pytest.param([], marks=pytest.mark.slow),  # all of them
 ], ids=str)
 def test_paper_steppers_hold(arguments, gyrospark):
     answer = gyrospark("verify", *arguments)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -13,12 +15,18 @@ from gyrospark.benchmarks.linkages import chain_of, closed_loop
 EPS = 2.0**-52
 
 
+@cache
+def made(make):
+    """Return a linkage and its stepper, derived once for all tests."""
+    linkage = chain_of(2) if make is chain_of else make()
+    return linkage, gs.stepper("G-L", 2, system=linkage.model)
+
+
 @pytest.fixture(params=[chain_of, closed_loop], ids=["chain", "loop"])
 def batch(request, monkeypatch):
     """A stepper, seven starts and time steps, and parameters."""
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
-    linkage = chain_of(2) if request.param is chain_of else closed_loop()
-    step = gs.stepper("G-L", 2, system=linkage.model)
+    linkage, step = made(request.param)
     q, p = starts(linkage, step, 7)
     return step, q, p, np.linspace(5e-4, 4e-3, 7), linkage.model.parameters
 
@@ -79,8 +87,8 @@ def test_predictions_follow_a_motion_that_changes(monkeypatch):
     Both ways, for the polynomials that take its place are chosen lane by lane.
     """
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
-    linkage = closed_loop()
-    model, step = linkage.model, gs.stepper("G-L", 2, system=linkage.model)
+    linkage, step = made(closed_loop)
+    model = linkage.model
     run = {"dt": 8e-3, "steps": 400, "every": 400, "parameters": model.parameters}
     alone = step.integrate(model.q0, model.p0, **run)
     many = step.integrate_ensemble([model.q0] * 2, [model.p0] * 2, **run)

@@ -57,8 +57,9 @@ def results(step):
 
 
 @pytest.mark.parametrize(("scheme", "real", "level"), [
-    ("IMS", "double", "0"), ("IMS", "long-double", "0"),
-    pytest.param("G-L", "double", "3", marks=pytest.mark.slow)])
+    ("IMS", "double", "1"),
+    *(pytest.param(*what, marks=pytest.mark.slow)
+      for what in (("IMS", "long-double", "1"), ("G-L", "double", "3")))])
 def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeypatch):
     """Runs, Newton behind them, lanes and what is evaluated once, against the file in one piece."""
     monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
@@ -67,7 +68,7 @@ def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeyp
     steps = apart[7]
     assert steps[0] == "0"
     assert steps[-1] == "12"  # Newton was asked on lanes
-    monkeypatch.setattr(compiler, "objects_of", lambda name, files, part: [
+    monkeypatch.setattr(compiler, "objects_of", lambda name, files, part, whole: [
         objects.Object("whole", files[f"{name}.h"])])
     monkeypatch.setattr(compiler, "declarations_of", lambda name, header, part: header)
     monkeypatch.setattr(evaluation, "load_module", loaded_in_one_piece(evaluation.load_module))
@@ -130,17 +131,25 @@ def is_static(name, function, header):
 
 
 def test_the_kernel_is_compiled_while_the_wrapper_is_written(own_cache, monkeypatch):
-    """Three objects of like size side by side, then cffi's; two for lanes. No other process."""
+    """Three objects of like size side by side, then cffi's; two for lanes. No other process.
+
+    At -O0, where each would take as long as all, one.
+    """
     made, start, write = [], compiler._start, compiler._write_wrapper
     monkeypatch.setattr(compiler, "_start", lambda command, folder: [
         made.append(command[-1]), start(command, folder)][1])
     monkeypatch.setattr(compiler, "_write_wrapper", lambda *what: [
         made.append("written"), write(*what)][1])
-    step = gs.Stepper(*named(files_of("double")))
-    assert made[:-1] == ["object2.o", "object1.o", "object4.o", "written", "wrapper.o"]
-    del made[:]
-    assert step.binding_of_many.lanes > 0
-    assert made[:-1] == ["object3.o", "object1.o", "written", "wrapper.o"]
+    wanted = {"0": (["whole.o"], ["whole.o"]),
+              "1": (["object2.o", "object1.o", "object4.o"], ["object3.o", "object1.o"])}
+    for level, (runs, lanes) in wanted.items():
+        monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
+        step = gs.Stepper(*named(files_of("double")))
+        assert made[:-1] == [*runs, "written", "wrapper.o"]
+        del made[:]
+        assert step.binding_of_many.lanes > 0
+        assert made[:-1] == [*lanes, "written", "wrapper.o"]
+        del made[:]
 
 
 def test_a_stepper_without_lanes_is_one_object():

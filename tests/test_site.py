@@ -125,14 +125,36 @@ def test_names_lead_to_what_uses_them(uses):
 # ---------------------------------------------------------------- the built site
 
 
+def built(target: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Build pages of the site as ``make docs`` does."""
+    return subprocess.run([sys.executable, "-m", "sphinx", "-W", "--keep-going", "--quiet",
+                           *options, DOCS, target], cwd=ROOT, text=True, capture_output=True,
+                          env=environment(PYTHONWARNINGS=None), timeout=10 * PATIENCE, check=False)
+
+
+#: Pages without cells, which have every public docstring and the help of every command.
+REFERENCE = [f"reference/{page}" for page in (
+    "index", "runs", "systems", "choices", "stores", "command_line")]
+#: Of ``make docs``, without cells, theme and MathJax; links to pages that are not built are let be.
+SHORT = ["-b", "dummy", "-D", "root_doc=reference/index",
+         "-D", "extensions=myst_parser,sphinx.ext.autodoc,sphinx.ext.napoleon,sphinx_click,"
+               "site_pages",
+         "-D", "include_patterns=" + ",".join(f"{page}.md" for page in REFERENCE),
+         "-D", "suppress_warnings=ref.doc,ref.ref,myst.xref_missing,toc.not_readable"]
+
+
+def test_the_reference_is_built_without_a_warning(tmp_path):
+    """Every public docstring and the commands' help, as the site reads them, a line for a page."""
+    done = built(tmp_path, *SHORT)
+    assert done.returncode == 0, done.stderr
+    assert all(f"] {page}\n" in done.stdout for page in REFERENCE)
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    pytest.importorskip("sphinx_click", reason="the site needs the extra docs: make docs")
+    pytest.importorskip("myst_nb", reason="the site needs the extra docs: make docs")
     target = tmp_path_factory.mktemp("site")
-    options = ["-W", "--keep-going", "--quiet", "-j", "auto"]
-    done = subprocess.run([sys.executable, "-m", "sphinx", *options, DOCS, target], cwd=ROOT,
-                          env=environment(PYTHONWARNINGS=None), text=True, capture_output=True,
-                          timeout=10 * PATIENCE, check=False)
+    done = built(target, "-j", "auto")
     assert done.returncode == 0, done.stderr
     return target
 

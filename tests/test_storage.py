@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
 from calls import LATE, PARAMETERS, TOP
+from gyrospark.storage import recording as recordings
 from gyrospark.storage.layout import block_rows, fields_of
-from stores import START, assert_same, recorded, small_blocks
+from stores import ARRAYS, START, assert_same, bits, recorded, small_blocks
 from test_forces import PARAMETERS as FORCED
 from test_forces import oscillator, pendulum, runner
 from test_structure import made, start
@@ -167,6 +170,27 @@ def test_part_of_a_recording(first, thin, gl3, tmp_path):
     for name in ("multipliers", "iterations"):  # of the steps that end at a state
         expected = getattr(whole, name)[first + thin - 1 :: thin]
         np.testing.assert_array_equal(getattr(part, name), expected)
+
+
+@pytest.mark.parametrize("real", ["double", "float128"])
+def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatch):
+    """Whatever the chunk and the place to begin: the rows of the whole, and one chunk at a time."""
+    step, read, rows = gs.stepper("IMS", real=real), recordings.stored_values, []
+    monkeypatch.setattr(recordings, "stored_values", lambda array, first, count, *what: [
+        rows.append(count), read(array, first, count, *what)][1])
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    for chunk in (4, 8):
+        small_blocks(monkeypatch, chunk)
+        found = recorded(step, tmp_path / "run.zarr", **START | {"q": q, "p": p}, steps=21)
+        whole = found.trajectory()
+        del rows[:]
+        for first, thin in itertools.product((0, 4, 7, 21), (2, 5, 30)):
+            part = found.trajectory(first=first, thin=thin)
+            for name in ARRAYS:
+                of_steps = name in ("multipliers", "iterations")
+                place = slice(first + thin - 1 if of_steps else first, None, thin)
+                assert bits(getattr(part, name)) == bits(getattr(whole, name)[place]), name
+        assert max(rows) == chunk
 
 
 def test_rows_of_a_block():

@@ -34,6 +34,8 @@ STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-
 EXTENDED_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
 SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
+#: At -O0: functions that must be inlined are called instead, which halves the code to compile.
+CALLED_FLAGS = ["-Dalways_inline=unused"]
 #: For gcc, which knows names of parts of -O3.
 SELDOM_FLAGS = ["-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fpeel-loops"]
 #: For cffi's wrapper, which hands arguments on and computes nothing: what builds fastest.
@@ -77,10 +79,12 @@ class Compiler:
     @property
     def flags(self) -> list[str]:
         """Flags for code that runs on this machine, or on any of its architecture."""
+        level = optimisation()
+        flags = [level, *SPEED_FLAGS, *(CALLED_FLAGS if level == "-O0" else [])]
         if self.portable:
-            return [optimisation(), *SPEED_FLAGS, "-fPIC"]
+            return [*flags, "-fPIC"]
         native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
-        return [optimisation(), *SPEED_FLAGS, native, "-fPIC"]
+        return [*flags, native, "-fPIC"]
 
     @property
     def seldom_flags(self) -> list[str]:
@@ -190,7 +194,7 @@ def compile_module(
     running, linked = [], ["wrapper.o"]
     kernels = kernels_of(files[f"{name}.c"])
     checks: list[CheckFunction] = []
-    for made in objects_of(name, files, part):
+    for made in objects_of(name, files, part, whole=optimisation() == "-O0"):
         inside = folder / made.name
         inside.mkdir(exist_ok=True)
         (inside / f"{name}.h").write_text(made.header, encoding="utf-8")

@@ -28,6 +28,8 @@ _RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
 _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
 #: Which kernels an object is made of, by its number: Newton's of numbers, those of sweeps of lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {1: ("numbers",), 2: ("lanes",), 3: ("lanes",)}
+#: Of objects that have functions which nothing in them calls.
+_FLAGS = ("-fvisibility=hidden", "-Wno-unused-function")
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,19 @@ class Object:
     checks: tuple[Kind, ...] = ()
 
 
-def objects_of(name: str, files: Mapping[str, str], part: Part) -> list[Object]:
-    """Return what a module is linked of, that which takes longest first."""
+def objects_of(
+    name: str, files: Mapping[str, str], part: Part, *, whole: bool = False
+) -> list[Object]:
+    """Return the objects that a module is linked of, the slowest to compile first.
+
+    ``whole`` asks for one object. At -O0 gcc keeps static functions that nothing calls, so that
+    each of several objects would take as long as the whole text.
+    """
     header = files[f"{name}.h"]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
+    if whole:
+        return [Object("whole", header, _FLAGS, checks=("numbers", "lanes"))]
     if part == "lanes":
         made: dict[int, set[str]] = {3: _LANES, 1: set()}
     else:
@@ -70,8 +80,8 @@ def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
         lambda found: found[0] if found[1] in functions
         else f"__attribute__((unused)) static {found[0]}", header)
     return Object(f"object{number}", made,
-                  (f"-DGYROSPARK_OBJECT={number}", "-fvisibility=hidden", "-Wno-unused-function"),
-                  seldom=number == 4, checks=_CHECKS.get(number, ()))
+                  (f"-DGYROSPARK_OBJECT={number}", *_FLAGS), seldom=number == 4,
+                  checks=_CHECKS.get(number, ()))
 
 
 def _has_lanes(name: str, header: str) -> bool:
