@@ -249,7 +249,7 @@ def test_read_only_cache_serves_what_it_has(small_disk, quick):
     assert build(disk, quick).stdout == first.stdout
     done = cli("run", "fast-top", "--scheme", "EMS", "--dt", "1e-3", "--steps", "1", CC=quick,
                GYROSPARK_CACHE=str(disk))
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert (done.returncode, done.stderr.count("\n")) == (0, 1)  # a temporary folder stands in
     assert "Read-only" in done.stderr
     assert "GYROSPARK_CACHE" in done.stderr
     done = cli("cache", "clear", GYROSPARK_CACHE=str(disk))
