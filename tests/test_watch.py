@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import gyrospark as gs
@@ -58,6 +58,45 @@ def test_pieces_are_no_part_of_the_result(rows, cuts, terminal, peeks) -> None:
     whole = seen(values, [], terminal, set())
     assert seen(values, cuts, terminal, peeks) == whole
     assert seen(values, list(range(len(rows))), terminal, set()) == whole
+
+
+def come_near(parameters, t, q, p, last):
+    """Do what the compiled function does: rows behind a value no further off than it moves."""
+    found = []
+    for i, now in enumerate(q):
+        moves = abs(now - last[0])
+        if not (abs(last[0]) > last[1] + moves).all():
+            found.append(i)
+        last[:] = now, moves
+    return (found[0], found[-1]) if found else None
+
+
+def sparse_of(make):
+    """Return a maker of watches that look only where something is near."""
+    def sparse(terminal):
+        watch = make(terminal)
+        watch._levels.near, watch._last = come_near, np.full((2, 2), np.nan)
+        return watch
+    return sparse
+
+
+@given(ROWS, st.lists(st.integers(0, 24), max_size=8))
+@example([(5, 5)] + [(1, 1)] * 6, [2])
+@example([(-5, -5)] + [(-1, -1)] * 6, [2, 3])
+def test_pieces_that_are_looked_at_where_something_is_near(rows, cuts) -> None:
+    """What is near at the end of a piece is looked at with the first states of the next.
+
+    So is the last step where the parabola through the state before turns, and nothing moves behind.
+    """
+    values = np.array(rows, dtype=float)
+
+    with pytest.MonkeyPatch.context() as patch:
+        whole = seen(values, [], False, set())
+        patch.setitem(globals(), "watch_of", sparse_of(watch_of))
+        assert seen(values, [], False, set()) == whole
+        assert seen(values, cuts, False, set()) == whole
+        for cut in range(len(rows)):
+            assert seen(values, [cut], False, set()) == whole
 
 
 def test_a_value_that_stays_far_is_not_looked_at() -> None:
