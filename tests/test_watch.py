@@ -170,3 +170,29 @@ def test_times_to_store_and_a_dip_that_ends_the_run() -> None:
     run = pendulum().integrate(*start(), **dips(0.05), steps=100, t_eval=[0.3])
     assert run.t.tolist() == [0.3]
     assert run.report.steps == int(period() / 4 / 0.05)
+
+
+def nearest(rows: list[float], level: float) -> tuple[int, int] | None:
+    """What the compiled function says of the first coordinate of such states."""
+    step = pendulum()
+    q = np.zeros((len(rows), 2))
+    q[:, 0] = rows
+    binding = step.binding
+    return binding.near(binding.parameters({"g": 1.0}), np.zeros(1), q, q, np.array([0], np.intc),
+                        np.array([level]), np.full(2, np.nan))
+
+
+@pytest.mark.parametrize(("units", "found"), [(1, (0, 5)), (2, (0, 5)), (-2, (0, 5)), (3, (0, 1)),
+                                              (-3, (0, 1))])
+def test_what_is_off_its_level_by_rounding_is_near(units: int, found: tuple[int, int]) -> None:
+    """Two units of the level, though nothing moves; the first rows have no past and are near."""
+    level = 2.0**30
+    assert nearest([level + units * 2.0**-22] * 6, level) == found
+
+
+def test_near_is_no_further_than_the_steps_on_either_side_move() -> None:
+    """|y_i| <= |y_i - y_(i-1)| + |y_(i+1) - y_i|, in exact numbers; the row behind it is told."""
+    assert nearest([40, 39, 30, 25, 16, 7, 7, 7, 7], 0) == (0, 6)  # 7 <= 9 + 0
+    assert nearest([40, 39, 30, 25, 20, 15, 15, 15], 0) == (0, 1)
+    assert nearest([40, 39, 30, 25, 15, 15, 10, 5.5, 5.5], 0) == (0, 1)  # 10 > 5 + 4.5
+    assert nearest([40, 39, 30, 25, 15, 15, 10, 4], 0) == (0, 7)  # 10 <= 5 + 6
