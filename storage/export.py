@@ -113,8 +113,8 @@ def save_table(trajectory: Trajectory, path: Path) -> Path:
     for name in trajectory.events:
         if "/" in name or "\0" in name:
             raise InputError(f"The event {name!r} names variables of a NetCDF file, where '/' "
-                             'parts groups; give it another name, as in gs.Event(..., name="landing"), '
-                             "or save the run as .npz or .csv.")
+                             'parts groups; give it another name, as in gs.Event(..., '
+                             'name="landing"), or save the run as .npz or .csv.')
     return _write(table_of(trajectory), path)
 
 
