@@ -5222,7 +5222,6 @@ int heavy_top_gl2_gamma_is_sound(const report_t *report, work_t *w)
     sound &= within(f->failures, 0, 6) && within(f->wait, 0, 63)
         && within(f->way, SWEEPS_FIRST, NEWTON_FIRST) && within(f->steps, 0, 1 << 16)
         && within(f->patience, 0, 1 << 16) && within(s->constants._used, 0, LANES);
-    sound &= are_sound_lessons(&s->lessons, s->predictor.count);
-    sound &= is_sound_predictor(&s->predictor, steps, stages_all_settled(s));
-    return sound;
+    return sound && are_sound_lessons(&s->lessons, s->predictor.count)
+        && is_sound_predictor(&s->predictor, steps, stages_all_settled(s)); /* of _used lanes */
 }

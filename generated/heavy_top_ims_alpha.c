@@ -3498,6 +3498,5 @@ int heavy_top_ims_alpha_is_sound(const report_t *report, work_t *w)
     sound &= within(f->failures, 0, 6) && within(f->wait, 0, 63)
         && within(f->way, SWEEPS_FIRST, NEWTON_FIRST) && within(f->steps, 0, 1 << 16)
         && within(f->patience, 0, 1 << 16) && within(s->constants._used, 0, LANES);
-    sound &= is_sound_predictor(&s->predictor, steps, 0);
-    return sound;
+    return sound && is_sound_predictor(&s->predictor, steps, 0);
 }

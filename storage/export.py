@@ -114,9 +114,9 @@ def save_table(trajectory: Trajectory, path: Path) -> Path:
     check_export(path)
     for name in trajectory.events:
         if "/" in name or "\0" in name:
-            raise InputError(f"The event {name!r} names variables of a NetCDF file, where '/' parts "
-                             'groups; give it another name, as in gs.Event(..., name="landing"), '
-                             "or save the run as .npz or .csv.")
+            raise InputError(f"The event {name!r} names variables of a NetCDF file, where '/' "
+                             'parts groups; give it another name, as in gs.Event(..., '
+                             'name="landing"), or save the run as .npz or .csv.')
     return _write(table_of(trajectory), path)
 
 
@@ -143,8 +143,8 @@ def _write_csv(table: Table, path: Path) -> None:
 
 def _write_events(table: Table, path: Path) -> None:
     """Write what has happened as CSV: the name of the event, then what its arrays hold."""
-    blocks = ([np.full(len(arrays[0]), spreadsheet_text(name)), *arrays] for name, own in table.events.items()
-              for _, arrays in own.blocks(own.numbers))
+    blocks = ([np.full(len(arrays[0]), spreadsheet_text(name)), *arrays]
+              for name, own in table.events.items() for _, arrays in own.blocks(own.numbers))
     write_csv(path, event_headings(table.system), blocks)
 
 

@@ -108,6 +108,7 @@ def test_pypi_compiler_is_the_last_choice(monkeypatch, tmp_path, script):
     ("/", ["CC='/'", "does not start", "Permission denied"]),
     ("gcc 'x", ["gcc 'x", "No closing quotation"]),
     ("/dev/null", ["CC='/dev/null'", "does not start"]),
+    ("/opt/my gcc/bin/gcc", ["CC='/opt/my gcc/bin/gcc'", "does not start", "quote"]),
 ])
 def test_unusable_cc_is_told(chosen, words, monkeypatch, own_cache):
     monkeypatch.setenv("CC", chosen)

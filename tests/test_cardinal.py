@@ -104,6 +104,18 @@ def test_derivative_in_mpmath_is_that_of_the_function(f):
             assert abs(mp.diff(f.value, z) - f.slope.value(z)) < mp.mpf(10) ** -15
 
 
+@pytest.mark.parametrize("f", [Sinc, Sinhc, Asinhc, Atanc, Atanhc], ids=lambda f: f.c_name)
+@pytest.mark.parametrize("bits", [4, 20, 50])
+def test_derivative_in_mpmath_loses_no_digit_near_0(f, bits):
+    """f' and f/z agree to z^2 there: what they have in common must not count as digits."""
+    z = mp.ldexp(mp.mpf(3) / 4, -bits)
+    with mp.workprec(113):
+        found = f.slope.value(z)
+    with mp.workprec(2000):
+        exact = f.slope.value(z)
+    assert abs(found - exact) <= mp.ldexp(abs(exact), -110)
+
+
 def test_values_and_symmetry_in_symbols():
     z = sp.Symbol("z", real=True)
     for f in (Sinc, Sinhc, Asinhc, Atanc, Atanhc):

@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from calls import TOP
+from calls import PARAMETERS, TOP
 from gyrospark.generator.bodies.rigid_body import free_body, heavy_top
 from gyrospark.generator.schemes.fast_path import FastSystem, Folds
 from gyrospark.generator.schemes.fast_tableau import FastTableau
@@ -296,3 +296,11 @@ def test_manifest_says_what_was_proved():
     assert fast["constant_schur"]
     assert fast["scalar_correction"]
     assert not fast["gauss_seidel"]
+
+
+@pytest.mark.parametrize(("dt", "most"), [(1e-4, 2), (1e-3, 3), (5e-3, 4)])
+def test_newton_stops_when_the_next_increment_is_round_off(dt, most):
+    """Increments of quadratic convergence, size (size/previous)^2 next: none is made in vain."""
+    made = gs.stepper("G-L", 3).integrate(TOP.q0, TOP.p0, dt=dt, steps=100, parameters=PARAMETERS,
+                                          solver="newton")
+    assert set(made.iterations.tolist()) == {most}

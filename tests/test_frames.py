@@ -20,6 +20,7 @@ from numpy.testing import assert_array_equal
 import gyrospark as gs
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
+from gyrospark.generator.symmetry.rotations import rotation_of
 from processes import ROOT
 
 TOP = gs.problems.fast_top()
@@ -442,3 +443,16 @@ def test_exact_conditions_know_fractions():
     numbers = with_gamma(TOP) | {"I1": Fraction(1, 500), "I2": 0.002, "omega_body": 1.0}
     with pytest.raises(gs.InputError, match="I1 = I2"):
         step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=numbers)
+
+
+@pytest.mark.parametrize(("rate", "is_one"), [
+    (1, True), (Fraction(1, 2), True), (Fraction(3, 8), True), (6, True), (Fraction(1, 3), False),
+    (Fraction(1, 6), False), (Fraction(2, 5), False)])
+def test_a_rotation_turns_at_a_rate_that_binary_holds(rate, is_one):
+    """Else the angle of a million steps is as wrong as the rounding of its rate times their number.
+    """
+    rate = Fraction(rate)
+    found = rotation_of({(0, 1): -rate, (1, 0): rate})
+    assert (found is not None) == is_one
+    if found is not None:
+        assert list(found.blocks) == [rate]

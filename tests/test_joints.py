@@ -64,6 +64,26 @@ def test_a_damped_pair_on_a_line():
     assert np.abs(quantity(done, "apart") - apart).max() <= 1e-12
 
 
+@pytest.mark.parametrize(("travel", "speed"), [(0.0, 0.0), (0.25, 0.4)])
+def test_a_slider_off_its_place_on_a_spinning_carrier(travel, speed):
+    """Its point moves with the carrier at its own place, ω × (r + d): before any projection."""
+    build = builder()
+    build.body("carrier", mass=1.0, inertia=(0.1, 0.1, 0.1), angular_velocity=(0, 0, 3.0))
+    build.body("box", **BOX, position=(1, 0, 0))
+    build.revolute("axle", "ground", "carrier", axis=(0, 0, 1), at=(0, 0, 0), rate=3.0)
+    slide = build.prismatic("slide", "carrier", "box", axis=(1, 0, 0), at=(0.3, 0, 0),
+                            on_b=(0, 0, 0), travel=travel, speed=speed)
+    build.quantity("s", build.travel(slide))
+    build.quantity("v", build.speed(slide))
+    made = build.model(redundant="leave out")
+    np.testing.assert_allclose(made.p0[-3:], [2 * speed, 2 * 3.0 * 1.0, 0], atol=1e-14)
+    numbers = dict(zip(made.system.q, made.q0, strict=True)) | dict(
+        zip(made.system.p, made.p0, strict=True)) | {
+        symbol: made.parameters[str(symbol)] for symbol in made.system.parameters}
+    s, v = (float(made.system.quantities[name].subs(numbers)) for name in "sv")
+    assert (s, v) == pytest.approx((travel, speed), abs=1e-14)
+
+
 def test_cylinder_on_a_pole():
     """Cylindrical: falls along the pole and turns about it, each by itself."""
     build = builder()

@@ -53,6 +53,7 @@ def test_what_was_learnt_outlives_the_end_of_a_call(tmp_path, monkeypatch):
     in_chunks = step.integrate(**run)
     assert in_chunks.q.tobytes() == whole.q.tobytes()
     assert in_chunks.report == whole.report
+    assert in_chunks.iterations.tobytes() == whole.iterations.tobytes()  # the most of all pieces
     monkeypatch.setattr("os.fsync", lambda handle: None)
     assert check(step, tmp_path, [1, 2, 20, 40], **run) == 4
 

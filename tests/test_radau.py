@@ -16,7 +16,7 @@ from gyrospark.generator.tableaux.conditions import check_tableau, counts
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab, radau_lobatto
 from gyrospark.generator.tableaux.nodes import radau_polynomial
 from gyrospark.generator.tableaux.observed_order import observed_order
-from gyrospark.generator.tableaux.stability import stability
+from gyrospark.generator.tableaux.stability import _without, stability, z
 from gyrospark.generator.tableaux.tableau import FIELDS
 from gyrospark.generator.tableaux.tableau_file import read_tableau
 from reference import doubles, reference
@@ -280,3 +280,12 @@ def test_the_flyball_governor_of_iftomm():
             errors.append(abs(run.quantity("speed")[-1] + 0.122151492898))
         assert errors[1] < errors[0] / 2**stages
         assert errors[0] < speed
+
+
+def test_what_rounding_left_is_told_from_small_coefficients():
+    """A coefficient of z^k counts (2s)^k: one that is small and decides |R| far out is kept."""
+    unit = sp.Rational(1, 100)
+    small = sp.Poly(1 + sp.Rational(1, 10_000) * z**4, z, domain="QQ")
+    assert _without(small, unit) == small  # 8^4/10^4 is no rounding beside 1
+    rest = sp.Poly(1 + sp.Rational(1, 10**7) * z**4, z, domain="QQ")
+    assert _without(rest, unit) == sp.Poly(1, z, domain="QQ")

@@ -26,6 +26,17 @@ def test_what_is_a_whole_number_but_for_rounding_is_one(n, dt, t0, back):
     assert step_count(None, t0 + n * dt, t0, dt) == n
 
 
+@pytest.mark.parametrize("n", [1, 3, 1000])
+def test_a_unit_of_a_double_is_what_times_may_be_off_by(n):
+    """|t_end - n dt| <= 2^-52 (|t_end| + n dt), to the last digit of a fraction."""
+    unit = Fraction(1, 2**52)
+    most = 2 * unit / (1 - unit)  # x <= unit (2 + x), of t_end = n (1 + x)
+    for off in (most, -2 * unit / (1 + unit)):
+        assert step_count(None, n * (1 + off), 0, 1) == n
+        with pytest.raises(gs.InputError):
+            step_count(None, n * (1 + off * (1 + Fraction(1, 2**20))), 0, 1)
+
+
 @pytest.mark.parametrize(("t_end", "dt", "n"), [
     (600, 0.1, 6000), (0.3, 0.1, 3), (1, 1 / 3, 3), (2 * np.pi, 2 * np.pi / 1000, 1000),
     (Decimal("0.7"), Fraction(1, 10), 7), (-0.3, -0.1, 3), (0, 0.1, 0), (np.float32(0.5), 0.25, 2),

@@ -15,6 +15,7 @@ import pytest
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
+from gyrospark.storage.durable import write_durably
 from processes import PATIENCE, environment
 from stores import START, assert_same_bytes, recorded, small_blocks
 
@@ -155,3 +156,22 @@ def test_small_disk(at, tmp_path):
         recorded(gs.stepper("EMS"), tmp_path / "whole.zarr", q=TOP.q0, p=TOP.p0, dt=1e-3,
                  parameters=PARAMETERS, steps=40_000, every=4)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "copy.zarr")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows does not sync folders")
+def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    """Else a power cut leaves the name of a file without its bytes; the name is synced then."""
+    done = []
+
+    def fsync(handle):
+        done.append(("sync", os.fstat(handle).st_ino))
+
+    def replace(part, target):
+        done.append(("name", part.stat().st_ino, part.read_bytes()))
+        os.replace(part, target)  # noqa: PTH105
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(Path, "replace", replace)
+    write_durably(tmp_path / "file", b"bytes")
+    file, folder = (path.stat().st_ino for path in (tmp_path / "file", tmp_path))
+    assert done == [("sync", file), ("name", file, b"bytes"), ("sync", folder)]

@@ -311,7 +311,8 @@ ATTRIBUTES = {
     "report": ["x", {}, {"a": 1}, [], 0, None, ...],
     "report__q": ["x", 3.0j.__class__.__name__, ["a"]], "report__steps": ["x", None, ...],
     "manifest": [None, {}, [], "x", ...], "manifest__real": ["half", None, [], ...],
-    "manifest__system": [[], None, ...], "manifest__system__quantities": [3, "x"],
+    "manifest__system": [[], {}, None, ...], "manifest__system__coordinates": [5, [1], ...],
+    "manifest__system__quantities": [3, "x"],
     "arrays": [None, 7, "q", ["nope"], [3], ["q", "../q"], ["."], [""], ...],
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import shutil
 
@@ -24,6 +25,8 @@ from stores import (
     small_blocks,
 )
 from test_events import pendulum, start
+from test_forces import PARAMETERS as FORCED
+from test_forces import pendulum as dragged
 
 #: Dips below a level, what is crossed once a swing, on the way up alone, and never.
 EVENTS = [gs.Event("height", level=-1 + 1e-7, name="dip"), gs.Event("side"),
@@ -298,3 +301,43 @@ def test_an_end_before_the_first_stored_state(tmp_path) -> None:
     whole = step.integrate(**run)
     assert whole.t.tolist() == [0.0, whole.events["stop"].t[0]]
     assert_same(gs.record(step, out=tmp_path / "run.zarr", **run).trajectory(), whole)
+
+
+def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
+    """Work in the last row: that of whole steps, and of the part of a step up to the event."""
+    small_blocks(monkeypatch, 4)
+    step = gs.stepper("G-L", 2, system=dragged())
+    q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=FORCED)
+    run = {"q": q, "p": p, "dt": 0.01, "steps": 400, "every": 3, "parameters": FORCED,
+           "events": [gs.Event("height", level=-0.75, terminal=True)]}
+    computed = step.integrate(**run)
+    stored = recorded(step, tmp_path / "run.zarr", **run).trajectory()
+    assert computed.report.steps < 400
+    assert computed.work[-1] != 0
+    assert bits(stored.work) == bits(computed.work)
+
+
+@pytest.mark.parametrize("name", ["a/b", "/", "nul\0"])
+def test_names_that_netcdf_has_not_are_refused(name, tmp_path):
+    step, run = arguments()
+    made = step.integrate(**run | {"events": [gs.Event("side", name=name)]})
+    with pytest.raises(gs.InputError, match="NetCDF"):
+        made.save(tmp_path / "run.nc")
+    assert not list(tmp_path.iterdir())
+    made.save(tmp_path / "run.npz")
+    assert_same_events(gs.Trajectory.load(tmp_path / "run.npz").events, made.events)
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+dip", "-dip", "@SUM(A1)", "\t=1", "dip", "a-b"])
+def test_no_name_is_a_formula_of_spreadsheets(name, tmp_path):
+    """Numbers, which may be negative, are as they were."""
+    step, run = arguments()
+    made = step.integrate(**run | {"events": [gs.Event("side", name=name)]})
+    made.save(tmp_path / "run.csv")
+    with (tmp_path / "run.events.csv").open(encoding="utf-8", newline="") as file:
+        _, *rows = csv.reader(file)
+    assert {row[0] for row in rows} == {name if name in ("dip", "a-b") else f"'{name}"}
+    found = made.events[name]
+    numbers = np.array([[float(x) for x in row[1:6]] for row in rows])
+    np.testing.assert_array_equal(numbers, np.column_stack([found.t, found.q, found.p]))
+    assert (numbers < 0).any()

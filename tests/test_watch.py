@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import gyrospark as gs
@@ -58,6 +58,45 @@ def test_pieces_are_no_part_of_the_result(rows, cuts, terminal, peeks) -> None:
     whole = seen(values, [], terminal, set())
     assert seen(values, cuts, terminal, peeks) == whole
     assert seen(values, list(range(len(rows))), terminal, set()) == whole
+
+
+def come_near(parameters, t, q, p, last):
+    """Do what the compiled function does: rows behind a value no further off than it moves."""
+    found = []
+    for i, now in enumerate(q):
+        moves = abs(now - last[0])
+        if not (abs(last[0]) > last[1] + moves).all():
+            found.append(i)
+        last[:] = now, moves
+    return (found[0], found[-1]) if found else None
+
+
+def sparse_of(make):
+    """Return a maker of watches that look only where something is near."""
+    def sparse(terminal):
+        watch = make(terminal)
+        watch._levels.near, watch._last = come_near, np.full((2, 2), np.nan)
+        return watch
+    return sparse
+
+
+@given(ROWS, st.lists(st.integers(0, 24), max_size=8))
+@example([(5, 5)] + [(1, 1)] * 6, [2])
+@example([(-5, -5)] + [(-1, -1)] * 6, [2, 3])
+def test_pieces_that_are_looked_at_where_something_is_near(rows, cuts) -> None:
+    """What is near at the end of a piece is looked at with the first states of the next.
+
+    So is the last step where the parabola through the state before turns, and nothing moves behind.
+    """
+    values = np.array(rows, dtype=float)
+
+    with pytest.MonkeyPatch.context() as patch:
+        whole = seen(values, [], False, set())
+        patch.setitem(globals(), "watch_of", sparse_of(watch_of))
+        assert seen(values, [], False, set()) == whole
+        assert seen(values, cuts, False, set()) == whole
+        for cut in range(len(rows)):
+            assert seen(values, [cut], False, set()) == whole
 
 
 def test_a_value_that_stays_far_is_not_looked_at() -> None:
@@ -131,3 +170,29 @@ def test_times_to_store_and_a_dip_that_ends_the_run() -> None:
     run = pendulum().integrate(*start(), **dips(0.05), steps=100, t_eval=[0.3])
     assert run.t.tolist() == [0.3]
     assert run.report.steps == int(period() / 4 / 0.05)
+
+
+def nearest(rows: list[float], level: float) -> tuple[int, int] | None:
+    """What the compiled function says of the first coordinate of such states."""
+    step = pendulum()
+    q = np.zeros((len(rows), 2))
+    q[:, 0] = rows
+    binding = step.binding
+    return binding.near(binding.parameters({"g": 1.0}), np.zeros(1), q, q, np.array([0], np.intc),
+                        np.array([level]), np.full(2, np.nan))
+
+
+@pytest.mark.parametrize(("units", "found"), [(1, (0, 5)), (2, (0, 5)), (-2, (0, 5)), (3, (0, 1)),
+                                              (-3, (0, 1))])
+def test_what_is_off_its_level_by_rounding_is_near(units: int, found: tuple[int, int]) -> None:
+    """Two units of the level, though nothing moves; the first rows have no past and are near."""
+    level = 2.0**30
+    assert nearest([level + units * 2.0**-22] * 6, level) == found
+
+
+def test_near_is_no_further_than_the_steps_on_either_side_move() -> None:
+    """|y_i| <= |y_i - y_(i-1)| + |y_(i+1) - y_i|, in exact numbers; the row behind it is told."""
+    assert nearest([40, 39, 30, 25, 16, 7, 7, 7, 7], 0) == (0, 6)  # 7 <= 9 + 0
+    assert nearest([40, 39, 30, 25, 20, 15, 15, 15], 0) == (0, 1)
+    assert nearest([40, 39, 30, 25, 15, 15, 10, 5.5, 5.5], 0) == (0, 1)  # 10 > 5 + 4.5
+    assert nearest([40, 39, 30, 25, 15, 15, 10, 4], 0) == (0, 7)  # 10 <= 5 + 6

@@ -32,8 +32,8 @@ def integers_of(name: str, files: dict[str, str], folder: Path) -> dict[str, lis
         (folder / file).write_text(text, encoding="utf-8")
     work = f"#define {name.upper()}_WORK"
     (folder / "seen.c").write_text(f'{work}\n#include "{name}.c"\n', encoding="utf-8")
-    seen = _run([*command, *flags, "-E", "-P", "seen.c"], folder).replace("long double", "longdouble")
-    structs = _structs(seen)
+    seen = _run([*command, *flags, "-E", "-P", "seen.c"], folder)
+    structs = _structs(seen.replace("long double", "longdouble"))
     roots = {"report": f"{name}_report", "work": f"{name}_work", "fast": "fast_t"}
     found = [(kind, root, path) for kind, root in roots.items() if root in structs
              for path in _integers(structs, root)]

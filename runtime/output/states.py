@@ -113,8 +113,9 @@ def save_events(trajectory: Trajectory, path: Path) -> None:
     if trajectory.events:
         with finished(beside(path)) as part:
             write_csv(part, event_headings(trajectory.manifest["system"]), [
-                [np.full(len(found), spreadsheet_text(name)), found.t, found.q, found.p, found.steps,
-                 found.rising.astype(int)] for name, found in trajectory.events.items()])
+                [np.full(len(found), spreadsheet_text(name)), found.t, found.q, found.p,
+                 found.steps, found.rising.astype(int)]
+                for name, found in trajectory.events.items()])
 
 
 def save_csv(trajectory: Trajectory, path: Path) -> None:
