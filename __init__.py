@@ -114,8 +114,9 @@ _HOMES = {
 
 #: The same for modules.
 _MODULES = {
-    "exact": "exact", "models": "generator.bodies.example_models", "problems": "runtime.body.problems",
-    "references": "references", "symbols": "generator.bodies.symbols",
+    "exact": "exact", "models": "generator.bodies.example_models",
+    "problems": "runtime.body.problems", "references": "references",
+    "symbols": "generator.bodies.symbols",
 }
 
 __all__ = [

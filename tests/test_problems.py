@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+import gyrospark as gs
 from gyrospark.catalogue import PROBLEMS
 from gyrospark.errors import InputError, InputWarning
 from gyrospark.runtime.body.closed_forms import FreeRotation, SteadyRotation
