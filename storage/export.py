@@ -154,7 +154,7 @@ def _write_csv(table: Table, path: Path, picks: list[tuple[str, Column, int]]) -
 
     def blocks() -> Iterator[list[Array]]:
         for _, read in table.blocks(arrays):
-            flat = [part.reshape(len(part), -1) for part in read]
+            flat = [part.reshape(len(part), math.prod(part.shape[1:])) for part in read]
             yield [flat[k][:, i] for k, i in at]
 
     write_csv(path, [title for title, _, _ in picks], blocks())

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -117,7 +118,7 @@ def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> N
         lines = csv.writer(file)
         lines.writerow(titles)
         for arrays in blocks:
-            alike = [[array.reshape(len(array), -1) for array in group]
+            alike = [[array.reshape(len(array), math.prod(array.shape[1:])) for array in group]
                      for _, group in groupby(arrays, key=lambda array: array.dtype)]
             for start in range(0, len(arrays[0]), _ROWS):
                 parts = [_written(np.concatenate([x[start : start + _ROWS] for x in group], axis=1))
