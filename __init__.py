@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
-    from . import references
+    from . import exact, references
     from .certificates.certificate import Certificate, certify
     from .certificates.citations import Citations, cite
     from .errors import (
@@ -114,8 +114,9 @@ _HOMES = {
 
 #: The same for modules.
 _MODULES = {
-    "models": "generator.bodies.example_models", "problems": "runtime.body.problems",
-    "references": "references", "symbols": "generator.bodies.symbols",
+    "exact": "exact", "models": "generator.bodies.example_models",
+    "problems": "runtime.body.problems", "references": "references",
+    "symbols": "generator.bodies.symbols",
 }
 
 __all__ = [
@@ -151,6 +152,7 @@ __all__ = [
     "choose_gamma",
     "cite",
     "consistent",
+    "exact",
     "from_mechanics",
     "gamma_fast",
     "gamma_h",

@@ -3,6 +3,9 @@
 A Python float is the binary number that it holds: 0.1 is 0.1000000000000000055..., also where a
 wider type computes. More digits come as mpmath numbers, decimal.Decimal, fractions.Fraction,
 NumPy's long doubles, or SymPy's constants; none of these packages is imported here.
+
+``free_body`` and ``regular_precession`` are motions in closed form, which are asked for by this
+name: ``gyrospark.exact.free_body(...)``. They live in ``runtime.body.exact_motions``.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import numbers
 import re
 from decimal import Decimal
 from fractions import Fraction
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
@@ -30,7 +34,15 @@ _CONSTANT_BITS = 256
 #: decimals that tell any number from its neighbours.
 _QUAD, _QUAD_DIGITS = (113, -16494), 36
 _DECIMAL = re.compile(r"\s*([+-]?)(\d+\.?\d*|\.\d+)(?:[eE]([+-]?\d+))?\s*", re.ASCII)
+#: Motions in closed form.
+_MOTIONS = ("free_body", "regular_precession")
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "infinity": math.inf}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MOTIONS:
+        return getattr(import_module(".runtime.body.exact_motions", __package__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 class Rounded(float):

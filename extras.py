@@ -6,8 +6,6 @@ Messages name the packages, so that what they say to type works wherever gyrospa
 from __future__ import annotations
 
 import re
-import tomllib
-from importlib import metadata
 from pathlib import Path
 
 __all__ = ["install", "packages_of"]
@@ -34,6 +32,9 @@ def packages_of(extra: str) -> list[str]:
 
 def _extras() -> dict[str, list[str]]:
     """Return each extra's requirements: of the checkout that this is, or as it was installed."""
+    import tomllib  # both cost time, and most programs miss nothing
+    from importlib import metadata
+
     project = Path(__file__).with_name("pyproject.toml")
     if project.is_file():
         content = tomllib.loads(project.read_text(encoding="utf-8"))

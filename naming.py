@@ -10,9 +10,19 @@ from typing import Any, TypeVar
 
 from .errors import InputError
 
-__all__ = ["choose", "listed", "proposal", "shown", "unknown", "whole"]
+__all__ = ["choose", "few", "listed", "proposal", "shown", "unknown", "whole"]
 
 Name = TypeVar("Name", bound=str)
+
+#: Names that are shown of a list.
+_FEW = 6
+
+
+def few(names: Iterable[object]) -> str:
+    """Return the first of some names, and how many there are if that is not all."""
+    found = [str(name) for name in names]
+    first = ", ".join(found[:_FEW]) or "none"
+    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
 
 
 def choose(what: str, value: Any, allowed: Collection[Name], more: str = "") -> Name:

@@ -14,8 +14,13 @@ __all__ = ["export"]
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("store", metavar="STORE", type=click.Path(path_type=Path))
 @click.argument("target", metavar="FILE", type=click.Path(path_type=Path))
+@click.option("--columns", metavar="NAME,...",
+              help="Of a .csv file, beside the time: headings, patterns such as '*_angle', and "
+                   "arrays: q, p, multipliers, quantities (default: all).")
 @euler_options
-def export(store: Path, target: Path, euler: str | None, degrees: bool) -> int:
+def export(
+    store: Path, target: Path, columns: str | None, euler: str | None, degrees: bool
+) -> int:
     """Write the states of STORE (run --out NAME.zarr), finished or not, to FILE.
 
     \b
@@ -23,6 +28,7 @@ def export(store: Path, target: Path, euler: str | None, degrees: bool) -> int:
     gyrospark export night.zarr night.csv    a column a number
     gyrospark export night.zarr night.npz    for gyrospark.Trajectory.load
     gyrospark export night.zarr night.csv --euler ZYX --degrees
+    gyrospark export night.zarr night.csv --columns "energy,*_angle"
     """
     from ..storage.export import check_angles, check_export
     from ..storage.recording import open_recording
@@ -31,7 +37,8 @@ def export(store: Path, target: Path, euler: str | None, degrees: bool) -> int:
     check_angles(target, euler, degrees=degrees)
     check_writable("FILE", target)
     recording = open_recording(store)
-    recording.export(target, euler=euler, degrees=degrees)
+    wanted = None if columns is None else [name.strip() for name in columns.split(",")]
+    recording.export(target, euler=euler, degrees=degrees, columns=wanted)
     click.echo(f"{target}: {recording.states:,} states of {recording.steps_done:,} steps "
                f"({recording.status})")
     return 0

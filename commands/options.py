@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import click
 
@@ -22,7 +23,7 @@ from ..real import REALS
 from ..runtime.notices import hush
 from ..runtime.show.endings import PICTURES, ending_of
 
-__all__ = ["DEFAULT", "check_ending", "check_folder", "check_no_file", "check_picture",
+__all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
            "check_writable", "completing", "euler_options", "frame_option", "json_option",
            "real_number", "spec_from", "stepper_options", "whole_number", "with_default_scheme"]
 
@@ -54,6 +55,26 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         function = option(function)
     return function
+
+
+class Grouped(click.Command):
+    """A command whose help lists its options under headings.
+
+    ``groups`` are headings → names of the parameters under them; others stand at the end.
+    """
+
+    groups: ClassVar[Mapping[str, Sequence[str]]] = MappingProxyType({})
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write a section for each group."""
+        left = {option.name: record for option in self.get_params(ctx)
+                if isinstance(option, click.Option)
+                and (record := option.get_help_record(ctx)) is not None}
+        for heading, names in self.groups.items():
+            with formatter.section(heading):
+                formatter.write_dl([left.pop(name) for name in names if name in left])
+        with formatter.section("Others"):
+            formatter.write_dl([*left.values()])
 
 
 def euler_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import click
 
@@ -22,6 +22,7 @@ from ..runtime.run.start import Start
 from ..runtime.show.scene import check_bodies
 from .options import (
     DEFAULT,
+    Grouped,
     completing,
     euler_options,
     json_option,
@@ -39,6 +40,7 @@ from .run_report import (
     axis_errors,
     json_text,
     result_of,
+    warn_of_rest,
 )
 
 if TYPE_CHECKING:
@@ -51,7 +53,22 @@ __all__ = ["run"]
 _BAR_FROM = 20_000
 
 
-@click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+class Run(Grouped):
+    """``gyrospark run``."""
+
+    groups: ClassVar = {
+        "What runs": ("settings", "system", "scheme", "stages", "rep", "tableau", "real"),
+        "Steps": ("dt", "error", "steps", "t_end", "t0"),
+        "Inertia and frame": ("gamma", "alpha", "frames"),
+        "What is looked for": ("watched_for", "reference"),
+        "What is written": ("out", "every", "euler", "degrees", "resume", "seed", "plot", "page",
+                            "film", "as_json"),
+        "How a step is solved": ("solver", "tolerance", "max_iterations"),
+    }
+
+
+@click.command(cls=Run, no_args_is_help=True,
+               context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
 @stepper_options
 @click.option("--gamma", metavar="{m,h,mt,ht,auto,auto-energy,fast,NUMBER}",
@@ -88,7 +105,9 @@ _BAR_FROM = 20_000
               help="Iterations of one step.")
 @click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
               help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8; of a "
-                   "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'.")
+                   "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'; of "
+                   "a robot where it starts, elbow='30 deg', elbow.rate=1, base=floating, and what "
+                   "of its file to do without, ignore=limits,collision or ignore=all.")
 @click.option("--event", "watched_for", metavar="TEXT", multiple=True,
               help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
                    '"height=0 down", "x=1.5 up stop" (the run ends there); with a name '
@@ -120,8 +139,9 @@ def run(
     as_json: bool,
     **choice: Any,
 ) -> int:
-    """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); or a model
-    file (TOML). Without --scheme by (DEFAULT), and a single body's γ then by pilot runs.
+    """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
+    (.toml); or a robot (.urdf). Without --scheme by (DEFAULT), and a single body's γ then by pilot
+    runs.
 
     \b
     gyrospark run double_pendulum --view pendulum.html
@@ -136,6 +156,7 @@ def run(
         --out night.zarr --resume
     gyrospark run examples/satellite.toml --scheme G-L --stages 3
     gyrospark run double_pendulum --dt 1e-3 --steps 5000 --event "px1=0 up"
+    gyrospark run examples/crane.urdf --set ignore=all --set "luffing=45 deg"
     gyrospark run examples/pendulum.toml --scheme EMS --dt 1e-3 --steps 1000 --json
     gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
         --set inertia=0.002,0.0013,0.0008 --set angular_velocity=30,-40,100
@@ -214,6 +235,7 @@ def run(
                     result[key] = str(target)
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error
+            warn_of_rest(done.trajectory, problem)
             click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)

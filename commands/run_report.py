@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import StepFailed, Stopped
 from ..exact import digits_of
+from ..generator.text.text_file import is_urdf
+from ..remarks import remark
 from ..runtime.body.inertia import AIMS
 
 if TYPE_CHECKING:
@@ -18,7 +20,10 @@ if TYPE_CHECKING:
     from ..runtime.run.stepper import Stepper
     from .run_outputs import Done
 
-__all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of"]
+__all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of", "warn_of_rest"]
+
+#: Largest change of a coordinate, beside the largest of them, that is none: some round-off.
+_AT_REST = 1e-13
 
 
 def json_text(result: dict[str, Any]) -> str:
@@ -104,6 +109,21 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
     if done.out is not None:
         result["out"] = done.out
     return result
+
+
+def warn_of_rest(trajectory: Trajectory, problem: str) -> None:
+    """Warn where nothing moves: the start is an equilibrium, and no speed is given."""
+    import numpy as np
+
+    moved, size = (np.abs(x.astype(float)).max() for x in (
+        trajectory.q - trajectory.q[0], trajectory.q))
+    if trajectory.p[0].any() or len(trajectory) < 2 or not moved <= _AT_REST * size:
+        return
+    if is_urdf(problem):
+        cure = "--set JOINT=0.3, or --set JOINT.rate=1, of a joint of the file"
+    else:
+        cure = "another start, such as --set start.euler='[0.3, 0, 0]' of a body in a model file"
+    remark(f"Nothing moves: {problem} starts at rest, where it is in equilibrium. Give it {cure}.")
 
 
 def _all_digits(trajectory: Trajectory) -> dict[str, Any]:

@@ -6,11 +6,14 @@ A stored run and a trajectory give the same file.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import why_unwritable
 from ..errors import InputError, MissingDependencyError, StorageError
@@ -21,6 +24,7 @@ from ..runtime.output.states import (
     beside,
     event_headings,
     headings,
+    places_of,
     spreadsheet_text,
     write_csv,
 )
@@ -33,6 +37,8 @@ if TYPE_CHECKING:
     from .recording import Recording
 
 __all__ = ["check_angles", "check_export", "export", "save_table"]
+
+Array = NDArray[Any]
 
 
 def check_export(path: Path) -> None:
@@ -72,7 +78,8 @@ def check_angles(path: Path, euler: str | None, *, degrees: bool) -> None:
 
 
 def export(
-    recording: Recording, path: Path, *, euler: str | None = None, degrees: bool = False
+    recording: Recording, path: Path, *, euler: str | None = None, degrees: bool = False,
+    columns: str | Iterable[str] | None = None,
 ) -> Path:
     """Write the states of a run; the file appears complete or not at all.
 
@@ -83,6 +90,7 @@ def export(
 
     ``euler``, a sequence of axes such as ``"ZYX"``, adds columns with these angles of every body to
     a .csv file, in rad or ``degrees``, as ``Trajectory.to_csv`` does; the states are in memory.
+    ``columns`` of a .csv file are those that are wanted, as for ``Trajectory.to_dataframe``.
 
     Raises
     ------
@@ -94,13 +102,16 @@ def export(
     """
     check_export(path)
     check_angles(path, euler, degrees=degrees)
+    if columns is not None and ending_of(path) != ".csv":
+        raise InputError(f"columns are those of a .csv file, and {path.name!r} is none; end its "
+                         "name in .csv, or leave them out.")
     if recording.report is None:
         raise InputError(f"{str(recording.path)!r} holds no state yet; go on with its run first.")
     if ending_of(path) == ".npz":
         return recording.trajectory().save(path)
     if euler is not None:
-        return recording.trajectory().to_csv(path, euler=euler, degrees=degrees)
-    return _write(stored_table(recording), path)
+        return recording.trajectory().to_csv(path, euler=euler, degrees=degrees, columns=columns)
+    return _write(stored_table(recording), path, columns)
 
 
 def save_table(trajectory: Trajectory, path: Path) -> Path:
@@ -120,9 +131,12 @@ def save_table(trajectory: Trajectory, path: Path) -> Path:
     return _write(table_of(trajectory), path)
 
 
-def _write(table: Table, path: Path) -> Path:
-    write: Callable[[Table, Path], None] = {".csv": _write_csv, ".nc": _write_netcdf}[
-        ending_of(path)]
+def _write(
+    table: Table, path: Path, columns: str | Iterable[str] | None = None
+) -> Path:
+    write: Callable[[Table, Path], None] = _write_netcdf
+    if ending_of(path) == ".csv":
+        write = partial(_write_csv, picks=_picks(table, columns))
     try:
         if table.events and ending_of(path) == ".csv":
             with finished(beside(path)) as part:
@@ -135,10 +149,27 @@ def _write(table: Table, path: Path) -> Path:
     return path
 
 
-def _write_csv(table: Table, path: Path) -> None:
-    columns = table.numbers
-    titles = headings(table.system, {column.name: column.shape for column in columns})
-    write_csv(path, titles, (arrays for _, arrays in table.blocks(columns)))
+def _picks(
+    table: Table, wanted: str | Iterable[str] | None
+) -> list[tuple[str, Column, int]]:
+    """Return the heading of each column that is wanted, its array and its place in it."""
+    arrays = table.numbers
+    titles = headings(table.system, {array.name: array.shape for array in arrays})
+    places = [(array, i) for array in arrays for i in range(math.prod(array.shape))]
+    sizes = {array.name: math.prod(array.shape) for array in arrays}
+    return [(titles[k], *places[k]) for k in places_of(wanted, titles, sizes)]
+
+
+def _write_csv(table: Table, path: Path, picks: list[tuple[str, Column, int]]) -> None:
+    arrays = list({array.name: array for _, array, _ in picks}.values())
+    at = [([one.name for one in arrays].index(array.name), i) for _, array, i in picks]
+
+    def blocks() -> Iterator[list[Array]]:
+        for _, read in table.blocks(arrays):
+            flat = [part.reshape(len(part), math.prod(part.shape[1:])) for part in read]
+            yield [flat[k][:, i] for k, i in at]
+
+    write_csv(path, [title for title, _, _ in picks], blocks())
 
 
 def _write_events(table: Table, path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -203,13 +203,14 @@ class Recording:
                     for name, found in self.events.items()})
 
     def export(
-        self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False
+        self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False,
+        columns: str | Iterable[str] | None = None,
     ) -> Path:
         """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""
         from .export import export
 
         return export(self, as_path("path", path, "night.csv"), euler=euler,
-                      degrees=as_flag("degrees", degrees))
+                      degrees=as_flag("degrees", degrees), columns=columns)
 
 
 def _report(kept: dict[str, Any]) -> Report:

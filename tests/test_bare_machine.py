@@ -25,6 +25,7 @@ import pytest
 
 import documents
 import gyrospark as gs
+from gyrospark.extras import install
 from gyrospark.studies.catalogue import chosen
 from gyrospark.sweeps.study_file import load_study
 from processes import PATIENCE, ROOT, call, environment
@@ -225,8 +226,7 @@ def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
 
 def extra_told(said: str, section: str) -> str:
     """Return the extra that a sentence names, if the section names it or one it is a part of."""
-    found = re.search(r"pip install gyrospark\[(\w+)\]", said)
-    return _told([found[1]] if found else [], section)
+    return _told([name for name in EXTRAS if install(name) in said], section)
 
 
 def extra_with(package: str, section: str) -> str:

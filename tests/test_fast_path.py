@@ -241,6 +241,7 @@ def test_auto_does_every_step_that_newton_can_do(name):
         assert np.abs(fast.q - full.q).max() < 1e-10
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize(("scheme", "stages", "rep"), [
     ("G-L", 2, "gamma"), ("G-L", 4, "alpha"), ("LIIIA-B", 3, "gamma"), ("EMS", None, "gamma"),
 ])

@@ -239,6 +239,7 @@ def test_a_saved_trajectory_comes_back(tmp_path):
         assert all(type(x) is quad.mpf for x in getattr(again, name).flat)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_failed_member_is_nan_from_there_on():
     step = stepper("G-L", 2)
     q, p = start(step)

@@ -52,6 +52,7 @@ def test_a_linkage_does_not_depend_on_its_neighbours(batch):
         assert member.report.constraint_max <= 4 * EPS
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_linkage_that_fails_falls_out_alone(batch):
     """One second is no step for a pendulum of one second: that lane ends, the others do not."""
     step, q, p, dts, parameters = batch

@@ -79,12 +79,26 @@ def test_what_others_wrote_stays_text(run):
         Reader(text)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_an_ensemble_says_what_failed(gl3):
     many = gl3.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, dt=[1e-3, 1.0, 1e-3], steps=5,
                                   parameters=RUN["parameters"])
     cells = shown(many).cells
     assert cells[:4] == ["trajectories", "3 of 6 states", "failed", "1"]
     assert cells[4:] == ["trajectory 1", str(many.failures[1])]
+
+
+def test_a_stepper_and_a_problem_say_what_a_run_needs(gl3):
+    cells = shown(gl3).cells
+    assert cells[cells.index("method") + 1] == "3-G-L, order 6, 27 unknowns"
+    assert all(name in cells[cells.index("parameters") + 1] for name in gl3.parameter_domains)
+    assert "heavy_top" in cells[cells.index("system") + 1]
+    cells = shown(TOP).cells
+    assert "mgl = 0.3924" in cells[cells.index("parameters") + 1]
+    chain = gs.stepper("IMS", system=gs.models.chain(10))
+    cells = shown(chain).cells
+    assert cells[cells.index("bodies") + 1].endswith("(10)")
+    assert len(chain._repr_html_()) < 3000
 
 
 def test_a_system_and_a_model_show_their_formulas():

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+import gyrospark as gs
 from gyrospark.catalogue import PROBLEMS
 from gyrospark.errors import InputError, InputWarning
 from gyrospark.runtime.body.closed_forms import FreeRotation, SteadyRotation
@@ -367,3 +368,31 @@ def test_nobodys_precision_is_changed(exact):
 def test_refusals(call, words):
     with pytest.raises(InputError, match=words):
         call()
+
+
+# ---------------------------------------------------------------- gs.exact
+
+
+@pytest.mark.parametrize("omega", [(0.01, 5.0, 0.01), (3.0, -1.0, 2.0), (0.0, 0.0, 4.0)])
+def test_exact_free_body_is_what_eight_stages_integrate(omega):
+    moments, attitude = (0.003, 0.002, 0.0015), (0.5, 0.5, -0.5, 0.5)
+    motion = gs.exact.free_body(moments, omega, attitude)
+    problem = gs.problems.free_body(moments, omega, attitude)
+    run = gs.stepper("G-L", 8).integrate(
+        problem.q0, problem.p0, dt=0.02, steps=100,
+        parameters=problem.parameters | {"gamma": gs.gamma_m(moments)})
+    assert np.abs(motion.angular_velocity(run.t) - run.angular_velocity()).max() < 1e-11
+    assert np.abs(np.abs((motion.attitude(run.t) * run.q).sum(axis=1)) - 1).max() < 1e-13
+    assert np.abs(motion.axis(run.t) - run.axis()).max() < 1e-12
+
+
+def test_exact_motions_have_public_names():
+    cone = gs.problems.regular_precession()
+    motion = gs.exact.regular_precession(30.0, cone.exact.spin, np.pi / 3)
+    assert np.array_equal(motion.axis([0.1, 0.2]), cone.exact.axis([0.1, 0.2]))
+    for call in (lambda: gs.exact.free_body((1, 1, 3), (1, 2, 3)),
+                 lambda: gs.exact.regular_precession("fast", 1, 1)):
+        with pytest.raises(InputError):
+            call()
+    with pytest.raises(AttributeError):
+        gs.exact.free_bodies  # noqa: B018

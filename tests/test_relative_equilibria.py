@@ -261,6 +261,7 @@ def wheelless() -> Steady:
     return of_model(build.model(), 5e-3)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_reaction_wheel_errs_as_if_it_stood_still():
     """The body feels the wheel's momentum h and moments across, not how fast it turns.
 

@@ -88,6 +88,7 @@ def test_what_they_say(find, text, gl3):
     assert repr(find(gl3)) == text
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_errors_say_their_sentence(gl3):
     """And not the trajectory that they carry."""
     with pytest.raises(gs.StepFailed) as failure:

@@ -55,7 +55,7 @@ def cells(path: Path) -> list[str]:
 LONG_PAGES = {f"gallery/{name}" for name in (
     "andrews", "car_axis", "chain", "crane", "double_top", "energy", "four_bar", "gimbal",
     "kapitza", "kovalevskaya", "many_digits", "reactions", "regular_precession",
-    "satellite_with_wheel", "section", "slider_crank", "work_and_precision")}
+    "satellite_with_wheel", "section", "slider_crank", "three_wheels", "work_and_precision")}
 
 
 @pytest.mark.parametrize("path", [

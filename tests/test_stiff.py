@@ -144,6 +144,7 @@ def test_what_is_at_rest_stays_there(scheme, solver):
         assert np.abs(made.q - q).max() <= 2 * EPSILON
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("scheme", [("IMS", None), ("EMS", None), ("G-L", 2), ("G-L", 3),
                                     ("LIIIA-B", 3)], ids=str)
 def test_what_has_no_root_is_no_step(scheme):

@@ -159,6 +159,7 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
     assert differences(path, tmp_path / "whole.zarr") == []
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_every_tile_has_a_file_of_every_result(tmp_path, small_tiles):
     """Zeros and NaN too: the dry run counts them, and what is missing is lost, not zero."""
     path = tmp_path / "s.zarr"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from decimal import ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,32 @@ def test_decimals_are_checked_to_the_digits_they_have(read: Any, digits: int) ->
     assert digits - 2 < tableau.digits_given <= digits
     assert failed(tableau) == []
     assert tableau.order == 6
+
+
+@pytest.mark.parametrize("weight", ["0.500000001", "0.499999999", "0.5000000001"])
+def test_half_a_unit_is_what_digits_allow(read: Any, weight: str) -> None:
+    """Of one rounded weight among exact entries: a whole unit off is another number."""
+    tableau = read(example() | {"b": [weight, "1/2"]})
+    assert tableau.digits_given == len(weight) - 2
+    assert "B" in failed(tableau)
+    assert tableau.order < 4
+
+
+@pytest.mark.parametrize("stages", [2, 3])
+def test_every_rounding_of_all_entries_is_allowed(read: Any, stages: int) -> None:
+    """Entries cut to nine digits up and down, which is less exact than rounded."""
+    content = content_of(gauss_lobatto(stages), 30)
+
+    def cut(entry: Any, way: Any) -> Any:
+        if isinstance(entry, list):
+            return [cut(one, way) for one in entry]
+        return entry if not isinstance(entry, str) or "." not in entry else str(
+            Decimal(entry).quantize(Decimal("1e-9"), way))
+
+    for way in (ROUND_HALF_EVEN, ROUND_FLOOR) if stages == 2 else (ROUND_HALF_EVEN,):
+        rounded = {key: cut(value, way) if key in FIELDS else value
+                   for key, value in content.items()}
+        assert failed(read(rounded)) == []
 
 
 def test_decimals_are_exact(read: Any) -> None:

@@ -107,7 +107,46 @@ def test_what_cannot_be_written(tops, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
     monkeypatch.setitem(sys.modules, "pandas", None)
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(gs.MissingDependencyError, match=r"gyrospark\[pandas\]"):
+    with pytest.raises(gs.MissingDependencyError, match=r"pip install .pandas"):
         tops.to_dataframe()
-    with pytest.raises(gs.MissingDependencyError, match=r"gyrospark\[storage\]"):
+    with pytest.raises(gs.MissingDependencyError, match=r"pip install .*xarray"):
         tops.to_xarray()
+
+
+def test_some_of_the_columns(tops, tmp_path):
+    """By names, patterns and arrays, in that order behind the time; the others stay as they are."""
+    titles, rows = read(tops.to_csv(tmp_path / "all.csv"))
+    asked = ["energy", "?_q*", "multipliers", "energy"]
+    some, numbers = read(tops.to_csv(tmp_path / "some.csv", columns=asked))
+    assert some == ["time", "energy", *(f"{body}_q{k}" for body in "ab" for k in range(4)),
+                    *(title for title in titles if title.startswith("multipliers"))]
+    assert np.array_equal(numbers, rows[:, [titles.index(title) for title in some]])
+    saved = tops.save(tmp_path / "saved.csv", columns=asked)
+    assert saved.read_bytes() == (tmp_path / "some.csv").read_bytes()
+    assert list(tops.to_dataframe(columns="energy")) == ["energy"]
+    added = tops.to_dataframe(euler="ZYX", columns=["a_euler*", "p"])
+    assert list(added)[:3] == ["a_euler1_Z", "a_euler2_Y", "a_euler3_X"]
+    assert list(added)[3:] == list(tops.momenta)
+    for wanted in ("energi", ["*_angle"], [3], 3):
+        with pytest.raises(gs.InputError, match="columns"):
+            tops.to_csv(tmp_path / "no.csv", columns=wanted)
+    for name in ("no.npz", "no.nc"):
+        with pytest.raises(gs.InputError, match="columns"):
+            tops.save(tmp_path / name, columns=["energy"])
+    assert not [*tmp_path.glob("no.*")]
+
+
+def test_some_columns_of_a_stored_run(gl3, tmp_path, gyrospark):
+    """Those that a trajectory in memory writes, by Python and by the command."""
+    how = {"steps": 12, "every": 5, "dt": 1e-3, "parameters": RUN["parameters"]}
+    kept = gs.record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", **how)
+    asked = ["*_error", "p", "multipliers"]
+    path = gl3.integrate(TOP.q0, TOP.p0, **how).to_csv(tmp_path / "mine.csv", columns=asked)
+    mine = path.read_bytes()
+    assert kept.export(tmp_path / "a.csv", columns=asked).read_bytes() == mine
+    assert gyrospark("export", tmp_path / "run.zarr", tmp_path / "b.csv", "--columns",
+                     ", ".join(asked)).code == 0
+    assert (tmp_path / "b.csv").read_bytes() == mine
+    refused = gyrospark("export", tmp_path / "run.zarr", tmp_path / "c.csv", "--columns", "x")
+    assert refused.code == 2
+    assert "columns" in refused.stderr

@@ -141,6 +141,7 @@ def test_an_ensemble(real, solver):
     assert np.array_equal(listed.q, many.q)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("real", WIDE)
 def test_a_member_that_fails_has_no_time(real):
     step = gs.stepper("G-L", 2, "gamma", real=real)

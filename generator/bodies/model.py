@@ -18,8 +18,7 @@ from ...errors import InputError
 from ...event import Event, as_events
 from ...exact import exact
 from ...markup import card, table
-from ...naming import choose, shown, whole
-from ..systems.given import few
+from ...naming import choose, few, shown, whole
 from ..systems.system import System
 
 __all__ = ["Model", "whole_array"]

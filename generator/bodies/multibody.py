@@ -26,9 +26,8 @@ from ...body_values import (
     moments_of,
 )
 from ...errors import InputError
-from ...naming import choose, shown
+from ...naming import choose, few, shown
 from ...projection import Projection, project
-from ..systems.given import few
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from ..systems.redundancy import Redundancy, find_redundant
 from ..systems.system import System

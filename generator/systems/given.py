@@ -14,21 +14,12 @@ from ...naming import shown
 from ..algebra.sharing import parts_of
 from ..algebra.switches import as_switches
 
-__all__ = ["as_expression", "as_sequence", "few", "refuse_unless_symbols", "shown_formula"]
+__all__ = ["as_expression", "as_sequence", "refuse_unless_symbols", "shown_formula"]
 
-#: Names that are shown of a list.
-_FEW = 6
 #: Parts of an expression that is shown as a formula.
 _LARGEST_FORMULA = 400
 #: What no real expression has in it.
 _NO_NUMBERS = {sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I}
-
-
-def few(names: Iterable[object]) -> str:
-    """Return the first of some names, and how many there are if that is not all."""
-    found = [str(name) for name in names]
-    first = ", ".join(found[:_FEW]) or "none"
-    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
 
 
 def as_sequence(name: str, value: object) -> Sequence[object]:

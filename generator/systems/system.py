@@ -22,9 +22,9 @@ import sympy as sp
 from ...arguments import as_flag, as_items, as_mapping, as_text
 from ...errors import InputError
 from ...markup import card, table
-from ...naming import shown
+from ...naming import few, shown
 from ..text.c_names import is_taken
-from .given import as_expression, as_sequence, few, refuse_unless_symbols, shown_formula
+from .given import as_expression, as_sequence, refuse_unless_symbols, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
 from .places import BodyAt, JointAt
 

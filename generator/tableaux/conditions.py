@@ -22,7 +22,7 @@ import sympy as sp
 
 from .multipliers import multiplier_condition, multiplier_inverse
 from .node_algebra import Nodes, column, magnitude, power
-from .separation import vanishes_to
+from .separation import Rounding, vanishes_to
 from .stability import stability
 from .tableau import Tableau
 
@@ -114,12 +114,12 @@ def is_zero(residual: Matrix, tableau: Tableau) -> bool:
     """Whether every entry vanishes: proved exactly, or to the digits a decimal file gives."""
     if residual.domain.is_QQ:
         return bool(residual.is_zero_matrix)
-    return all(_entry_is_zero(entry, tableau.digits_given) for entry in residual.to_list_flat())
+    return all(_entry_is_zero(entry, tableau.rounding) for entry in residual.to_list_flat())
 
 
 @cache
-def _entry_is_zero(entry: sp.Expr, digits_given: int | None) -> bool:
-    return vanishes_to(entry, digits_given)
+def _entry_is_zero(entry: sp.Expr, rounding: Rounding | None) -> bool:
+    return vanishes_to(entry, rounding)
 
 
 # ---------------------------------------------------------------- counts and order

@@ -24,7 +24,7 @@ from sympy import EXRAW, QQ
 from sympy.polys.matrices import DomainMatrix
 
 from .nodes import enclose_roots
-from .separation import enclosure, vanishes_to
+from .separation import Rounding, enclosure, vanishes_to
 
 __all__ = ["Nodes", "PolynomialNodes", "ValueNodes", "column", "magnitude"]
 
@@ -143,14 +143,14 @@ class PolynomialNodes:
 
 
 class ValueNodes:
-    """Functions on given nodes, by their values; of decimals so many digits count."""
+    """Functions on given nodes, by their values, which may be rounded."""
 
     domain = EXRAW
 
-    def __init__(self, values: Sequence[sp.Expr], digits_given: int | None = None) -> None:
+    def __init__(self, values: Sequence[sp.Expr], rounding: Rounding | None = None) -> None:
         self.values = list(values)
         self.size = len(self.values)
-        self._digits_given = digits_given
+        self._rounding = rounding
 
     def __repr__(self) -> str:
         return f"<ValueNodes: {self.size} given nodes>"
@@ -172,9 +172,9 @@ class ValueNodes:
 
     @cached_property
     def reflection(self) -> Matrix | None:
-        """The reversal of the nodes when c_i + c_{s+1−i} = 1, exactly or to the digits given."""
+        """The reversal of the nodes when c_i + c_{s+1−i} = 1, exactly or as far as decimals say."""
         for c, mirrored in zip(self.values, reversed(self.values), strict=True):
-            if not vanishes_to(c + mirrored - 1, self._digits_given):
+            if not vanishes_to(c + mirrored - 1, self._rounding):
                 return None
         s = self.size
         rows = [[sp.Integer(int(i + j == s - 1)) for j in range(s)] for i in range(s)]

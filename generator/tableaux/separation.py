@@ -22,9 +22,13 @@ from mpmath.ctx_iv import MPIntervalContext
 
 from ...errors import TableauError
 
-__all__ = ["enclosure", "vanishes", "vanishes_to"]
+__all__ = ["Rounding", "enclosure", "vanishes", "vanishes_to"]
 
 MAX_BITS = 100_000
+#: What a condition changes by with an entry, at most, beside the entry's own change.
+_SLOPE = mp.mpf(3) / 2
+#: Units of the last digit that a condition may be off by, however many entries are rounded.
+_MOST_UNITS = 10
 
 
 @dataclass(frozen=True)
@@ -50,12 +54,37 @@ def vanishes(expression: sp.Expr) -> bool:
     return _contains_zero(expression, bits)
 
 
-def vanishes_to(expression: sp.Expr, digits_given: int | None) -> bool:
-    """Return whether a number is zero: exactly, or as far as decimals with so many digits say."""
-    if digits_given is None:
+@dataclass(frozen=True)
+class Rounding:
+    """What a tableau in decimals leaves open.
+
+    Attributes
+    ----------
+    digits : int
+        Of its least precise entry, after the point.
+    entries : int
+        How many have so many digits that they are taken to be rounded.
+    """
+
+    digits: int
+    entries: int
+
+    @property
+    def bound(self) -> Any:
+        """The most that a condition on exact entries can be off by: each by half a unit.
+
+        Conditions have slopes of about 1 in an entry, for nodes and weights lie within 0 and 1,
+        and seldom more than 20 entries in one: half as much again, ten units at the most.
+        """
+        unit = mp.mpf(10) ** -min(self.digits, 50)
+        return min(_SLOPE * self.entries / 2, _MOST_UNITS) * unit
+
+
+def vanishes_to(expression: sp.Expr, rounding: Rounding | None) -> bool:
+    """Return whether a number is zero: exactly, or as far as rounded decimals say."""
+    if rounding is None:
         return vanishes(expression)
-    # s products of entries that are each half a unit off in their last given digit
-    return bool(abs(enclosure(expression)).b < mp.mpf(10) ** (1 - min(digits_given, 50)))
+    return bool(abs(enclosure(expression)).b < rounding.bound)
 
 
 def enclosure(expression: sp.Expr, bits: int = 256) -> Any:

@@ -24,6 +24,7 @@ from ...markup import card, formula, table
 from .enclosures import enclose_part, map_entries, widest_radius
 from .node_algebra import Nodes, ValueNodes
 from .nodes import BITS, Enclosure, exact_roots
+from .separation import Rounding
 
 __all__ = ["FIELDS", "NumericTableau", "Tableau"]
 
@@ -92,8 +93,8 @@ class Tableau:
     claims : dict
         What the family or the file says of itself, for ``conditions`` to prove or refute:
         ``order``, ``symmetric``, and how far ``B``, ``C``, ``C_hat``, … hold.
-    digits_given : int or None
-        For a tableau given in decimals, how many its least precise entry has; None if exact.
+    rounding : Rounding or None
+        What a tableau given in decimals leaves open; None if exact.
     """
 
     name: str
@@ -101,7 +102,12 @@ class Tableau:
     constraints: Nodes
     basis: dict[str, Any]
     claims: dict[str, int] = field(default_factory=dict)
-    digits_given: int | None = None
+    rounding: Rounding | None = None
+
+    @property
+    def digits_given(self) -> int | None:
+        """For a tableau given in decimals, how many its least precise entry has; None if exact."""
+        return None if self.rounding is None else self.rounding.digits
 
     def __repr__(self) -> str:
         claimed = f", order {self.claims['order']}" if "order" in self.claims else ""

@@ -40,6 +40,7 @@ from ..text.c_names import KEYWORDS
 from ..text.expressions import decimal_digits, parse_expression
 from ..text.text_file import UnusableFileError, read_text
 from .node_algebra import ValueNodes, column
+from .separation import Rounding
 from .tableau import FIELDS, Tableau
 
 __all__ = ["read_tableau"]
@@ -88,7 +89,8 @@ class _Reader:
         self.values: dict[str, sp.Expr] = {}  # by text: entries repeat
         self.radicals: set[sp.Expr] = set()
         self.characters = 0
-        self.digits: list[int] = []
+        self.digits: dict[str, int] = {}  # of the texts that are rounded
+        self.rounded = 0
 
     def error(self, reason: str) -> TableauError:
         return TableauError(f"The tableau file {str(self.path)!r} is not usable: {reason}")
@@ -106,11 +108,11 @@ class _Reader:
         basis = {key: _matrix(rows) for key, rows in parts.items()}
         for key, source in DEFAULTS.items():
             basis.setdefault(key, basis[source])
-        digits = min(self.digits, default=None)
-        stages, constraints = (ValueNodes([row[0] for row in parts[key]], digits)
+        rounding = Rounding(min(self.digits.values()), self.rounded) if self.digits else None
+        stages, constraints = (ValueNodes([row[0] for row in parts[key]], rounding)
                                for key in ("c", "c_tilde"))
         return Tableau(name, stages, constraints, {key: basis[key] for key in FIELDS}, claims,
-                       digits)
+                       rounding)
 
     # ------------------------------------------------------------ the file
 
@@ -244,6 +246,7 @@ class _Reader:
             )
         if entry not in self.values:
             self.values[entry] = self.parse(where, str(entry))
+        self.rounded += entry in self.digits
         return self.values[entry]
 
     def parse(self, where: str, text: str) -> sp.Expr:
@@ -260,7 +263,7 @@ class _Reader:
         except InputError as error:
             raise self.error(f"{where}: {error}") from None
         if digits is not None:
-            self.digits.append(digits)
+            self.digits[text] = digits
         return value
 
     def check_last_weight(self, weight: sp.Expr) -> None:

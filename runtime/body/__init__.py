@@ -4,5 +4,6 @@
     euler         Euler angles in any sequence of axes
     inertia       γ_m, γ_h and the others (47), (48), (50)
     closed_forms  regular precession and the free body, exactly
+    exact_motions  the same, as gyrospark.exact has them
     problems      the problems of section 5, as ``gyrospark.problems``
 """

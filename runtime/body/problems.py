@@ -28,7 +28,8 @@ from ...body_values import (
 )
 from ...catalogue import SYSTEMS
 from ...errors import InputError
-from ...naming import choose, shown
+from ...markup import card, table
+from ...naming import choose, few, shown
 from ..call.checks import as_real
 from .closed_forms import ExactMotion, RegularPrecession, free_motion
 from .inertia import principal_moments
@@ -86,6 +87,14 @@ class Problem:
     def __repr__(self) -> str:
         values = ", ".join(f"{name} = {value:.6g}" for name, value in self.parameters.items())
         return f"<Problem {self.name} ({self.system}): {values}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the numbers of the problem."""
+        rows = [("about", self.description or self.name), ("system", self.system),
+                ("parameters", few(f"{name} = {x:.6g}" for name, x in self.parameters.items())),
+                ("q₀", few(f"{x:.6g}" for x in self.q0)), ("p₀", few(f"{x:.6g}" for x in self.p0)),
+                ("exact motion", "none known" if self.exact is None else "problem.exact")]
+        return card(f"Problem {self.name}", table(rows))
 
     def __post_init__(self) -> None:
         for name in ("name", "description"):

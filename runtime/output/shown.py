@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -51,7 +52,7 @@ class Shown:
 
     def to_csv(
         self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None,
+        angular_velocity: FrameName | None = None, columns: str | Iterable[str] | None = None,
     ) -> Path:
         """Write the states as CSV, with Euler angles and such where asked for; return the path.
 
@@ -60,17 +61,18 @@ class Shown:
         Examples
         --------
         >>> run.to_csv("run.csv", euler="ZYX", degrees=True)      # doctest: +SKIP
+        >>> run.to_csv("run.csv", columns=["*_angle", "energy"])  # doctest: +SKIP
         """
         return tables.to_csv(self._run, path, euler=euler, degrees=degrees,
-                             angular_velocity=angular_velocity)
+                             angular_velocity=angular_velocity, columns=columns)
 
     def to_dataframe(
         self, *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None,
+        angular_velocity: FrameName | None = None, columns: str | Iterable[str] | None = None,
     ) -> pandas.DataFrame:
         """Return the states as a pandas DataFrame; see ``runtime.output.tables.to_dataframe``."""
         return tables.to_dataframe(self._run, euler=euler, degrees=degrees,
-                                   angular_velocity=angular_velocity)
+                                   angular_velocity=angular_velocity, columns=columns)
 
     def to_xarray(
         self, *, euler: str | None = None, degrees: bool = False,

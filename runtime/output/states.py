@@ -9,26 +9,33 @@ import contextlib
 import csv
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import as_items, as_text
+from ...errors import InputError
 from ...exact import digits_of
+from ...naming import listed, proposal, shown
 from .outputs import OUTPUTS, QUANTITY, pieces
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["beside", "event_headings", "finished", "headings", "save_csv", "save_events",
+__all__ = ["beside", "event_headings", "finished", "headings", "places_of", "save_events",
            "spreadsheet_text", "states_of", "write_csv"]
 
 Array = NDArray[Any]
 
 #: Rows that are in memory as Python's numbers.
 _ROWS = 2**13
+#: Headings that a refusal lists.
+_NAMED = 12
 
 
 def states_of(trajectory: Trajectory) -> dict[str, Array]:
@@ -68,15 +75,54 @@ def headings(system: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -
     return found
 
 
+def places_of(
+    columns: Any, titles: Sequence[str], sizes: Mapping[str, int]
+) -> list[int]:
+    """Return the places of the columns that a caller wants, the time first; None wants all.
+
+    Each is wanted by its heading, by a pattern such as ``"*_angle"``, or by the name of the array
+    that it belongs to: ``"q"``, ``"multipliers"``, ``"quantities"``. ``sizes`` say how many of the
+    headings, in order, are an array's.
+
+    Raises
+    ------
+    InputError
+        For what is none of these.
+    """
+    if columns is None:
+        return [*range(len(titles))]
+    groups: dict[str, list[int]] = {}
+    begin = 0
+    for name, size in sizes.items():
+        group = "quantities" if name.startswith(QUANTITY) else name
+        groups.setdefault(group, []).extend(range(begin, begin + size))
+        begin += size
+    found = {titles.index("time"): None}
+    for one in [columns] if isinstance(columns, str) else as_items("columns", columns, "names"):
+        pattern = as_text("columns", one)
+        places = [i for i, title in enumerate(titles) if fnmatchcase(title, pattern)]
+        places = places or groups.get(pattern, [])
+        if not places:
+            known = [*dict.fromkeys((*titles, *groups))]
+            raise InputError(f"columns has {shown(one)}, which no column is called; choose names "
+                             f"and patterns of {', '.join(known[:_NAMED])}"
+                             f"{', …' if len(known) > _NAMED else ''}, or arrays: "
+                             f"{listed(groups)}{proposal(one, known)}.")
+        found |= dict.fromkeys(places)
+    return [*found]
+
+
 def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> None:
     """Write blocks of states, each an array for each column or group of columns."""
     with path.open("w", encoding="utf-8", newline="") as file:
         lines = csv.writer(file)
         lines.writerow(titles)
         for arrays in blocks:
-            flat = [array.reshape(len(array), math.prod(array.shape[1:])) for array in arrays]
+            alike = [[array.reshape(len(array), math.prod(array.shape[1:])) for array in group]
+                     for _, group in groupby(arrays, key=lambda array: array.dtype)]
             for start in range(0, len(arrays[0]), _ROWS):
-                parts = [_written(numbers[start : start + _ROWS]) for numbers in flat]
+                parts = [_written(np.concatenate([x[start : start + _ROWS] for x in group], axis=1))
+                         for group in alike]
                 lines.writerows([number for part in row for number in part]
                                 for row in zip(*parts, strict=True))
 
@@ -116,16 +162,6 @@ def save_events(trajectory: Trajectory, path: Path) -> None:
                 [np.full(len(found), spreadsheet_text(name)), found.t, found.q, found.p,
                  found.steps, found.rising.astype(int)]
                 for name, found in trajectory.events.items()])
-
-
-def save_csv(trajectory: Trajectory, path: Path) -> None:
-    """Write a trajectory as CSV, numbers with all their digits, and its events beside it."""
-    save_events(trajectory, path)
-    arrays = states_of(trajectory)
-    titles = headings(trajectory.manifest["system"],
-                      {name: array.shape[1:] for name, array in arrays.items()})
-    with finished(path) as part:
-        write_csv(part, titles, [list(arrays.values())])
 
 
 @contextlib.contextmanager

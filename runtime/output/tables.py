@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from ..body.euler import check_sequence
 from ..show.endings import ending_of
 from .body_motion import FrameName
 from .outputs import OUTPUTS, about, labels_of, parts
-from .states import finished, headings, save_events, states_of, write_csv
+from .states import finished, headings, places_of, save_events, states_of, write_csv
 
 if TYPE_CHECKING:
     import pandas
@@ -32,6 +33,7 @@ Array = NDArray[Any]
 def to_csv(
     trajectory: Trajectory, path: str | os.PathLike[str], *, euler: str | None = None,
     degrees: bool = False, angular_velocity: FrameName | None = None,
+    columns: str | Iterable[str] | None = None,
 ) -> Path:
     """Write the columns of ``to_dataframe`` and the time as CSV, numbers with all their digits.
 
@@ -48,11 +50,11 @@ def to_csv(
     target = as_path("path", path, "run.csv")
     if ending_of(target) != ".csv":
         raise InputError(f"{target.name!r} is no name of a CSV file; end it in .csv.")
-    columns = _columns(trajectory, euler, degrees, angular_velocity)
+    found = _columns(trajectory, euler, degrees, angular_velocity, columns)
     try:
         save_events(trajectory, target)
         with finished(target) as part:
-            write_csv(part, list(columns), [list(columns.values())])
+            write_csv(part, list(found), [list(found.values())])
     except OSError as error:
         raise GyrosparkError(f"The table cannot be written to {str(target)!r}: "
                              f"{why_unwritable(target, error)}.") from error
@@ -61,7 +63,7 @@ def to_csv(
 
 def to_dataframe(
     trajectory: Trajectory, *, euler: str | None = None, degrees: bool = False,
-    angular_velocity: FrameName | None = None,
+    angular_velocity: FrameName | None = None, columns: str | Iterable[str] | None = None,
 ) -> pandas.DataFrame:
     """Return the states as a pandas DataFrame, a row a state, the time as its index.
 
@@ -77,11 +79,15 @@ def to_dataframe(
         Whether these are in degrees.
     angular_velocity : {"body", "space"}, optional
         The axes of columns ``bus_omega1`` to ``bus_omega3``, of every body.
+    columns : str or list of str, optional
+        Those that are wanted, beside the time and in this order: names, patterns such as
+        ``"*_angle"``, and arrays, ``"q"``, ``"multipliers"``, ``"quantities"``. By default all.
 
     Raises
     ------
     InputError
-        For another sequence or frame; where these are asked for and there is no body.
+        For another sequence or frame; where these are asked for and there is no body; for a
+        column that is not there.
     MissingDependencyError
         Without pandas.
     """
@@ -91,9 +97,9 @@ def to_dataframe(
         raise MissingDependencyError(
             f"Data frames need pandas; {install('pandas')} brings it."
         ) from error
-    columns = _columns(trajectory, euler, degrees, angular_velocity)
-    time = pandas.Index(columns.pop("time"), name="time")
-    return pandas.DataFrame(columns, index=time)
+    found = _columns(trajectory, euler, degrees, angular_velocity, columns)
+    time = pandas.Index(found.pop("time"), name="time")
+    return pandas.DataFrame(found, index=time)
 
 
 def to_xarray(
@@ -153,8 +159,11 @@ def _of_bodies(trajectory: Trajectory, euler: str | None, degrees: bool,
 
 
 def _columns(trajectory: Trajectory, euler: str | None, degrees: bool,
-             frame: FrameName | None) -> dict[str, Array]:
-    """Return a column for each number of a state, and those of the bodies that are asked for."""
+             frame: FrameName | None, wanted: Any = None) -> dict[str, Array]:
+    """Return a column for each number of a state, and those of the bodies that are asked for.
+
+    ``wanted`` chooses some of all these.
+    """
     arrays = states_of(trajectory)
     titles = headings(trajectory.manifest["system"],
                       {name: array.shape[1:] for name, array in arrays.items()})
@@ -172,7 +181,9 @@ def _columns(trajectory: Trajectory, euler: str | None, degrees: bool,
         if frame is not None:
             for k, rate in enumerate(body.angular_velocity(frame).T, start=1):
                 _add(columns, f"{body.name}_omega{k}", rate)
-    return columns
+    titles = list(columns)
+    sizes = {name: values.shape[1] for name, values in zip(arrays, flat, strict=True)}
+    return {titles[i]: columns[titles[i]] for i in places_of(wanted, titles, sizes)}
 
 
 def _add(columns: dict[str, Array], title: str, values: Array) -> None:

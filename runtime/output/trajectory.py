@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,7 +21,6 @@ from .joint_motion import JointMotion
 from .outputs import place_of_quantity
 from .report import Report
 from .shown import Shown
-from .states import save_csv
 from .trajectory_file import read_npz, write_npz
 
 __all__ = ["Trajectory"]
@@ -269,19 +269,22 @@ class Trajectory(Shown):
 
     # ------------------------------------------------------------ file
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
+    def save(
+        self, path: str | os.PathLike[str], *, columns: str | Iterable[str] | None = None
+    ) -> Path:
         """Write the states to a file, which appears complete or not at all; return its path.
 
         - .npz (also where the name has no ending): all arrays with all their digits, the names of
           their columns, parameters, report, events and manifest: what ``load`` reads.
         - .csv: a column a number, under the names of coordinates, momenta and quantities; events
-          in a second file, ``run.events.csv``.
+          in a second file, ``run.events.csv``. ``columns`` are those that are wanted, as for
+          ``to_dataframe``; all by default.
         - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (h5netcdf).
 
         Raises
         ------
         InputError
-            For another ending.
+            For another ending; for columns that are not there, or of another file than .csv.
         GyrosparkError
             If the file cannot be written.
         """
@@ -291,15 +294,17 @@ class Trajectory(Shown):
         if ending_of(target) not in ENDINGS:
             raise InputError(f"A trajectory cannot be written as {target.name!r}; end it in "
                              f"{', '.join(ENDINGS)}.")
+        if ending_of(target) == ".csv":
+            return self.to_csv(target, columns=columns)
+        if columns is not None:
+            raise InputError(f"columns are those of a .csv file, and {target.name!r} is none; end "
+                             "its name in .csv, or leave them out.")
         if ending_of(target) == ".nc":
             from ...storage.export import save_table  # costs time, and Zarr may not be installed
 
             return save_table(self, target)
         try:
-            if ending_of(target) == ".csv":
-                save_csv(self, target)
-            else:
-                write_npz(self, target)
+            write_npz(self, target)
         except OSError as error:
             raise GyrosparkError(
                 f"The trajectory cannot be written to {str(target)!r}: "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +16,8 @@ from ...arguments import as_flag, as_mapping
 from ...errors import InputError
 from ...event import Event, as_events
 from ...exact import Number
-from ...naming import choose
+from ...markup import card, table
+from ...naming import choose, few
 from ..build.manifest import remarks_of
 from ..build.module import provenance
 from ..call.binding import SOLVERS, SolverName
@@ -39,6 +41,9 @@ from .simulation import LastStep, Simulation
 __all__ = ["SOLVERS", "Stepper"]
 
 Array = NDArray[Any]
+
+#: Characters of H that notebooks show.
+_LONGEST = 300
 
 
 class Stepper(Evaluation):
@@ -75,6 +80,23 @@ class Stepper(Evaluation):
 
     def __repr__(self) -> str:
         return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: method, system, and what a run must be given."""
+        system, scheme = self.manifest["system"], self.manifest["scheme"]
+        domains = self.parameter_domains.items()
+        rows = [("method", f"{scheme['method']}, order {self.order}, {self.unknowns} unknowns"),
+                ("system", f"{system['name']}: {self.n} coordinates, {self.m} constraints"),
+                ("H", textwrap.shorten(str(system["hamiltonian"]), _LONGEST, placeholder=" …")),
+                ("parameters", few(name if domain == "real" else f"{name} ({domain})"
+                                   for name, domain in domains)),
+                *((what, few(names)) for what, names in (
+                    ("inputs", self.binding.input_names), ("bodies", system.get("bodies", ())),
+                    ("joints", system.get("joints", ())),
+                    ("quantities", system.get("quantities", ())),
+                    ("frame", [s.name for s in self.symmetries])) if names),
+                ("numbers", self.manifest["real"]), *(("note", text) for text in self.remarks)]
+        return card(f"Stepper {self.name}", table(rows))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by sources: another process, or another machine, compiles them or has them."""
@@ -278,7 +300,8 @@ class Stepper(Evaluation):
         run = replace(run, follow=follow).fed(fed)
         if t_eval is not None:
             run = replace(run, marks=marks_of(self, run, t_eval))
-        warned = not run.steps or self.warned(run)
+        # Of a step that pilots have found the error of the motion is known.
+        warned = not run.steps or dt is not dt_ or self.warned(run)
         found = observed(self, run, as_events(events, self.manifest["system"]),
                          as_callback("progress", progress)).made_by(self)
         if not warned:
