@@ -112,7 +112,7 @@ class Velocities:
             end = step.integrate(q, p, dt=h, steps=1, t0=self._t, parameters=self._parameters)
         except (InputError, StepFailed):
             return None
-        return (self(end.q[-1], end.p[-1]) - self(end.q[0], end.p[0])) / h
+        return np.asarray((self(end.q[-1], end.p[-1]) - self(end.q[0], end.p[0])) / h)
 
     def root_of_mass(self, q: Array, p: Array) -> Array:
         """Return W with WᵀW = H_pp⁻¹, H_pp by differences: exact where H is quadratic in p."""
