@@ -321,10 +321,11 @@ def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
         inside = y1 < y0
         left_of = x1 - x0 > x2 - x1  # where the wider of the two parts is
         wide = np.where(inside & ~left_of, x2 - x1, x1 - x0)
-        left = (~through & (4 * moves * wide * wide >= np.where(inside, y1, y0)) & (wide > least))
-        which, side, turned, moves, least, inside, left_of, wide, x0, x1, x2, y0, y1, y2 = (
-            part[left] for part in (which, side, turned, moves, least, inside, left_of, wide,
-                                    x0, x1, x2, y0, y1, y2))
+        left = ~through & (4 * moves * wide * wide >= np.where(inside, y1, y0)) & (wide > least)
+        inside, left_of = inside[left], left_of[left]
+        which, side, turned, moves, least, wide, x0, x1, x2, y0, y1, y2 = (
+            part[left] for part in (which, side, turned, moves, least, wide, x0, x1, x2, y0, y1,
+                                    y2))
         if not len(which):
             break
         bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
