@@ -318,9 +318,9 @@ def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
         through = y1 < 0
         found.append((which[through], np.where(turned, 1 - x1, x1)[through],
                       (side * y1)[through]))
-        inside = y1 < y0
-        left_of = x1 - x0 > x2 - x1  # where the wider of the two parts is
-        wide = np.where(inside & ~left_of, x2 - x1, x1 - x0)
+        inside: Array = y1 < y0
+        left_of: Array = x1 - x0 > x2 - x1  # where the wider of the two parts is
+        wide: Array = np.where(inside & ~left_of, x2 - x1, x1 - x0)
         left = ~through & (4 * moves * wide * wide >= np.where(inside, y1, y0)) & (wide > least)
         inside, left_of = inside[left], left_of[left]
         which, side, turned, moves, least, wide, x0, x1, x2, y0, y1, y2 = (
