@@ -301,18 +301,19 @@ def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
     """
     brackets = work.brackets
     # the value is that many times above its level: it falls towards it, whatever its sign
-    side = np.where(brackets.before[which] > 0, 1, -1)
+    side: Array = np.where(brackets.before[which] > 0, 1, -1)
     start, end = side * brackets.before[which], side * brackets.after[which]
-    turned = end < start
+    turned: Array = end < start
     x0, x2 = _whole(work, which)
-    (y0, y2), x1 = _where(turned, (end, start), (start, end)), (x0 + x2) / 2
+    y0, y2 = _where(turned, (end, start), (start, end))
+    x1: Array = (x0 + x2) / 2
 
     def value(x: Array) -> Array:
         values: Array = side * work.states(np.where(turned, 1 - x, x), which)[3]
         return values
 
     y1, least = value(x1), work.tolerance(which)
-    moves = abs(y1 - y0) + abs(y2 - y1)
+    moves: Array = abs(y1 - y0) + abs(y2 - y1)
     found: list[tuple[Array, Array, Array]] = []
     for look in range(_LOOKS):
         through = y1 < 0
