@@ -161,7 +161,7 @@ def test_the_bob_of_a_pendulum(dt: float) -> None:
 def test_the_attitude_of_a_free_body(dt: float) -> None:
     """Its closed form, theta functions, goes as often through levels near its turning places."""
     body, step = gs.problems.free_body(), gs.stepper("G-L", 5)
-    name, steps, parts = step.manifest["system"]["coordinates"][0], 24, 32
+    name, steps, parts = step.manifest["system"]["coordinates"][0], 16, 24
     exact = body.exact.attitude(np.linspace(0, steps * dt, parts * steps + 1))[:, 0]
     turns = np.flatnonzero(np.diff(exact[1:]) * np.diff(exact[:-1]) < 0) + 1
     inner = turns[(turns > parts) & (turns < len(exact) - parts)][:8]

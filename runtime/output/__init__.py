@@ -9,5 +9,6 @@
     turning          how far the fastest body turns in a step, and how far can be borne
     shown            what it shows of itself
     tables           CSV, pandas, xarray
+    ensemble_table   an ensemble as xarray, .npz, .csv, .nc
     states           the states as columns, under their names
 """

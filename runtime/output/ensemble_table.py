@@ -93,7 +93,8 @@ def _write_events(ensemble: Ensemble, part: Path) -> None:
     write_csv(part, ["trajectory", *event_headings(ensemble.members[0].manifest["system"])], (
         [np.full(len(found), i), np.full(len(found), name), found.t, found.q, found.p,
          found.steps, found.rising.astype(int)]
-        for name, events in ensemble.events.items() for i, found in enumerate(events)))
+        for name, events in ensemble.events.items()
+        for i, found in enumerate(map(events.__getitem__, range(len(events))))))
 
 
 def _write_netcdf(ensemble: Ensemble, part: Path) -> None:

@@ -301,30 +301,32 @@ def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
     """
     brackets = work.brackets
     # the value is that many times above its level: it falls towards it, whatever its sign
-    side = np.where(brackets.before[which] > 0, 1, -1)
+    side: Array = np.where(brackets.before[which] > 0, 1, -1)
     start, end = side * brackets.before[which], side * brackets.after[which]
-    turned = end < start
+    turned: Array = end < start
     x0, x2 = _whole(work, which)
-    (y0, y2), x1 = _where(turned, (end, start), (start, end)), (x0 + x2) / 2
+    y0, y2 = _where(turned, (end, start), (start, end))
+    x1: Array = (x0 + x2) / 2
 
     def value(x: Array) -> Array:
         values: Array = side * work.states(np.where(turned, 1 - x, x), which)[3]
         return values
 
     y1, least = value(x1), work.tolerance(which)
-    moves = abs(y1 - y0) + abs(y2 - y1)
+    moves: Array = abs(y1 - y0) + abs(y2 - y1)
     found: list[tuple[Array, Array, Array]] = []
     for look in range(_LOOKS):
         through = y1 < 0
         found.append((which[through], np.where(turned, 1 - x1, x1)[through],
                       (side * y1)[through]))
-        inside = y1 < y0
-        left_of = x1 - x0 > x2 - x1  # where the wider of the two parts is
-        wide = np.where(inside & ~left_of, x2 - x1, x1 - x0)
-        left = (~through & (4 * moves * wide * wide >= np.where(inside, y1, y0)) & (wide > least))
-        which, side, turned, moves, least, inside, left_of, wide, x0, x1, x2, y0, y1, y2 = (
-            part[left] for part in (which, side, turned, moves, least, inside, left_of, wide,
-                                    x0, x1, x2, y0, y1, y2))
+        inside: Array = y1 < y0
+        left_of: Array = x1 - x0 > x2 - x1  # where the wider of the two parts is
+        wide: Array = np.where(inside & ~left_of, x2 - x1, x1 - x0)
+        left = ~through & (4 * moves * wide * wide >= np.where(inside, y1, y0)) & (wide > least)
+        inside, left_of = inside[left], left_of[left]
+        which, side, turned, moves, least, wide, x0, x1, x2, y0, y1, y2 = (
+            part[left] for part in (which, side, turned, moves, least, wide, x0, x1, x2, y0, y1,
+                                    y2))
         if not len(which):
             break
         bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
