@@ -24,6 +24,7 @@ from sympy.physics import mechanics as me
 
 from ...errors import InputError
 from ...naming import shown
+from ...remarks import remark
 from ..algebra.derivatives import derivative, slopes
 from ..algebra.evaluation import evaluate
 from ..algebra.sharing import parts_of, substitute, symbols_of
@@ -102,6 +103,7 @@ def from_mechanics(
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
     found = reader(method)
+    _remark_on_velocities(found.motion, getattr(method, "bodies", None) or ())
     found.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in found.q]
@@ -167,6 +169,18 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
     constant = sp.Matrix(equations).xreplace(dict.fromkeys(u, sp.Integer(0)))
     left = slopes.LUsolve(-constant)
     return dict(zip(u, left, strict=True))
+
+
+def _remark_on_velocities(motion: Motion, bodies: Sequence[Any]) -> None:
+    """Warn of velocities that are no rates of places: a base that moves may stand still in them."""
+    pair = next(motion.contradictions(bodies), None)
+    if pair is not None:
+        point, near = pair
+        remark(f"In {motion.frame} the velocity of {point} is {shown(point.vel(motion.frame))} and "
+               f"that of {near} {shown(near.vel(motion.frame))}, which is not how its place from "
+               "there changes; velocities are taken as they are. A joint of SymPy sets its point "
+               "at rest in the axes of its first body: a base that moves needs a frame of its own, "
+               f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
 
 
 # ---------------------------------------------------------------- loads
