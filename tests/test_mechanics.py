@@ -50,7 +50,7 @@ def state(n, seed=1):
     return rng.standard_normal((2, n))
 
 
-def particles(lift=sp.Integer(0)):
+def particles(lift=sp.S.Zero):
     """Two particles on massless rods in a plane, on a pivot that may be lifted by a law.
 
     Frame, coordinates, points with velocities, bodies.

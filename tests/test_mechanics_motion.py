@@ -314,3 +314,30 @@ def test_a_constant_of_the_name_of_a_coordinate_is_refused():
     system.add_loads(me.Torque(arm, sp.Symbol("q1", real=True) * arm.frame.x))
     with pytest.raises(InputError, match="another name"):
         gs.from_mechanics(system)
+
+
+def test_bodies_are_placed(tmp_path):
+    """Places and attitudes of a run are those of points and frames; a page shows them."""
+    system = gs.from_mechanics(two_arms(), name="arms", bodies=True)
+    step = gs.stepper("IMS", system=system)
+    parameters = {str(x): VALUES[str(x)] for x in system.parameters}
+    q = np.array([0.3, 2.0])
+    run = step.integrate(q, [0.0, 0.0], dt=0.01, steps=100, parameters=parameters)
+    assert {"upper", "lower"} <= {*run.bodies}
+    method = two_arms()
+    N, last = method.frame, run.q[-1]
+    lower = next(b for b in method.bodies if b.name == "lower")
+    at = dict(zip(method.q, last, strict=True)) | {LENGTH: VALUES["l"]}
+    place = lower.masscenter.pos_from(method.fixed_point).to_matrix(N).subs(at)
+    R = N.dcm(lower.frame).subs(at)
+    found = run.body("lower")
+    np.testing.assert_allclose(found.position()[-1], np.array(place, float).ravel(), atol=1e-14)
+    np.testing.assert_allclose(found.rotation_matrix()[-1], np.array(R, float), atol=1e-14)
+    jumps = np.abs(np.diff(found.attitude, axis=0)).max()
+    assert jumps < 0.2
+    np.testing.assert_allclose(found.position((0, 0, 1))[-1],
+                               found.position()[-1] + np.array(R, float)[:, 2], atol=1e-14)
+    with pytest.raises(InputError):
+        found.angular_velocity()
+    run.view(tmp_path / "arms.html")
+    assert "lower" in (tmp_path / "arms.html").read_text(encoding="utf-8")

@@ -91,7 +91,8 @@ class Motion:
         known = list(dict.fromkeys(point for body in bodies for point in _reached(body.masscenter)
                                    if self.frame in point._vel_dict))
         for point in known:
-            near = _nearest(point, lambda other, own=point: other is not own and other in known)
+            near = next((other for other in _reached(point)
+                         if other is not point and other in known), None)
             if near is None:
                 continue
             place, gap = point.pos_from(near), near.vel(self.frame) - point.vel(self.frame)
