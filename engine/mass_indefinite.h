@@ -1,7 +1,7 @@
 /*
- * A <- M(q) and behind it M = Q R by modified Gram-Schmidt: the columns of Q, and R with 1/|q_k|^2 on
- * its diagonal. Of an indefinite M, L D L^T without pivots loses digits; here nothing branches, so
- * that lanes do the same, and solving with b as one more column is backward stable (Bjorck, 1967).
+ * A <- M(q) and behind it M = Q R by modified Gram-Schmidt: the columns of Q, and R with 1/|q_k|^2
+ * on its diagonal. For an indefinite M, L D L^T without pivots loses digits. Here nothing branches,
+ * so that lanes do the same, and b as one more column makes it backward stable (Bjorck, 1967).
  */
 static void ON(factor_mass)(const HELD *c, const NUMBER q[N], NUMBER A[MASS])
 {

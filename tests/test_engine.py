@@ -75,7 +75,8 @@ def test_every_file_is_put_in_somewhere():
                 bool(bits >> i & 1) for i in range(10))
             for lagrangian, ends in ((True, True), (True, False), (False, False)):
                 proved = Proved(4, m, stages, structured, forced, constant, scalar, separable,
-                                timed, fed, lagrangian, framed, halves, ends and not stages)
+                                timed, fed, lagrangian, framed, halves, ends and not stages,
+                                definite=not forced)
                 named |= {*proved.solver_files(fast=True)["files"],
                           *(file for files in proved.sweep_files("mean", "mean")["sweep_files"
                                                                  ].values() for file in files),

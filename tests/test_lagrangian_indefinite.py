@@ -80,11 +80,11 @@ def rotating():
 
 def test_a_start_where_the_mass_matrix_has_no_inverse():
     step = rotating()
-    with pytest.raises(InputError, match="no inverse.*vy"):
+    with pytest.raises(InputError, match="vy"):
         step.integrate([0, 0.4], [0, 0], dt=0.01, steps=1, parameters={})
     step.integrate([0.1, 0.4], [0, 0], dt=0.01, steps=1, parameters={})
+    step = stepper("G-L", 3)
     with pytest.raises(InputError, match="no inverse"):
-        step = stepper("G-L", 3)
         step.integrate(START, RATES, dt=0.01, steps=1, parameters={"e": 1.0})
 
 

@@ -50,13 +50,18 @@ def state(n, seed=1):
     return rng.standard_normal((2, n))
 
 
-def particles():
-    """Two particles on massless rods in a plane: frame, points with velocities, bodies."""
+def particles(lift=sp.S.Zero):
+    """Two particles on massless rods in a plane, on a pivot that may be lifted by a law.
+
+    Frame, coordinates, points with velocities, bodies.
+    """
     q = me.dynamicsymbols("q1 q2")
     m, length = sp.symbols("m l", positive=True)
     N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
     O.set_vel(N, 0)
-    points = [O]
+    pivot = O.locatenew("pivot", lift * N.y)
+    pivot.set_vel(N, lift.diff(T) * N.y)
+    points = [pivot]
     for i, x in enumerate(q):
         arm = N.orientnew(f"A{i}", "Axis", [x, N.z])
         points.append(points[-1].locatenew(f"P{i}", length * arm.x))
@@ -203,21 +208,6 @@ LIFT = A * sp.cos(W * T)
 DRIVEN = {**VALUES, "a": 0.2, "w": 3.0}
 
 
-def on_a_base():
-    """Two particles on rods from a pivot that is lifted by a law: frame, q, points, bodies."""
-    N, q, points, bodies = particles()
-    O, P = me.Point("P0"), points[0]  # noqa: E741
-    O.set_vel(N, 0)
-    pivot = O.locatenew("pivot", LIFT * N.y)
-    pivot.set_vel(N, LIFT.diff(T) * N.y)
-    arm, other = (point.pos_from(before) for point, before in
-                  ((P, next(iter(P._pos_dict))), (points[1], P)))
-    for point, place in ((P, arm), (points[1], arm + other)):
-        point.set_pos(pivot, place)
-        point.set_vel(N, point.pos_from(O).dt(N))
-    return N, q, points, bodies
-
-
 def check_forcing(method, system, values, v, t, speeds):
     """Compare M and the right side with those of the method, at a time."""
     M, right = sides(system, DRIVEN, values, v, t)
@@ -229,7 +219,7 @@ def check_forcing(method, system, values, v, t, speeds):
 
 
 def test_a_driven_base_of_lagranges_method():
-    N, q, points, bodies = on_a_base()
+    N, q, points, bodies = particles(LIFT)
     g, m = sp.symbols("g m", positive=True)
     loads = [(P, -m * g * N.y) for P in points]
     method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, loads, bodies, N)
@@ -243,7 +233,7 @@ def test_a_driven_base_of_lagranges_method():
 
 
 def test_a_driven_base_of_kanes_method():
-    N, q, points, bodies = on_a_base()
+    N, q, points, bodies = particles(LIFT)
     u = me.dynamicsymbols("u1 u2")
     method = me.KanesMethod(N, q, u, [a.diff(T) - b for a, b in zip(q, u, strict=True)],
                             bodies=bodies, forcelist=[(points[1], -VALUES["g"] * N.y)])

@@ -142,7 +142,9 @@ def _lagrangian(system: System) -> dict[str, Any]:
     if not isinstance(system, LagrangianSystem):
         return {}
     return {"lagrangian": system.texts()[1], "velocity_names": [str(v) for v in system.velocities],
-            **({} if system.is_definite else {"indefinite": True})}
+            **({} if system.is_definite else {"indefinite": True}),
+            **({"placed": {name: {what: list(names) for what, names in one.items()}
+                           for name, one in system.placed.items()}} if system.placed else {})}
 
 
 def _forces_and_quantities(system: System) -> dict[str, Any]:

@@ -181,7 +181,8 @@ class Proved:
             drives = ["legendre_drive", *([] if self.stages else ["legendre_mean_drive"])]
             motion = [*(["legendre_work"] if self.forced else []), *(drives if self.timed else [])]
         mass = "mass" if self.definite else "mass_indefinite"
-        return [mass, "mass_velocities", "legendre", *(["legendre_bound"] if self.m else []), *motion]
+        bound = ["legendre_bound"] if self.m else []
+        return [mass, "mass_velocities", "legendre", *bound, *motion]
 
     def legendre_lane_files(self) -> list[str]:
         """Return the same on lanes, with the rates that sweeps ask for."""

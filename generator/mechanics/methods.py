@@ -22,8 +22,10 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics import mechanics as me
 
+from ...arguments import as_flag
 from ...errors import InputError
 from ...naming import shown
+from ...remarks import remark
 from ..algebra.derivatives import derivative, slopes
 from ..algebra.evaluation import evaluate
 from ..algebra.sharing import parts_of, substitute, symbols_of
@@ -72,7 +74,7 @@ class Mechanics:
 
 
 def from_mechanics(
-    method: Any, *, name: str = "system", inputs: Sequence[Any] = ()
+    method: Any, *, name: str = "system", inputs: Sequence[Any] = (), bodies: bool = False
 ) -> LagrangianSystem:
     """Return the system of a method of ``sympy.physics.mechanics``.
 
@@ -85,6 +87,9 @@ def from_mechanics(
         A C identifier; begins the names of the generated files.
     inputs : sequence of Symbol or dynamicsymbols
         What a controller says in loads: held over a step, and given anew in each (``System``).
+    bodies : bool
+        Give runs where the bodies are: ``run.body(name)``, ``run.view(...)``. Places and axes of
+        those that are placed from a point at rest are quantities NAME_x, …, NAME_R11, ….
 
     Returns
     -------
@@ -102,21 +107,27 @@ def from_mechanics(
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
     found = reader(method)
+    _remark_on_velocities(found.motion, getattr(method, "bodies", None) or ())
     found.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in found.q]
     names = _names(found, rates)
     F, potential = _generalised(found, names)
-    L, *rest = _named(found, [found.L - potential, *found.constraints, *found.rates], names)
-    m = len(found.constraints)
-    g, bound = rest[:m], rest[m:]
+    placed, shown_of = _places(found.motion, getattr(method, "bodies", None) or ()) if as_flag(
+        "bodies", bodies) else ({}, {})
+    L, *rest = _named(found, [found.L - potential, *found.constraints, *found.rates,
+                              *shown_of.values()], names)
+    m, last = len(found.constraints), len(rest) - len(shown_of)
+    g, bound = rest[:m], rest[m:last]
+    quantities = dict(zip(shown_of, rest[last:], strict=True))
     q, v = [names[x] for x in found.q], [names[x] for x in rates]
     _refuse_functions(name, [L, *g, *F], t)
     given = tuple(found.inputs.values())
-    parameters = sorted(symbols_of([L, *g, *F]) - {*q, *v, *given, t}, key=str)
+    everything = [L, *g, *F, *quantities.values()]
+    parameters = sorted(symbols_of(everything) - {*q, *v, *given, t}, key=str)
     system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
-                             t if t in symbols_of([L, *g, *F]) else None, name=name,
-                             inputs=given)
+                             t if t in symbols_of(everything) else None, name=name,
+                             inputs=given, quantities=quantities, placed=placed)
     _refuse_nonholonomic(system, bound)
     return system
 
@@ -169,6 +180,18 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
     return dict(zip(u, left, strict=True))
 
 
+def _remark_on_velocities(motion: Motion, bodies: Sequence[Any]) -> None:
+    """Warn of velocities that are no rates of places: a base that moves may stand still in them."""
+    pair = next(motion.contradictions(bodies), None)
+    if pair is not None:
+        point, near = pair
+        remark(f"In {motion.frame} the velocity of {point} is {shown(point.vel(motion.frame))} and "
+               f"that of {near} {shown(near.vel(motion.frame))}, which is not how its place from "
+               "there changes; velocities are taken as they are. A joint of SymPy sets its point "
+               "at rest in the axes of its first body: a base that moves needs a frame of its own, "
+               f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
+
+
 # ---------------------------------------------------------------- loads
 
 
@@ -215,6 +238,25 @@ def _potential(
     if place is None:
         return None
     return -sp.Add(*(F * motion.along(k, place) for k, F in enumerate(components) if F != 0))
+
+
+def _places(motion: Motion, bodies: Sequence[Any]) -> tuple[
+    dict[str, dict[str, list[str]]], dict[str, sp.Expr]
+]:
+    """Return the quantities of each body's place and axes, and their expressions."""
+    placed: dict[str, dict[str, list[str]]] = {}
+    quantities: dict[str, sp.Expr] = {}
+    for body in bodies:
+        place = motion.place(body.masscenter)
+        if place is None:
+            continue
+        x = {f"{body.name}_{axis}": motion.along(k, place) for k, axis in enumerate("xyz")}
+        R = body.frame.dcm(motion.frame) if isinstance(body, me.RigidBody) else sp.zeros(0, 3)
+        axes = {f"{body.name}_R{i + 1}{j + 1}": R[j, i] for j in range(min(len(R), 2))
+                for i in range(3)}
+        quantities |= x | axes
+        placed[body.name] = {"x": list(x), "axes": list(axes)}
+    return placed, quantities
 
 
 # ---------------------------------------------------------------- names

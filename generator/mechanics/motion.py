@@ -6,7 +6,7 @@ square of the way. Here components are turned from frame to frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -86,6 +86,20 @@ class Motion:
         apart = [a - b for a, b in zip(short, long, strict=True)]
         return short if vanish(substitute(apart, self.speeds)) else long, axes
 
+    def contradictions(self, bodies: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        """Yield pairs of points whose velocities differ by another rate than their places do."""
+        known = list(dict.fromkeys(point for body in bodies for point in _reached(body.masscenter)
+                                   if self.frame in point._vel_dict))
+        for point in known:
+            near = next((other for other in _reached(point)
+                         if other is not point and other in known), None)
+            if near is None:
+                continue
+            place, gap = point.pos_from(near), near.vel(self.frame) - point.vel(self.frame)
+            left = self._moved(place, gap, self._last(place, gap))
+            if not vanish(substitute(left, self.speeds)):
+                yield point, near
+
     def place(self, point: Any) -> Any:
         """Return the place of a point from the nearest one at rest, or None."""
         rest = _nearest(point, lambda other: other._vel_dict.get(self.frame) == 0)
@@ -137,11 +151,14 @@ class Motion:
 
 def _nearest(point: Any, suits: Callable[[Any], bool]) -> Any:
     """Return the nearest of the points from which the place of one is known, or None."""
+    return next((other for other in _reached(point) if suits(other)), None)
+
+
+def _reached(point: Any) -> Iterator[Any]:
+    """Yield the points from which the place of one is known, itself first, nearer ones earlier."""
     seen, waiting = {point}, [point]
     for other in waiting:
-        if suits(other):
-            return other
+        yield other
         fresh = [known for known in other._pos_dict if known not in seen]
         seen.update(fresh)
         waiting += fresh
-    return None

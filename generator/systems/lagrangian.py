@@ -63,11 +63,16 @@ class LagrangianSystem(System):
         The Lagrangian L(q, v, t; parameters).
     velocities : sequence of Symbol
         v, one for each coordinate.
+    placed : mapping
+        Name of a body → ``x`` and ``axes``: quantities that are the place of its centre of mass,
+        and its first two axes in space (of a particle none).
     """
 
     H: sp.Expr = field(init=False)
     L: sp.Expr = field(kw_only=True)
     velocities: tuple[sp.Symbol, ...] = field(kw_only=True)
+    placed: Mapping[str, Mapping[str, Sequence[str]]] = field(
+        default_factory=dict, kw_only=True, hash=False)
 
     def __post_init__(self) -> None:
         kinetic = ((p - b) * v / 2
@@ -204,6 +209,7 @@ def from_lagrangian(
     time: sp.Symbol | None = None, *,
     name: str = "system", constraint_names: Sequence[str] = (), inputs: Any = (),
     quantities: Mapping[str, sp.Expr] | None = None,
+    placed: Mapping[str, Mapping[str, Sequence[str]]] | None = None,
 ) -> LagrangianSystem:
     """Return the system of a Lagrangian L = ½ vᵀM(q)v + b(q)ᵀv − V(q), p = M v + b.
 
@@ -215,6 +221,8 @@ def from_lagrangian(
         Coordinates, and the symbols of their rates, n of each. The momenta are named p_…
     parameters, constraints, name, constraint_names, inputs, quantities
         As of ``System``; inputs stand in forces only.
+    placed
+        As of ``LagrangianSystem``.
     forces : sequence of Expr, optional
         F(q, v, t; parameters), n of them: d/dt L_v = L_q + F − g_qᵀλ.
     time : Symbol, optional
@@ -243,7 +251,8 @@ def from_lagrangian(
     system = LagrangianSystem(
         coordinates, tuple(_momentum(x, taken) for x in coordinates), constants,
         bound, L=L, velocities=speeds, forces=pushes, time=time, name=name,
-        constraint_names=tuple(constraint_names), inputs=given, quantities=quantities or {})
+        constraint_names=tuple(constraint_names), inputs=given, quantities=quantities or {},
+        placed=placed or {})
     _refuse_unless_quadratic(system)
     _refuse_switching(system)
     _refuse_singular(system)

@@ -231,8 +231,9 @@ class System:
 
     def _refuse_inputs_elsewhere(self) -> None:
         """An input jumps between steps: no scheme counts what H gains there, and g would break."""
-        places = {**{what: [e] for what, e in self.defining.items()}, "a constraint": self.constraints,
-                  "a quantity": self.quantities.values()}
+        places = {what: (e,) for what, e in self.defining.items()}
+        places |= {"a constraint": self.constraints,
+                   "a quantity": tuple(self.quantities.values())}
         for what, expressions in places.items():
             found = {s for e in expressions for s in e.free_symbols}.intersection(self.inputs)
             if found:

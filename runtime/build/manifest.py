@@ -13,7 +13,7 @@ from typing import Any
 
 from ...errors import InputError
 from ...real import REALS
-from .places import bodies_of, joints_of
+from .places import bodies_of, joints_of, placed_of
 
 __all__ = ["read_manifest", "remarks_of", "sizes_of"]
 
@@ -79,7 +79,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
              system.get("quantities_take_time", False))
     counts = (scheme["unknowns"], scheme["multipliers"], scheme["order"], scheme["stages"] or 0)
     m = len(system["constraints"])
-    bodies_of(content), joints_of(content)  # which raise for what are none
+    bodies_of(content), joints_of(content), placed_of(content)  # which raise for what are none
     sound = (
         all(isinstance(x, str) for x in texts) and all(isinstance(x, list) for x in lists)
         and all(isinstance(x, bool) for x in flags) and all(type(x) is int for x in counts)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ...body_values import Inertia, as_moments, tensor_of_inverse
 
-__all__ = ["BodyAt", "JointAt", "Pull", "bodies_of", "joints_of", "numbers"]
+__all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "bodies_of", "joints_of", "numbers",
+           "placed_of"]
 
 Array = NDArray[np.float64]
 Entry = str | float
@@ -59,6 +60,17 @@ class BodyAt:
     def mass_of(self, parameters: Mapping[str, float]) -> float | None:
         """Return the mass, None where nobody says."""
         return None if self.mass is None else float(numbers([self.mass], parameters)[0])
+
+
+@dataclass(frozen=True)
+class PlacedAt:
+    """Which quantities are the place of a body's centre of mass, and its first two axes in space.
+
+    ``axes`` is empty for a particle.
+    """
+
+    x: list[str]
+    axes: list[str]
 
 
 @dataclass(frozen=True)
@@ -133,6 +145,18 @@ def bodies_of(manifest: Mapping[str, Any]) -> dict[str, BodyAt]:
             _vector(system, body.get("centre", []), 0, 3), mass)
     if system["rigid_body"] and not found:
         found["body"] = BodyAt([0, 1, 2, 3], ["I1", "I2", "I3"], [], [0.0, 0.0, 0.0], [], None)
+    return found
+
+
+def placed_of(manifest: Mapping[str, Any]) -> dict[str, PlacedAt]:
+    """Return the bodies that quantities tell the place of; raises as ``bodies_of`` does."""
+    system = manifest["system"]
+    found = {}
+    for name, placed in system.get("placed", {}).items():
+        x, axes = list(placed["x"]), list(placed["axes"])
+        if len(x) != 3 or len(axes) not in (0, 6) or not {*x, *axes} <= {*system["quantities"]}:
+            raise ValueError("the manifest holds another body")
+        found[str(name)] = PlacedAt(x, axes)
     return found
 
 

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import as_path, why_unwritable
 from ...errors import GyrosparkError, InputError
 from ...naming import choose, shown
-from ..build.places import bodies_of, joints_of
+from ..build.places import bodies_of, joints_of, placed_of
 from ..events.found import Crossings
 from ..show.endings import ENDINGS, ending_of
 from .body_motion import BodyMotion
 from .joint_motion import JointMotion
 from .outputs import place_of_quantity
+from .placed_motion import PlacedMotion
 from .report import Report
 from .shown import Shown
 from .trajectory_file import read_npz, write_npz
@@ -148,7 +149,7 @@ class Trajectory(Shown):
     @property
     def bodies(self) -> tuple[str, ...]:
         """The names of the rigid bodies, which ``body`` takes."""
-        return tuple(bodies_of(self.manifest))
+        return (*bodies_of(self.manifest), *placed_of(self.manifest))
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -174,18 +175,20 @@ class Trajectory(Shown):
         >>> run.body("bus").angular_velocity(frame="space")       # doctest: +SKIP
         """
         bodies, system = bodies_of(self.manifest), self.manifest["system"]["name"]
-        if not bodies:
+        placed = placed_of(self.manifest)
+        if not self.bodies:
             raise InputError(
                 f"System {system!r} is not one rigid body; t, q, p, multipliers and energy() are "
                 "defined for it. (That a gyrospark.System is one, rigid_body=True says.)")
-        if name is None and len(bodies) > 1:
-            raise InputError(f"System {system!r} is not one rigid body but {len(bodies)}, "
-                             f"{', '.join(bodies)}; say which, as in "
-                             f"body({next(iter(bodies))!r}).")
+        if name is None and len(self.bodies) > 1:
+            raise InputError(f"System {system!r} is not one rigid body but "
+                             f"{len(self.bodies)}, {', '.join(self.bodies)}; say which, as in "
+                             f"body({self.bodies[0]!r}).")
         if name is None:
-            name = next(iter(bodies))
-        at = choose(f"body of system {system!r}", name, bodies)
-        return BodyMotion(self, at, bodies[at])
+            name = self.bodies[0]
+        at = choose(f"body of system {system!r}", name, self.bodies)
+        return (PlacedMotion(self, at, placed[at]) if at in placed else
+                BodyMotion(self, at, bodies[at]))
 
     def joint(self, name: str | None = None) -> JointMotion:
         """Return one joint: its point, its angle, the force and the torque in it.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..body.quaternion import rotation_matrix
-from ..build.places import bodies_of, joints_of, numbers
+from ..build.places import bodies_of, joints_of, numbers, placed_of
 
 if TYPE_CHECKING:
     from ..output.trajectory import Trajectory
@@ -123,7 +123,9 @@ def scene_of(trajectory: Trajectory, frames: int) -> Scene:
     order = np.argsort(np.sign(float(trajectory.dt)) * trajectory.t[some].astype(float),
                        kind="stable")  # times may have been asked for in any
     some = some[order]
-    parts = [_part(trajectory, name, some) for name in trajectory.bodies]
+    known = bodies_of(trajectory.manifest)
+    parts = [_part(trajectory, name, some) if name in known else
+             _placed_part(trajectory, name, some) for name in trajectory.bodies]
     error, t = trajectory.energy_error(), trajectory.t
     return Scene(
         f"{trajectory.manifest['system']['name']}, {trajectory.manifest['scheme']['method']}",
@@ -138,7 +140,7 @@ def check_bodies(manifest: Mapping[str, Any]) -> None:
     ------
     InputError
     """
-    if not bodies_of(manifest):
+    if not bodies_of(manifest) and not placed_of(manifest):
         raise InputError(f"System {manifest['system']['name']!r} has no rigid body to show; a plot "
                          "draws its coordinates.")
 
@@ -168,6 +170,16 @@ def _part(trajectory: Trajectory, name: str, some: Any) -> Part:
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
     return Part(name, trajectory.q[some][:, at.q].astype(float), x, centre, axes, sizes, tip,
                 mass is not None)
+
+
+def _placed_part(trajectory: Trajectory, name: str, some: Any) -> Part:
+    """Return a cube for a body of which place and attitude are known: a twentieth of the way."""
+    body = trajectory.body(name)
+    far = max(float(np.abs(trajectory.body(other).position()[some]).max())
+              for other in placed_of(trajectory.manifest))
+    size = np.full(3, far / 20 or 1.0)
+    return Part(name, body.attitude[some], body.position()[some], np.zeros(3), np.eye(3),
+                dict.fromkeys(_FACTORS, size), np.zeros(3), to_scale=False)
 
 
 def _ties(trajectory: Trajectory, parts: list[Part]) -> list[Tie]:
@@ -203,7 +215,8 @@ def _remarks(trajectory: Trajectory, parts: list[Part], some: Any) -> Any:
         yield "The mass is not known: the shape has the proportions of the inertia, not its size."
     t = trajectory.t[some].astype(float)
     if len(t) > 1:
-        for part in parts:
+        known = bodies_of(trajectory.manifest)
+        for part in (part for part in parts if part.name in known):
             omega = trajectory.body(part.name).angular_velocity()[some]
             turn = np.linalg.norm(omega, axis=1)[1:] * np.abs(np.diff(t))
             if turn.max() > np.pi:
