@@ -76,9 +76,8 @@ def prepare_cells(app: Sphinx) -> None:
         return
     from jupyter_cache import get_cache
     from jupyter_client.manager import KernelManager
-    from sqlalchemy import inspect
 
-    inspect(get_cache(app.config.nb_execution_cache_path).db).get_table_names()
+    get_cache(app.config.nb_execution_cache_path).db.dispose()
     if hasattr(KernelManager, "transport_encryption"):
         KernelManager.transport_encryption.default_value = "auto"
     python_logging.getLogger("traitlets").setLevel("WARNING")  # each kernel tells that it runs

@@ -54,8 +54,8 @@ def defects_of_starts(
     ``parameters`` are those of all rows, or ``Binding.parameter_sets`` with one set for each.
     ``keeps_f`` says whether the scheme keeps the momentum constraint; ``dt`` is used if not.
 
-    The bounds are lower ones, of O(n) numbers, if all rows are within these; otherwise those of
-    the module, which take O(n²).
+    If all rows are within lower bounds, which take O(n) numbers, the bounds are these; otherwise
+    the sums over all coordinates, which take O(n²).
     """
     g, f = (size.astype(float) for size in defect_sizes(binding, parameters, q, p))
     for changes in (_least_changes, _changes):
@@ -133,7 +133,9 @@ def _bounds(
         own = parameters + i if binding.sets(parameters) > 1 else parameters
         x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
         n = binding.n
-        euler = [np.array([float(np.abs(part).max())]) for part in (x[:n], x[n : 2 * n])]
+        # An Euler step is no small move: half of it leaves room for terms of third order.
+        part = 1.0 if changes is _changes else 0.5
+        euler = [part * np.array([float(np.abs(d).max())]) for d in (x[:n], x[n : 2 * n])]
         f_bound[row] += changes(binding, own, q[row], p[row], *euler)[1]
     return g_bound, f_bound
 
