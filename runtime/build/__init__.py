@@ -4,6 +4,7 @@
     compiler      find a C compiler, make an extension module
     places        where bodies and joints are in the arrays of a run
     objects       what is compiled side by side, and for which module
+    permutations  objects with a vector instruction that gcc gets wrong
     quad_wrapper  what cffi is told of a float128 stepper
     cache         what is kept between runs
     prebuilt      what a wheel for one platform brings, where there is no compiler

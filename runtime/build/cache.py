@@ -25,7 +25,7 @@ import cffi
 import platformdirs
 
 from ...errors import GyrosparkError
-from . import objects, quad_wrapper
+from . import objects, permutations, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .objects import Part
 
@@ -61,7 +61,7 @@ def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -
             "files": files,
             "part": part,
             "made by": [Path(str(module.__file__)).read_text(encoding="utf-8")
-                        for module in (objects, quad_wrapper)],
+                        for module in (objects, permutations, quad_wrapper)],
             "command": compiler.command,
             "version": compiler.version,
             "flags": [compiler.flags, compiler.seldom_flags, compiler.link_flags, STRICT_FLAGS,
