@@ -26,7 +26,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,7 @@ from ..facade import ROOT, checked_in_files
 from ..generator.bodies.model import Model
 from ..generator.model_files.robots import load_urdf
 from ..generator.pipeline import generate
+from ..generator.schemes.scheme import SchemeName
 from ..generator.spec import Spec
 from ..references.catalogue import REFERENCES
 from ..runtime.body.problems import fast_top, free_body
@@ -57,7 +59,7 @@ Array = NDArray[Any]
 POINTS, ENTRIES = 10_000, 1_000_000
 SEED, DT, SPREAD = 1, 0.01, 0.3
 _FUNCTIONS = ("hamiltonian", "defects", "quantities", "residual", "jacobian", "guess")
-_SCHEMES = (("G-L", 4), ("IMS", None))
+_SCHEMES: tuple[tuple[SchemeName, int | None], ...] = (("G-L", 4), ("IMS", None))
 _EXACT = ["-O1", "-ffp-contract=off", "-DGYROSPARK_PLAIN"]
 
 
@@ -130,8 +132,11 @@ class Difference:
 # ---------------------------------------------------------------- what is compared
 
 
-def of_model(name: str, model: Model, scheme: Any, stages: int | None) -> Source:
+def of_model(
+    name: str, make: Callable[[], Model], scheme: SchemeName, stages: int | None
+) -> Source:
     """Return a stepper of a model, generated."""
+    model = make()
     made = generate(Spec.checked(scheme, stages, None, None, "double", None), system=model.system)
     return Source(f"{name} {made.source.name}", made.source.files(), *_start(model))
 
@@ -143,14 +148,14 @@ def _start(model: Model) -> tuple[Array, Array, dict[str, Any]]:
 def sources() -> Iterator[tuple[str, Callable[[], Source]]]:
     """Yield the names of all steppers and what makes each."""
     for path in sorted((ROOT / "generated").glob("*.json")):
-        yield path.stem, lambda name=path.stem: _checked_in(name)
+        yield path.stem, partial(_checked_in, path.stem)
     models: dict[str, Callable[[], Model]] = {
         **{name: entry.make for name, entry in MODELS.items()},
         **{name: found.make for name, found in REFERENCES.items()},
-        **{path.stem: lambda path=path: load_urdf(path, ignore="all") for path in robots()}}
+        **{path.stem: partial(load_urdf, path, ignore="all") for path in robots()}}
     for name, make in models.items():
         for scheme, stages in _SCHEMES:
-            yield name, lambda n=name, m=make, of=(scheme, stages): of_model(n, m(), *of)
+            yield name, partial(of_model, name, make, scheme, stages)
 
 
 def robots() -> list[Path]:
@@ -277,7 +282,7 @@ def _compiled(
             text = re.sub(r"\bdouble\b", real, text).replace("<math.h>", "<tgmath.h>")
         (folder / file).write_text(text, encoding="utf-8")
     number = tuple(flag for flag in made.flags if flag.startswith("-D"))
-    again = Build(build.kind, (*build.flags, *number), build.mended).compile(
+    again = replace(build, flags=(*build.flags, *number)).compile(
         folder / f"{name}.c", folder / "made.so")
     return _Functions(source, folder / "made.so", real), again
 
