@@ -4,6 +4,7 @@
     compiler      find a C compiler, make an extension module
     places        where bodies and joints are in the arrays of a run
     objects       what is compiled side by side, and for which module
+    permutations  objects with a vector instruction that gcc gets wrong
     quad_wrapper  what cffi is told of a float128 stepper
     kernel_text   the kernels in C, read back and evaluated by NumPy or mpmath
     kernel_check  compiled kernels beside these values

@@ -34,7 +34,7 @@ import platformdirs
 
 from ...errors import GyrosparkError
 from ...remarks import remark
-from . import kernel_check, kernel_text, objects, quad_wrapper
+from . import kernel_check, kernel_text, objects, permutations, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .objects import Part
 
@@ -106,7 +106,8 @@ def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -
             "files": files,
             "part": part,
             "made by": [Path(str(module.__file__)).read_text(encoding="utf-8")
-                        for module in (kernel_check, kernel_text, objects, quad_wrapper)],
+                        for module in (kernel_check, kernel_text, objects, permutations,
+                                       quad_wrapper)],
             "command": compiler.command,
             "version": compiler.version,
             "flags": [compiler.flags, compiler.seldom_flags, compiler.link_flags, STRICT_FLAGS,

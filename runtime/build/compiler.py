@@ -24,6 +24,7 @@ from ...real import REALS, Real
 from .kernel_check import CheckFunction, check_functions, check_text
 from .kernel_text import kernels_of
 from .objects import Part, declarations_of, objects_of
+from .permutations import WITHOUT_PERMUTATIONS, has_permutation
 from .quad_wrapper import is_quad, wrap_declarations
 
 __all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
@@ -93,8 +94,12 @@ class Compiler:
         What is called once a step or a run takes as many instructions with them, and so do long
         kernels, which are straight lines; the compiler takes up to a third less time.
         """
-        gcc = "Free Software Foundation" in self.version
-        return SELDOM_FLAGS if gcc and optimisation() == "-O3" else []
+        return SELDOM_FLAGS if self.is_gcc and optimisation() == "-O3" else []
+
+    @property
+    def is_gcc(self) -> bool:
+        """Whether it is gcc itself, and not another compiler that takes its options."""
+        return "Free Software Foundation" in self.version
 
     @property
     def link_flags(self) -> list[str]:
@@ -211,6 +216,8 @@ def compile_module(
     running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
                            wrapper.name, "-o", "wrapper.o"], folder))
     _end(running)
+    if compiler.is_gcc:
+        _replace_permutations([command for command, _ in running], folder)
     target = folder / (module_name(name) + extension_suffix())
     link = [*compiler.command, *compiler.link_flags, *linked, "-lm", "-o", target.name]
     _end([_start(link, folder)])
@@ -218,6 +225,14 @@ def compile_module(
         raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
                             f"{shlex.join(link)}. {_CURE}", command=link)
     return target, checks
+
+
+def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
+    """Compile again what may permute doubles wrongly; commands end with the name of the object."""
+    for flags in WITHOUT_PERMUTATIONS:
+        again = [command for command in commands
+                 if has_permutation((folder / command[-1]).read_bytes())]
+        _end([_start([*command[:-2], *flags, *command[-2:]], folder) for command in again])
 
 
 def _write_wrapper(

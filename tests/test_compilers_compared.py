@@ -1,0 +1,56 @@
+"""Builds of the same C by different compilers and flags: short versions of the study of all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compilers import COMPILERS, compiler
+from gyrospark.benchmarks.compilers import BUILDS, Build, Difference, compare, main, sources
+
+POINTS = 100
+
+
+def source(name):
+    return next(make for found, make in sources() if found == name)()
+
+
+@pytest.mark.parametrize("kind", ["gcc", "clang"])
+def test_full_optimisation_differs_by_rounding_alone(kind):
+    compiler(kind)
+    build = Build(kind, ("-O3", "-march=native"))
+    found = list(compare(source("heavy_top_gl1_gamma"), [build], POINTS))
+    assert [one.function for one in found] == ["hamiltonian", "defects", "residual", "jacobian",
+                                               "guess"]
+    assert all(one.holds and one.entries >= POINTS for one in found), found
+    assert any(one.error > 0 for one in found)
+
+
+class Wrong(Build):
+    """A compiler that changes the twelfth digit of the sums in a constraint."""
+
+    def compile(self, source, target):
+        text, total = source.read_text(encoding="utf-8"), "sum[0] = total;"
+        assert total in text
+        source.write_text(text.replace(total, "sum[0] = total*(1 + 1e-12);"), encoding="utf-8")
+        return super().compile(source, target)
+
+
+def test_a_wrong_digit_is_not_explained_by_rounding():
+    kind = next(iter(COMPILERS), None) or pytest.skip("gcc and clang are not installed")
+    made = compare(source("heavy_top_gl1_gamma"), [Wrong(kind, ("-O1",))], POINTS)
+    found = {one.function: one.holds for one in made}
+    assert not found["defects"]
+    assert found["hamiltonian"]
+
+
+def test_what_is_not_finite_does_not_hold():
+    assert not Difference("s", "b", "f", 1, np.inf, 1.0, 0).holds
+    assert not Difference("s", "b", "f", 1, np.nan, 1.0, 0).holds
+
+
+@pytest.mark.slow
+def test_all_steppers_by_all_compilers(capsys):
+    for kind in {build.kind for build in BUILDS}:
+        compiler(kind)
+    assert main(["--points", "1000", "--minutes", "15"]) == 0, capsys.readouterr().out
