@@ -252,7 +252,9 @@ def killed(command, seconds, kills, folder, seed):
     return found
 
 
-@pytest.mark.parametrize(("command", "seconds"), KILLED.values(), ids=KILLED.keys())
+@pytest.mark.parametrize(("command", "seconds"), [
+    pytest.param(*what, id=name, marks=[pytest.mark.slow] if name == "model file" else [])
+    for name, what in KILLED.items()])  # test_storage_resume.py ends runs with forces, in process
 def test_killed_at_random(command, seconds, tmp_path):
     killed(command, seconds, 2, tmp_path / "0", seed=0)
 
