@@ -114,7 +114,8 @@ def places_of(
 
 def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> None:
     """Write blocks of states, each an array for each column or group of columns."""
-    with path.open("w", encoding="utf-8", newline="") as file:
+    # Lone surrogates, which only names of damaged files have, are written as \udc80.
+    with path.open("w", encoding="utf-8", newline="", errors="backslashreplace") as file:
         lines = csv.writer(file)
         lines.writerow(titles)
         for arrays in blocks:
