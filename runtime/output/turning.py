@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -99,7 +99,7 @@ class Rotations:
             number = partial(np.asarray, dtype=float)
         moves = [number(parameters[name]) != 0 for name in self._rates if name in parameters]
         dt = number(dt)
-        largest = Turning("", -1.0, self._borne, 0.0, self._order)
+        largest, fastest, step = -1.0, "", 0.0
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
             for name, body in self._bodies.items():
                 inertia = [number(parameters[key]) for key in body.inertia]
@@ -112,10 +112,12 @@ class Rotations:
                     radians = np.where(np.isfinite(radians), radians, -1.0)
                     row = int(np.argmax(radians))
                     found = float(radians[row])
-                if largest.radians < found < math.inf:
+                if largest < found < math.inf:
+                    largest, fastest = found, name
                     step = float(np.broadcast_to(dt, len(q))[row]) if np.ndim(dt) else float(dt)
-                    largest = replace(largest, body=name, radians=found, dt=step)
-        return largest if largest.body else None
+        if not fastest:
+            return None
+        return Turning(fastest, largest, self._borne, step, self._order)
 
     def warn(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> bool:
         """Warn where a body turns by more than the method can bear, and return whether it does."""
@@ -125,9 +127,9 @@ class Rotations:
     def warn_of(self, trajectory: Trajectory) -> None:
         """Warn so of some of the stored states of a run behind the start, the last among them."""
         count = len(trajectory) - 1
-        if not count:
+        if count < 2:  # a step's end is the start of the next call, which looks at it
             return
-        rows = [-1] if count == 1 else np.unique(np.linspace(1, count, _LOOKED_AT).astype(int))
+        rows = slice(None, 0, -max(1, count // _LOOKED_AT))
         self.warn(trajectory.parameters, trajectory.dt, trajectory.q[rows], trajectory.p[rows])
 
 
