@@ -58,7 +58,7 @@ class Run(Grouped):
 
     groups: ClassVar = {
         "What runs": ("settings", "system", "scheme", "stages", "rep", "tableau", "real"),
-        "Steps": ("dt", "error", "steps", "t_end", "round_end", "t0"),
+        "Steps": ("dt", "error", "steps", "t_end", "nearest", "t0"),
         "Inertia and frame": ("gamma", "alpha", "frames"),
         "What is looked for": ("watched_for", "reference"),
         "What is written": ("out", "every", "euler", "degrees", "resume", "seed", "plot", "page",
