@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.generator.systems import redundancy
 from gyrospark.generator.systems.redundancy import refuse_redundant_anywhere
 
 x, y, z, w, a, b, c, d = sp.symbols("x y z w a b c d", real=True)
@@ -119,3 +120,14 @@ def test_a_body_held_twice():
                 build.model()
     with pytest.raises(gs.InputError, match="3 of the 10"):
         build.model()
+
+
+def test_what_varies_is_not_multiplied_out(monkeypatch):
+    """Fifteen products of twelve sums would take a minute; constants are still found."""
+    x = sp.symbols("x0:12", real=True)
+    long = sp.prod(a + b**2 for a, b in zip(x, x[1:] + x[:1], strict=True)) - 3
+    hidden = (x[0] + 1)**2 - x[0]**2 - 2 * x[0] - 1
+    with pytest.raises(gs.InputError, match="g1"):
+        redundancy.refuse_constant("s", [long, hidden], ["g0", "g1"])
+    monkeypatch.setattr(redundancy.sp, "expand", lambda e: pytest.fail("multiplied out"))
+    redundancy.refuse_constant("s", [long], ["g0"])

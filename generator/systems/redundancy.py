@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...projection import dependent_rows
+from ..algebra.evaluation import evaluate
 from .numeric_system import NumericConstraints
 from .system import System
 
@@ -169,11 +170,24 @@ def refuse_redundant_anywhere(system: System) -> None:
 def refuse_constant(what: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
     """Refuse constraints in which nothing can move: they hold always or never."""
     for name, g in zip(names, constraints, strict=True):
-        if not g.free_symbols or (len(g.args) < 64 and sp.expand(g).is_number):
+        if not g.free_symbols or (len(g.args) < 64 and not _varies(g) and sp.expand(g).is_number):
             value = sp.expand(g)
             says = "always holds; leave it out" if value == 0 else f"reads {value} = 0"
             raise InputError(f"The constraint {name!r} of {what!r} contains no coordinate and "
                              f"{says}.")
+
+
+def _varies(g: sp.Expr) -> bool:
+    """Whether an expression has clearly different values at random places: then it is no constant.
+
+    That is seen at once; the terms of a product of twelve sums are thousands.
+    """
+    rng = np.random.default_rng(21)
+    try:
+        values = evaluate([g], {x: rng.uniform(0.5, 1.5, 4) for x in g.free_symbols})
+    except (InputError, TypeError, ArithmeticError):
+        return False
+    return bool(np.isfinite(values).all() and np.ptp(values) > 1e-6 * np.abs(values).max())
 
 
 def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
