@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...projection import dependent_rows
 from ..algebra.evaluation import evaluate
+from ..algebra.rounding import rounding
 from .numeric_system import NumericConstraints
 from .system import System
 
@@ -184,10 +185,11 @@ def _varies(g: sp.Expr) -> bool:
     """
     rng = np.random.default_rng(21)
     try:
-        values = evaluate([g], {x: rng.uniform(0.5, 1.5, 4) for x in g.free_symbols})
+        at = {x: rng.uniform(0.5, 1.5, 4) for x in g.free_symbols}
+        values, noise = evaluate([g], at), EPS * rounding([g], at, {})
     except (InputError, TypeError, ArithmeticError):
         return False
-    return bool(np.isfinite(values).all() and np.ptp(values) > 1e-6 * np.abs(values).max())
+    return bool(np.isfinite(values).all() and np.ptp(values) > 1e6 * noise.max())
 
 
 def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
