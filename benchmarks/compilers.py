@@ -11,7 +11,8 @@ Jacobian, the starting guess) is compiled by gcc and clang at -O1 and -O3 with v
               function, for entries in which the plain order happens to cancel exactly
 
 A compiler that rounds in another order stays below the bound; one that takes a wrong number is
-above it by many powers of ten.
+above it by many powers of ten. Kernels, those of lanes too, are compared with their statements in
+NumPy as after each compilation (``runtime.build.kernel_check``), at as many points.
 
 With names, only those steppers; ``--minutes`` of CPU time after which no other one is begun.
 """
@@ -44,14 +45,18 @@ from ..generator.model_files.robots import load_urdf
 from ..generator.pipeline import generate
 from ..generator.schemes.scheme import SchemeName
 from ..generator.spec import Spec
+from ..real import REALS
 from ..references.catalogue import REFERENCES
 from ..runtime.body.problems import fast_top, free_body
-from ..runtime.build.compiler import SPEED_FLAGS, read_declarations
+from ..runtime.build.compiler import SPEED_FLAGS, Compiler, compile_module, read_declarations
+from ..runtime.build.kernel_check import differences
 from ..runtime.build.manifest import read_manifest
-from ..runtime.build.objects import objects_of
+from ..runtime.build.objects import Part, objects_of
 from ..runtime.build.permutations import WITHOUT_PERMUTATIONS, has_permutation
+from ..runtime.build.verified import import_module
 
-__all__ = ["BUILDS", "Build", "Difference", "Source", "compare", "main", "sources"]
+__all__ = ["BUILDS", "Build", "Difference", "Source", "compare", "compare_kernels", "main",
+           "sources"]
 
 Array = NDArray[Any]
 
@@ -267,6 +272,33 @@ def compare(
                                  float(error[worst]), float(bound[worst]), again)
 
 
+def compare_kernels(
+    source: Source, builds: Sequence[Build] = BUILDS, points: int = POINTS
+) -> Iterator[Difference]:
+    """Yield for each build the kernels that differ from their statements, or that all agree."""
+    name = next(f[:-2] for f in source.files if f.endswith(".c"))
+    manifest = read_manifest(name, source.files)
+    parts: list[Part] = ["runs", "lanes"] if manifest["fast_path"]["available"] else ["runs"]
+    for build in builds:
+        compiler = Compiler((build.kind,), _version(build.kind))
+        for part in parts:
+            with tempfile.TemporaryDirectory() as folder:
+                path, checks = compile_module(name, dict(source.files), compiler, Path(folder),
+                                              part, build.flags)
+                found, kernels = differences(import_module(name, path), checks,
+                                             REALS[manifest["real"]], points - points % 16)
+            entries = points * sum(kernels.values())
+            yield Difference(source.name, str(build), f"{len(kernels)} kernels of {part}", entries,
+                             0.0, 1.0, 0)
+            for one in found:
+                yield Difference(source.name, str(build), one.kernel, points,
+                                 abs(one.compiled - one.expected), one.allowed, 0)
+
+
+def _version(kind: str) -> str:
+    return subprocess.run([kind, "--version"], capture_output=True, text=True, check=True).stdout
+
+
 def _compiled(
     source: Source, build: Build, folder: Path, real: str = "double"
 ) -> tuple[_Functions, int]:
@@ -311,7 +343,8 @@ def main(arguments: Sequence[str]) -> int:
         except GyrosparkError as error:
             print(f"{name} is left out: {error}")
             continue
-        found = list(compare(source, BUILDS, chosen.points))
+        found = [*compare(source, BUILDS, chosen.points),
+                 *compare_kernels(source, BUILDS, chosen.points)]
         furthest = max(found, key=lambda one: one.error / max(one.bound, 1e-300))
         worst += [one for one in found if not one.holds]
         print(f"{source.name:<44} {len({one.function for one in found})} functions, "

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from compilers import COMPILERS, compiler
-from gyrospark.benchmarks.compilers import BUILDS, Build, Difference, compare, main, sources
+from gyrospark.benchmarks.compilers import (
+    BUILDS,
+    Build,
+    Difference,
+    compare,
+    compare_kernels,
+    main,
+    sources,
+)
 
 POINTS = 100
 
@@ -24,6 +32,13 @@ def test_full_optimisation_differs_by_rounding_alone(kind):
                                                "guess"]
     assert all(one.holds and one.entries >= POINTS for one in found), found
     assert any(one.error > 0 for one in found)
+
+
+def test_kernels_are_compared_in_each_build():
+    kind = next(iter(COMPILERS), None) or pytest.skip("gcc and clang are not installed")
+    found = list(compare_kernels(source("heavy_top_gl1_gamma"), [Build(kind, ("-O0",))], POINTS))
+    assert [one.holds for one in found] == [True, True]
+    assert all(one.entries > 10 * POINTS for one in found)
 
 
 class Wrong(Build):

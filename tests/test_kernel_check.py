@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import platform
 import re
 import shutil
 from functools import cache
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 import sympy as sp
 
-import golden_runs
 import gyrospark as gs
 from gyrospark.errors import CompilerError, InputWarning
 from gyrospark.generator.algebra.switches import Max
@@ -159,39 +157,6 @@ def test_an_object_that_never_agrees_is_refused(tmp_path, monkeypatch):
     with pytest.raises(CompilerError, match="constraint_jacobian"):
         load_module("heavy_top_gl1_gamma", files_of("heavy_top_gl1_gamma"))
     assert not list((tmp_path / "cache").glob("*.so"))
-
-
-WIDTHS = ["-mprefer-vector-width=256", "-mprefer-vector-width=512"]
-
-
-def compared(step: gs.Stepper, level: str, width: str, folder) -> int:
-    """Return how many kernels agree at 10,000 points each, compiled with these flags."""
-    compiler, count = find_compiler(), 0
-    real = REALS[step.manifest["real"]]
-    for part in ("runs", "lanes") if step.manifest["fast_path"]["available"] else ("runs",):
-        inside = folder / f"{step.name}{level}{width[-3:]}{part}"
-        inside.mkdir()
-        path, checks = compile_module(step.name, step.files, compiler, inside, part, [level, width])
-        points = 10_000 if real.bits <= 53 else 160
-        module = verified.import_module(step.name, path)
-        found, kernels = kernel_check.differences(module, checks, real, points)
-        assert not found, found
-        count += len(kernels)
-    return count
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="vector widths of x86-64")
-@pytest.mark.parametrize("width", WIDTHS)
-@pytest.mark.parametrize("level", ["-O1", "-O3"])
-@pytest.mark.parametrize("cc", ["gcc", "clang"])
-@pytest.mark.parametrize("name", golden_runs.CASES)
-def test_all_steppers_under_all_compilers(name, cc, level, width, tmp_path, monkeypatch):
-    if shutil.which(cc) is None:
-        pytest.skip(f"there is no {cc}")
-    step = golden_runs.CASES[name]().step
-    monkeypatch.setenv("CC", cc)
-    assert compared(step, level, width, tmp_path) >= 5
 
 
 @pytest.mark.parametrize(("text", "value"), [
