@@ -1283,12 +1283,17 @@ typedef real lanes;
 
 enum { LANES = sizeof(lanes)/sizeof(real) };
 
-/* unused: no stepper calls all of them, and clang warns of the others. */
-#if defined(__GNUC__)
+/* unused: no stepper calls all of them, and clang warns of the others. -O0 is for fast builds. */
+#if defined(__OPTIMIZE__)
 #define INLINE static inline __attribute__((always_inline, unused))
-#define NOINLINE static __attribute__((noinline))
+#elif defined(__GNUC__)
+#define INLINE static inline __attribute__((unused))
 #else
 #define INLINE static inline
+#endif
+#if defined(__GNUC__)
+#define NOINLINE static __attribute__((noinline))
+#else
 #define NOINLINE static
 #endif
 

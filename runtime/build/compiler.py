@@ -35,8 +35,6 @@ STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-
 EXTENDED_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 #: Contraction to FMA is wanted here and stated; exported C is built with it off.
 SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
-#: At -O0: functions that must be inlined are called instead, which halves the code to compile.
-CALLED_FLAGS = ["-Dalways_inline=unused"]
 #: For gcc, which knows names of parts of -O3.
 SELDOM_FLAGS = ["-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fpeel-loops"]
 #: For cffi's wrapper, which hands arguments on and computes nothing: what builds fastest.
@@ -81,7 +79,7 @@ class Compiler:
     def flags(self) -> list[str]:
         """Flags for code that runs on this machine, or on any of its architecture."""
         level = optimisation()
-        flags = [level, *SPEED_FLAGS, *(CALLED_FLAGS if level == "-O0" else [])]
+        flags = [level, *SPEED_FLAGS]
         if self.portable:
             return [*flags, "-fPIC"]
         native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
@@ -205,8 +203,8 @@ def compile_module(
         (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
         own_checks = check_functions(f"{name}_{made.name}", kernels, made.checks)
         checks += own_checks
-        (inside / f"{name}.c").write_text(files[f"{name}.c"] + check_text(own_checks),
-                                          encoding="utf-8")
+        (inside / f"{name}.c").write_text(
+            files[f"{name}.c"] + check_text(own_checks, files[f"{name}.c"]), encoding="utf-8")
         own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags]
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))

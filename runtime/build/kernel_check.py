@@ -9,6 +9,7 @@ the working precision.
 
 from __future__ import annotations
 
+import re
 import sys
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -172,10 +173,16 @@ def check_functions(
     return made
 
 
-def check_text(functions: Iterable[CheckFunction]) -> str:
-    """Return the C to be appended to the text of an object."""
+def check_text(functions: Iterable[CheckFunction], source: str) -> str:
+    """Return the C to be appended to the text of an object.
+
+    A user's parameter may have the name of one of its macros, which are not needed any more.
+    """
     made = [function.text for function in functions]
-    return "".join([_CLEAR, *made]) if made else ""
+    named = {name for function in functions for kernel in function.kernels
+             for name in (*kernel.fields, *kernel.inputs, *kernel.outputs)}
+    macros = sorted(named & set(re.findall(r"^ *# *define (\w+)", source, re.MULTILINE)))
+    return "".join([*(f"#undef {name}\n" for name in macros), _CLEAR, *made]) if made else ""
 
 
 def differences(

@@ -231,7 +231,8 @@ class Arithmetic:
         if name.removesuffix("_slope") in _CARDINAL:
             return self._cardinal(name, arguments[0])
         if self.functions is not np:
-            return np.frompyfunc(getattr(self.functions, name), len(arguments), 1)(*arguments)
+            function = getattr(self.functions, "power" if name == "pow" else name)
+            return np.frompyfunc(_real(function, self.functions.nan), len(arguments), 1)(*arguments)
         return getattr(self.functions, _NUMPY.get(name, name))(*arguments)
 
     def _switch(self, name: str, arguments: list[Any]) -> Any:
@@ -248,6 +249,18 @@ class Arithmetic:
         if not name.endswith("_slope"):
             return ratio
         return (_DERIVATIVES[function](self, z) - ratio) / z
+
+
+def _real(function: Callable[..., Any], nan: Any) -> Callable[..., Any]:
+    """Return a function of mpmath that is NaN where it is complex or infinite, as C's are."""
+    def value(*arguments: Any) -> Any:
+        try:
+            found = function(*arguments)
+        except (ValueError, ZeroDivisionError):
+            return nan
+        return nan if hasattr(found, "_mpc_") else found
+
+    return value
 
 
 _NUMPY = {"fabs": "abs", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "pow": "power",
