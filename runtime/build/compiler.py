@@ -165,6 +165,11 @@ def optimisation() -> str:
     return f"-O{level}"
 
 
+def is_whole() -> bool:
+    """Whether a stepper is one object and one module: at -O0, where several take longer."""
+    return optimisation() == "-O0"
+
+
 def read_declarations(header: str) -> str:
     """Return the part of a generated header that cffi is to read."""
     start = header.index("/* [begin declarations] */")
@@ -197,7 +202,7 @@ def compile_module(
     running, linked = [], ["wrapper.o"]
     kernels = kernels_of(files[f"{name}.c"])
     checks: list[CheckFunction] = []
-    for made in objects_of(name, files, part, whole=optimisation() == "-O0"):
+    for made in objects_of(name, files, part, whole=is_whole()):
         inside = folder / made.name
         inside.mkdir(exist_ok=True)
         (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
@@ -209,7 +214,8 @@ def compile_module(
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")
-    wrapper = _write_wrapper(name, declarations_of(name, files[f"{name}.h"], part), checks, folder)
+    header = files[f"{name}.h"] if is_whole() else declarations_of(name, files[f"{name}.h"], part)
+    wrapper = _write_wrapper(name, header, checks, folder)
     include = sysconfig.get_paths()["include"]
     running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
                            wrapper.name, "-o", "wrapper.o"], folder))

@@ -19,7 +19,7 @@ from .cache import (
     publish,
     workshop,
 )
-from .compiler import Compiler, extension_suffix, find_compiler
+from .compiler import Compiler, extension_suffix, find_compiler, is_whole
 from .objects import Part
 from .prebuilt import prebuilt_module, prebuilt_provenance
 from .verified import compile_verified, import_module, loaded
@@ -47,6 +47,7 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         if path := prebuilt_module(files, part):
             return import_module(name, path)
         raise
+    part = "runs" if is_whole() else part
     path = _path_of(name, files, compiler, part)
     if _is_whole(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
