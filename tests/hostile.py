@@ -107,7 +107,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
               t0=0.0, run_steps=4),
         plain("choose_frame", gs.choose_frame, stepper=gs.stepper("G-L", 2, frame="symmetries"),
               **state, dt=1e-2, parameters=TOP.parameters | {"gamma": 0.001},
-              bodies={"gamma": TOP.inertia}, steps=8, t0=0.0),
+              bodies={"gamma": TOP.inertia}, steps=8, t0=0.0, inputs=None, hold=1),
         plain("load_model", gs.load_model, path=str(tmp_path / "none.toml"), rep="gamma",
               real="double"),
         plain("open_recording", gs.open_recording, path=str(tmp_path / "none.zarr")),
