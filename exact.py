@@ -21,7 +21,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Number", "Rounded", "as_double", "decimal", "digits_of", "exact", "knowing", "nearest"]
+    from .runtime.body.exact_motions import free_body, regular_precession
+
+#: What users are offered; the rest is the package's own.
+__all__ = ["free_body", "regular_precession"]
 
 #: What is taken for a real number; mpmath's and SymPy's, which have no types to name, as well.
 Number: TypeAlias = "float | np.floating[Any] | Decimal | Fraction"
@@ -34,15 +37,17 @@ _CONSTANT_BITS = 256
 #: decimals that tell any number from its neighbours.
 _QUAD, _QUAD_DIGITS = (113, -16494), 36
 _DECIMAL = re.compile(r"\s*([+-]?)(\d+\.?\d*|\.\d+)(?:[eE]([+-]?\d+))?\s*", re.ASCII)
-#: Motions in closed form.
-_MOTIONS = ("free_body", "regular_precession")
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "infinity": math.inf}
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MOTIONS:
+    if name in __all__:
         return getattr(import_module(".runtime.body.exact_motions", __package__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 class Rounded(float):

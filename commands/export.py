@@ -15,7 +15,7 @@ __all__ = ["export"]
 @click.argument("store", metavar="STORE", type=click.Path(path_type=Path))
 @click.argument("target", metavar="FILE", type=click.Path(path_type=Path))
 @click.option("--columns", metavar="NAME,...",
-              help="Of a .csv file, beside the time: headings, patterns such as '*_angle', and "
+              help="Of a .csv file, beside the time: headings, patterns such as 'wheel*', and "
                    "arrays: q, p, multipliers, quantities (default: all).")
 @euler_options
 def export(
@@ -28,7 +28,7 @@ def export(
     gyrospark export night.zarr night.csv    a column a number
     gyrospark export night.zarr night.npz    for gyrospark.Trajectory.load
     gyrospark export night.zarr night.csv --euler ZYX --degrees
-    gyrospark export night.zarr night.csv --columns "energy,*_angle"
+    gyrospark export night.zarr night.csv --columns "energy,wheel*"
     """
     from ..storage.export import check_angles, check_export
     from ..storage.recording import open_recording

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import click
 
 from ..catalogue import MODELS, PROBLEMS, Entry, entry_named
-from ..errors import GyrosparkError, InputError, Stopped
+from ..errors import GyrosparkError, InputError, StepFailed, Stopped
 from ..generator.spec import is_model_file
 from ..naming import listed, proposal
 from ..real import REALS
+from ..remarks import listening, remark
 from ..runtime.build.manifest import remarks_of
 from ..runtime.call.binding import SOLVERS
 from ..runtime.interrupts import watched
@@ -212,10 +213,15 @@ def run(
     drawn = None if seed is None else whole_number("--seed", seed)
     with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes
         try:
-            with _progress(count, quiet=as_json) as progress:
+            with _progress(count, quiet=as_json) as progress, listening() as heard:
                 done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
                                     progress=progress, angles=angles)
             trouble = done.trouble
+            for said in dict.fromkeys(heard):
+                if isinstance(trouble, StepFailed):
+                    trouble.add_note(said)  # a failure is told in one line
+                else:
+                    remark(said)
             result = result_of(start, step, done, begin)
             result |= measured
             if moved:

@@ -80,6 +80,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
     run = {"dt": 1e-3, "parameters": PARAMETERS}
     state = {"q": q, "p": p}
     made = step.integrate(q, p, steps=3, **run)
+    many = step.integrate_ensemble([q, q], [p, p], steps=3, workers=1, **run)
     x, y = sp.symbols("x y", real=True)
     m = sp.Symbol("m", positive=True)
 
@@ -107,7 +108,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
               t0=0.0, run_steps=4),
         plain("choose_frame", gs.choose_frame, stepper=gs.stepper("G-L", 2, frame="symmetries"),
               **state, dt=1e-2, parameters=TOP.parameters | {"gamma": 0.001},
-              bodies={"gamma": TOP.inertia}, steps=8, t0=0.0),
+              bodies={"gamma": TOP.inertia}, steps=8, t0=0.0, inputs=None, hold=1),
         plain("load_model", gs.load_model, path=str(tmp_path / "none.toml"), rep="gamma",
               real="double"),
         plain("open_recording", gs.open_recording, path=str(tmp_path / "none.zarr")),
@@ -131,17 +132,19 @@ def calls(tmp_path: Path | None) -> list[Call]:
               max_iterations=50, inputs=None),
         plain("integrate", step.integrate, **state, **run, steps=3, t0=0.0, every=1, solver="auto",
               tolerance=1e-12, max_iterations=50, progress=None, events=gs.Event("q1"),
-              inputs=None, hold=1, t_eval=[0.001, 0.0025], t_end=None, error=None),
+              inputs=None, hold=1, t_eval=[0.001, 0.0025], t_end=None, round=False,
+              error=None),
         plain("integrate", step.integrate, **state, **run, steps=None, t0=0.0, every=1,
               solver="auto", tolerance=1e-12, max_iterations=50, progress=None, events=(),
-              inputs=None, hold=1, t_eval=None, t_end=0.003, error=None),
+              inputs=None, hold=1, t_eval=None, t_end=0.003, round=False,
+              error=None),
         plain("integrate_ensemble", step.integrate_ensemble, q=[q, q], p=[p, p], **run, steps=3,
               t0=0.0, every=1, solver="auto", tolerance=1e-12, max_iterations=50, workers=1,
               events=gs.Event("q1"), inputs=None, hold=1),
         plain("at", step.at, trajectory=made, times=[0.0015], workers=1),
         plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
         plain("start", step.start, q0=q, p0=p, **run, t0=0.0, solver="auto", tolerance=1e-12,
-              max_iterations=50),
+              max_iterations=50, record=False),
         plain("advance", step.start(q, p, **run).advance, steps=2, inputs=None),
         plain("Event", gs.Event, quantity="q1", level=0.0, direction=1, terminal=False, name="a"),
         plain("section", gs.section, stepper=step, q=[q, q], p=[p, p], **run, steps=3,
@@ -167,7 +170,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("axis", made.axis, body=None),
         plain("rotation", made.rotation, body=None),
         plain("angular_velocity", made.angular_velocity, body=None),
-        plain("save", made.save, path=tmp_path / "a.npz"),
+        plain("save", made.save, path=tmp_path / "a.npz", columns=None),
         plain("load", gs.Trajectory.load, path=tmp_path / "none.npz"),
         plain("plot", made.plot, path=tmp_path / "a.png"),
         plain("body", made.body, name=None),
@@ -180,17 +183,20 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("Body.plot", made.body().plot, path=tmp_path / "b.png", euler="zyx", degrees=True),
         plain("plot_phase", made.plot_phase, path=tmp_path / "c.png"),
         plain("to_csv", made.to_csv, path=tmp_path / "a.csv", euler="zyx", degrees=False,
-              angular_velocity="body"),
+              angular_velocity="body", columns="q"),
         plain("to_dataframe", made.to_dataframe, euler="zyx", degrees=False,
-              angular_velocity="body"),
+              angular_velocity="body", columns="q"),
         plain("to_xarray", made.to_xarray, euler="zyx", degrees=False, angular_velocity="body"),
+        plain("Ensemble.to_xarray", many.to_xarray),
+        plain("Ensemble.save", many.save, path=tmp_path / "many.npz"),
+        plain("Ensemble.plot", many.plot, path=tmp_path / "many.png", values=["q1"]),
         plain("view", made.view, path=tmp_path / "a.html", shape="box"),
         plain("animate", made.animate, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
               quantities={"z": x}, rigid_body=False, bodies=(), inputs=(), joints=()),
         Call("from_mechanics", lambda: (gs.from_mechanics, {
-            "method": free_particle(), "name": "a"})),
+            "method": free_particle(), "name": "a", "inputs": (), "bodies": False})),
         plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),
               parameters=(), torque=(), quantities={}, tensor=False),
         plain("Multibody", gs.Multibody, name="a", gravity=(0, 0, -9.81), dt=0.1, steps=3,
@@ -225,7 +231,7 @@ def recording_calls(tmp_path: Path) -> Iterator[Call]:
 
     yield Call("Recording.trajectory", lambda: (stored().trajectory, {"first": 0, "thin": 1}))
     yield Call("Recording.export", lambda: (stored().export, {
-        "path": tmp_path / "a.csv", "euler": "ZXZ", "degrees": True}))
+        "path": tmp_path / "a.csv", "euler": "ZXZ", "degrees": True, "columns": "q"}))
 
 
 def model_calls() -> Iterator[Call]:
@@ -250,6 +256,8 @@ def free_particle() -> me.LagrangesMethod:
 def multibody_calls() -> Iterator[Call]:
     """Yield calls of every method of a builder, and of a body."""
     inertia = (0.1, 0.12, 0.13)
+    none: dict[str, Any] = dict.fromkeys(("axis", "axis_on_body", "axis_in_space"))
+    axis, on_body, in_space = (none | {name: (0, 0, 1)} for name in none)
 
     def of(method: str, /, **arguments: Any) -> Call:
         def make() -> tuple[Callable[..., Any], dict[str, Any]]:
@@ -278,20 +286,19 @@ def multibody_calls() -> Iterator[Call]:
     yield of("top", name="c", mass=1.0, inertia=inertia, centre=(0, 0, 1), at=(0, 0, 0),
              rep="gamma", weight=0.1, quaternion=(1, 0, 0, 0), angular_velocity=(0, 0, 0))
     yield of("point_mass", name="c", mass=1.0, position=(0, 0, 0), velocity=(0, 0, 0))
-    yield of("rotor", name="c", body="body", mass=1.0, inertia=(1.0, 0.6), axis=(0, 0, 1),
+    yield of("rotor", name="c", body="body", mass=1.0, inertia=(1.0, 0.6), **axis,
              at=None, on_body=(0, 0, 0), rate=1.0)
     yield of("ball", name="j", a="top", b="body", at=None, on_a=(0, 0, 1), on_b=(0, 0, 0))
     yield of("fixed_point", name="j", body="body", at=(0, 0, 0), on_body=(0, 0, 1))
-    yield of("revolute", name="j", a="top", b="body", axis=(0, 0, 1), at=None, on_a=(0, 0, 1),
+    yield of("revolute", name="j", a="top", b="body", **axis, at=None, on_a=(0, 0, 1),
              on_b=(0, 0, 0), rate=1.0, angle=0.0)
-    yield of("align", name="j", a="top", b="body", axis=(0, 0, 1), rate=1.0, angle=0.0)
+    yield of("align", name="j", a="top", b="body", **on_body, rate=1.0, angle=0.0)
     yield of("rod", name="j", a="top", b="body", on_a=(0, 0, 1), on_b=(0, 0, 0), length=1.0)
     yield of("spring", name="j", a="top", b="body", stiffness=1.0, length=1.0, on_a=(0, 0, 1),
              on_b=(0, 0, 0), damping=0.0)
     pair = {"name": "j", "a": "top", "b": "body", "at": None, "on_a": (0, 0, 1),
             "on_b": (0, 0, 0)}
-    axis = {"axis": (0, 0, 1)}
-    yield of("prismatic", **pair, **axis, speed=1.0, travel=0.0)
+    yield of("prismatic", **pair, **in_space, speed=1.0, travel=0.0)
     yield of("cylindrical", **pair, **axis, rate=1.0, speed=1.0, angle=0.0, travel=0.0)
     yield of("planar", **pair, **axis, rate=1.0, angle=0.0)
     yield of("screw", **pair, **axis, lead=0.1, rate=1.0, travel=0.0)

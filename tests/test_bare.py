@@ -75,7 +75,7 @@ print(json.dumps({text: command(text) for text in (
     "reproduce all --out report", "bench peers --out bench")}))
 from gyrospark.commands.reproduce import _report_folder
 assert _report_folder("all", None, as_json=False)[0] is None
-assert "pip install matplotlib" in _report_folder("all", None, as_json=False)[1]
+assert 'pip install "matplotlib' in _report_folder("all", None, as_json=False)[1]
 """, cwd=tmp_path))
     for text, (code, stdout, stderr) in said.items():
         assert (code, stdout, stderr.count("\n")) == (2, "", 1), text

@@ -312,6 +312,7 @@ def test_a_projection_that_is_not_symplectic_fails(tmp_path):
     assert free.line(LOOP).holds is True
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_steps_too_long_are_no_certificate():
     with pytest.raises(gs.StepFailed):
         gs.certify(TOP, "G-L", 2, dt=1.0, steps=10)

@@ -273,6 +273,7 @@ def late_failure():
     raise AssertionError("no run fails late")
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("more", [[], ["--every", "3"], ["--reference"],
                                   ["--reference", "--every", "3"], ["--solver", "python"]],
                          ids=" ".join)
@@ -298,6 +299,7 @@ def test_failed_step_is_told_and_all_before_it_kept(late_failure, more, gyrospar
     assert found["q"] == list(kept.report.q)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_failed_step_in_text(late_failure, gyrospark):
     failure, arguments = late_failure
     answer = gyrospark(*arguments)

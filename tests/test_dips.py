@@ -88,8 +88,8 @@ def test_in_every_type(real: str, stages: int, depth: float) -> None:
 def test_a_terminal_dip_ends_the_run() -> None:
     """At its first crossing, in any part of a step, whatever else happens in that step."""
     step = oscillator()
-    phase, depth = starts(60, seed=1)
-    for i, dt in enumerate(np.resize([0.1, -0.1, 0.7, 1.3, -1.3], 60)):
+    phase, depth = starts(25, seed=1)
+    for i, dt in enumerate(np.resize([0.1, -0.1, 0.7, 1.3, -1.3], 25)):
         first = crossings("square", phase[i], depth[i], 50 * dt)[0 if dt > 0 else -1]
         run = step.integrate([np.sin(phase[i])], [np.cos(phase[i])], dt=dt, steps=50,
                              parameters={"e": depth[i]},
@@ -122,7 +122,7 @@ def test_a_stored_run_has_them(terminal: bool, tmp_path, monkeypatch) -> None:
     events = [gs.Event("square"), gs.Event("sine")]
     if terminal:
         events.append(gs.Event("square", direction=1, level=-1e-12, terminal=True, name="end"))
-    for phase, depth in zip(*starts(3, seed=3), strict=True):
+    for phase, depth in zip(*starts(2, seed=3), strict=True):
         run = {"q": [np.sin(phase)], "p": [np.cos(phase)], "dt": 1.1, "steps": 40, "every": 3,
                "parameters": {"e": depth}, "events": events}
         whole = step.integrate(**run)

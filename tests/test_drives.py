@@ -173,7 +173,7 @@ def test_all_angles_of_a_joint_are_one(said):
     build.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0),
               rotation=Rotation.from_euler("ZXZ", (1.3, 0.1, -0.7)))
     axis = np.array([0.6, 0.0, 0.8])
-    build.align("pin", "a", "b", axis=axis, angle=said, rate=3.0)
+    build.align("pin", "a", "b", axis_in_space=axis, angle=said, rate=3.0)
     build.quantity("turned", build.angle("pin"))
     build.joint_spring("spring", "pin", stiffness=2.0, rest=0.1)
     model = build.model()

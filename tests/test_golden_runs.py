@@ -13,6 +13,7 @@ from processes import ROOT
 FEW = ["3G-L gamma double", "2G-L gamma float128"]
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_two_runs_give_the_same_bits_and_another_stepper_others():
     first, second = (golden_runs.all_bits(FEW, jobs=1) for _ in range(2))
     assert golden_runs.differences(first, second) == []

@@ -118,6 +118,7 @@ def test_momentum_constraint_of_ims_and_ems(spec):
             assert finer.report.momentum_constraint_max < found / 16
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize(
     "spec", [Spec("G-L", 1), Spec("LIIIA-B", 2), Spec("LIIIA-B", 3)], ids=identify
 )

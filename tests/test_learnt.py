@@ -23,12 +23,14 @@ def ends(step, dt, parameters):
     return [(m.q.tobytes(), m.p.tobytes()) for m in made.members]
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.025])
 def test_lanes_are_independent_whoever_learns(dt):
     """Between these steps some tops take what was learnt and their neighbours do not."""
     check_lanes(3, dt)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("dt", [0.001, 0.01, 0.025])
 def test_lanes_are_independent_with_many_stages(dt):
     """Sweeps far from rounding are judged at once where no neighbour is near it."""

@@ -138,7 +138,7 @@ def test_state_from_a_stack_of_rotations():
 
 def test_without_scipy(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.spatial.transform", None)
-    with pytest.raises(MissingDependencyError, match="pip install scipy"):
+    with pytest.raises(MissingDependencyError, match=r"pip install .scipy"):
         to_rotation([1, 0, 0, 0])
     assert np.array_equal(from_rotation(np.eye(3)), [1, 0, 0, 0])  # which needs none
 

@@ -382,6 +382,7 @@ def test_a_history_in_a_frame():
     assert_same_run(sim.trajectory, run)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_history_ends_where_a_step_fails(gl3):
     """With all until then; copies have their own."""
     sim = begun(gl3, dt=0.08, record=True, solver="fixed-point", max_iterations=30)

@@ -253,10 +253,13 @@ def killed(command, seconds, kills, folder, seed):
 
 
 @pytest.mark.parametrize(("command", "seconds"), [
-    pytest.param(*what, id=name, marks=[pytest.mark.slow] if name == "model file" else [])
-    for name, what in KILLED.items()])  # test_storage_resume.py ends runs with forces, in process
+    pytest.param(*KILLED[name], id=name, marks=marks) for name, marks in {
+        "every step": [], "events": [],
+        "parts of blocks": [pytest.mark.slow],  # as those of events are
+        "model file": [pytest.mark.slow],  # test_storage_resume.py ends runs with forces
+    }.items()])
 def test_killed_at_random(command, seconds, tmp_path):
-    killed(command, seconds, 2, tmp_path / "0", seed=0)
+    killed([*command, "--steps", "40000"], seconds, 2, tmp_path / "0", seed=0)
 
 
 @pytest.mark.slow

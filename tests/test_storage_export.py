@@ -292,7 +292,7 @@ def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
     """The numbers are printed, the states stay, and the same command with --resume writes them."""
     command = [*RUN, "--out", f"x{end}"]
     with monkeypatch.context() as patch:
-        def full(*arguments):
+        def full(*arguments, **options):
             raise OSError(28, "No space left on device")
 
         patch.setattr("gyrospark.storage.export._write_csv", full)

@@ -92,6 +92,7 @@ def test_forces_ended_often(tmp_path, monkeypatch):
                   parameters=FORCED, solver=solver)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_steps_that_newton_took(tmp_path, monkeypatch):
     """Sweeps that do not converge leave a mark in the work memory, which the run goes on with."""
     monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 3)
@@ -286,6 +287,7 @@ def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
     assert_same(found.trajectory(), gl3.integrate(**arguments, steps=300))
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_failed_run_has_no_more_steps(failures, tmp_path):
     step, options, _ = failures[0]
     arguments = {"q": TOP.q0, "p": TOP.p0, **options, "out": tmp_path / "run.zarr"}

@@ -97,6 +97,7 @@ def test_the_readmes_example_has_a_million_cells():
     assert (study.size, study.steps) == (10**6, 1000)
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_pictures_of_one_and_three_axes_and_what_cannot_be_drawn(tmp_path):
     one = gs.sweep(TOP, {"gamma": GAMMAS}, scheme="EMS", dt=1e-3, steps=5)
     draw(one, "energy_error_max", tmp_path / "one.svg")

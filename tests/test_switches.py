@@ -210,11 +210,13 @@ def test_C_of_every_type(real):
                 assert abs(value - float(wanted)) <= 16 * eps * (1 + abs(wanted)), (name, at)
 
 
-def test_no_number_in_no_number_out():
+@pytest.mark.parametrize("real", ["double", "long-double"])
+def test_no_number_in_no_number_out(real):
     """Whatever compares with √x at x < 0 is none; SymPy does not decide either."""
     e = {"max": sp.Max(0, sp.sqrt(x)), "least": sp.Min(sp.sqrt(x), 2), "sign": sp.sign(sp.sqrt(x)),
          "where": P((1, sp.sqrt(x) < 1), (2, True)), "other": P((1, sp.sqrt(x) > 1), (2, True))}
-    step = gs.stepper("IMS", system=gs.System((x,), (u,), (), u**2 / 2, name="none", quantities=e))
+    step = gs.stepper("IMS", real=real, system=gs.System((x,), (u,), (), u**2 / 2, name="none",
+                                                         quantities=e))
     assert np.isfinite(list(step.quantities([1.0], [0.0], parameters={}).values())).all()
     assert np.isnan(list(step.quantities([-1.0], [0.0], parameters={}).values())).all()
 

@@ -94,6 +94,7 @@ def test_thread_that_is_broken_off_harms_no_other(kind):
     assert [type(error) for error in ended] == [kind] * 8
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_failures_in_threads_are_each_their_own():
     """Runs that fail and runs that do not, side by side: each fails as it does alone."""
     what = case("gl3")
@@ -249,6 +250,7 @@ def test_nothing_of_runs_is_behind_a_lock_of_a_class():
 
 LEAKS = FAST_TOP + '''
 import resource
+import warnings
 from pathlib import Path
 
 def resident():
@@ -271,7 +273,8 @@ def one(k):
         step.project(top.q0, top.p0, parameters=parameters)
     elif kind == 17:
         try:
-            step.step(top.q0, top.p0, dt=1e3, parameters=parameters)
+            with warnings.catch_warnings(action="ignore"):
+                step.step(top.q0, top.p0, dt=1e3, parameters=parameters)
         except gs.StepFailed:
             pass
     elif kind == 18:

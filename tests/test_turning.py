@@ -51,6 +51,14 @@ def test_more_than_is_borne_is_told(scheme, borne, gyrospark):
     assert answer.document["radians_per_step"] > borne
 
 
+def test_a_failed_step_and_its_rotation_are_told_in_one_line(gyrospark):
+    answer = gyrospark(*RUN, "--scheme", "IMS", "--dt", "1e300")
+    assert answer.code == 1
+    assert answer.stderr.count("\n") == 1
+    for part in ("Step 1 at t = 0 s failed", "bears 1.5 at the most"):
+        assert part in answer.stderr
+
+
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_the_error_beside_the_bound_of_order_two(gl3):
     """A midpoint turns by 4 arctan(θ/4) in place of θ: two radians are lost in some turns."""

@@ -12,7 +12,7 @@ import operator
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -76,15 +76,15 @@ class KernelText:
         """Whether it computes with lanes of numbers."""
         return self.constants == "lane_constants"
 
-    @cached_property
+    @property
     def fields(self) -> tuple[str, ...]:
         """The constants that it reads, as written behind ``c->``."""
         return tuple(sorted(set(re.findall(r"c->((?!_used\b)\w+(?:\[\d+\])?)", self.body))))
 
-    @cached_property
+    @property
     def statements(self) -> list[tuple[str, str, list[Expression]]]:
         """Its statements: what is done (local, place, product, return), where, with what."""
-        return [parsed for line in _lines(self.body) if (parsed := _parse(line)) is not None]
+        return _statements(self.body)
 
 
 def kernels_of(source: str) -> list[KernelText]:
@@ -125,6 +125,11 @@ def _arrays(
         (inputs if given else outputs)[name] = tuple(map(int, re.findall(r"\d+", sizes)))
         order.append(name)
     return inputs, outputs, tuple(order)
+
+
+@lru_cache(maxsize=64)
+def _statements(body: str) -> list[tuple[str, str, list[Expression]]]:
+    return [parsed for line in _lines(body) if (parsed := _parse(line)) is not None]
 
 
 def _lines(body: str) -> Iterator[str]:
@@ -237,10 +242,11 @@ class Arithmetic:
 
     def _switch(self, name: str, arguments: list[Any]) -> Any:
         if name == "sign":
-            return np.sign(arguments[0])
+            x = arguments[0]
+            return np.where(x < 0, -1, np.where(x > 0, 1, x))
         a, b = arguments[:2]
         x, y = {"choose": arguments[2:], "maximum": [b, a], "minimum": [a, b]}[name]
-        return np.where(a < b, x, y)
+        return np.where(a < b, x, np.where(a >= b, y, a + b))  # as in C: of NaN comes NaN
 
     def _cardinal(self, name: str, z: Any) -> Any:
         """Return f(z)/z, or its derivative (f'(z) - f(z)/z)/z; points are never at z = 0."""

@@ -13,6 +13,7 @@ from ..._version import __version__
 from ...arguments import as_path
 from ...errors import GyrosparkError, InputError, MissingDependencyError
 from ...event import Event, refuse_unusable_names
+from ...extras import install
 from ..show.endings import ENDINGS, ending_of
 from .outputs import OUTPUTS, about, labels_of, parts
 from .states import beside, event_headings, finished, headings, states_of, write_csv
@@ -37,7 +38,7 @@ def to_xarray(ensemble: Ensemble) -> xarray.Dataset:
         import xarray
     except ImportError as error:
         raise MissingDependencyError(
-            "Datasets need xarray; `pip install xarray` or `pip install gyrospark[storage]`."
+            f"Datasets need xarray; {install('storage')} brings it."
         ) from error
     variables, of_runs = _variables(ensemble), _of_trajectories(ensemble)
     system = ensemble.members[0].manifest["system"]
@@ -109,8 +110,9 @@ def _write_netcdf(ensemble: Ensemble, part: Path) -> None:
     except (ImportError, ValueError) as error:
         if "h5netcdf" not in str(error):
             raise
-        raise MissingDependencyError("Files of NetCDF need h5netcdf; `pip install h5netcdf` or "
-                                     "`pip install gyrospark[netcdf]`.") from error
+        raise MissingDependencyError(
+            f"Files of NetCDF need h5netcdf; {install('netcdf')} brings it."
+        ) from error
 
 
 def _attributes(ensemble: Ensemble) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import textwrap
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -76,6 +76,8 @@ class Stepper(Evaluation):
         super().__init__(name, files)
         self.order = int(self.manifest["scheme"]["order"])
         self.remarks = [remark for _, remark in remarks_of(self.manifest)]
+        #: How far bodies turn in a step, which integrations warn of.
+        self.rotations = Rotations(self.manifest)
         self._local = threading.local()
 
     def __repr__(self) -> str:
@@ -106,11 +108,6 @@ class Stepper(Evaluation):
     def provenance(self) -> dict[str, str]:
         """What the bits of a result depend on beside its arguments: source, compiler, CPU."""
         return provenance(self.files)
-
-    @cached_property
-    def rotations(self) -> Rotations:
-        """How far bodies turn in a step, which integrations warn of."""
-        return Rotations(self.manifest)
 
     # ------------------------------------------------------------ stepping
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arguments import as_items
 from ...naming import choose
 from .plots import check_target, figure_class, save, thin
 
@@ -27,7 +28,8 @@ def draw(ensemble: Ensemble, values: Sequence[str], path: str | os.PathLike[str]
     target = None if path is None else check_target(path)
     first = ensemble.members[0]
     known = [*first.quantities, *first.coordinates, *first.momenta]
-    names = [choose("value of an ensemble", name, known) for name in values] or [
+    wanted = as_items("values", values, "names of quantities, coordinates or momenta")
+    names = [choose("value of an ensemble", name, known) for name in wanted] or [
         *(first.quantities or first.coordinates)][:_PANELS]
     figure = figure_class()(figsize=(9, 2 + 1.8 * len(names)), layout="constrained")
     panels = np.atleast_1d(figure.subplots(len(names) + 1, 1, sharex=True))
