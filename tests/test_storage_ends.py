@@ -98,7 +98,7 @@ def test_signal_ends_a_run_at_a_commit(number, code, onward, whole, tmp_path):
         return
     again = cli(*LONG, *OUT, "--json", cwd=tmp_path, **FAST)
     assert again.returncode == 0
-    assert json.loads(again.stdout)["resumed_at"] == stored.steps_done
+    assert json.loads(again.stdout).get("resumed_at", 0) == stored.steps_done  # 0: none was taken
     assert_same_bytes(whole, tmp_path / "run.zarr")
 
 
