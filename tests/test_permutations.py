@@ -70,6 +70,19 @@ def test_the_instruction_is_found_and_the_flags_avoid_it(tmp_path):
             assert subprocess.run([program], check=False).returncode == 12, flags
 
 
+def test_warnings_of_a_second_compilation_are_no_errors(tmp_path, monkeypatch):
+    """Flags that avoid the instruction make gcc doubt what it knew to be initialised."""
+    compiler("gcc")
+    monkeypatch.setattr(build, "has_permutation", lambda code: b"doubted" in code)
+    (tmp_path / "a.c").write_text(
+        "int doubted(int x);\nint doubted(int x)\n{\n    int y;\n    if (x)\n        y = 1;\n"
+        "    return y;\n}\n", encoding="utf-8")
+    command = ["gcc", "-O1", "-Wall", "-Werror", "-c", "a.c", "-o", "a.o"]
+    (tmp_path / "a.o").write_bytes(b"doubted")
+    build._replace_permutations([command], tmp_path)
+    assert (tmp_path / "a.o").read_bytes() != b"doubted"
+
+
 @pytest.mark.parametrize(("code", "found"), [
     ("62 f3 fd 48 05 c0 a3", True),       # vpermilpd $163, %zmm0, %zmm0
     ("62 03 fd 48 05 ff a3", True),       # vpermilpd $163, %zmm31, %zmm31

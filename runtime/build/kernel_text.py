@@ -19,7 +19,8 @@ import numpy as np
 
 from ...real import Real
 
-__all__ = ["Arithmetic", "KernelText", "arithmetic", "evaluate", "kernels_of"]
+__all__ = ["Arithmetic", "Bounded", "KernelText", "RunningError", "arithmetic", "evaluate",
+           "kernels_of"]
 
 _KERNEL = re.compile(
     r"^(?:static |inline |INLINE |NOINLINE |ONCE |LANES_ONCE )*"
@@ -310,8 +311,65 @@ def arithmetic(real: Real, *, wide: bool) -> Arithmetic:
     return Arithmetic(lambda text: context.mpf(working.mpf(text)), context)
 
 
+@dataclass(frozen=True)
+class Bounded:
+    """Values with a bound of their round-off in units of ε, by a running error analysis.
+
+    |δ(x ± y)| ≤ |δx| + |δy| + ε|x ± y|, |δ(xy)| ≤ |y||δx| + |x||δy| + ε|xy|, and likewise for
+    quotients (Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., section 3.3).
+    """
+
+    value: Any
+    error: Any
+
+    def __add__(self, other: Bounded) -> Bounded:
+        return self._of(self.value + other.value, self.error + other.error)
+
+    def __sub__(self, other: Bounded) -> Bounded:
+        return self._of(self.value - other.value, self.error + other.error)
+
+    def __mul__(self, other: Bounded) -> Bounded:
+        return self._of(self.value * other.value,
+                        abs(other.value) * self.error + abs(self.value) * other.error)
+
+    def __truediv__(self, other: Bounded) -> Bounded:
+        ratio = self.value / other.value
+        return self._of(ratio, (self.error + abs(ratio) * other.error) / abs(other.value))
+
+    def __neg__(self) -> Bounded:
+        return Bounded(-self.value, self.error)
+
+    def _of(self, value: Any, error: Any) -> Bounded:
+        return Bounded(value, error + abs(value))
+
+
+@dataclass(frozen=True)
+class RunningError:
+    """The arithmetic of ``Bounded`` numbers."""
+
+    by: Arithmetic
+
+    def number(self, text: Any) -> Bounded:
+        """Return a literal, which is exact."""
+        value = self.by.number(text)
+        return Bounded(value, 0 * value)
+
+    def call(self, name: str, arguments: list[Bounded]) -> Bounded:
+        """Return a function of C; its derivatives by differences."""
+        values = [x.value for x in arguments]
+        value = self.by.call(name, values)
+        if name in ("choose", "maximum", "minimum", "sign", "floor"):
+            return Bounded(value, sum((x.error for x in arguments), 0 * value))
+        error = 4 * abs(value)  # of the mathematical library
+        for i, x in enumerate(arguments):
+            step = 2.0**-20 * abs(x.value)
+            moved = self.by.call(name, [*values[:i], x.value + step, *values[i + 1 :]])
+            error = error + abs(moved - value) * (x.error / step)
+        return Bounded(value, error)
+
+
 def evaluate(
-    kernel: KernelText, by: Arithmetic, values: Mapping[str, Any]
+    kernel: KernelText, by: Arithmetic | RunningError, values: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the outputs of a kernel: place, as C writes it, → array of values at the points.
 
@@ -339,7 +397,7 @@ def evaluate(
     return outputs
 
 
-def _value(expression: Expression, by: Arithmetic, known: Mapping[str, Any]) -> Any:
+def _value(expression: Expression, by: Arithmetic | RunningError, known: Mapping[str, Any]) -> Any:
     stack: list[Any] = []
     for kind, text, count in expression:
         if kind == "number":

@@ -22,7 +22,8 @@ __all__ = ["compile_verified", "import_module", "loaded"]
 
 #: Flags behind all others, in turn, until compiled kernels agree with their statements.
 SAFER_FLAGS: tuple[tuple[str, ...], ...] = (
-    (), ("-fno-tree-vectorize", "-fno-tree-slp-vectorize"), ("-O1",), ("-O0",))
+    (), ("-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-Wno-error"), ("-O1", "-Wno-error"),
+    ("-O0", "-Wno-error"))  # each level of optimisation has warnings of its own
 
 
 def compile_verified(
