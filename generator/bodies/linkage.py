@@ -248,8 +248,9 @@ class Linkage:
             return turned
         if what == "axis" and carrier is a and np.abs(turned - axis).max() > _SAME_AXIS:
             remark(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
-                   f"at the start: on it that is another axis. Write axis_on_body= if it is told "
-                   f"in the axes of {carrier.name!r}, or axis_in_space= if it is meant in space.")
+                   f"at the start, so that its components on the body differ. Write axis_on_body= "
+                   f"if they are components in the axes of {carrier.name!r}, or axis_in_space= if "
+                   "they are in space.")
         return axis
 
     def _pair(

@@ -69,7 +69,7 @@ def cache_folder() -> Path:
 def _usable(folder: Path) -> Path:
     """Return the folder if files can be made in it, and by no other user; else a temporary one.
 
-    That is told in a warning. A full disk is none of these cases: it is said where room is wanted.
+    The temporary one comes with a warning. A full disk raises an error where room is needed.
     """
     try:
         if not folder.is_dir():

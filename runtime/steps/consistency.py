@@ -103,7 +103,7 @@ def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: Run) -
     M = (np.array(columns) - at_rest).astype(float)
     sizes = np.sqrt(np.abs(M).max(axis=1, initial=0))
     if not np.isfinite(M).all():
-        return  # the steps judge it
+        return  # the first step fails, and says why
     still = next((name for name, size in zip(system["velocity_names"], sizes, strict=True)
                   if not size), "")
     values = np.linalg.eigvalsh(M / np.outer(sizes, sizes)) if not still else np.zeros(1)
