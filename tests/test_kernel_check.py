@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+import shlex
 import shutil
 from functools import cache
 
@@ -119,15 +120,15 @@ def test_each_wrong_output_is_found(module):
 
 def wrong_compiler(folder, pattern: str, right_with: str) -> str:
     """Return a compiler that errs in a kernel, unless a flag is given."""
-    path = folder / "wrong-cc"
+    path, right = folder / "wrong-cc", shlex.join(find_compiler().command)
     path.write_text(f"""#!/bin/sh
 for argument in "$@"; do
-    [ "$argument" = "{right_with}" ] && exec cc "$@"
+    [ "$argument" = "{right_with}" ] && exec {right} "$@"
 done
 for argument in "$@"; do
     case "$argument" in *heavy_top*.c) [ -f "$argument" ] && sed -i '{pattern}' "$argument" ;; esac
 done
-exec cc "$@"
+exec {right} "$@"
 """, encoding="utf-8")
     path.chmod(0o755)
     return str(path)
