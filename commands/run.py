@@ -219,7 +219,7 @@ def run(
             trouble = done.trouble
             for said in dict.fromkeys(heard):
                 if isinstance(trouble, StepFailed):
-                    trouble.add_note(said)  # a failure is told in one line
+                    trouble.add_note(said)  # a failure is one line on stderr
                 else:
                     remark(said)
             result = result_of(start, step, done, begin)

@@ -70,7 +70,7 @@ def prepare_cells(app: Sphinx) -> None:
     """Make what the processes that run cells share, and the kernels' connection private.
 
     The tables of jupyter-cache: two processes that find none both make them, and one fails.
-    Kernels warn of a connection that is not encrypted; those that can encrypt it are told to.
+    Notebook kernels warn of an unencrypted connection, so those that support encryption use it.
     """
     if "myst_nb" not in app.extensions:
         return

@@ -134,7 +134,8 @@ def distrusted(path: Path) -> str:
 
     As for keys of ssh: it belongs to this user or to root, and neither group nor others may write
     to it. A sticky folder such as /tmp may be writable, since the files of one user in it cannot be
-    replaced by another; the folders above are judged by what all others may do. A file is no link.
+    replaced by another; of the folders above, only the permissions for all users count. A link is
+    not trusted.
     Windows has neither owners nor modes of this kind.
     """
     if os.name == "nt":

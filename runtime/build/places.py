@@ -79,7 +79,7 @@ class Pull:
 
     ``kind`` is ``"force"``, λ e with e = ``on_a`` in space; ``"torque"``, λ (R_a n) × (R_b e) with
     n = ``on_a`` and e = ``on_b``; ``"distance"``, the force 2λ (P_a − P_b); or ``"axial"``, the
-    torque λ R_a e with e = ``on_a``. ``index`` is that of the constraint.
+    torque λ R_a e with e = ``on_a``. ``index`` is the constraint's row.
     """
 
     index: int

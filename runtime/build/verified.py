@@ -37,14 +37,16 @@ def compile_verified(
     Returns
     -------
     Path, dict
-        The module, and what is recorded beside it: further flags, kernels, outputs compared.
+        The module, and what is recorded beside it: further flags; kernel → outputs compared; those
+        left out, because their values are finite at no random point.
 
     Raises
     ------
     CompilerError
         If kernels differ whatever the flags, naming them.
     """
-    real = REALS[json.loads(files[f"{name}.json"])["real"]]
+    manifest = json.loads(files[f"{name}.json"])
+    real = REALS[manifest["real"]]
     first: list[Difference] = []
     for number, flags in enumerate(SAFER_FLAGS):
         inside = folder / str(number)
@@ -56,7 +58,9 @@ def compile_verified(
                 remark(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
                        f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
                        "agrees. Another version of the compiler may need no such flags.")
-            return built, {"flags": list(flags), "kernels": compared}
+            left_out = [k for k in manifest["operations"] if not compared.get(k)]
+            return built, {"flags": list(flags), "kernels": compared,
+                           "left_out": left_out if part == "runs" else []}
         first = first or found
     raise CompilerError(
         f"The compiler {shlex.join(compiler.command)!r} makes wrong code of {name} with "

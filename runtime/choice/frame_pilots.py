@@ -3,7 +3,7 @@
 The error is that of the motion, q_k − q(t_k), attitudes as angles and points in units of their
 reach (``motion_error``), with q(t) extrapolated from the same method at Δt/4 and Δt/8: without a
 frame, or in the frame of the start, if that agrees with it as far as it can tell and is more exact.
-Rates are looked for on the first half of the runs and judged on all of them.
+The search for rates uses the first half of the runs, the choice all of them.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     from ..output.trajectory import Trajectory
     from ..run.stepper import Stepper
 
-__all__ = ["FramePilot", "FramePilots"]
+__all__ = ["AGREES", "CLEAR", "SMALL", "FramePilot", "FramePilots"]
 
 Array = NDArray[Any]
 
 #: Rows of a run that errors are taken of, at most.
 _ROWS = 250
 #: How far two references may be apart, in parts of what the worse one changed by when refined.
-_AGREES = 4.0
-#: The same, in parts of the error that is judged.
-_SMALL = 0.01
+AGREES = 4.0
+#: How far apart at least, in parts of the measured error, where that is larger.
+SMALL = 0.01
 #: By how much a frame must be better than none.
-_CLEAR = 1.05
+CLEAR = 1.05
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class FramePilots:
         return max(1, self.steps // _ROWS)
 
     def set_reference(self, none: Array, start: Array) -> Trajectory | None:
-        """Extrapolate the motion without a frame and in that of the start; None if neither can be.
+        """Extrapolate the motion, without a frame and in the start's frame; None if both fail.
 
         The frame's is taken where it is more exact, and no further from the other than that may be
         wrong: near an axis every run in one frame may err alike. Returns the finest run.
@@ -151,10 +151,10 @@ class FramePilots:
         return found.finest
 
     def _agrees(self, plain: _Reference, moved: _Reference, run: Trajectory | None) -> bool:
-        """Whether references are near each other, or so near that a run's error is told by both."""
+        """Whether two references agree to within their own errors, or a part of a run's error."""
         apart, error = (0.0 if q is None else _size(plain.error(np.asarray(q))[1:] / plain.scale)
                         for q in (moved.motion, None if run is None else run.q))
-        return apart <= max(_AGREES * plain.change, _SMALL * error)
+        return apart <= max(AGREES * plain.change, SMALL * error)
 
     def _reference(self, x: Array) -> _Reference | None:
         """Return the motion in a frame, extrapolated; None where a run did not converge."""
@@ -193,7 +193,7 @@ class FramePilots:
         """
         pairs = ((self.done[number].whole, self.done[plain].whole),
                  (self._halves[number], self._halves[plain]))
-        return all(_CLEAR * (moved + self.doubt) <= still - self.doubt for moved, still in pairs)
+        return all(CLEAR * (moved + self.doubt) <= still - self.doubt for moved, still in pairs)
 
     def errors(self, x: Array) -> Array | None:
         """Return the errors of the first half as one array, of a choice that was measured."""

@@ -153,7 +153,7 @@ def start_rates(
         return found
 
     def size(rates: Array) -> float:
-        """Return that of the acceleration in a frame."""
+        """Return the norm of the acceleration in a frame, in the metric of the kinetic energy."""
         turn = sum((w * d.A for w, d in zip(rates, directions, strict=True)), 0 * directions[0].A)
         return float(np.linalg.norm(root @ (
             acceleration - 2 * turn @ velocity + turn @ (turn @ place))))

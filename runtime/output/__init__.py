@@ -5,7 +5,7 @@
     trajectory       what an integration returns
     trajectory_file  its .npz
     body_motion      one body of it: attitude, angles, velocities, momenta
-    placed_motion    the same of a body whose place and attitude are quantities
+    placed_motion    motion of a body whose place and attitude are quantities
     joint_motion     one joint of it: angle, force, torque
     turning          how far the fastest body turns in a step, and how far can be borne
     shown            what it shows of itself

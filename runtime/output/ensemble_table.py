@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["save", "to_xarray"]
 
 Array = NDArray[Any]
-#: Name → dimensions, values, and what readers are told of them.
+#: Name → dimensions, values, attributes (long name, units).
 Variables = dict[str, tuple[list[str], Array, dict[str, str]]]
 
 

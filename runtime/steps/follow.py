@@ -27,6 +27,7 @@ from ...remarks import listening
 from ..call.checks import as_positive_count
 from ..call.inputs import Inputs, as_inputs
 from ..choice.frame_choice import asks_for_frame, start_frame, with_frame
+from ..choice.frame_pilots import AGREES, CLEAR, SMALL
 from ..choice.gamma_choice import PILOT_STEPS
 from ..choice.motion_error import MotionError
 
@@ -43,12 +44,8 @@ FOLLOW, _HOLD = "follow", 100
 _FOLLOW = re.compile(rf"{FOLLOW}(?: +([1-9][0-9]{{0,17}}))?")
 #: By how much a frame that stays must be better over short runs, which see little of a change.
 _FAR = 3.0
-#: By how much a frame must be better than none; what rounding is worth, in ε of 1.
-_CLEAR, _ROUNDING = 1.05, 8.0
-#: How far two references may be apart, in parts of what the worse one changed by when refined.
-_AGREES = 4.0
-#: The same, in parts of the error that is judged.
-_SMALL = 0.01
+#: Estimate of round-off, in ε of 1.
+_ROUNDING = 8.0
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,7 @@ def _of_forced(
     with listening():  # what is chosen says it again
         pilots = _Pilots(stepper, q, p, dt, run, t0, None if fed is None else fed.of_steps(run))
         errors, doubt = pilots.errors(choices)
-    clear = [bool((_CLEAR * (error + doubt) <= errors[0] - doubt).all()) for error in errors]
+    clear = [bool((CLEAR * (error + doubt) <= errors[0] - doubt).all()) for error in errors]
     if len(choices) > 2 and clear[2] and not (clear[1] and errors[1][0] <= _FAR * errors[2][0]):
         return choices[2]
     return follows if clear[1] else none
@@ -181,7 +178,7 @@ class _Pilots:
             own = float(_sizes(error, moved[0])[0])
             apart, still = (_sizes(error, q)[0] for q in (exact, self.run(choices[0])))
             if exact is None or (own < change
-                                 and apart <= max(_AGREES * change, _SMALL * still)):
+                                 and apart <= max(AGREES * change, SMALL * still)):
                 exact, doubt = moved[1], own
         if exact is None:
             return [np.zeros(2) for _ in choices], math.inf
