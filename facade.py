@@ -17,6 +17,7 @@ from ._version import __version__
 from .arguments import as_flag
 from .body_values import RepName
 from .catalogue import MODELS
+from .engine.amalgamate import complete
 from .errors import InputError
 from .generator.schemes.scheme import SCHEMES, SchemeName
 from .generator.spec import Spec
@@ -368,7 +369,7 @@ def checked_in_files(name: str) -> dict[str, str] | None:
     paths = [ROOT / "generated" / f"{name}.{end}" for end in ("h", "c", "json")]
     if not all(path.is_file() for path in paths):
         return None
-    return {path.name: path.read_text(encoding="utf-8") for path in paths}
+    return complete({path.name: path.read_text(encoding="utf-8") for path in paths})
 
 
 def _source_key(spec: Spec, *texts: object) -> str:
@@ -379,7 +380,7 @@ def _source_key(spec: Spec, *texts: object) -> str:
 def _generator_fingerprint() -> str:
     """Return a hash of the generator's own text, so that no old source outlives a change to it."""
     paths = [*ROOT.glob("*.py"), *(ROOT / "generator").rglob("*.py"),
-             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").glob("*.h")]
+             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.[hp]*")]
     return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
 
 

@@ -7,15 +7,24 @@ nothing else: it keeps what the features select, and leaves all other lines as t
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
 from ..errors import GyrosparkError
 
-__all__ = ["FOLDER", "amalgamate"]
+__all__ = ["FOLDER", "INCLUDE_CHECK", "amalgamate", "complete"]
 
 #: The folder for ``-I``: headers are ``gyrospark/...`` in it.
 FOLDER = Path(__file__).resolve().parent
+#: What a generated file says where the compiler does not find the engine.
+INCLUDE_CHECK = """\
+#ifdef __has_include
+#if !__has_include("gyrospark/engine.h")
+#error "The engine is missing: add -I $(gyrospark include), or generate with --standalone."
+#endif
+#endif
+"""
 _INCLUDE = re.compile(r'#include "(gyrospark/[\w./]+)"$')
 _DEFINE = re.compile(r"#define (GS_\w+)(?: (\d+))?(?: */\*.*\*/)?$")
 _OWN = re.compile(r"#(?:(ifdef|ifndef) (GS_\w+)|(if|elif) ((?:[!() ]*\bGS_\w+|[\d&|=!()<> ])+)|(else|endif)\b)")
@@ -33,14 +42,21 @@ def amalgamate(source: str) -> str:
     if '#include "gyrospark/' not in source:
         return source
     lines: list[str] = []
-    _process(source, {}, lines)
+    _process(source.replace(INCLUDE_CHECK, ""), {}, lines)
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)) + "\n"
+
+
+def complete(files: Mapping[str, str]) -> dict[str, str]:
+    """Return the files of a stepper, its C with the engine in it."""
+    return {name: amalgamate(text) if name.endswith(".c") else text
+            for name, text in files.items()}
 
 
 @cache
 def _header(name: str) -> str:
     try:
-        return (FOLDER / name).read_text(encoding="ascii")
+        text = (FOLDER / name).read_text(encoding="ascii")
+        return text[text.index("#"):] if text.startswith("/*") else text  # what the file is for
     except OSError as error:
         raise GyrosparkError(
             f"The header {name!r} of the engine is missing in {str(FOLDER)!r}; install gyrospark "

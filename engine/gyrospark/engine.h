@@ -3,20 +3,18 @@
  *
  * A generated file defines its features, NAME(f), MATH(f), LIMIT(f) and its sizes, includes this
  * header and, between its kernels, the headers of the algorithms. engine/README.md lists what the
- * headers expect of the generated file.
+ * headers expect of the generated file. A feature is 1 where a generated file defines it, else 0.
  */
 #ifndef GS_ENGINE_H
 #define GS_ENGINE_H
 
-/* Counts the changes of the interface between generated files and the engine. */
-#define GS_ENGINE_VERSION 1
+#define GS_ENGINE_VERSION 1 /* of the interface between generated files and the engine */
 #ifndef GS_ENGINE
 #error "Include this header from a file that gyrospark has generated."
 #elif GS_ENGINE != GS_ENGINE_VERSION
 #error "This file and the folder of -I are of different versions of gyrospark; generate it again."
 #endif
 
-/* Features: 1 where a generated file defines it, else 0. */
 #ifndef GS_CONSTRAINED /* there are constraints g(q) = 0 */
 #define GS_CONSTRAINED 0
 #endif
@@ -87,6 +85,7 @@
 #define GS_PROFILE_CONTROL 0
 #endif
 
+#if !GS_PROFILE_CONTROL
 /* Statements and arguments of one feature. */
 #if GS_TIME_DEPENDENT
 #define IF_TIME(...) __VA_ARGS__
@@ -116,6 +115,7 @@
 #else
 #define IF_FRAME_WORK(...)
 #endif
+#endif
 
 typedef NAME(parameters) parameters_t;
 typedef NAME(constants) constants;
@@ -134,11 +134,14 @@ typedef NAME(batch) batch_memory;
 
 /* The status of a step, as in the public header. */
 enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
+#if !GS_PROFILE_CONTROL
 /* How a step is solved. */
 enum { NEWTON = 1, FIXED_POINT };
+#endif
 
 static const real epsilon = LIMIT(EPSILON);
 
+#if GS_FIXED_POINT
 /* Functions of the fixed-point iteration: of one trajectory, and of a batch of trajectories. */
 #if GS_SPARK
 #define SINGLE(f) stages_##f
@@ -146,6 +149,7 @@ static const real epsilon = LIMIT(EPSILON);
 #else
 #define SINGLE(f) mean_##f
 #define BATCH(f) mean_##f
+#endif
 #endif
 
 #endif

@@ -13,6 +13,7 @@ import mpmath as mp
 import sympy as sp
 
 from ..._version import __version__
+from ...engine.amalgamate import INCLUDE_CHECK, amalgamate
 from ...real import REALS, Real, round_binary
 from ..algebra.cardinal import c_names_with_needs
 from ..kernels.c_printer import SWITCHES, CPrinter
@@ -45,18 +46,23 @@ TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
 
 @dataclass(frozen=True)
 class Source:
-    """The three files of a stepper, as text."""
+    """The three files of a stepper, as text; the C includes headers of the engine."""
 
     name: str
     header: str
     source: str
     manifest: str
 
-    def files(self) -> dict[str, str]:
-        """Return file name → text."""
+    def files(self, *, standalone: bool = True) -> dict[str, str]:
+        """Return file name → text.
+
+        ``standalone`` puts the engine into the C. This text is what is compiled, and what keys of
+        the cache and identities of stored runs are hashes of: another engine is another stepper.
+        """
+        source = amalgamate(self.source) if standalone else self.source
         return {
             f"{self.name}.h": self.header,
-            f"{self.name}.c": self.source,
+            f"{self.name}.c": source,
             f"{self.name}.json": self.manifest,
         }
 
@@ -229,6 +235,7 @@ def _context(
         "name": name,
         "version": __version__,
         "engine_version": ENGINE_VERSION,
+        "include_check": INCLUDE_CHECK,
         "renamed": {},
         "title": f"{method} for {system.name.replace('_', ' ')}",
         "hamiltonian": "" if forms["structured"] else comment(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...engine.amalgamate import complete
 from ...errors import GyrosparkError, InputError
 from ...exact import Number
 from ...projection import Projection, project, report
@@ -30,9 +31,9 @@ class Evaluation:
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
         self.name = name
-        self.files = dict(files)
-        self.manifest = read_manifest(name, files)
-        self.binding = self._bound(load_module(name, files))
+        self.files = complete(files)
+        self.manifest = read_manifest(name, self.files)
+        self.binding = self._bound(load_module(name, self.files))
         self._binding_of_many: list[Binding] = []
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns

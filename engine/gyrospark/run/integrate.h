@@ -53,6 +53,7 @@ static void store(rows_t out, long row, const real q[N], const real p[N], work_t
 }
 #endif
 
+#if !GS_PROFILE_RUN
 #if GS_FRAME
 /* ------------------------------------------------------------------------- the public functions */
 
@@ -80,6 +81,7 @@ int NAME(step)(const parameters_t *parameters, const options_t *options, real dt
     IF_TIME(work->span = dt;)
     return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
+#endif
 #endif
 
 /* A run begins: its record, in which the start counts once, and what its steps keep. */

@@ -31,6 +31,7 @@ static inline real work_so_far(const report_t *report)
     return report->work;
 }
 
+#if GS_FIXED_POINT
 /* The record's work is what lanes have summed up. */
 static inline void set_work(report_t *report, real work, real low)
 {
@@ -43,6 +44,7 @@ static inline void restore_work(report_t *report, real work)
 {
     report->work = work;
 }
+#endif
 
 #if !GS_PROFILE_RUN
 void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
@@ -73,6 +75,7 @@ static inline real work_so_far(const report_t *report)
     return 0;
 }
 
+#if GS_FIXED_POINT
 static inline void set_work(report_t *report, real work, real low)
 {
     (void)report, (void)work, (void)low;
@@ -82,6 +85,7 @@ static inline void restore_work(report_t *report, real work)
 {
     (void)report, (void)work;
 }
+#endif
 #endif
 
 /* Adds the energy of the state (q, p) to the record. */
