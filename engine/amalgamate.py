@@ -56,7 +56,7 @@ def complete(files: Mapping[str, str]) -> dict[str, str]:
 def _header(name: str) -> str:
     try:
         text = (FOLDER / name).read_text(encoding="ascii")
-        return text[text.index("#"):] if text.startswith("/*") else text  # what the file is for
+        return text.partition("*/\n")[2]  # after the comment that says what the file is for
     except OSError as error:
         raise GyrosparkError(
             f"The header {name!r} of the engine is missing in {str(FOLDER)!r}; install gyrospark "

@@ -144,11 +144,11 @@ static const real epsilon = LIMIT(EPSILON);
 #if GS_FIXED_POINT
 /* Functions of the fixed-point iteration: of one trajectory, and of a batch of trajectories. */
 #if GS_SPARK
-#define SINGLE(f) stages_##f
-#define BATCH(f) trajectories_##f
+#define SINGLE(f) single_##f
+#define BATCH(f) batch_##f
 #else
-#define SINGLE(f) mean_##f
-#define BATCH(f) mean_##f
+#define SINGLE(f) midpoint_##f
+#define BATCH(f) midpoint_##f
 #endif
 #endif
 

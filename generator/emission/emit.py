@@ -289,7 +289,7 @@ def _frame_context(frame: Frame | None, name: str, system: System, real: Real) -
     target = Target(real.c_type, "parameters_t", "")
     rates = [f"product_of({wide.literal(a)}, par->{frame.groups[g][0].name})"
              if turning.axes[g] is None else
-             f"times((twofold){{ {wide.literal(a)}, 0 }}, omega{turning.axes[g]})"
+             f"times((double_word){{ {wide.literal(a)}, 0 }}, omega{turning.axes[g]})"
              for g, a in turning.angles]
     return {
         "framed": True,

@@ -7,7 +7,7 @@
 #if GS_SPARK
 #define GS_STAGES_IN_LANES 0
 #define SOLVER(f) BATCH(f)
-#define TABLE(name) &fast_##name[0][0]
+#define TABLE(name) &table_##name[0][0]
 
 #include "gyrospark/fixed_point/state.h"
 

@@ -4,17 +4,17 @@
 
 /* What is known of the sweeps of one step, in numbers alone. Changes and defects are squares. */
 typedef struct {
-    NUMBER sweeps;
-    NUMBER turn;   /* the same modulo 8 */
-    NUMBER calm;   /* sweeps near round-off that brought nothing more */
-    NUMBER idle;   /* sweeps that brought the constraints no nearer */
-    NUMBER looked; /* 1 where the floor is what rounding was seen to be worth */
+    NUMBER iterations;
+    NUMBER cycle;   /* the same modulo 8 */
+    NUMBER stagnation;   /* sweeps near round-off that brought nothing more */
+    NUMBER constraint_stagnation;   /* sweeps that brought the constraints no nearer */
+    NUMBER estimated; /* 1 where the floor is what rounding was seen to be worth */
     NUMBER floor;  /* changes below it may be rounding: a size, no square */
     NUMBER change; /* of the last sweep: the sum of its squared increments relative to the state */
-    NUMBER before; /* of the sweep before it */
+    NUMBER previous; /* of the sweep before it */
     NUMBER first;  /* of the first */
-    NUMBER least;  /* of all sweeps */
-    NUMBER left;   /* expected of the next sweep, were it not for rounding; far from that huge */
+    NUMBER smallest;  /* of all sweeps */
+    NUMBER remaining;   /* expected of the next sweep, were it not for rounding; far from that huge */
     NUMBER defect; /* of the constraints in the last sweep, relative to the state */
     NUMBER least_defect;
 } TYPED(progress_t);
@@ -22,11 +22,11 @@ typedef struct {
 /* Where the sweeps have ended, and where they did without success. */
 typedef struct {
     TYPED(mask) ended, failed;
-} TYPED(verdict_t);
+} TYPED(convergence_t);
 
-static TYPED(progress_t) TYPED(start_of_sweeps)(void)
+static TYPED(progress_t) TYPED(initial_progress)(void)
 {
-    const NUMBER none = TYPED(all)(0), huge = TYPED(all)((real)HUGE_VAL), floor = TYPED(all)(16*epsilon);
+    const NUMBER none = TYPED(broadcast)(0), huge = TYPED(broadcast)((real)HUGE_VAL), floor = TYPED(broadcast)(16*epsilon);
     const TYPED(progress_t) start = { none, none, none, none, none, floor, none, none, none, huge,
         huge, huge, huge };
     return start;
@@ -36,63 +36,63 @@ static TYPED(progress_t) TYPED(start_of_sweeps)(void)
  * Where a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
  * a stiff spring k rounds its force by epsilon k |q|, whatever the momentum.
  */
-INLINE TYPED(mask) TYPED(calls_for_look)(const TYPED(progress_t) *s, NUMBER change)
+INLINE TYPED(mask) TYPED(needs_round_off_estimate)(const TYPED(progress_t) *s, NUMBER change)
 {
-    return (s->looked < 1) & (s->sweeps > 2) & (change > s->change/4)
-        & TYPED(others)(change < s->floor*s->floor);
+    return (s->estimated < 1) & (s->iterations > 2) & (change > s->change/4)
+        & TYPED(mask_not)(change < s->floor*s->floor);
 }
 
 /* `noise` is what stages some units in the last place away change in a sweep, squared. */
-static void TYPED(look)(TYPED(progress_t) *s, TYPED(mask) looks, NUMBER noise)
+static void TYPED(set_round_off_floor)(TYPED(progress_t) *s, TYPED(mask) looks, NUMBER round_off)
 {
-    s->looked = TYPED(pick)(looks, TYPED(all)(1), s->looked);
-    s->floor = TYPED(pick)(looks, TYPED(larger)(s->floor, 16*TYPED(root)(noise)), s->floor);
+    s->estimated = TYPED(select_value)(looks, TYPED(broadcast)(1), s->estimated);
+    s->floor = TYPED(select_value)(looks, TYPED(larger)(s->floor, 16*TYPED(square_root)(round_off)), s->floor);
 }
 
 /* What constraints have come to. */
-INLINE void TYPED(note_defect)(TYPED(progress_t) *s, NUMBER defect)
+INLINE void TYPED(update_defect)(TYPED(progress_t) *s, NUMBER defect)
 {
-    s->idle = TYPED(pick)(defect < (real)0.8*s->least_defect, TYPED(all)(0), s->idle + 1);
+    s->constraint_stagnation = TYPED(select_value)(defect < (real)0.8*s->least_defect, TYPED(broadcast)(0), s->constraint_stagnation + 1);
     s->defect = defect;
-    s->least_defect = TYPED(pick)(defect < s->least_defect, defect, s->least_defect);
+    s->least_defect = TYPED(select_value)(defect < s->least_defect, defect, s->least_defect);
 }
 
 /*
  * A sweep far from rounding that shrank what it changes goes on whatever else is true of it, and
  * little is noted of it. Not so every eighth, nor one that calls for a look.
  */
-INLINE TYPED(mask) TYPED(goes_on)(const TYPED(progress_t) *s, NUMBER change, real tolerance, int most)
+INLINE TYPED(mask) TYPED(is_contracting)(const TYPED(progress_t) *s, NUMBER change, real tolerance, int max_iterations)
 {
-    return (change < s->change) & (s->sweeps > 0) & (s->turn < 7) & (s->sweeps < (real)most - 2)
-        & (change < 9) & (change > tolerance*tolerance) & TYPED(others)(change < s->floor*s->floor)
-        & TYPED(others)(TYPED(calls_for_look)(s, change));
+    return (change < s->change) & (s->iterations > 0) & (s->cycle < 7) & (s->iterations < (real)max_iterations - 2)
+        & (change < 9) & (change > tolerance*tolerance) & TYPED(mask_not)(change < s->floor*s->floor)
+        & TYPED(mask_not)(TYPED(needs_round_off_estimate)(s, change));
 }
 
 /* All that a verdict would note of it. */
-INLINE void TYPED(go_on)(TYPED(progress_t) *s, NUMBER change, NUMBER defect)
+INLINE void TYPED(update_contracting)(TYPED(progress_t) *s, NUMBER change, NUMBER defect)
 {
-    s->before = s->change;
+    s->previous = s->change;
     s->change = change;
-    s->least = TYPED(smaller)(change, s->least);
-    s->sweeps += 1;
-    s->turn += 1;
-    s->calm = TYPED(all)(0);
-    s->left = TYPED(all)((real)HUGE_VAL);
-    TYPED(note_defect)(s, defect);
+    s->smallest = TYPED(smaller)(change, s->smallest);
+    s->iterations += 1;
+    s->cycle += 1;
+    s->stagnation = TYPED(broadcast)(0);
+    s->remaining = TYPED(broadcast)((real)HUGE_VAL);
+    TYPED(update_defect)(s, defect);
 }
 
 /* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
-INLINE TYPED(mask) TYPED(is_met)(TYPED(progress_t) *s, NUMBER defect)
+INLINE TYPED(mask) TYPED(constraints_met)(TYPED(progress_t) *s, NUMBER defect)
 {
     const real floor = 4*epsilon*epsilon;
     const real low = 4096*epsilon; /* above that, constraints that idle are not met */
     const TYPED(mask) next = (defect*defect <= floor*s->defect) & ((real)0.0001*defect <= floor);
-    TYPED(note_defect)(s, defect);
-    return (defect <= floor) | next | ((s->idle > 2) & (defect < low*low));
+    TYPED(update_defect)(s, defect);
+    return (defect <= floor) | next | ((s->constraint_stagnation > 2) & (defect < low*low));
 }
 
 /* A rate that was never seen is that of the sweep before it, below 0; 1 where there is none. */
-INLINE NUMBER TYPED(size_of_rate)(NUMBER rate)
+INLINE NUMBER TYPED(rate_magnitude)(NUMBER rate)
 {
     return TYPED(larger)(rate, -rate);
 }
@@ -102,37 +102,37 @@ INLINE NUMBER TYPED(size_of_rate)(NUMBER rate)
  * still be clear of rounding, whatever it then is: if large ones alone were, the mean would be too
  * large. Each sweep has its own: the first ones shrink less than those that follow.
  */
-INLINE void TYPED(watch)(const TYPED(progress_t) *s, NUMBER change, NUMBER rate, NUMBER *rates)
+INLINE void TYPED(update_rates)(const TYPED(progress_t) *s, NUMBER change, NUMBER rate, NUMBER *rates)
 {
-    const NUMBER known = TYPED(size_of_rate)(rates[0]);
+    const NUMBER known = TYPED(rate_magnitude)(rates[0]);
     const TYPED(mask) old = (rates[0] > 0) & (rates[0] < 1), next = (rates[1] > 0) & (rates[1] < 1);
-    const TYPED(mask) clear = (known >= 1) | (16*s->before*known > s->floor*s->floor);
-    const TYPED(mask) seen = (s->sweeps > 1) & (rate < 1) & (change < 9) & clear;
-    const NUMBER mean = TYPED(pick)(old, rates[0] + (rate - rates[0])/8, rate);
-    rates[0] = TYPED(pick)(seen, mean, rates[0]);
-    rates[1] = TYPED(pick)(next, rates[1], -TYPED(size_of_rate)(rates[0]));
+    const TYPED(mask) clear = (known >= 1) | (16*s->previous*known > s->floor*s->floor);
+    const TYPED(mask) seen = (s->iterations > 1) & (rate < 1) & (change < 9) & clear;
+    const NUMBER mean = TYPED(select_value)(old, rates[0] + (rate - rates[0])/8, rate);
+    rates[0] = TYPED(select_value)(seen, mean, rates[0]);
+    rates[1] = TYPED(select_value)(next, rates[1], -TYPED(rate_magnitude)(rates[0]));
 }
 
 /*
  * What is left after a sweep near rounding, where changes tell nothing any more: it goes on
  * shrinking as it is known to do, or as it did in this step where nothing is known.
  */
-INLINE NUMBER TYPED(what_is_left)(const TYPED(progress_t) *s, TYPED(mask) near, NUMBER change, NUMBER ratio,
+INLINE NUMBER TYPED(predict_remaining)(const TYPED(progress_t) *s, TYPED(mask) near, NUMBER change, NUMBER ratio,
     NUMBER rate, const NUMBER *rates)
 {
     /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
-    const NUMBER slow = TYPED(all)((real)0.0001);
-    const NUMBER next = TYPED(larger)(ratio, TYPED(pick)(s->sweeps < 3, slow, rate));
-    const NUMBER known = TYPED(size_of_rate)(rates[1]);
-    const NUMBER usual = TYPED(larger)(slow, TYPED(pick)(known < 1, known, next));
-    return TYPED(pick)(near, TYPED(smaller)(s->left, change)*usual, TYPED(all)((real)HUGE_VAL));
+    const NUMBER slow = TYPED(broadcast)((real)0.0001);
+    const NUMBER next = TYPED(larger)(ratio, TYPED(select_value)(s->iterations < 3, slow, rate));
+    const NUMBER known = TYPED(rate_magnitude)(rates[1]);
+    const NUMBER usual = TYPED(larger)(slow, TYPED(select_value)(known < 1, known, next));
+    return TYPED(select_value)(near, TYPED(smaller)(s->remaining, change)*usual, TYPED(broadcast)((real)HUGE_VAL));
 }
 
 /* Where changes at the rate of all sweeps so far would not come to the floor in time. */
-NOINLINE TYPED(mask) TYPED(is_late)(const TYPED(progress_t) *s, int most)
+NOINLINE TYPED(mask) TYPED(is_too_slow)(const TYPED(progress_t) *s, int max_iterations)
 {
-    const NUMBER left = ((real)most - s->sweeps)/(s->sweeps - 1);
-    const NUMBER last = s->change*TYPED(power)(s->change/s->first, left);
+    const NUMBER remaining = ((real)max_iterations - s->iterations)/(s->iterations - 1);
+    const NUMBER last = s->change*TYPED(power)(s->change/s->first, remaining);
     return last > s->floor*s->floor;
 }
 
@@ -143,35 +143,35 @@ NOINLINE TYPED(mask) TYPED(is_late)(const TYPED(progress_t) *s, int most)
  * They fail when changes grow, or would not get there in time. Each lane by itself: what it comes
  * to depends on no other.
  */
-static TYPED(verdict_t) TYPED(judge)(TYPED(progress_t) *s, NUMBER change, NUMBER defect, NUMBER moved,
-    real tolerance, int most, int watches, NUMBER *rates)
+static TYPED(convergence_t) TYPED(test_convergence)(TYPED(progress_t) *s, NUMBER change, NUMBER defect, NUMBER step_squared,
+    real tolerance, int max_iterations, int updates, NUMBER *rates)
 {
-    const NUMBER floor = s->floor*s->floor, round_off = epsilon*epsilon*moved;
-    const NUMBER noise = TYPED(pick)(s->looked > 0, TYPED(larger)(round_off, floor/256), round_off);
-    const NUMBER ratio = change/s->change, two_ago = s->before, of_two = change/two_ago;
-    const NUMBER rate = TYPED(root)(of_two);
-    const TYPED(mask) near = change < floor, far = TYPED(others)(near), met = TYPED(is_met)(s, defect);
-    const TYPED(mask) stalls = near & TYPED(others)(change < s->least);
-    s->before = s->change;
+    const NUMBER floor = s->floor*s->floor, least = epsilon*epsilon*step_squared;
+    const NUMBER round_off = TYPED(select_value)(s->estimated > 0, TYPED(larger)(least, floor/256), least);
+    const NUMBER ratio = change/s->change, two_ago = s->previous, of_two = change/two_ago;
+    const NUMBER rate = TYPED(square_root)(of_two);
+    const TYPED(mask) near = change < floor, far = TYPED(mask_not)(near), met = TYPED(constraints_met)(s, defect);
+    const TYPED(mask) stalls = near & TYPED(mask_not)(change < s->smallest);
+    s->previous = s->change;
     s->change = change;
-    s->least = TYPED(smaller)(change, s->least);
-    s->sweeps += 1;
-    s->turn = TYPED(pick)(s->turn < 7, s->turn + 1, TYPED(all)(0));
-    const TYPED(mask) one = s->sweeps < 2, over = s->sweeps > (real)most;
-    s->first = TYPED(pick)(one, change, s->first);
-    if (watches)
-        TYPED(watch)(s, change, TYPED(pick)(s->sweeps < 3, ratio, rate), rates);
-    s->left = TYPED(what_is_left)(s, near, change, ratio, rate, rates);
-    s->calm = TYPED(pick)(stalls, s->calm + 1, TYPED(all)(0));
+    s->smallest = TYPED(smaller)(change, s->smallest);
+    s->iterations += 1;
+    s->cycle = TYPED(select_value)(s->cycle < 7, s->cycle + 1, TYPED(broadcast)(0));
+    const TYPED(mask) one = s->iterations < 2, over = s->iterations > (real)max_iterations;
+    s->first = TYPED(select_value)(one, change, s->first);
+    if (updates)
+        TYPED(update_rates)(s, change, TYPED(select_value)(s->iterations < 3, ratio, rate), rates);
+    s->remaining = TYPED(predict_remaining)(s, near, change, ratio, rate, rates);
+    s->stagnation = TYPED(select_value)(stalls, s->stagnation + 1, TYPED(broadcast)(0));
     const TYPED(mask) small = (change <= tolerance*tolerance)
-        | (met & ((65536*s->left < noise) | (s->calm > 3)));
+        | (met & ((65536*s->remaining < round_off) | (s->stagnation > 3)));
     const TYPED(mask) bounded = change < 9, grows = (ratio > 1) & (of_two > 1);
-    const TYPED(mask) late = far & TYPED(others)(one) & (s->turn < 1);
-    const TYPED(mask) done = TYPED(pick_mask)(one, change <= 0, bounded & small);
-    TYPED(mask) failed = TYPED(pick_mask)(one, TYPED(others)(change >= 0), TYPED(others)(bounded)
-        | (s->sweeps > (real)most - 1) | (grows & far & (s->sweeps > 3)));
-    if (TYPED(any)(late & TYPED(others)(failed)))
-        failed |= late & TYPED(is_late)(s, most);
-    const TYPED(verdict_t) verdict = { done | failed | over, over | (failed & TYPED(others)(done)) };
+    const TYPED(mask) too_slow = far & TYPED(mask_not)(one) & (s->cycle < 1);
+    const TYPED(mask) done = TYPED(select_mask)(one, change <= 0, bounded & small);
+    TYPED(mask) failed = TYPED(select_mask)(one, TYPED(mask_not)(change >= 0), TYPED(mask_not)(bounded)
+        | (s->iterations > (real)max_iterations - 1) | (grows & far & (s->iterations > 3)));
+    if (TYPED(any)(too_slow & TYPED(mask_not)(failed)))
+        failed |= too_slow & TYPED(is_too_slow)(s, max_iterations);
+    const TYPED(convergence_t) verdict = { done | failed | over, over | (failed & TYPED(mask_not)(done)) };
     return verdict;
 }

@@ -28,15 +28,15 @@
 #include "gyrospark/fixed_point/iteration.h"
 
 /* The unknowns (B.2) from the scaled ones. */
-static void SINGLE(unscale)(const SINGLE(t) *w, real x[U])
+static void SINGLE(get_unknowns)(const SINGLE(t) *w, real x[U])
 {
     real multipliers[ROOM];
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
             const int item = i/SINGLE(PER), place = item*N + a, at = i % SINGLE(PER);
-            const lanes *hb = &w->hb[item], *hb_hat = &w->hb_hat[item];
-            x[i*N + a] = part(&w->now.x[place], at)/part(hb, at);
-            x[K_HAT + i*N + a] = part(&w->now.x[SINGLE(HAT) + place], at)/part(hb_hat, at);
+            const lanes *h_b = &w->h_b[item], *h_b_hat = &w->h_b_hat[item];
+            x[i*N + a] = lane_get(&w->now.x[place], at)/lane_get(h_b, at);
+            x[K_HAT + i*N + a] = lane_get(&w->now.x[SINGLE(HAT) + place], at)/lane_get(h_b_hat, at);
         }
     SINGLE(multipliers)(w, 0, multipliers);
     for (int l = 0; l < P*M; ++l)
@@ -52,29 +52,29 @@ static void SINGLE(unscale)(const SINGLE(t) *w, real x[U])
 
 #if GS_SPARK
 /* A number of the one trajectory from its lanes, which hold a part each. */
-INLINE real SINGLE(of_lanes)(const lanes *x)
+INLINE real SINGLE(sum_lanes)(const lanes *x)
 {
-    real sum = part(x, 0);
+    real sum = lane_get(x, 0);
     for (int i = 1; i < LANES; ++i)
-        sum += part(x, i);
+        sum += lane_get(x, i);
     return sum;
 }
 
 /* How many lanes differ. */
-static int SINGLE(used)(void)
+static int SINGLE(used_lanes)(void)
 {
     const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
     return most < LANES ? most : LANES;
 }
 #else
 /* A number of the one trajectory from its lanes, which are all the same. */
-INLINE real SINGLE(of_lanes)(const lanes *x)
+INLINE real SINGLE(sum_lanes)(const lanes *x)
 {
-    return part(x, 0);
+    return lane_get(x, 0);
 }
 
 /* How many lanes differ. */
-static int SINGLE(used)(void)
+static int SINGLE(used_lanes)(void)
 {
     return 1;
 }
@@ -82,19 +82,19 @@ static int SINGLE(used)(void)
 
 #if GS_CONSTRAINED
 /* Adds what is left of the constraints at the one trajectory's state to the record. */
-static void SINGLE(observe_defects)(const SINGLE(t) *s, report_t *report)
+static void SINGLE(observe_constraint_errors)(const SINGLE(t) *s, report_t *report)
 {
     lanes f[M];
     real g_size = 0, f_size = 0;
     lanes_hidden_constraint(&s->constants, s->q, s->p, f);
     for (int mu = 0; mu < M; ++mu) {
-        g_size = larger(MATH(fabs)(part(&s->bound.g_rounded[mu], 0)), g_size);
-        f_size = larger(MATH(fabs)(part(&f[mu], 0)), f_size);
+        g_size = larger(MATH(fabs)(lane_get(&s->constraint_state.g_rounded[mu], 0)), g_size);
+        f_size = larger(MATH(fabs)(lane_get(&f[mu], 0)), f_size);
     }
-    observe_defects(g_size, f_size, report);
+    observe_constraint_errors(g_size, f_size, report);
 }
 #else
-static void SINGLE(observe_defects)(const SINGLE(t) *s, report_t *report)
+static void SINGLE(observe_constraint_errors)(const SINGLE(t) *s, report_t *report)
 {
     (void)s, (void)report;
 }
@@ -107,30 +107,30 @@ static void SINGLE(observe_defects)(const SINGLE(t) *s, report_t *report)
  * with GYROSPARK_OBJECT 4 it is compiled beside their sweeps.
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
-void NAME(apart_set_up)(SINGLE(t) *w);
-void NAME(apart_noise)(SINGLE(t) *w);
-void NAME(apart_remember)(SINGLE(t) *w);
+void NAME(object_initialise)(SINGLE(t) *w);
+void NAME(object_estimate_round_off)(SINGLE(t) *w);
+void NAME(object_record_step)(SINGLE(t) *w);
 
 #if GYROSPARK_OBJECT == 4 /* __GNUC__ */
-void NAME(apart_set_up)(SINGLE(t) *w)
+void NAME(object_initialise)(SINGLE(t) *w)
 {
-    SINGLE(set_up)(w);
+    SINGLE(initialise)(w);
 }
 
-void NAME(apart_noise)(SINGLE(t) *w)
+void NAME(object_estimate_round_off)(SINGLE(t) *w)
 {
-    SINGLE(noise)(w);
+    SINGLE(estimate_round_off)(w);
 }
 
-void NAME(apart_remember)(SINGLE(t) *w)
+void NAME(object_record_step)(SINGLE(t) *w)
 {
-    SINGLE(remember)(w);
+    SINGLE(record_step)(w);
 }
 #endif
 #endif
 
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT) && GYROSPARK_OBJECT == 2
-#define SEPARATE(f) NAME(apart_##f)
+#define SEPARATE(f) NAME(object_##f)
 #else /* __GNUC__ */
 #define SEPARATE(f) SINGLE(f)
 #endif

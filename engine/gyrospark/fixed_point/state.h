@@ -10,8 +10,8 @@
  */
 enum { SOLVER(PER) = LANES, SOLVER(S) = (S + LANES - 1)/LANES, SOLVER(P) = (P + LANES - 1)/LANES };
 enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N, SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
-static const int SOLVER(ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
-static const int SOLVER(rows)[GROUPS] = { N, N, M };
+static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
+static const int SOLVER(group_rows)[GROUPS] = { N, N, M };
 #else
 /* -------------------------------------------------------- sweeps: several trajectories in lanes */
 
@@ -21,22 +21,22 @@ static const int SOLVER(rows)[GROUPS] = { N, N, M };
  */
 enum { SOLVER(PER) = 1, SOLVER(S) = S, SOLVER(P) = P };
 enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N, SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
-static const int SOLVER(ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
-static const int SOLVER(rows)[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N, (P > 1 ? 2 : 1)*M };
+static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
+static const int SOLVER(group_rows)[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N, (P > 1 ? 2 : 1)*M };
 #endif
 
 #if !GS_CONSTRAINED
 /* What a sweep improves, and what the end of the step needs of it. */
 typedef struct {
     lanes x[SOLVER(X)];
-} SOLVER(iterate);
+} SOLVER(unknowns);
 
 enum { SOLVER(RESULT) = SOLVER(X) };
 
 /* There are no constraints. */
 typedef struct {
     lanes defect; /* none */
-} SOLVER(bound);
+} SOLVER(constraint_state);
 #else
 #if GS_CONSTANT_SCHUR
 /* What a sweep improves, and what the end of the step needs of it: W is constant. */
@@ -44,19 +44,19 @@ typedef struct {
     lanes x[SOLVER(X)];
     lanes Y[SOLVER(P)*N];
     lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* not needed once converged, but C for the work of forces */
-} SOLVER(iterate);
+} SOLVER(unknowns);
 
 enum { SOLVER(RESULT) = SOLVER(X) + SOLVER(P)*N + SOLVER(S)*N };
 
 /* What is known of the constraints. */
 typedef struct {
     lanes defect;       /* of the constraints in the last sweep */
-    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes row_weight[M]; /* 1/|G_mu|^2 of the rows of G at the state */
     lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes last_impulse[M]; /* the last impulse, h b~_P Lambda_P */
     lanes W_inverse[M][M]; /* by h */
     lanes correction;      /* c, with H_pp G^T = c G^T */
-} SOLVER(bound);
+} SOLVER(constraint_state);
 #else
 /* What a sweep improves, and what the end of the step needs of it: W differs from node to node. */
 typedef struct {
@@ -64,35 +64,35 @@ typedef struct {
     lanes Y[SOLVER(P)*N];
     lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* not needed once converged, but C for the work of forces */
     schur_t factor[SOLVER(P)];
-} SOLVER(iterate);
+} SOLVER(unknowns);
 
 enum { SOLVER(RESULT) = SOLVER(X) + SOLVER(P)*N + SOLVER(S)*N };
 
 /* What is known of the constraints. */
 typedef struct {
     lanes defect;       /* of the constraints in the last sweep */
-    lanes shortness[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes row_weight[M]; /* 1/|G_mu|^2 of the rows of G at the state */
     lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes last[M]; /* the last impulse, h b~_P Lambda_P */
-} SOLVER(bound);
+    lanes last_impulse[M]; /* the last impulse, h b~_P Lambda_P */
+} SOLVER(constraint_state);
 #endif
 #endif
 
 /* What was learnt of each trajectory in lanes. */
-enum { SOLVER(TRACKS) = LANES/SOLVER(PER) };
+enum { SOLVER(TRAJECTORIES) = LANES/SOLVER(PER) };
 
 typedef struct {
-    lanes next[KNOWN*2*SOLVER(S)];  /* the function for L and L^, of L and L^ in turn */
-    lanes wave[ORDER];           /* the recurrence of all multipliers */
-    lanes learnt[SOLVER(X)];        /* two predictions, on trial */
-    lanes other[SOLVER(IMPULSE)];
-    real error[SOLVER(TRACKS)];  /* of the function, squared, when it was on trial */
+    lanes coefficients[REGRESSORS*2*SOLVER(S)];  /* the function for L and L^, of L and L^ in turn */
+    lanes multiplier_coefficients[ORDER];           /* the recurrence of all multipliers */
+    lanes candidate[SOLVER(X)];        /* two predictions, on trial */
+    lanes baseline[SOLVER(IMPULSE)];
+    real error[SOLVER(TRAJECTORIES)];  /* of the function, squared, when it was on trial */
     int lags, order;          /* the most in use */
-    int taken[SOLVER(TRACKS)];   /* whether a trajectory goes by its function */
-    int settled[SOLVER(TRACKS)]; /* whether it does for good */
-    int trial[SOLVER(TRACKS)];   /* whether the next step shows which prediction is better */
-    long latest[SOLVER(TRACKS)]; /* when the function was fitted */
-} SOLVER(lessons);
+    int selected[SOLVER(TRAJECTORIES)];   /* whether a trajectory goes by its function */
+    int permanent[SOLVER(TRAJECTORIES)]; /* whether it does for good */
+    int pending[SOLVER(TRAJECTORIES)];   /* whether the next step shows which prediction is better */
+    long last_fit[SOLVER(TRAJECTORIES)]; /* when the function was fitted */
+} SOLVER(least_squares);
 
 #if GS_STAGES_IN_LANES
 typedef struct {
@@ -101,25 +101,25 @@ typedef struct {
     lanes zero[N];
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
-    lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes moved;              /* |dq|^2 and |dp|^2 relative to these */
+    lanes q_weight, p_weight;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes step_squared;              /* |dq|^2 and |dp|^2 relative to these */
     lanes t;                  /* at the start of the step */
-    IF_TIME(lanes span;)
-    IF_TIME(lanes ask[SOLVER(P)], act[SOLVER(P)];)
-    lanes hb[SOLVER(S)], hb_hat[SOLVER(S)];
-    lanes late[SOLVER(S)];    /* h c: stages after the start of the step */
+    IF_TIME(lanes step;)
+    IF_TIME(lanes constraint_time[SOLVER(P)], force_time[SOLVER(P)];)
+    lanes h_b[SOLVER(S)], h_b_hat[SOLVER(S)];
+    lanes stage_time[SOLVER(S)];    /* h c: stages after the start of the step */
     lanes work, work_low;  /* done by the forces since the start */
     lanes mu[S*SOLVER(S)], mu_hat[S*SOLVER(S)], onward[S*SOLVER(S)];
     lanes nu[S*SOLVER(P)], nu_tilde[P*SOLVER(S)], inverse[P*SOLVER(P)], onward_nodes[P*SOLVER(P)];
-    lanes moves[SOLVER(P)]; /* 0 at node 0, which stays where the step starts */
-    lanes change, noise; /* of the last sweep; what rounding is worth in one */
-    IF_FRAME(int still[LANES];)
-    SOLVER(iterate) now;
-    SOLVER(bound) bound;
-    SOLVER(lessons) lessons;
+    lanes node_free[SOLVER(P)]; /* 0 at node 0, which stays where the step starts */
+    lanes change, round_off; /* of the last sweep; what rounding is worth in one */
+    IF_FRAME(int stationary[LANES];)
+    SOLVER(unknowns) now;
+    SOLVER(constraint_state) constraint_state;
+    SOLVER(least_squares) least_squares;
     predictor_t predictor;
-    lanes through[SOLVER(X)]; /* the polynomial through the last stages, one step on */
-    lanes past[HISTORY*SOLVER(X)];
+    lanes extrapolated[SOLVER(X)]; /* the polynomial through the last stages, one step on */
+    lanes history[HISTORY*SOLVER(X)];
 } SOLVER(t);
 
 /*
@@ -127,7 +127,7 @@ typedef struct {
  * `columns` of them. Four numbers at a time: as many sums as a register file holds, and enough of
  * them to hide latency.
  */
-INLINE void SOLVER(four)(int rows, int columns, int width, int count, const lanes *restrict base,
+INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
 {
     /*
@@ -144,7 +144,7 @@ INLINE void SOLVER(four)(int rows, int columns, int width, int count, const lane
     for (int from = 0; from < columns; from += LANES, x += width)
         for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
             for (int a = 0; a < count; ++a) {
-                const lanes value = splat(part(&x[a], j));
+                const lanes value = splat(lane_get(&x[a], j));
                 for (int i = 0; i < rows; ++i)
                     sum[j % sums][a][i] += table[i]*value;
             }
@@ -164,9 +164,9 @@ INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base,
 {
     int start = 0;
     for (; start + 4 <= width; start += 4)
-        SOLVER(four)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
+        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
     if (width % 4 > 0)
-        SOLVER(four)(rows, columns, width, width % 4, base + start, stride, table, x + start,
+        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table, x + start,
             y + start);
 }
 
@@ -177,12 +177,12 @@ PRODUCT void SOLVER(stages_of_stages)(const lanes *base, int stride, const lanes
 }
 
 /* sum over the `count` rows of x */
-INLINE void SOLVER(total)(int count, int width, const lanes *x, lanes *total)
+INLINE void SOLVER(sum_rows)(int count, int width, const lanes *x, lanes *total)
 {
     for (int a = 0; a < width; ++a) {
-        real sum = part(&x[a], 0);
+        real sum = lane_get(&x[a], 0);
         for (int j = 1; j < count; ++j)
-            sum += part(&x[j/LANES*width + a], j % LANES);
+            sum += lane_get(&x[j/LANES*width + a], j % LANES);
         total[a] = splat(sum);
     }
 }
@@ -192,19 +192,19 @@ static void SOLVER(fill)(lanes *to, int rows, int columns, const real *from)
     const int items = (rows + LANES - 1)/LANES;
     for (int j = 0; j < columns; ++j)
         for (int i = 0; i < items*LANES; ++i)
-            set_part(&to[j*items + i/LANES], i % LANES, i < rows ? from[i*columns + j] : 0);
+            lane_set(&to[j*items + i/LANES], i % LANES, i < rows ? from[i*columns + j] : 0);
 }
 
 /* The weights and tables of all lanes. */
 static void SOLVER(set_weights)(SOLVER(t) *w)
 {
-    SOLVER(fill)(w->mu, S, S, &fast_mu[0][0]);
-    SOLVER(fill)(w->mu_hat, S, S, &fast_mu_hat[0][0]);
-    SOLVER(fill)(w->onward, S, S, &fast_onward[0][0]);
+    SOLVER(fill)(w->mu, S, S, &table_mu[0][0]);
+    SOLVER(fill)(w->mu_hat, S, S, &table_mu_hat[0][0]);
+    SOLVER(fill)(w->onward, S, S, &table_onward[0][0]);
     for (int i = 0; i < SOLVER(S)*LANES; ++i) {
-        set_part(&w->hb[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.b[i] : 0);
-        set_part(&w->hb_hat[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.b_hat[i] : 0);
-        set_part(&w->late[i/LANES], i % LANES, i < S ? part(&w->h, 0)*tableau.c[i] : 0);
+        lane_set(&w->h_b[i/LANES], i % LANES, i < S ? lane_get(&w->h, 0)*tableau.b[i] : 0);
+        lane_set(&w->h_b_hat[i/LANES], i % LANES, i < S ? lane_get(&w->h, 0)*tableau.b_hat[i] : 0);
+        lane_set(&w->stage_time[i/LANES], i % LANES, i < S ? lane_get(&w->h, 0)*tableau.c[i] : 0);
     }
 }
 #else
@@ -214,39 +214,39 @@ typedef struct {
     lanes zero[N];
     lanes q[N], p[N];         /* the state, rounded, */
     lanes q_low[N], p_low[N]; /* and what rounding left over */
-    lanes q_size, p_size;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes moved;              /* |dq|^2 and |dp|^2 relative to these */
+    lanes q_weight, p_weight;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes step_squared;              /* |dq|^2 and |dp|^2 relative to these */
     lanes t;                  /* at the start of the step */
-    IF_TIME(lanes span;)
-    IF_TIME(lanes ask[SOLVER(P)], act[SOLVER(P)];)
-    lanes hb[SOLVER(S)], hb_hat[SOLVER(S)];
-    lanes late[SOLVER(S)];    /* h c: stages after the start of the step */
+    IF_TIME(lanes step;)
+    IF_TIME(lanes constraint_time[SOLVER(P)], force_time[SOLVER(P)];)
+    lanes h_b[SOLVER(S)], h_b_hat[SOLVER(S)];
+    lanes stage_time[SOLVER(S)];    /* h c: stages after the start of the step */
     lanes work, work_low;  /* done by the forces since the start */
-    lanes change, noise; /* of the last sweep; what rounding is worth in one */
-    IF_FRAME(int still[LANES];)
-    SOLVER(iterate) now;
-    SOLVER(bound) bound;
-    SOLVER(lessons) lessons;
+    lanes change, round_off; /* of the last sweep; what rounding is worth in one */
+    IF_FRAME(int stationary[LANES];)
+    SOLVER(unknowns) now;
+    SOLVER(constraint_state) constraint_state;
+    SOLVER(least_squares) least_squares;
     predictor_t predictor;
-    lanes through[SOLVER(X)]; /* the polynomial through the last stages, one step on */
-    lanes past[HISTORY*SOLVER(X)];
+    lanes extrapolated[SOLVER(X)]; /* the polynomial through the last stages, one step on */
+    lanes history[HISTORY*SOLVER(X)];
 } SOLVER(t);
 
 /*
  * y_i = base_i + sum_j table_ij x_j, `width` numbers each row. Two rows by four numbers at a time:
  * then multiply-adds, not loads, are the limit.
  */
-INLINE void SOLVER(four)(int rows, int columns, int width, int count, const lanes *restrict base,
+INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count, const lanes *restrict base,
     int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
 {
     for (int i = 0; i < rows; i += 2) {
-        const int next = i + 1 < rows ? i + 1 : i;
-        const real *first = table + i*columns, *second = table + next*columns;
+        const int coefficients = i + 1 < rows ? i + 1 : i;
+        const real *first = table + i*columns, *second = table + coefficients*columns;
         LOAD_AGAIN(x);
         lanes upper[4], lower[4];
         for (int a = 0; a < count; ++a) {
             upper[a] = base[i*stride + a];
-            lower[a] = base[next*stride + a];
+            lower[a] = base[coefficients*stride + a];
         }
         for (int j = 0; j < columns; ++j)
             for (int a = 0; a < count; ++a) {
@@ -255,7 +255,7 @@ INLINE void SOLVER(four)(int rows, int columns, int width, int count, const lane
             }
         for (int a = 0; a < count; ++a) {
             y[i*width + a] = upper[a];
-            y[next*width + a] = lower[a];
+            y[coefficients*width + a] = lower[a];
         }
     }
 }
@@ -265,9 +265,9 @@ INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base,
 {
     int start = 0;
     for (; start + 4 <= width; start += 4)
-        SOLVER(four)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
+        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
     if (width % 4 > 0)
-        SOLVER(four)(rows, columns, width, width % 4, base + start, stride, table, x + start,
+        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table, x + start,
             y + start);
 }
 
@@ -278,7 +278,7 @@ NOINLINE void SOLVER(stages_of_stages)(const lanes *base, int stride, const real
 }
 
 /* sum over the `count` rows of x */
-INLINE void SOLVER(total)(int count, int width, const lanes *x, lanes *total)
+INLINE void SOLVER(sum_rows)(int count, int width, const lanes *x, lanes *total)
 {
     for (int a = 0; a < width; ++a) {
         total[a] = x[a];
@@ -291,9 +291,9 @@ INLINE void SOLVER(total)(int count, int width, const lanes *x, lanes *total)
 static void SOLVER(set_weights)(SOLVER(t) *w)
 {
     for (int i = 0; i < S; ++i) {
-        w->hb[i] = w->h*tableau.b[i];
-        w->hb_hat[i] = w->h*tableau.b_hat[i];
-        w->late[i] = w->h*tableau.c[i];
+        w->h_b[i] = w->h*tableau.b[i];
+        w->h_b_hat[i] = w->h*tableau.b_hat[i];
+        w->stage_time[i] = w->h*tableau.c[i];
     }
 }
 #endif
@@ -305,12 +305,12 @@ static void SOLVER(set_weights)(SOLVER(t) *w)
  * it, with half as many coefficients. They stand row by row, those of differences first, then of
  * sums, then of the column in the middle. A column more is all ones, so is a row more.
  */
-INLINE void SOLVER(half_of)(int rows, int columns, int more_columns, int more_rows, int count,
+INLINE void SOLVER(even_odd_columns)(int rows, int columns, int more_columns, int more_rows, int count,
     const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x,
     lanes *restrict y)
 {
     enum { PAIRS = S/2 > 0 ? S/2 : 1 };
-    const int pairs = columns/2, last = columns*N, below = (rows - 1)*N;
+    const int pairs = columns/2, last_impulse = columns*N, below = (rows - 1)*N;
     lanes odd[PAIRS][2], even[PAIRS][2], centre[2], sum[2], half[2];
     for (int a = 0; a < count; ++a) {
         centre[a] = columns % 2 > 0 ? x[pairs*N + a] : splat(0);
@@ -320,7 +320,7 @@ INLINE void SOLVER(half_of)(int rows, int columns, int more_columns, int more_ro
             even[j][a] = x[j*N + a] + x[(columns - 1 - j)*N + a];
             sum[a] += even[j][a];
         }
-        half[a] = more_columns > 0 ? (real)0.5*sum[a] + x[last + a] : (real)0.5*sum[a];
+        half[a] = more_columns > 0 ? (real)0.5*sum[a] + x[last_impulse + a] : (real)0.5*sum[a];
     }
     for (int i = 0; i < rows/2; ++i, table += columns) {
         lanes by_odd[2], by_even[2];
@@ -352,49 +352,49 @@ INLINE void SOLVER(half_of)(int rows, int columns, int more_columns, int more_ro
 }
 
 /* Two numbers at a time: what sums and differences of more take is not in registers. */
-INLINE void SOLVER(halves)(int rows, int columns, int more_columns, int more_rows, const lanes *base,
+INLINE void SOLVER(even_odd_product)(int rows, int columns, int more_columns, int more_rows, const lanes *base,
     int stride, const real *table, const lanes *x, lanes *y)
 {
     for (int a = 0; a < N; a += 2) {
         const real *again = table;
         LOAD_AGAIN(again);
         if (a + 2 <= N)
-            SOLVER(half_of)(rows, columns, more_columns, more_rows, 2, base + a, stride, again, x + a,
+            SOLVER(even_odd_columns)(rows, columns, more_columns, more_rows, 2, base + a, stride, again, x + a,
                 y + a);
         else
-            SOLVER(half_of)(rows, columns, more_columns, more_rows, 1, base + a, stride, again, x + a,
+            SOLVER(even_odd_columns)(rows, columns, more_columns, more_rows, 1, base + a, stride, again, x + a,
                 y + a);
     }
 }
 
-NOINLINE void SOLVER(halves_of_stages)(const lanes *base, int stride, const real *table,
+NOINLINE void SOLVER(even_odd_stages)(const lanes *base, int stride, const real *table,
     const lanes *x, lanes *y)
 {
-    SOLVER(halves)(S, S, 0, 0, base, stride, table, x, y);
+    SOLVER(even_odd_product)(S, S, 0, 0, base, stride, table, x, y);
 }
 
 /* Q_i = q + sum_j mu_ij L_j */
-INLINE void SOLVER(places)(const SOLVER(t) *w, const lanes *L, lanes *Q)
+INLINE void SOLVER(stage_positions)(const SOLVER(t) *w, const lanes *L, lanes *Q)
 {
-    SOLVER(halves_of_stages)(w->q, 0, &half_mu[0][0], L, Q);
+    SOLVER(even_odd_stages)(w->q, 0, &even_odd_mu[0][0], L, Q);
 }
 
 /* base_i + sum_j mu^_ij L^_j */
-INLINE void SOLVER(pushes)(const SOLVER(t) *w, const lanes *base, int stride, const lanes *L_hat,
+INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, int stride, const lanes *L_hat,
     lanes *momentum)
 {
     (void)w;
-    SOLVER(halves_of_stages)(base, stride, &half_mu_hat[0][0], L_hat, momentum);
+    SOLVER(even_odd_stages)(base, stride, &even_odd_mu_hat[0][0], L_hat, momentum);
 }
 #else
 /* Q_i = q + sum_j mu_ij L_j */
-INLINE void SOLVER(places)(const SOLVER(t) *w, const lanes *L, lanes *Q)
+INLINE void SOLVER(stage_positions)(const SOLVER(t) *w, const lanes *L, lanes *Q)
 {
     SOLVER(stages_of_stages)(w->q, 0, TABLE(mu), L, Q);
 }
 
 /* base_i + sum_j mu^_ij L^_j */
-INLINE void SOLVER(pushes)(const SOLVER(t) *w, const lanes *base, int stride, const lanes *L_hat,
+INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, int stride, const lanes *L_hat,
     lanes *momentum)
 {
     (void)w;
@@ -423,24 +423,24 @@ PRODUCT void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const lanes *
 }
 
 /* The place of the nodes of item j, where multipliers act: node 0 is at q. */
-INLINE void SOLVER(node)(const SOLVER(t) *w, int j, lanes *place)
+INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *place)
 {
     for (int a = 0; a < N; ++a)
-        place[a] = w->q[a] + w->moves[j]*w->now.D[j*N + a];
+        place[a] = w->q[a] + w->node_free[j]*w->now.D[j*N + a];
 }
 
 static void SOLVER(set_nodes)(SOLVER(t) *w)
 {
-    SOLVER(fill)(w->nu, P, S, &fast_nu[0][0]);
-    SOLVER(fill)(w->nu_tilde, S, P, &fast_nu_tilde[0][0]);
-    SOLVER(fill)(w->inverse, P, P, &fast_inverse[0][0]);
-    SOLVER(fill)(w->onward_nodes, P, P, &fast_onward_nodes[0][0]);
+    SOLVER(fill)(w->nu, P, S, &table_nu[0][0]);
+    SOLVER(fill)(w->nu_tilde, S, P, &table_nu_tilde[0][0]);
+    SOLVER(fill)(w->inverse, P, P, &table_inverse[0][0]);
+    SOLVER(fill)(w->onward_nodes, P, P, &table_onward_nodes[0][0]);
     for (int l = 0; l < SOLVER(P)*LANES; ++l)
-        set_part(&w->moves[l/LANES], l % LANES, l < P - 1);
+        lane_set(&w->node_free[l/LANES], l % LANES, l < P - 1);
     IF_TIME(for (int l = 0; l < SOLVER(P)*LANES; ++l) {)
-        IF_TIME(const real late = l < P ? tableau.c_tilde[l + 1] : 0;)
-        IF_TIME(set_part(&w->ask[l/LANES], l % LANES, late);)
-        IF_TIME(set_part(&w->act[l/LANES], l % LANES, l < P - 1 ? late : 0);)
+        IF_TIME(const real stage_time = l < P ? tableau.c_tilde[l + 1] : 0;)
+        IF_TIME(lane_set(&w->constraint_time[l/LANES], l % LANES, stage_time);)
+        IF_TIME(lane_set(&w->force_time[l/LANES], l % LANES, l < P - 1 ? stage_time : 0);)
     IF_TIME(})
 }
 #else
@@ -451,7 +451,7 @@ NOINLINE void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const real *
 }
 
 /* The place of node j, where multipliers act: node 0 comes last, and is at q. */
-INLINE void SOLVER(node)(const SOLVER(t) *w, int j, lanes *place)
+INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *place)
 {
     for (int a = 0; a < N; ++a)
         place[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
@@ -461,8 +461,8 @@ static void SOLVER(set_nodes)(SOLVER(t) *w)
 {
     (void)w;
     IF_TIME(for (int l = 0; l < P; ++l) {)
-        IF_TIME(w->ask[l] = splat(tableau.c_tilde[l + 1]);)
-        IF_TIME(w->act[l] = splat(l < P - 1 ? tableau.c_tilde[l + 1] : 0);)
+        IF_TIME(w->constraint_time[l] = splat(tableau.c_tilde[l + 1]);)
+        IF_TIME(w->force_time[l] = splat(l < P - 1 ? tableau.c_tilde[l + 1] : 0);)
     IF_TIME(})
 }
 
@@ -483,25 +483,25 @@ NOINLINE void SOLVER(stages_of_nodes)(const lanes *base, int stride, const real 
 
 #if GS_EVEN_ODD && !GS_STAGES_IN_LANES
 /* D_l = sum_j nu_lj L_j */
-NOINLINE void SOLVER(displace)(const SOLVER(t) *w, const lanes *L, lanes *D)
+NOINLINE void SOLVER(node_displacements)(const SOLVER(t) *w, const lanes *L, lanes *D)
 {
-    SOLVER(halves)(P - 1, S, 0, 1, w->zero, 0, &half_nu[0][0], L, D);
+    SOLVER(even_odd_product)(P - 1, S, 0, 1, w->zero, 0, &even_odd_nu[0][0], L, D);
 }
 
 /* C_i = p + sum_j nu~_ij Y_j */
-NOINLINE void SOLVER(pulls)(const SOLVER(t) *w, const lanes *Y, lanes *C)
+NOINLINE void SOLVER(add_constraint_forces)(const SOLVER(t) *w, const lanes *Y, lanes *C)
 {
-    SOLVER(halves)(S, P - 1, 1, 0, w->p, 0, &half_nu_tilde[0][0], Y, C);
+    SOLVER(even_odd_product)(S, P - 1, 1, 0, w->p, 0, &even_odd_nu_tilde[0][0], Y, C);
 }
 #else
 /* D_l = sum_j nu_lj L_j */
-INLINE void SOLVER(displace)(const SOLVER(t) *w, const lanes *L, lanes *D)
+INLINE void SOLVER(node_displacements)(const SOLVER(t) *w, const lanes *L, lanes *D)
 {
     SOLVER(nodes_of_stages)(w->zero, 0, TABLE(nu), L, D);
 }
 
 /* C_i = p + sum_j nu~_ij Y_j */
-INLINE void SOLVER(pulls)(const SOLVER(t) *w, const lanes *Y, lanes *C)
+INLINE void SOLVER(add_constraint_forces)(const SOLVER(t) *w, const lanes *Y, lanes *C)
 {
     SOLVER(stages_of_nodes)(w->p, 0, TABLE(nu_tilde), Y, C);
 }

@@ -2,7 +2,7 @@
 
 #if GS_SPARK
 /* H_p and H_q - F of a state. */
-static void SOLVER(rates_of)(const SOLVER(t) *w, const lanes q[N], const lanes p[N], lanes H_p[N],
+static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N], lanes H_p[N],
     lanes H_q[N])
 {
     lanes shared[SHARED];
@@ -11,7 +11,7 @@ static void SOLVER(rates_of)(const SOLVER(t) *w, const lanes q[N], const lanes p
 }
 #else
 /* H_p and H_q - F of a state. */
-static void SOLVER(rates_of)(const SOLVER(t) *w, const lanes q[N], const lanes p[N], lanes H_p[N],
+static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N], lanes H_p[N],
     lanes H_q[N])
 {
     lanes zero[N];
@@ -25,11 +25,11 @@ static void SOLVER(rates_of)(const SOLVER(t) *w, const lanes q[N], const lanes p
 /* The state, and what rounding left over. */
 typedef struct {
     lanes q[N], p[N], q_low[N], p_low[N];
-} SOLVER(place);
+} SOLVER(state);
 
-INLINE SOLVER(place) SOLVER(here)(const SOLVER(t) *w)
+INLINE SOLVER(state) SOLVER(current_state)(const SOLVER(t) *w)
 {
-    SOLVER(place) now;
+    SOLVER(state) now;
     for (int a = 0; a < N; ++a) {
         now.q[a] = w->q[a];
         now.p[a] = w->p[a];
@@ -43,65 +43,65 @@ INLINE SOLVER(place) SOLVER(here)(const SOLVER(t) *w)
  * How far rounding may take a step, squared, in each set of coordinates that turn into each other:
  * what nudges of the state and of its rates do, the mean of four times.
  */
-static void SOLVER(wander)(const SOLVER(t) *w, const SOLVER(place) *at, lanes q_way[N], lanes p_way[N])
+static void SOLVER(estimate_drift)(const SOLVER(t) *w, const SOLVER(state) *at, lanes q_drift[N], lanes p_drift[N])
 {
     lanes H_p[N], H_q[N];
     unsigned chance = 1;
-    SOLVER(rates_of)(w, at->q, at->p, H_p, H_q);
+    SOLVER(evaluate_rates)(w, at->q, at->p, H_p, H_q);
     for (int a = 0; a < N; ++a)
-        q_way[a] = p_way[a] = splat(0);
+        q_drift[a] = p_drift[a] = splat(0);
     for (int attempt = 0; attempt < 4; ++attempt) {
         lanes q[N], p[N], H_p_near[N], H_q_near[N];
         for (int a = 0; a < N; ++a) {
-            q[a] = at->q[a] + nudge(&chance)*at->q[a];
-            p[a] = at->p[a] + nudge(&chance)*at->p[a];
+            q[a] = at->q[a] + perturbation(&chance)*at->q[a];
+            p[a] = at->p[a] + perturbation(&chance)*at->p[a];
         }
-        SOLVER(rates_of)(w, q, p, H_p_near, H_q_near);
+        SOLVER(evaluate_rates)(w, q, p, H_p_near, H_q_near);
         for (int a = 0; a < N; ++a) {
-            const lanes by_p = H_p_near[a] - H_p[a] + nudge(&chance)*H_p[a];
-            const lanes by_q = H_q_near[a] - H_q[a] + nudge(&chance)*H_q[a];
-            q_way[set_of[a]] += (real)0.25*w->h*w->h*by_p*by_p;
-            p_way[set_of[a]] += (real)0.25*w->h*w->h*by_q*by_q;
+            const lanes by_p = H_p_near[a] - H_p[a] + perturbation(&chance)*H_p[a];
+            const lanes by_q = H_q_near[a] - H_q[a] + perturbation(&chance)*H_q[a];
+            q_drift[rotation_group[a]] += (real)0.25*w->h*w->h*by_p*by_p;
+            p_drift[rotation_group[a]] += (real)0.25*w->h*w->h*by_q*by_q;
         }
     }
 }
 
 /* From here on a state is looked at anew. */
-static void SOLVER(wake)(SOLVER(t) *w)
+static void SOLVER(release_equilibrium)(SOLVER(t) *w)
 {
     for (int i = 0; i < LANES; ++i)
-        w->still[i] = 0;
+        w->stationary[i] = 0;
 }
 
 /* Notes the lanes whose last step came no further than rounding does. */
-static void SOLVER(watch)(SOLVER(t) *w, const SOLVER(place) *before)
+static void SOLVER(detect_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before)
 {
-    const real most = 65536*epsilon;
-    lanes dq[N], dp[N], q_way[N], p_way[N], far = splat(0);
-    int any = 0, lasting[LANES];
+    const real threshold = 65536*epsilon;
+    lanes dq[N], dp[N], q_drift[N], p_drift[N], increment = splat(0);
+    int any = 0, released[LANES];
     for (int a = 0; a < N; ++a) {
-        const lanes way = w->q[a] - before->q[a], push = w->p[a] - before->p[a];
-        far += way*way*w->q_size + push*push*w->p_size;
+        const lanes dq_a = w->q[a] - before->q[a], dp_a = w->p[a] - before->p[a];
+        increment += dq_a*dq_a*w->q_weight + dp_a*dp_a*w->p_weight;
         dq[a] = dp[a] = splat(0);
     }
     for (int i = 0; i < LANES; ++i) {
-        lasting[i] = LASTS && w->still[i];
-        w->still[i] = lasting[i] || part(&far, i) < most*most;
-        any |= w->still[i] && !lasting[i];
+        released[i] = RATES_STAY_ZERO && w->stationary[i];
+        w->stationary[i] = released[i] || lane_get(&increment, i) < threshold*threshold;
+        any |= w->stationary[i] && !released[i];
     }
     if (!any)
         return;
     for (int a = 0; a < N; ++a) {
-        const lanes way = w->q[a] - before->q[a] + (w->q_low[a] - before->q_low[a]);
-        const lanes push = w->p[a] - before->p[a] + (w->p_low[a] - before->p_low[a]);
-        dq[set_of[a]] += way*way;
-        dp[set_of[a]] += push*push;
+        const lanes dq_a = w->q[a] - before->q[a] + (w->q_low[a] - before->q_low[a]);
+        const lanes dp_a = w->p[a] - before->p[a] + (w->p_low[a] - before->p_low[a]);
+        dq[rotation_group[a]] += dq_a*dq_a;
+        dp[rotation_group[a]] += dp_a*dp_a;
     }
-    SOLVER(wander)(w, before, q_way, p_way);
+    SOLVER(estimate_drift)(w, before, q_drift, p_drift);
     for (int i = 0; i < LANES; ++i)
-        for (int a = 0; a < N && !lasting[i]; ++a)
-            w->still[i] &= part(&dq[a], i) <= 64*part(&q_way[a], i)
-                && part(&dp[a], i) <= 64*part(&p_way[a], i);
+        for (int a = 0; a < N && !released[i]; ++a)
+            w->stationary[i] &= lane_get(&dq[a], i) <= 64*lane_get(&q_drift[a], i)
+                && lane_get(&dp[a], i) <= 64*lane_get(&p_drift[a], i);
 }
 
 /*
@@ -110,14 +110,14 @@ static void SOLVER(watch)(SOLVER(t) *w, const SOLVER(place) *before)
  * state as near as that stands still, and so does this one, in all steps to come: it would stray
  * otherwise, for what rounding does adds up.
  */
-static void SOLVER(stand)(SOLVER(t) *w, const SOLVER(place) *before)
+static void SOLVER(hold_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before)
 {
-    SOLVER(watch)(w, before);
+    SOLVER(detect_equilibrium)(w, before);
     for (int i = 0; i < LANES; ++i)
-        for (int a = 0; a < N && w->still[i]; ++a) {
-            set_part(&w->q[a], i, part(&before->q[a], i));
-            set_part(&w->p[a], i, part(&before->p[a], i));
-            set_part(&w->q_low[a], i, part(&before->q_low[a], i));
-            set_part(&w->p_low[a], i, part(&before->p_low[a], i));
+        for (int a = 0; a < N && w->stationary[i]; ++a) {
+            lane_set(&w->q[a], i, lane_get(&before->q[a], i));
+            lane_set(&w->p[a], i, lane_get(&before->p[a], i));
+            lane_set(&w->q_low[a], i, lane_get(&before->q_low[a], i));
+            lane_set(&w->p_low[a], i, lane_get(&before->p_low[a], i));
         }
 }

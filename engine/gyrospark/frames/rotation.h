@@ -13,9 +13,9 @@
  */
 typedef struct {
     const parameters_t *parameters;
-    twofold rate[ANGLES];
+    double_word rate[ANGLES];
     real axis[AXES]; /* of rotations about any axis of space */
-    int moves;
+    int is_moving;
 } frame_t;
 
 /* cos and sin of every angle. */
@@ -28,16 +28,16 @@ static frame_t frame_of(const parameters_t *parameters)
     frame_t frame = { .parameters = parameters };
     frame_rates(parameters, frame.rate, frame.axis);
     for (int i = 0; i < ANGLES; ++i)
-        frame.moves |= !(WIDE_MATH(fabs)(frame.rate[i].high) <= 0);
+        frame.is_moving |= !(WIDE_MATH(fabs)(frame.rate[i].high) <= 0);
     return frame;
 }
 
 /* The angles after k + share steps. */
 static void angles_after(const frame_t *frame, real dt, long k, real share, angles_t *at)
 {
-    const twofold t = plus(product_of((turning)k, dt), product_of(share, dt));
+    const double_word t = plus(product_of((wide_real)k, dt), product_of(share, dt));
     for (int i = 0; i < ANGLES; ++i) {
-        turning cosine, sine;
+        wide_real cosine, sine;
         circle(times(t, frame->rate[i]), &cosine, &sine);
         at->cosine[i] = (real)cosine;
         at->sine[i] = (real)sine;
@@ -45,20 +45,20 @@ static void angles_after(const frame_t *frame, real dt, long k, real share, angl
 }
 
 /* The state (q, p) after k steps; either may be NULL. */
-static void turn_state(const frame_t *frame, real dt, long k, real *q, real *p)
+static void rotate_state(const frame_t *frame, real dt, long k, real *q, real *p)
 {
     angles_t at;
     real x[N];
-    if (k == 0 || !frame->moves)
+    if (k == 0 || !frame->is_moving)
         return;
     angles_after(frame, dt, k, 0, &at);
     if (q != NULL) {
-        turn_coordinates(frame->parameters, at.cosine, at.sine, frame->axis, q, x);
+        rotate_coordinates(frame->parameters, at.cosine, at.sine, frame->axis, q, x);
         for (int a = 0; a < N; ++a)
             q[a] = x[a];
     }
     if (p != NULL) {
-        turn_momenta(frame->parameters, at.cosine, at.sine, frame->axis, p, x);
+        rotate_momenta(frame->parameters, at.cosine, at.sine, frame->axis, p, x);
         for (int a = 0; a < N; ++a)
             p[a] = x[a];
     }
@@ -77,55 +77,55 @@ static real node_of(int l)
 }
 
 /* The multipliers of step k, each at the time of its node: where g turns, so do they. */
-static void turn_multipliers_of(const frame_t *frame, real dt, long k, real *multipliers)
+static void rotate_multipliers_of(const frame_t *frame, real dt, long k, real *multipliers)
 {
-    for (int l = 0; l < MULTIPLIERS/M && frame->moves; ++l) {
+    for (int l = 0; l < MULTIPLIERS/M && frame->is_moving; ++l) {
         angles_t at;
         real x[M];
         angles_after(frame, dt, k - 1, node_of(l), &at);
-        turn_multipliers(frame->parameters, at.cosine, at.sine, frame->axis, multipliers + l*M, x);
+        rotate_multipliers(frame->parameters, at.cosine, at.sine, frame->axis, multipliers + l*M, x);
         for (int mu = 0; mu < M; ++mu)
             multipliers[l*M + mu] = x[mu];
     }
 }
 #else
 /* g does not turn, and multipliers are the same. */
-static void turn_multipliers_of(const frame_t *frame, real dt, long k, real *multipliers)
+static void rotate_multipliers_of(const frame_t *frame, real dt, long k, real *multipliers)
 {
     (void)frame, (void)dt, (void)k, (void)multipliers;
 }
 #endif
 
 /* The end of one step. */
-static void turn_step(const parameters_t *parameters, real dt, real q[N], real p[N],
+static void rotate_step(const parameters_t *parameters, real dt, real q[N], real p[N],
     real *multipliers)
 {
     const frame_t frame = frame_of(parameters);
-    turn_state(&frame, dt, 1, q, p);
-    turn_multipliers_of(&frame, dt, 1, multipliers);
+    rotate_state(&frame, dt, 1, q, p);
+    rotate_multipliers_of(&frame, dt, 1, multipliers);
 }
 
 /* Rows of states, every so many steps after the first `before`; NULL where there are none. */
-static void turn_rows(const frame_t *frame, real dt, long before, long every, long rows, real *q,
+static void rotate_rows(const frame_t *frame, real dt, long before, long every, long rows, real *q,
     real *p, real *multipliers)
 {
     for (long row = 0; row < rows; ++row) {
         const long k = before + (row + 1)*every;
-        turn_state(frame, dt, k, q == NULL ? NULL : q + row*N, p == NULL ? NULL : p + row*N);
+        rotate_state(frame, dt, k, q == NULL ? NULL : q + row*N, p == NULL ? NULL : p + row*N);
         if (multipliers != NULL)
-            turn_multipliers_of(frame, dt, k, multipliers + row*MULTIPLIERS);
+            rotate_multipliers_of(frame, dt, k, multipliers + row*MULTIPLIERS);
     }
 }
 
 /* Whole runs, up to where they came. */
-static void turn_runs(long count, const parameters_t *parameters, const real *dt, long rows,
+static void rotate_runs(long count, const parameters_t *parameters, const real *dt, long rows,
     long every, real *q, real *p, real *q_out, real *p_out, const report_t *reports)
 {
     for (long i = 0; i < count; ++i) {
         const frame_t frame = frame_of(parameters + i);
         const long done = reports[i].steps;
-        turn_state(&frame, dt[i], done, q + i*N, p + i*N);
-        turn_rows(&frame, dt[i], 0, every, done/every, q_out == NULL ? NULL : q_out + i*rows*N,
+        rotate_state(&frame, dt[i], done, q + i*N, p + i*N);
+        rotate_rows(&frame, dt[i], 0, every, done/every, q_out == NULL ? NULL : q_out + i*rows*N,
             p_out == NULL ? NULL : p_out + i*rows*N, NULL);
     }
 }

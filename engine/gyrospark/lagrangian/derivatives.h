@@ -10,8 +10,8 @@ static void mean_gradient(const constants *c, const real qm[N], const real pm[N]
     const real dq[N], const real dp[N], const real t[1], real D_q[N], real D_p[N])
 {
     real q1[N], A[MASS], v0[N], v1[N];
-    ends(c, qm, pm, dq, dp, q1, A, v0, v1);
-    mean_push(c, qm, dq, v0, v1, t, D_q);
+    end_velocities(c, qm, pm, dq, dp, q1, A, v0, v1);
+    mean_generalised_force(c, qm, dq, v0, v1, t, D_q);
     for (int a = 0; a < N; ++a) {
         D_q[a] = -D_q[a];
         D_p[a] = (v0[a] + v1[a])/2;
@@ -27,27 +27,27 @@ static void mean_jacobian(const constants *c, const real qm[N], const real pm[N]
     real D_pq[N][N], real D_pp[N][N])
 {
     const real zero[N] = { 0 };
-    real q1[N], A[MASS], v0[N], v1[N], way[N] = { 0 }, P[N][N], R_v[N][N], change[N];
+    real q1[N], A[MASS], v0[N], v1[N], direction[N] = { 0 }, P[N][N], R_v[N][N], change[N];
     const constants *later = c;
     IF_TIME(constants end = *c;)
-    IF_TIME(later = at_time(&end, c->_t + c->_late/2);)
-    ends(c, qm, pm, dq, dp, q1, A, v0, v1);
+    IF_TIME(later = at_time(&end, c->_t + c->_dt/2);)
+    end_velocities(c, qm, pm, dq, dp, q1, A, v0, v1);
     for (int b = 0; b < N; ++b) {
-        way[b] = 1;
-        slope_change(later, q1, v1, zero, way, P[b]);
-        mean_push_change(c, qm, dq, v0, v1, t, zero, way, change);
+        direction[b] = 1;
+        force_derivative(later, q1, v1, zero, direction, P[b]);
+        mean_generalised_force_derivative(c, qm, dq, v0, v1, t, zero, direction, change);
         for (int a = 0; a < N; ++a)
             R_v[a][b] = change[a];
-        way[b] = 0;
+        direction[b] = 0;
     }
     for (int column = 0; column < N; ++column) {
         real by_p[N] = { 0 }, by_q[N];
-        way[column] = by_p[column] = 1;
+        direction[column] = by_p[column] = 1;
         solve_mass(A, by_p);
         for (int a = 0; a < N; ++a)
             by_q[a] = -P[a][column];
         solve_mass(A, by_q);
-        mean_push_change(c, qm, dq, v0, v1, t, way, by_q, change);
+        mean_generalised_force_derivative(c, qm, dq, v0, v1, t, direction, by_q, change);
         for (int a = 0; a < N; ++a) {
             real sum = 0;
             for (int b = 0; b < N; ++b)
@@ -57,7 +57,7 @@ static void mean_jacobian(const constants *c, const real qm[N], const real pm[N]
             D_qq[a][column] = -change[a];
             D_qp[a][column] = -sum;
         }
-        way[column] = 0;
+        direction[column] = 0;
     }
 }
 #else
@@ -68,24 +68,24 @@ static void gradient(const constants *c, const real q[N], const real p[N], const
     real A[MASS];
     factor_mass(c, q, A);
     velocities(c, q, p, A, H_p);
-    push(c, q, H_p, t, H_q);
+    generalised_force(c, q, H_p, t, H_q);
     for (int a = 0; a < N; ++a)
         H_q[a] = -H_q[a];
 }
 
 #if GS_FORCES
 /* change += dF along (dq, dv) */
-static void add_force_change(const constants *c, const real q[N], const real v[N],
+static void add_applied_force_derivative(const constants *c, const real q[N], const real v[N],
     const real t[1], const real dq[N], const real dv[N], real change[N])
 {
     real dF[N];
-    force_change(c, q, v, t, dq, dv, dF);
+    applied_force_derivative(c, q, v, t, dq, dv, dF);
     for (int a = 0; a < N; ++a)
         change[a] += dF[a];
 }
 #else
 /* No forces, no change of them. */
-static inline void add_force_change(const constants *c, const real q[N], const real v[N],
+static inline void add_applied_force_derivative(const constants *c, const real q[N], const real v[N],
     const real t[1], const real dq[N], const real dv[N], real change[N])
 {
     (void)c, (void)q, (void)v, (void)t, (void)dq, (void)dv, (void)change;
@@ -101,28 +101,28 @@ static void rates_by_state(const constants *c, const real q[N], const real p[N],
     real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
 {
     const real zero[N] = { 0 };
-    real A[MASS], v[N], way[N] = { 0 }, P[N][N], R_v[N][N], change[N];
+    real A[MASS], v[N], direction[N] = { 0 }, P[N][N], R_v[N][N], change[N];
     factor_mass(c, q, A);
     velocities(c, q, p, A, v);
     for (int b = 0; b < N; ++b) {
-        way[b] = 1;
-        slope_change(c, q, v, zero, way, P[b]);
+        direction[b] = 1;
+        force_derivative(c, q, v, zero, direction, P[b]);
         for (int a = 0; a < N; ++a)
             change[a] = P[b][a];
-        add_force_change(c, q, v, t, zero, way, change);
+        add_applied_force_derivative(c, q, v, t, zero, direction, change);
         for (int a = 0; a < N; ++a)
             R_v[a][b] = change[a];
-        way[b] = 0;
+        direction[b] = 0;
     }
     for (int column = 0; column < N; ++column) {
         real by_p[N] = { 0 }, by_q[N];
-        way[column] = by_p[column] = 1;
+        direction[column] = by_p[column] = 1;
         solve_mass(A, by_p);
         for (int a = 0; a < N; ++a)
             by_q[a] = -P[a][column];
         solve_mass(A, by_q);
-        slope_change(c, q, v, way, by_q, change);
-        add_force_change(c, q, v, t, way, by_q, change);
+        force_derivative(c, q, v, direction, by_q, change);
+        add_applied_force_derivative(c, q, v, t, direction, by_q, change);
         for (int a = 0; a < N; ++a) {
             real sum = 0;
             for (int b = 0; b < N; ++b)
@@ -132,7 +132,7 @@ static void rates_by_state(const constants *c, const real q[N], const real p[N],
             H_qq[a][column] = -change[a];
             H_qp[a][column] = -sum;
         }
-        way[column] = 0;
+        direction[column] = 0;
     }
 }
 

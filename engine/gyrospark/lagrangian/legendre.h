@@ -62,12 +62,12 @@ static inline void TYPED(hidden_matrix)(const TYPED(constants) *c, const NUMBER 
  * The velocities v0 and v1 of both ends of a difference, where times have their middle among the
  * constants; q1 is the later place, A the factors of M there.
  */
-static void TYPED(ends)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N], const NUMBER dq[N],
+static void TYPED(end_velocities)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N], const NUMBER dq[N],
     const NUMBER dp[N], NUMBER q1[N], NUMBER A[MASS], NUMBER v0[N], NUMBER v1[N])
 {
     NUMBER q0[N], p0[N], p1[N];
     IF_TIME(TYPED(constants) end = *c;)
-    IF_TIME(const NUMBER middle = c->_t, half = (real)0.5*c->_late;)
+    IF_TIME(const NUMBER middle = c->_t, half = (real)0.5*c->_dt;)
     IF_TIME(c = TYPED(at_time)(&end, middle - half);)
     for (int a = 0; a < N; ++a) {
         q0[a] = qm[a] - (real)0.5*dq[a];
@@ -84,12 +84,12 @@ static void TYPED(ends)(const TYPED(constants) *c, const NUMBER qm[N], const NUM
 
 #if GS_TIME_DEPENDENT
 /* D_t between the ends */
-static inline NUMBER TYPED(mean_drive)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N],
+static inline NUMBER TYPED(mean_energy_rate)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N],
     const NUMBER dq[N], const NUMBER dp[N])
 {
     NUMBER q1[N], A[MASS], v0[N], v1[N];
-    TYPED(ends)(c, qm, pm, dq, dp, q1, A, v0, v1);
-    return TYPED(mean_drive_of_velocities)(c, qm, dq, v0, v1);
+    TYPED(end_velocities)(c, qm, pm, dq, dp, q1, A, v0, v1);
+    return TYPED(mean_energy_rate_of_velocities)(c, qm, dq, v0, v1);
 }
 #endif
 #else
@@ -107,21 +107,21 @@ static inline void TYPED(applied_force)(const TYPED(constants) *c, const NUMBER 
 
 #if GS_TIME_DEPENDENT
 /* H_t = -L_t at the v of a state */
-static inline NUMBER TYPED(drive)(const TYPED(constants) *c, const NUMBER q[N], const NUMBER p[N])
+static inline NUMBER TYPED(energy_rate)(const TYPED(constants) *c, const NUMBER q[N], const NUMBER p[N])
 {
     NUMBER A[MASS], v[N];
     TYPED(factor_mass)(c, q, A);
     TYPED(velocities)(c, q, p, A, v);
-    return TYPED(drive_of_velocity)(c, q, v);
+    return TYPED(energy_rate_of_velocity)(c, q, v);
 }
 
 #if !GS_SPARK
 /* D_t: H_t at the midpoint */
-static inline NUMBER TYPED(mean_drive)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N],
+static inline NUMBER TYPED(mean_energy_rate)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N],
     const NUMBER dq[N], const NUMBER dp[N])
 {
     (void)dq, (void)dp;
-    return TYPED(drive)(c, qm, pm);
+    return TYPED(energy_rate)(c, qm, pm);
 }
 #endif
 #endif

@@ -30,7 +30,7 @@ static void second_rates(const lanes_constants *c, const lanes q[N], const lanes
     const lanes t[1], const lanes shared[SHARED], lanes H_p[N], lanes H_q[N])
 {
     lanes_velocities(c, q, p, shared, H_p);
-    lanes_push(c, q, H_p, t, H_q);
+    lanes_generalised_force(c, q, H_p, t, H_q);
     for (int a = 0; a < N; ++a)
         H_q[a] = -H_q[a];
 }
@@ -41,7 +41,7 @@ static void lanes_mean_velocity(const lanes_constants *c, const lanes qm[N],
     const lanes pm[N], const lanes dq[N], const lanes dp[N], lanes D_p[N])
 {
     lanes q1[N], A[MASS], v0[N], v1[N];
-    lanes_ends(c, qm, pm, dq, dp, q1, A, v0, v1);
+    lanes_end_velocities(c, qm, pm, dq, dp, q1, A, v0, v1);
     for (int a = 0; a < N; ++a)
         D_p[a] = (real)0.5*(v0[a] + v1[a]);
 }
@@ -51,8 +51,8 @@ static void lanes_mean_force(const lanes_constants *c, const lanes qm[N], const 
     const lanes dq[N], const lanes dp[N], const lanes t[1], lanes D_q[N])
 {
     lanes q1[N], A[MASS], v0[N], v1[N];
-    lanes_ends(c, qm, pm, dq, dp, q1, A, v0, v1);
-    lanes_mean_push(c, qm, dq, v0, v1, t, D_q);
+    lanes_end_velocities(c, qm, pm, dq, dp, q1, A, v0, v1);
+    lanes_mean_generalised_force(c, qm, dq, v0, v1, t, D_q);
     for (int a = 0; a < N; ++a)
         D_q[a] = -D_q[a];
 }
@@ -73,7 +73,7 @@ static void lanes_mean_force(const lanes_constants *c, const lanes qm[N], const 
 {
     lanes v[N];
     lanes_mean_velocity(c, qm, pm, dq, dp, v);
-    lanes_push(c, qm, v, t, D_q);
+    lanes_generalised_force(c, qm, v, t, D_q);
     for (int a = 0; a < N; ++a)
         D_q[a] = -D_q[a];
 }

@@ -26,7 +26,7 @@ static real norm(int n, const real *x)
 }
 
 /* Two units in the last place of 1, up or down by chance: to see what rounding is worth. */
-static real nudge(unsigned *chance)
+static real perturbation(unsigned *chance)
 {
     *chance = *chance*1664525u + 1013904223u;
     return *chance >> 31 ? 2*epsilon : -2*epsilon;

@@ -13,7 +13,7 @@ static void constraint_columns(work_t *w, const real q[N], const real x[U], real
     mean_constraint(&w->constants, w->q_mean, x, G);
     for (int a = 0; a < N; ++a)
         q1[a] = q[a] + x[a];
-    constraint_jacobian(AT(&w->constants, w->t + w->span), q1, G1);
+    constraint_jacobian(AT(&w->constants, w->t + w->step), q1, G1);
     for (int a = 0; a < N; ++a) {
         for (int b = 0; b < N; ++b)
             J[(DP + a)*U + b] += K[a][b];
@@ -38,7 +38,7 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
     const real t = w->t + dt/2;
     (void)p;
     mean_jacobian(BETWEEN(&w->constants,
-        w->t, w->span), w->q_mean, w->p_mean, x, x + DP, &t, D_qq, D_qp, D_pq, D_pp);
+        w->t, w->step), w->q_mean, w->p_mean, x, x + DP, &t, D_qq, D_qp, D_pq, D_pp);
     for (int e = 0; e < U*U; ++e)
         J[e] = 0;
     for (int a = 0; a < N; ++a)

@@ -15,7 +15,7 @@
 #if GS_CONSTRAINED
 #if GS_ELEMENTS
 /* force += G^T lambda, with G between two states */
-static void add_mean_pull(const constants *c, const real qm[N], const real dq[N],
+static void add_mean_constraint_force(const constants *c, const real qm[N], const real dq[N],
     const real lambda[M], real force[N])
 {
     real pull[N];
@@ -25,7 +25,7 @@ static void add_mean_pull(const constants *c, const real qm[N], const real dq[N]
 }
 #else
 /* force += G^T lambda, with G between two states */
-static void add_mean_pull(const constants *c, const real qm[N], const real dq[N],
+static void add_mean_constraint_force(const constants *c, const real qm[N], const real dq[N],
     const real lambda[M], real force[N])
 {
     real G[M][N];
@@ -40,9 +40,9 @@ static void add_mean_pull(const constants *c, const real qm[N], const real dq[N]
 static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
 {
     real g[M], dg[M];
-    add_mean_pull(&w->constants, w->q_mean, x, x + 2*N, r + N);
+    add_mean_constraint_force(&w->constants, w->q_mean, x, x + 2*N, r + N);
     constraint(AT(&w->constants, w->t), q, g);
-    constraint_increment(BETWEEN(&w->constants, w->t, w->span), q, x, dg);
+    constraint_increment(BETWEEN(&w->constants, w->t, w->step), q, x, dg);
     for (int mu = 0; mu < M; ++mu)
         r[2*N + mu] = g[mu] + dg[mu];
 }
@@ -80,7 +80,7 @@ static void step_multipliers(const real x[U], real multipliers[ROOM])
 enum { DP = N, LAMBDA = 2*N };
 
 /* Starting guess: an explicit Euler step, no constraint force. */
-static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U])
+static void euler_start(work_t *w, real dt, const real q[N], const real p[N], real x[U])
 {
     const real zero[N] = { 0 };
     real D_q[N], D_p[N];
@@ -94,7 +94,7 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
 }
 
 /* The same of a momentum that stays. */
-static void coast(real x[U])
+static void zero_force_start(real x[U])
 {
     for (int e = DP; e < LAMBDA; ++e)
         x[e] = 0;
@@ -120,7 +120,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
     const real t = w->t + dt/2;
     mean_values(w, q, p, x);
     mean_gradient(BETWEEN(&w->constants,
-        w->t, w->span), w->q_mean, w->p_mean, x, x + DP, &t, D_q, D_p);
+        w->t, w->step), w->q_mean, w->p_mean, x, x + DP, &t, D_q, D_p);
     for (int a = 0; a < N; ++a) {
         r[a] = x[a]/dt - D_p[a];
         r[DP + a] = x[DP + a]/dt + D_q[a];
@@ -133,10 +133,10 @@ static real increment_size(const work_t *w, real dt, const real q[N], const real
     const real x[U], const real dx[U])
 {
     (void)w, (void)dt;
-    const real q_size = larger(norm(N, q), norm(N, x));
-    const real p_size = larger(norm(N, p), norm(N, x + DP));
+    const real q_weight = larger(norm(N, q), norm(N, x));
+    const real p_weight = larger(norm(N, p), norm(N, x + DP));
     const real dq = norm(N, dx), dp = norm(N, dx + DP);
-    return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
+    return larger(dq > 0 ? dq/q_weight : dq, dp > 0 ? dp/p_weight : dp);
 }
 
 /* The same of a residual, which is by dt; what is left of the constraints does not count. */

@@ -20,7 +20,7 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
 #if GS_TIME_DEPENDENT
 #if GS_CONSTRAINED
 /* lambda.g_t: the power of a drive through the constraints, g_t between the two ends */
-static real drive_of_constraints(work_t *w, const real x[U])
+static real constraint_power(work_t *w, const real x[U])
 {
     real rate[M], sum = 0;
     mean_constraint_rate(&w->constants, w->q_mean, x, rate);
@@ -30,7 +30,7 @@ static real drive_of_constraints(work_t *w, const real x[U])
 }
 #else
 /* There is no constraint that a drive could move. */
-static real drive_of_constraints(work_t *w, const real x[U])
+static real constraint_power(work_t *w, const real x[U])
 {
     (void)w, (void)x;
     return 0;
@@ -48,11 +48,11 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
     mean_values(w, q, p, x);
     for (int a = 0; a < N; ++a)
         v[a] = x[a]/dt;
-    force_of_velocity(BETWEEN(&w->constants, w->t, w->span), w->q_mean, v, &t, F);
+    force_of_velocity(BETWEEN(&w->constants, w->t, w->step), w->q_mean, v, &t, F);
     for (int a = 0; a < N; ++a)
         sum += F[a]*x[a];
-    IF_TIME(sum += w->span*mean_drive(&w->constants, w->q_mean, w->p_mean, x, x + DP);)
-    IF_TIME(sum += w->span*drive_of_constraints(w, x);)
+    IF_TIME(sum += w->step*mean_energy_rate(&w->constants, w->q_mean, w->p_mean, x, x + DP);)
+    IF_TIME(sum += w->step*constraint_power(w, x);)
     return sum;
 }
 #else
@@ -63,14 +63,14 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
     IF_FRAME_WORK(real v[N];)
     const real t = w->t + dt/2;
     mean_values(w, q, p, x);
-    applied_force(BETWEEN(&w->constants, w->t, w->span), w->q_mean, w->p_mean, &t, F);
+    applied_force(BETWEEN(&w->constants, w->t, w->step), w->q_mean, w->p_mean, &t, F);
     for (int a = 0; a < N; ++a)
         sum += F[a]*x[a];
-    IF_FRAME_WORK(carried(&w->constants, w->q_mean, v);)
+    IF_FRAME_WORK(frame_velocity(&w->constants, w->q_mean, v);)
     IF_FRAME_WORK(for (int a = 0; a < N; ++a))
         IF_FRAME_WORK(sum += dt*F[a]*v[a];)
-    IF_TIME(sum += w->span*mean_drive(&w->constants, w->q_mean, w->p_mean, x, x + DP);)
-    IF_TIME(sum += w->span*drive_of_constraints(w, x);)
+    IF_TIME(sum += w->step*mean_energy_rate(&w->constants, w->q_mean, w->p_mean, x, x + DP);)
+    IF_TIME(sum += w->step*constraint_power(w, x);)
     return sum;
 }
 #endif

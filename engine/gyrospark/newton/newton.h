@@ -52,18 +52,18 @@ static int solve_jacobian(work_t *w, real b[U])
 /*
  * Small increments of huge unknowns are no solution: the constraints at the end of the step tell.
  */
-static int lands(work_t *w, real dt, const real q[N], const real x[U])
+static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
 {
     real d[N], q1[N], g[M], dg[M], reach[M];
     displacement(dt, x, d);
     for (int a = 0; a < N; ++a)
         q1[a] = q[a] + d[a];
     constraint(AT(&w->constants, w->t), q, g);
-    constraint_increment(BETWEEN(&w->constants, w->t, w->span), q, d, dg);
-    constraint_reach(AT(&w->constants, w->t + w->span), q1, reach);
-    const real way = norm(N, d)/1000 + 64*epsilon*norm(N, q);
+    constraint_increment(BETWEEN(&w->constants, w->t, w->step), q, d, dg);
+    constraint_reach(AT(&w->constants, w->t + w->step), q1, reach);
+    const real tolerance = norm(N, d)/1000 + 64*epsilon*norm(N, q);
     for (int mu = 0; mu < M; ++mu) {
-        const real allowed = MATH(fabs)(g[mu]) + reach[mu]*way;
+        const real allowed = MATH(fabs)(g[mu]) + reach[mu]*tolerance;
         if (!(MATH(fabs)(g[mu] + dg[mu]) <= allowed))
             return isfinite(allowed) ? DIVERGED : NOT_FINITE;
     }
@@ -71,7 +71,7 @@ static int lands(work_t *w, real dt, const real q[N], const real x[U])
 }
 #else
 /* Without constraints a small increment is a solution. */
-static int lands(work_t *w, real dt, const real q[N], const real x[U])
+static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
 {
     (void)w, (void)dt, (void)q, (void)x;
     return OK;
@@ -87,35 +87,35 @@ static int lands(work_t *w, real dt, const real q[N], const real x[U])
  * uncertain. They are those at the start of the step, for an iteration that has gone astray proves
  * nothing.
  */
-static int is_rounding(work_t *w, real dt, const real q[N], const real p[N], real size)
+static int is_round_off(work_t *w, real dt, const real q[N], const real p[N], real size)
 {
     real q_near[N], p_near[N], rounding = 0;
     unsigned chance = 1;
     if (size <= 64*epsilon)
         return 1;
-    guess(w, dt, q, p, w->x_near);
+    euler_start(w, dt, q, p, w->x_near);
     residual(w, dt, q, p, w->x_near, w->r_near);
     size = increment_size(w, dt, q, p, w->x_near, w->r);
     for (int e = 0; e < U; ++e)
         w->r[e] = w->r_near[e];
     for (int attempt = 0; attempt < 4; ++attempt) {
         for (int a = 0; a < N; ++a) {
-            q_near[a] = q[a] + nudge(&chance)*q[a];
-            p_near[a] = p[a] + nudge(&chance)*p[a];
+            q_near[a] = q[a] + perturbation(&chance)*q[a];
+            p_near[a] = p[a] + perturbation(&chance)*p[a];
         }
         for (int e = 0; e < U; ++e)
-            w->x_near[e] += nudge(&chance)*w->x_near[e];
+            w->x_near[e] += perturbation(&chance)*w->x_near[e];
         residual(w, dt, q_near, p_near, w->x_near, w->r_near);
         for (int e = 0; e < U; ++e)
             w->r_near[e] -= w->r[e];
-        guess(w, dt, q, p, w->x_near);
+        euler_start(w, dt, q, p, w->x_near);
         rounding = larger(rounding, residual_size(w, dt, q, p, w->x_near, w->r_near));
     }
     return size <= 16*rounding;
 }
 
 /* Why iterations end without a solution, by the last increment and its ratio to the one before. */
-static int failure(real size, real ratio)
+static int failure_status(real size, real ratio)
 {
     if (!isfinite(size))
         return NOT_FINITE;
@@ -150,18 +150,18 @@ static int iterate(work_t *w, const options_t *options, real dt, const real q[N]
         if (!isfinite(norm(U, w->r))) /* the size is infinite where a body at rest begins to move */
             return NOT_FINITE;
         if (size <= options->tolerance)
-            return lands(w, dt, q, x);
+            return satisfies_constraints(w, dt, q, x);
         if (*iterations == first)
             continue;
         const int shrinks = ratio < (real)0.5; /* a small one after one that stalled is chance */
         ratio = size/previous;
-        if (ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
-            return lands(w, dt, q, x);
+        if (ratio >= (real)0.5 && is_round_off(w, dt, q, p, size))
+            return satisfies_constraints(w, dt, q, x);
         if (!(options->tolerance > 0) && shrinks && size < (real)0.001 && ratio < (real)0.1
             && size*ratio*ratio < epsilon/64)
-            return lands(w, dt, q, x);
+            return satisfies_constraints(w, dt, q, x);
     }
-    return failure(size, ratio);
+    return failure_status(size, ratio);
 }
 
 /*
@@ -172,12 +172,12 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
     real x[U], int *iterations)
 {
     *iterations = 0;
-    guess(w, dt, q, p, x);
+    euler_start(w, dt, q, p, x);
     const int status = iterate(w, options, dt, q, p, x, iterations);
     if (status == OK || *iterations >= options->max_iterations)
         return status;
-    guess(w, dt, q, p, x);
-    coast(x);
+    euler_start(w, dt, q, p, x);
+    zero_force_start(x);
     return iterate(w, options, dt, q, p, x, iterations) == OK ? OK : status;
 }
 

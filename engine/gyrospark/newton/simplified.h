@@ -36,13 +36,13 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         for (int e = 0; e < U; ++e)
             x[e] -= w->r[e];
         if (size <= options->tolerance)
-            return lands(w, dt, q, x);
+            return satisfies_constraints(w, dt, q, x);
         const real ratio = *iterations > 1 ? size/previous : 1;
-        if (*iterations > 1 && ratio >= (real)0.5 && is_rounding(w, dt, q, p, size))
-            return lands(w, dt, q, x);
+        if (*iterations > 1 && ratio >= (real)0.5 && is_round_off(w, dt, q, p, size))
+            return satisfies_constraints(w, dt, q, x);
         if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5
             && size*ratio < epsilon/64)
-            return lands(w, dt, q, x);
+            return satisfies_constraints(w, dt, q, x);
         if (*iterations > 2 && ratio > 1)
             return NOT_CONVERGED;
         stale = *iterations > 1 && ratio > slow;

@@ -15,7 +15,7 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
         status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
     if (status != OK)
         return status;
-    note_work(w, dt, q, p, w->x);
+    store_work(w, dt, q, p, w->x);
     for (int a = 0; a < N; ++a) {
         q1[a] = q_end[a];
         p1[a] = p_end[a];
@@ -32,7 +32,7 @@ int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, 
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     return newton(work, options, dt, q, p, x, iterations);
 }
 
@@ -42,10 +42,10 @@ int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const rea
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     const int status = finish(work, dt, q, p, x, q1, p1, multipliers);
     if (status == OK)
-        turn_step(parameters, dt, q1, p1, multipliers);
+        rotate_step(parameters, dt, q1, p1, multipliers);
     return status;
 }
 #else
@@ -56,7 +56,7 @@ int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, 
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     return newton(work, options, dt, q, p, x, iterations);
 }
 
@@ -65,18 +65,18 @@ int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const rea
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     return finish(work, dt, q, p, x, q1, p1, multipliers);
 }
 #endif
 
-void NAME(guess)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+void NAME(euler_start)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     real x[U], work_t *work)
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
-    guess(work, dt, q, p, x);
+    IF_TIME(work->step = dt;)
+    euler_start(work, dt, q, p, x);
 }
 
 void NAME(residual)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
@@ -84,7 +84,7 @@ void NAME(residual)(const parameters_t *parameters, real dt, const real q[N], co
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     residual(work, dt, q, p, x, r);
 }
 
@@ -104,7 +104,7 @@ void NAME(jacobian)(const parameters_t *parameters, real dt, const real q[N], co
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     residual(work, dt, q, p, x, work->r);
     jacobian(work, dt, q, p, x, work->J);
     spread_jacobian(work->J, J);
@@ -116,9 +116,9 @@ real NAME(increment_size)(real dt, const real q[N], const real p[N], const real 
     return increment_size(work, dt, q, p, x, dx);
 }
 
-int NAME(lands)(real dt, const real q[N], const real x[U], work_t *work)
+int NAME(satisfies_constraints)(real dt, const real q[N], const real x[U], work_t *work)
 {
-    return lands(work, dt, q, x);
+    return satisfies_constraints(work, dt, q, x);
 }
 
 real NAME(last_increment)(const work_t *work)

@@ -22,28 +22,28 @@
  * serves one trajectory.
  */
 enum { SKIP = S > 4 ? 2 : 1, LAST = (S + SKIP - 1)/SKIP }; /* each SKIP-th stage, to the last */
-enum { LAGS = 13, KNOWN = 2*(LAST + LAGS) };
-enum { LESSON_ROWS = 16 };
-_Static_assert((int)KNOWN >= (int)ORDER, "the multipliers have lessons of their own");
-enum { FIRST_LESSON = HISTORY/4, SECOND_LESSON = 3*HISTORY/4 }; /* after so many steps */
+enum { LAGS = 13, REGRESSORS = 2*(LAST + LAGS) };
+enum { EQUATION_ROWS = 16 };
+_Static_assert((int)REGRESSORS >= (int)ORDER, "the multipliers have lessons of their own");
+enum { FIRST_FIT = HISTORY/4, SECOND_FIT = 3*HISTORY/4 }; /* after so many steps */
 /* Columns stand in blocks, those of the right sides in blocks of their own. */
-enum { RIGHTS = (2*S + LANES - 1)/LANES, BLOCKS = (KNOWN + LANES - 1)/LANES + RIGHTS };
+enum { RIGHT_BLOCKS = (2*S + LANES - 1)/LANES, BLOCKS = (REGRESSORS + LANES - 1)/LANES + RIGHT_BLOCKS };
 
 typedef struct {
-    int known, rights, blocks; /* unknown coefficients; the first block of right sides, and all */
+    int unknowns, rights, blocks; /* unknown coefficients; the first block of right sides, and all */
     int count;                 /* equations that wait in A */
-    lanes R[KNOWN][BLOCKS]; /* triangular, and right sides */
-    lanes A[LESSON_ROWS][BLOCKS];
-} lesson_t;
+    lanes R[REGRESSORS][BLOCKS]; /* triangular, and right sides */
+    lanes A[EQUATION_ROWS][BLOCKS];
+} least_squares_t;
 
 /* The stage of the last step that is number j of those regarded. */
-INLINE int stage_regarded(int j)
+INLINE int regressor_stage(int j)
 {
     return S - 1 - (LAST - 1 - j)*SKIP;
 }
 
 /* How many steps before the last there are equations for, after `steps` steps; -1: for none. */
-static int lags_after(long steps)
+static int max_lags(long steps)
 {
     int lags = LAGS;
     while (lags >= 0 && (steps - 1 - lags)*N < 2*(LAST + lags))
@@ -52,27 +52,27 @@ static int lags_after(long steps)
 }
 
 /* Of `available` equations, how many places from one that is taken to the next. */
-static int stride_of(int available, int known)
+static int stride_of(int available, int unknowns)
 {
-    return available > 3*known ? (available - 1)/(3*known) + 1 : 1;
+    return available > 3*unknowns ? (available - 1)/(3*unknowns) + 1 : 1;
 }
 
-INLINE real *numbers_of(lanes *row)
+INLINE real *scalars_of(lanes *row)
 {
     return (real *)row;
 }
 
 /* `sides` are right sides; ridge[k % 2] is that of coefficient k. */
-static void begin_lesson(lesson_t *l, int known, int sides, const real ridge[2])
+static void begin_least_squares(least_squares_t *l, int unknowns, int sides, const real ridge[2])
 {
-    l->known = known;
-    l->rights = (known + LANES - 1)/LANES;
+    l->unknowns = unknowns;
+    l->rights = (unknowns + LANES - 1)/LANES;
     l->blocks = l->rights + (sides + LANES - 1)/LANES;
     l->count = 0;
-    for (int k = 0; k < known; ++k) {
+    for (int k = 0; k < unknowns; ++k) {
         for (int block = 0; block < l->blocks; ++block)
             l->R[k][block] = splat(0);
-        numbers_of(l->R[k])[k] = ridge[k % 2];
+        scalars_of(l->R[k])[k] = ridge[k % 2];
     }
 }
 
@@ -80,34 +80,34 @@ static void begin_lesson(lesson_t *l, int known, int sides, const real ridge[2])
  * Reflections put the equations in A into R, column by column. Columns before the one in turn, in
  * the same block, are void from then on.
  */
-static void take_in(lesson_t *l)
+static void eliminate_equations(least_squares_t *l)
 {
     const int blocks = l->blocks;
-    for (; l->count < LESSON_ROWS; ++l->count)
+    for (; l->count < EQUATION_ROWS; ++l->count)
         for (int block = 0; block < blocks; ++block)
             l->A[l->count][block] = splat(0);
-    for (int k = 0; k < l->known; ++k) {
-        lanes value[LESSON_ROWS];
+    for (int k = 0; k < l->unknowns; ++k) {
+        lanes value[EQUATION_ROWS];
         real squares[4] = { 0 };
-        for (int i = 0; i < LESSON_ROWS; ++i) {
-            const real number = numbers_of(l->A[i])[k];
+        for (int i = 0; i < EQUATION_ROWS; ++i) {
+            const real number = scalars_of(l->A[i])[k];
             value[i] = splat(number);
             squares[i % 4] += number*number;
         }
-        const real diagonal = numbers_of(l->R[k])[k];
+        const real diagonal = scalars_of(l->R[k])[k];
         const real rest = (squares[0] + squares[1]) + (squares[2] + squares[3]);
         const real length = MATH(sqrt)(diagonal*diagonal + rest);
         const real first = diagonal < 0 ? diagonal - length : diagonal + length;
         const real factor = 1/(length*(first < 0 ? -first : first)); /* 2/|v|^2 */
         for (int block = k/LANES; block < blocks; ++block) {
             lanes even = first*l->R[k][block], odd = splat(0);
-            for (int i = 0; i < LESSON_ROWS; i += 2) {
+            for (int i = 0; i < EQUATION_ROWS; i += 2) {
                 even += value[i]*l->A[i][block];
                 odd += value[i + 1]*l->A[i + 1][block];
             }
             const lanes share = factor*(even + odd);
             l->R[k][block] -= first*share;
-            for (int i = 0; i < LESSON_ROWS; ++i)
+            for (int i = 0; i < EQUATION_ROWS; ++i)
                 l->A[i][block] -= value[i]*share;
         }
     }
@@ -115,36 +115,36 @@ static void take_in(lesson_t *l)
 }
 
 /* The next equation, to be filled in; its right sides come from right_sides on. */
-static real *next_row(lesson_t *l)
+static real *next_equation(least_squares_t *l)
 {
-    if (l->count == LESSON_ROWS)
-        take_in(l);
+    if (l->count == EQUATION_ROWS)
+        eliminate_equations(l);
     lanes *row = l->A[l->count++];
     row[l->rights - 1] = splat(0); /* there may be columns of no use */
     for (int block = l->rights; block < l->blocks; ++block)
         row[block] = splat(0);
-    return numbers_of(row);
+    return scalars_of(row);
 }
 
-INLINE int right_sides(const lesson_t *l)
+INLINE int right_side_start(const least_squares_t *l)
 {
     return l->rights*LANES;
 }
 
 /* Coefficients in place of the right sides. */
-static void end_lesson(lesson_t *l)
+static void solve_least_squares(least_squares_t *l)
 {
-    take_in(l);
-    for (int k = l->known - 1; k >= 0; --k) {
-        const real *row = numbers_of(l->R[k]);
+    eliminate_equations(l);
+    for (int k = l->unknowns - 1; k >= 0; --k) {
+        const real *row = scalars_of(l->R[k]);
         for (int block = l->rights; block < l->blocks; ++block) {
             lanes even = l->R[k][block], odd = splat(0);
             int j = k + 1;
-            for (; j + 1 < l->known; j += 2) {
+            for (; j + 1 < l->unknowns; j += 2) {
                 even -= row[j]*l->R[j][block];
                 odd -= row[j + 1]*l->R[j + 1][block];
             }
-            if (j < l->known)
+            if (j < l->unknowns)
                 even -= row[j]*l->R[j][block];
             l->R[k][block] = (even + odd)/row[k];
         }
@@ -152,9 +152,9 @@ static void end_lesson(lesson_t *l)
 }
 
 /* Coefficient k for right side j. */
-INLINE real learnt(lesson_t *l, int k, int j)
+INLINE real coefficient_value(least_squares_t *l, int k, int j)
 {
-    return k < l->known ? numbers_of(l->R[k])[right_sides(l) + j] : 0;
+    return k < l->unknowns ? scalars_of(l->R[k])[right_side_start(l) + j] : 0;
 }
 
 #endif

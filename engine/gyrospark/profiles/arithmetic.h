@@ -17,7 +17,7 @@ static void total(int rows, const real *x, real sum[N])
 }
 
 /* old + change = end + low exactly, for a rounded end: what rounding leaves over is not lost. */
-static void move_on(const real old[N], const real change[N], real end[N], real low[N])
+static void add_compensated(const real old[N], const real change[N], real end[N], real low[N])
 {
     for (int a = 0; a < N; ++a) {
         const real sum = old[a] + change[a], share = sum - old[a];

@@ -5,7 +5,7 @@
 #include "gyrospark/profiles/solve.h"
 
 /* The state as the caller has it; where that is not new, what rounding left over stays with it. */
-static void take_over(real state[N], real low[N], const real given[N])
+static void set_state(real state[N], real low[N], const real given[N])
 {
     for (int a = 0; a < N; ++a)
         if (!(state[a] == given[a])) {
@@ -28,11 +28,11 @@ void NAME(begin)(state_t *w, const parameters_t *parameters,
     const options_t *options, real dt, const real q[N], const real p[N])
 {
     w->tolerance = options->tolerance;
-    w->max_sweeps = options->max_sweeps;
+    w->max_iterations = options->max_iterations;
     w->h = dt;
     w->h_inverse = 1/dt;
     w->t = w->start_time = start_time(parameters);
-    w->steps = w->known = w->order = w->sweeps = 0;
+    w->steps = w->history_length = w->order = w->iterations = 0;
     w->change = 0;
     for (int a = 0; a < N; ++a) {
         w->q[a] = q[a];
@@ -45,10 +45,10 @@ void NAME(begin)(state_t *w, const parameters_t *parameters,
 int NAME(advance)(state_t *w, real q[N], real p[N])
 {
     real q_end[N], p_end[N], q_low[N], p_low[N], size = 0;
-    take_over(w->q, w->q_low, q);
-    take_over(w->p, w->p_low, p);
-    look(w);
-    const int status = sweep_until_done(w);
+    set_state(w->q, w->q_low, q);
+    set_state(w->p, w->p_low, p);
+    evaluate_constraints(w);
+    const int status = solve_fixed_point(w);
     if (status != OK && status != NOT_CONVERGED)
         return status;
     end_of_step(w, q_end, p_end, q_low, p_low);
@@ -56,7 +56,7 @@ int NAME(advance)(state_t *w, real q[N], real p[N])
         size += q_end[a] + p_end[a];
     if (!isfinite(size))
         return NOT_FINITE;
-    record(w);
+    record_unknowns(w);
     for (int a = 0; a < N; ++a) {
         q[a] = w->q[a] = q_end[a];
         p[a] = w->p[a] = p_end[a];
@@ -67,9 +67,9 @@ int NAME(advance)(state_t *w, real q[N], real p[N])
     return status;
 }
 
-int NAME(sweeps)(const state_t *w)
+int NAME(iterations)(const state_t *w)
 {
-    return w->sweeps;
+    return w->iterations;
 }
 
 real NAME(change)(const state_t *w)

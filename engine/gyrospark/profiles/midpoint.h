@@ -10,7 +10,7 @@
 enum { HAT = N, IMPULSE = 2*N, X = 2*N + M };
 
 /* The means of the ends (51). */
-static void means(const state_t *w, const real x[X], real q_mean[N], real p_mean[N])
+static void mean_values(const state_t *w, const real x[X], real q_mean[N], real p_mean[N])
 {
     for (int a = 0; a < N; ++a) {
         q_mean[a] = w->q[a] + (real)0.5*x[a];
@@ -19,34 +19,34 @@ static void means(const state_t *w, const real x[X], real q_mean[N], real p_mean
 }
 
 /* dq = h D_p between the state and the end that x says. */
-static void move(const state_t *w, real x[X])
+static void position_increment(const state_t *w, real x[X])
 {
     real q_mean[N], p_mean[N], rate[N];
-    means(w, x, q_mean, p_mean);
+    mean_values(w, x, q_mean, p_mean);
     mean_velocity(&w->constants, q_mean, p_mean, x, x + HAT, rate);
     for (int a = 0; a < N; ++a)
         x[a] = w->h*rate[a];
 }
 
 /* dp = -h (D_q - F) there, with F in the middle of the step; constraint forces are left out. */
-static void kick(const state_t *w, const real x[X], real dp[N])
+static void momentum_increment(const state_t *w, const real x[X], real dp[N])
 {
     real q_mean[N], p_mean[N], rate[N];
     const real t = w->t + (real)0.5*w->h;
-    means(w, x, q_mean, p_mean);
+    mean_values(w, x, q_mean, p_mean);
     mean_force(&w->constants, q_mean, p_mean, x, x + HAT, &t, rate);
     for (int a = 0; a < N; ++a)
         dp[a] = -w->h*rate[a];
 }
 
 /* Starting values without a past: an explicit Euler step, no impulse. */
-static void first_values(state_t *w)
+static void initial_unknowns(state_t *w)
 {
     real dp[N];
     for (int e = 0; e < X; ++e)
         w->x[e] = 0;
-    kick(w, w->x, dp);
-    move(w, w->x);
+    momentum_increment(w, w->x, dp);
+    position_increment(w, w->x);
     for (int a = 0; a < N; ++a)
         w->x[HAT + a] = dp[a];
 }
@@ -54,13 +54,13 @@ static void first_values(state_t *w)
 #if GS_CONSTRAINED
 #if GS_CONSTANT_SCHUR
 /* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
-static void begin_sweeps(state_t *w)
+static void begin_iteration(state_t *w)
 {
     (void)w;
 }
 
 /* impulse += 2 (h W)^-1 g */
-static void correct(const state_t *w, const real g[M], real impulse[M])
+static void apply_schur_inverse(const state_t *w, const real g[M], real impulse[M])
 {
     for (int mu = 0; mu < M; ++mu)
         for (int nu = 0; nu < M; ++nu)
@@ -68,7 +68,7 @@ static void correct(const state_t *w, const real g[M], real impulse[M])
 }
 #else
 /* W = G H_pp G^T at the end of the step, factorised */
-static void begin_sweeps(state_t *w)
+static void begin_iteration(state_t *w)
 {
     real q[N], p[N];
     for (int a = 0; a < N; ++a) {
@@ -80,7 +80,7 @@ static void begin_sweeps(state_t *w)
 }
 
 /* impulse += 2 (h W)^-1 g */
-static void correct(state_t *w, real g[M], real impulse[M])
+static void apply_schur_inverse(state_t *w, real g[M], real impulse[M])
 {
     substitute(w->factors[0], g);
     for (int mu = 0; mu < M; ++mu)
@@ -89,7 +89,7 @@ static void correct(state_t *w, real g[M], real impulse[M])
 #endif
 
 /* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
-static void look(state_t *w)
+static void evaluate_constraints(state_t *w)
 {
     real G[M][N];
     KERNEL(constraint)(&w->constants, w->q, w->g);
@@ -100,33 +100,33 @@ static void look(state_t *w)
             w->g[mu] += G[mu][a]*w->q_low[a];
             square += G[mu][a]*G[mu][a];
         }
-        w->shortness[mu] = 1/square;
+        w->row_weight[mu] = 1/square;
     }
 }
 
 #if GS_SCALAR_SCHUR
 /* H_pp G^T = c G^T: a pull changes the velocity by c times what it changes the momenta by. */
-static void respond(const state_t *w, int a, real pull, real x[X])
+static void correct_increments(const state_t *w, int a, real force, real x[X])
 {
-    x[HAT + a] -= pull;
-    x[a] -= (real)0.5*w->h*w->constants.correction*pull;
+    x[HAT + a] -= force;
+    x[a] -= (real)0.5*w->h*w->constants.correction*force;
 }
 
-static void move_again(const state_t *w, real x[X])
+static void update_position_increment(const state_t *w, real x[X])
 {
     (void)w, (void)x;
 }
 #else
 /* What a pull changes of the velocity is found by another look at it. */
-static void respond(const state_t *w, int a, real pull, real x[X])
+static void correct_increments(const state_t *w, int a, real force, real x[X])
 {
     (void)w;
-    x[HAT + a] -= pull;
+    x[HAT + a] -= force;
 }
 
-static void move_again(const state_t *w, real x[X])
+static void update_position_increment(const state_t *w, real x[X])
 {
-    move(w, x);
+    position_increment(w, x);
 }
 #endif
 
@@ -134,27 +134,27 @@ static void move_again(const state_t *w, real x[X])
  * Corrects the impulses, so that the end is on the constraints, and both increments with them;
  * w->defect is how far from g = 0 the end was before. G is that between the ends.
  */
-static void constrain(state_t *w, real x[X], real G[ROOM][N])
+static void correct_multipliers(state_t *w, real x[X], real G[ROOM][N])
 {
     real q_mean[N], p_mean[N], g[M], old[M];
-    means(w, x, q_mean, p_mean);
+    mean_values(w, x, q_mean, p_mean);
     KERNEL(mean_constraint)(&w->constants, q_mean, x, G);
     KERNEL(constraint_increment)(&w->constants, w->q, x, g);
     w->defect = 0;
     for (int mu = 0; mu < M; ++mu) {
         g[mu] += w->g[mu];
-        w->defect += g[mu]*g[mu]*w->shortness[mu]*w->q_size;
+        w->defect += g[mu]*g[mu]*w->row_weight[mu]*w->q_weight;
         old[mu] = x[IMPULSE + mu];
     }
-    correct(w, g, x + IMPULSE);
+    apply_schur_inverse(w, g, x + IMPULSE);
     for (int mu = 0; mu < M; ++mu)
         for (int a = 0; a < N; ++a)
-            respond(w, a, G[mu][a]*(x[IMPULSE + mu] - old[mu]), x);
-    move_again(w, x);
+            correct_increments(w, a, G[mu][a]*(x[IMPULSE + mu] - old[mu]), x);
+    update_position_increment(w, x);
 }
 
 /* force -= G^T impulse */
-static void hold(real G[ROOM][N], const real *impulse, real force[N])
+static void subtract_constraint_force(real G[ROOM][N], const real *impulse, real force[N])
 {
     for (int a = 0; a < N; ++a)
         for (int mu = 0; mu < M; ++mu)
@@ -162,22 +162,22 @@ static void hold(real G[ROOM][N], const real *impulse, real force[N])
 }
 #else
 /* There are no constraints to look at. */
-static void look(state_t *w)
+static void evaluate_constraints(state_t *w)
 {
     w->defect = 0;
 }
 
-static void begin_sweeps(state_t *w)
+static void begin_iteration(state_t *w)
 {
     (void)w;
 }
 
-static void constrain(state_t *w, real x[X], real G[ROOM][N])
+static void correct_multipliers(state_t *w, real x[X], real G[ROOM][N])
 {
     (void)w, (void)x, (void)G;
 }
 
-static void hold(real G[ROOM][N], const real *impulse, real force[N])
+static void subtract_constraint_force(real G[ROOM][N], const real *impulse, real force[N])
 {
     (void)G, (void)impulse, (void)force;
 }
@@ -187,15 +187,15 @@ static void hold(real G[ROOM][N], const real *impulse, real force[N])
  * One sweep, Gauss-Seidel: dq from dp, the impulses from the constraint at the end, both corrected,
  * dp from them. Returns the sum of squares of what it changed, relative to the state.
  */
-static real sweep(state_t *w)
+static real iterate_once(state_t *w)
 {
     real x[X], G[ROOM][N], force[N], q_change = 0, p_change = 0;
     for (int e = 0; e < X; ++e)
         x[e] = w->x[e];
-    move(w, x);
-    constrain(w, x, G);
-    kick(w, x, force);
-    hold(G, x + IMPULSE, force);
+    position_increment(w, x);
+    correct_multipliers(w, x, G);
+    momentum_increment(w, x, force);
+    subtract_constraint_force(G, x + IMPULSE, force);
     for (int a = 0; a < N; ++a) {
         x[HAT + a] = force[a];
         q_change += (x[a] - w->x[a])*(x[a] - w->x[a]);
@@ -203,7 +203,7 @@ static real sweep(state_t *w)
     }
     for (int e = 0; e < X; ++e)
         w->x[e] = x[e];
-    return q_change*w->q_size + p_change*w->p_size;
+    return q_change*w->q_weight + p_change*w->p_weight;
 }
 
 /* The end of the step, `low` what rounding leaves over. */
@@ -214,8 +214,8 @@ static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], r
         dq[a] = w->x[a] + w->q_low[a];
         dp[a] = w->x[HAT + a] + w->p_low[a];
     }
-    move_on(w->q, dq, q, q_low);
-    move_on(w->p, dp, p, p_low);
+    add_compensated(w->q, dq, q, q_low);
+    add_compensated(w->p, dp, p, p_low);
 }
 
 #endif

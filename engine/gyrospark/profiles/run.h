@@ -9,7 +9,7 @@
 #if GS_SPARK
 #if GS_CONSTRAINED
 /* The unknowns (B.2) from the scaled ones. */
-static void unscale(const state_t *w, real x[U])
+static void get_unknowns(const state_t *w, real x[U])
 {
     for (int e = 0; e < S*N; ++e) {
         x[e] = w->x[e]/(w->h*weights[e/N]);
@@ -22,7 +22,7 @@ static void unscale(const state_t *w, real x[U])
 }
 #else
 /* The unknowns (B.2) from the scaled ones. */
-static void unscale(const state_t *w, real x[U])
+static void get_unknowns(const state_t *w, real x[U])
 {
     for (int e = 0; e < S*N; ++e) {
         x[e] = w->x[e]/(w->h*weights[e/N]);
@@ -32,7 +32,7 @@ static void unscale(const state_t *w, real x[U])
 #endif
 #else
 /* The unknowns from those of the sweeps: a multiplier is an impulse by h. */
-static void unscale(const state_t *w, real x[U])
+static void get_unknowns(const state_t *w, real x[U])
 {
     for (int e = 0; e < X; ++e)
         x[e] = w->x[e]/(e < IMPULSE ? 1 : w->h);
@@ -40,14 +40,14 @@ static void unscale(const state_t *w, real x[U])
 #endif
 
 /* The work of the step that sweeps have just done, from their unknowns. */
-static void note_sweeps(work_t *w, const real q[N], const real p[N])
+static void store_iteration_work(work_t *w, const real q[N], const real p[N])
 {
-    unscale(&w->state, w->x);
-    note_work(w, w->state.h, q, p, w->x);
+    get_unknowns(&w->state, w->x);
+    store_work(w, w->state.h, q, p, w->x);
 }
 #else
 /* Without forces no work is done. */
-static void note_sweeps(work_t *w, const real q[N], const real p[N])
+static void store_iteration_work(work_t *w, const real q[N], const real p[N])
 {
     (void)w, (void)q, (void)p;
 }
@@ -56,7 +56,7 @@ static void note_sweeps(work_t *w, const real q[N], const real p[N])
 /* ---------------------------------------------------------- a run: sweeps, Newton behind them */
 
 /* Rounding errors are forgotten where the state is another one. */
-static void take_over(work_t *w, const real q[N], const real p[N])
+static void set_state(work_t *w, const real q[N], const real p[N])
 {
     state_t *s = &w->state;
     s->constants = w->constants;
@@ -71,9 +71,9 @@ static void take_over(work_t *w, const real q[N], const real p[N])
 }
 
 /* After a step that sweeps have not done: starting values come from the steps behind it. */
-static void recover(work_t *w)
+static void reset_iteration(work_t *w)
 {
-    w->state.known = w->state.order = 0;
+    w->state.history_length = w->state.order = 0;
 }
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
@@ -81,11 +81,11 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
 {
     state_t *s = &w->state;
     s->tolerance = options->tolerance;
-    s->max_sweeps = options->max_iterations;
+    s->max_iterations = options->max_iterations;
     s->h = dt;
     s->h_inverse = 1/dt;
     s->constants = w->constants;
-    w->failures = w->wait = s->known = s->order = 0;
+    w->failures = w->newton_steps_left = s->history_length = s->order = 0;
     for (int a = 0; a < N; ++a) {
         s->q[a] = q[a];
         s->p[a] = p[a];
@@ -94,20 +94,20 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
 }
 
 /* One step by sweeps alone; one that is not done leaves the state. */
-static int advance_by_sweeps(work_t *w, real q[N], real p[N])
+static int advance_by_fixed_point(work_t *w, real q[N], real p[N])
 {
     state_t *s = &w->state;
     real q_end[N], p_end[N], q_low[N], p_low[N];
     s->t = w->t;
-    look(s);
-    const int status = sweep_until_done(s);
+    evaluate_constraints(s);
+    const int status = solve_fixed_point(s);
     if (status != OK)
         return status;
     end_of_step(s, q_end, p_end, q_low, p_low);
     if (!isfinite(norm(N, q_end) + norm(N, p_end)))
         return NOT_FINITE;
-    note_sweeps(w, q, p);
-    record(s);
+    store_iteration_work(w, q, p);
+    record_unknowns(s);
     for (int a = 0; a < N; ++a) {
         q[a] = s->q[a] = q_end[a];
         p[a] = s->p[a] = p_end[a];
@@ -121,29 +121,29 @@ static int advance_by_sweeps(work_t *w, real q[N], real p[N])
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
-    const int only = options->solver == FIXED_POINT, tries = options->solver != NEWTON
-        && (only || w->wait == 0);
+    const int only_fixed_point = options->solver == FIXED_POINT, iterates = options->solver != NEWTON
+        && (only_fixed_point || w->newton_steps_left == 0);
     int status = NOT_CONVERGED, taken = 0;
     *iterations = 0;
-    if (tries) {
-        status = advance_by_sweeps(w, q, p);
-        *iterations = w->state.sweeps;
+    if (iterates) {
+        status = advance_by_fixed_point(w, q, p);
+        *iterations = w->state.iterations;
         w->failures = status == OK ? 0 : w->failures;
     }
     if (status != OK) {
-        if (!only)
+        if (!only_fixed_point)
             status = advance(w, options, dt, q, p, q, p, multipliers, &taken);
         *iterations += taken;
         if (status != OK)
             return status;
         if (options->solver != NEWTON) {
             ++report->newton_steps;
-            w->wait = tries ? (1 << (w->failures < 6 ? w->failures++ : 6)) - 1 : w->wait - 1;
-            take_over(w, q, p);
-            recover(w);
+            w->newton_steps_left = iterates ? (1 << (w->failures < 6 ? w->failures++ : 6)) - 1 : w->newton_steps_left - 1;
+            set_state(w, q, p);
+            reset_iteration(w);
         }
     }
-    count_work(w, report);
+    add_step_work(w, report);
     observe(&w->constants, q, p, report);
     return OK;
 }

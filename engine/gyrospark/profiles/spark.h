@@ -13,7 +13,7 @@
 enum { HAT = S*N, IMPULSE = 2*S*N, X = 2*S*N + P*M };
 
 /* y_i = base_i + sum_j table_ij x_j: rows of `width` numbers, those of the base `stride` apart. */
-static void combine(int rows, int columns, int width, const real *base, int stride,
+static void multiply_table(int rows, int columns, int width, const real *base, int stride,
     const real *table, const real *x, real *y)
 {
     for (int i = 0; i < rows; ++i)
@@ -26,7 +26,7 @@ static void combine(int rows, int columns, int width, const real *base, int stri
 }
 
 /* Starting values without a past: the rates at the start of the step, no impulse. */
-static void first_values(state_t *w)
+static void initial_unknowns(state_t *w)
 {
     real H_q[N], H_p[N], shared[SHARED];
     first_rates(&w->constants, w->q, w->p, H_p, shared);
@@ -41,7 +41,7 @@ static void first_values(state_t *w)
 
 #if GS_CONSTRAINED
 /* The place of the node where impulse l acts: of the last it is the start of the step. */
-static void node(const state_t *w, int l, real place[N])
+static void node_position(const state_t *w, int l, real place[N])
 {
     for (int a = 0; a < N; ++a)
         place[a] = w->q[a] + (l < P - 1 ? w->D[l*N + a] : 0);
@@ -53,7 +53,7 @@ static void constraint_forces(state_t *w, real C[S*N])
     for (int j = 0; j < P; ++j) {
         const real *impulse = w->x + IMPULSE + j*M;
         real place[N], G[M][N];
-        node(w, j, place);
+        node_position(w, j, place);
         KERNEL(constraint_jacobian)(&w->constants, place, G);
         for (int a = 0; a < N; ++a) {
             w->Y[j*N + a] = 0;
@@ -61,19 +61,19 @@ static void constraint_forces(state_t *w, real C[S*N])
                 w->Y[j*N + a] -= G[mu][a]*impulse[mu];
         }
     }
-    combine(S, P, N, w->p, 0, &table_nu_tilde[0][0], w->Y, C);
+    multiply_table(S, P, N, w->p, 0, &table_nu_tilde[0][0], w->Y, C);
 }
 
 #if GS_CONSTANT_SCHUR
 /* From starting values: the nodes Q~_l = q + D_l, D_l = sum_j nu_lj L_j, and the forces there. */
-static void begin_sweeps(state_t *w)
+static void begin_iteration(state_t *w)
 {
-    combine(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
+    multiply_table(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
     constraint_forces(w, w->C);
 }
 
 /* impulse += (h W)^-1 defect at node j: W is constant where g = 0. */
-static void correct(const state_t *w, int j, const real defect[M], real impulse[M])
+static void apply_schur_inverse(const state_t *w, int j, const real defect[M], real impulse[M])
 {
     (void)j;
     for (int mu = 0; mu < M; ++mu)
@@ -85,20 +85,20 @@ static void correct(const state_t *w, int j, const real defect[M], real impulse[
  * From starting values: the nodes Q~_l = q + D_l, D_l = sum_j nu_lj L_j, and the forces and factors
  * of W = G H_pp G^T there.
  */
-static void begin_sweeps(state_t *w)
+static void begin_iteration(state_t *w)
 {
-    combine(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
+    multiply_table(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
     constraint_forces(w, w->C);
     for (int j = 0; j < P; ++j) {
         real place[N];
-        node(w, j, place);
+        node_position(w, j, place);
         schur(&w->constants, place, w->p, w->factors[j]);
         factorise(w->factors[j]);
     }
 }
 
 /* impulse += (h W)^-1 defect at node j */
-static void correct(state_t *w, int j, real defect[M], real impulse[M])
+static void apply_schur_inverse(state_t *w, int j, real defect[M], real impulse[M])
 {
     substitute(w->factors[j], defect);
     for (int mu = 0; mu < M; ++mu)
@@ -110,26 +110,26 @@ static void correct(state_t *w, int j, real defect[M], real impulse[M])
  * Corrects the impulses, so that places that L leads to are on the constraints; C are their forces.
  * w->defect is how far from g = 0 the nodes were before.
  */
-static void constrain(state_t *w, const real L[S*N], real C[S*N])
+static void correct_multipliers(state_t *w, const real L[S*N], real C[S*N])
 {
     real g[P*M], defect[P*M];
-    combine(P, S, N, NULL, 0, &table_nu[0][0], L, w->D);
+    multiply_table(P, S, N, NULL, 0, &table_nu[0][0], L, w->D);
     w->defect = 0;
     for (int l = 0; l < P; ++l) {
         KERNEL(constraint_increment)(&w->constants, w->q, w->D + l*N, g + l*M);
         for (int mu = 0; mu < M; ++mu) {
             const real rest = g[l*M + mu] += w->g[mu];
-            w->defect += rest*rest*w->shortness[mu]*w->q_size;
+            w->defect += rest*rest*w->row_weight[mu]*w->q_weight;
         }
     }
-    combine(P, P, M, NULL, 0, &table_inverse[0][0], g, defect);
+    multiply_table(P, P, M, NULL, 0, &table_inverse[0][0], g, defect);
     for (int j = 0; j < P; ++j)
-        correct(w, j, defect + j*M, w->x + IMPULSE + j*M);
+        apply_schur_inverse(w, j, defect + j*M, w->x + IMPULSE + j*M);
     constraint_forces(w, C);
 }
 
 /* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
-static void look(state_t *w)
+static void evaluate_constraints(state_t *w)
 {
     real G[M][N];
     KERNEL(constraint)(&w->constants, w->q, w->g);
@@ -140,12 +140,12 @@ static void look(state_t *w)
             w->g[mu] += G[mu][a]*w->q_low[a];
             square += G[mu][a]*G[mu][a];
         }
-        w->shortness[mu] = 1/square;
+        w->row_weight[mu] = 1/square;
     }
 }
 
 /* T2: dp, with the impulses, becomes such that p + dp is on the constraint on the momenta at q. */
-static void land(const state_t *w, const real q[N], real dp[N])
+static void project_momentum_increment(const state_t *w, const real q[N], real dp[N])
 {
     real G[M][N], pushed[N];
     KERNEL(constraint_jacobian)(&w->constants, q, G);
@@ -168,24 +168,24 @@ static void land(const state_t *w, const real q[N], real dp[N])
 
 #if GS_SCALAR_SCHUR
 /* The impulses, and what they change of P_i and L_i: H_pp G^T = c G^T, so of H_p c times that. */
-static void respond(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
+static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
     real C[S*N];
     (void)Q;
-    constrain(w, L, C);
+    correct_multipliers(w, L, C);
     for (int e = 0; e < S*N; ++e) {
-        const real more = C[e] - w->C[e];
-        momentum[e] += more;
+        const real force_change = C[e] - w->C[e];
+        momentum[e] += force_change;
         w->C[e] = C[e];
-        L[e] += w->h*weights[e/N]*w->constants.correction*more;
+        L[e] += w->h*weights[e/N]*w->constants.correction*force_change;
     }
 }
 #else
 /* The impulses, what they change of P_i, and H_p once more for these. */
-static void respond(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
+static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
     real C[S*N], H_p[N], shared[SHARED];
-    constrain(w, L, C);
+    correct_multipliers(w, L, C);
     for (int e = 0; e < S*N; ++e) {
         momentum[e] += C[e] - w->C[e];
         w->C[e] = C[e];
@@ -199,24 +199,24 @@ static void respond(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*
 #endif
 #else
 /* There are no constraints to look at. */
-static void look(state_t *w)
+static void evaluate_constraints(state_t *w)
 {
     w->defect = 0;
 }
 
 /* C_i = p: no impulses change the momenta. */
-static void begin_sweeps(state_t *w)
+static void begin_iteration(state_t *w)
 {
     for (int e = 0; e < S*N; ++e)
         w->C[e] = w->p[e % N];
 }
 
-static void respond(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
+static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
     (void)w, (void)Q, (void)momentum, (void)L;
 }
 
-static void land(const state_t *w, const real q[N], real dp[N])
+static void project_momentum_increment(const state_t *w, const real q[N], real dp[N])
 {
     (void)q;
     for (int a = 0; a < N; ++a)
@@ -226,13 +226,13 @@ static void land(const state_t *w, const real q[N], real dp[N])
 
 #if GS_SEPARABLE
 /* H_pq = 0: H_q at the places just found squares the contraction (Gauss-Seidel). */
-static void follow(const state_t *w, const real L[S*N], real Q[S*N])
+static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
 {
-    combine(S, S, N, w->q, 0, &table_mu[0][0], L, Q);
+    multiply_table(S, S, N, w->q, 0, &table_mu[0][0], L, Q);
 }
 #else
 /* H_q is taken where H_p was. */
-static void follow(const state_t *w, const real L[S*N], real Q[S*N])
+static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
 {
     (void)w, (void)L, (void)Q;
 }
@@ -242,19 +242,19 @@ static void follow(const state_t *w, const real L[S*N], real Q[S*N])
  * One sweep: new rates k_i = H_p and k^_i = -H_q of all stages, with the impulses corrected in
  * between. Returns the sum of squares of what it changed, relative to the state.
  */
-static real sweep(state_t *w)
+static real iterate_once(state_t *w)
 {
     real Q[S*N], momentum[S*N], L[S*N], shared[S][SHARED], q_change = 0, p_change = 0;
-    combine(S, S, N, w->q, 0, &table_mu[0][0], w->x, Q);
-    combine(S, S, N, w->C, N, &table_mu_hat[0][0], w->x + HAT, momentum);
+    multiply_table(S, S, N, w->q, 0, &table_mu[0][0], w->x, Q);
+    multiply_table(S, S, N, w->C, N, &table_mu_hat[0][0], w->x + HAT, momentum);
     for (int i = 0; i < S; ++i) {
         real H_p[N];
         first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
         for (int a = 0; a < N; ++a)
             L[i*N + a] = w->h*weights[i]*H_p[a];
     }
-    respond(w, Q, momentum, L);
-    follow(w, L, Q);
+    correct_stages(w, Q, momentum, L);
+    update_positions(w, L, Q);
     for (int i = 0; i < S; ++i) {
         const real t = w->t + w->h*nodes[i];
         real H_q[N];
@@ -268,7 +268,7 @@ static real sweep(state_t *w)
             w->x[HAT + e] = force;
         }
     }
-    return q_change*w->q_size + p_change*w->p_size;
+    return q_change*w->q_weight + p_change*w->p_weight;
 }
 
 /* T2: the end of the step from the converged stages, `low` what rounding leaves over. */
@@ -279,9 +279,9 @@ static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], r
     total(S, w->x + HAT, dp);
     for (int a = 0; a < N; ++a)
         dq[a] += w->q_low[a];
-    move_on(w->q, dq, q, q_low);
-    land(w, q, dp);
-    move_on(w->p, dp, p, p_low);
+    add_compensated(w->q, dq, q, q_low);
+    project_momentum_increment(w, q, dp);
+    add_compensated(w->p, dp, p, p_low);
 }
 
 #endif

@@ -11,7 +11,7 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
     const real p[N])
 {
     if (!BY_NEWTON(options))
-        fast_begin(w, dt, q, p);
+        begin_fixed_point(w, dt, q, p);
 }
 
 /* One step of a run, counted and observed. */
@@ -22,15 +22,15 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
         const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
         if (status != OK)
             return status;
-        count_work(w, report);
-        observe(AT(&w->constants, w->t + w->span), q, p, report);
+        add_step_work(w, report);
+        observe(AT(&w->constants, w->t + w->step), q, p, report);
         return OK;
     }
-    const int status = fast_advance(w, options, dt, iterations, report);
+    const int status = advance_fixed_point(w, options, dt, iterations, report);
     if (status != OK)
         return status;
-    fast_observe(w, report);
-    fast_state(w, q, p);
+    observe_fixed_point(w, report);
+    get_state(w, q, p);
     return OK;
 }
 
@@ -38,7 +38,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
 {
     if (!BY_NEWTON(options))
-        SINGLE(multipliers)(&fast_of(w)->run, 0, multipliers);
+        SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, multipliers);
 }
 
 /* A step with no past and no future. */
@@ -48,11 +48,11 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     if (BY_NEWTON(options))
         return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
     report_t report = { 0 };
-    fast_begin(w, dt, q, p);
-    const int status = fast_advance(w, options, dt, iterations, &report);
+    begin_fixed_point(w, dt, q, p);
+    const int status = advance_fixed_point(w, options, dt, iterations, &report);
     if (status == OK) {
-        fast_state(w, q1, p1);
-        SINGLE(multipliers)(&fast_of(w)->run, 0, multipliers);
+        get_state(w, q1, p1);
+        SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, multipliers);
     }
     return status;
 }
@@ -72,8 +72,8 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
     const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
     if (status != OK)
         return status;
-    count_work(w, report);
-    observe(AT(&w->constants, w->t + w->span), q, p, report);
+    add_step_work(w, report);
+    observe(AT(&w->constants, w->t + w->step), q, p, report);
     return OK;
 }
 

@@ -12,24 +12,24 @@ enum { TOGETHER = 32 };
  * it than it moves in the steps before and behind. The first and the last go to `rows`, unless
  * others are; `last` is the value before the first, less the level, and how far it moved.
  */
-static void come_near(long from, long count, const real *values, long stride, real level,
+static void flag_near_crossing(long from, long count, const real *values, long stride, real level,
     real last[2], long rows[2])
 {
     const real rounded = 2*epsilon*MATH(fabs)(level);
-    real before = last[0], moved = last[1];
+    real previous = last[0], last_change = last[1];
     for (long i = 0; i < count; ++i) {
-        const real now = values[i*stride] - level, moves = MATH(fabs)(now - before);
-        if (!(MATH(fabs)(before) > moved + moves + rounded)) {
+        const real now = values[i*stride] - level, change = MATH(fabs)(now - previous);
+        if (!(MATH(fabs)(previous) > last_change + change + rounded)) {
             if (rows[0] < 0 || from + i < rows[0])
                 rows[0] = from + i;
             if (from + i > rows[1])
                 rows[1] = from + i;
         }
-        before = now;
-        moved = moves;
+        previous = now;
+        last_change = change;
     }
-    last[0] = before;
-    last[1] = moved;
+    last[0] = previous;
+    last[1] = last_change;
 }
 
 #endif

@@ -28,7 +28,7 @@ void NAME(integrate_many)(long count, const parameters_t *parameters, const opti
                 dt + i, steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch,
                 work);
     }
-    IF_FRAME(turn_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports);)
+    IF_FRAME(rotate_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports);)
 }
 #else
 /* ------------------------------------------------------- any number of trajectories, whole runs */
@@ -48,7 +48,7 @@ void NAME(integrate_many)(long count, const parameters_t *parameters, const opti
                 own,) dt[i], steps, every, q + i*N, p + i*N, out,
             reports + i, work);
     }
-    IF_FRAME(turn_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports);)
+    IF_FRAME(rotate_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports);)
 }
 #endif
 

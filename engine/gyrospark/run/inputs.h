@@ -15,7 +15,7 @@ typedef struct {
 } inputs_t;
 
 /* The inputs of a step take their places among the constants. */
-static void take_inputs(constants *c, const inputs_t *inputs, long trajectory, long step)
+static void set_step_inputs(constants *c, const inputs_t *inputs, long trajectory, long step)
 {
     const long row = trajectory*inputs->rows + (inputs->hold > 0 ? step/inputs->hold : 0);
     if (inputs->values != NULL)

@@ -24,7 +24,7 @@ static void store(rows_t out, long row, const real q[N], const real p[N], work_t
     if (out.iterations != NULL)
         out.iterations[row] = most;
     if (out.work != NULL)
-        out.work[row] = work_so_far(report);
+        out.work[row] = total_work(report);
 }
 #else
 /* Where a run stores its rows; NULL where they are not wanted. */
@@ -49,7 +49,7 @@ static void store(rows_t out, long row, const real q[N], const real p[N], work_t
     if (out.iterations != NULL)
         out.iterations[row] = most;
     if (out.work != NULL)
-        out.work[row] = work_so_far(report);
+        out.work[row] = total_work(report);
 }
 #endif
 
@@ -63,10 +63,10 @@ int NAME(step)(const parameters_t *parameters, const options_t *options, real dt
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     const int status = single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
     if (status == OK)
-        turn_step(parameters, dt, q1, p1, multipliers);
+        rotate_step(parameters, dt, q1, p1, multipliers);
     return status;
 }
 #else
@@ -78,7 +78,7 @@ int NAME(step)(const parameters_t *parameters, const options_t *options, real dt
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 #endif
@@ -105,8 +105,8 @@ static int run_on(const options_t *options, IF_INPUTS(
         real forces[ROOM];
         int taken;
         work->t = start + (real)report->steps*dt;
-        IF_TIME(work->span = start + (real)(report->steps + 1)*dt - work->t;)
-        IF_INPUTS(take_inputs(&work->constants, &inputs, 0, report->steps);)
+        IF_TIME(work->step = start + (real)(report->steps + 1)*dt - work->t;)
+        IF_INPUTS(set_step_inputs(&work->constants, &inputs, 0, report->steps);)
         const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
         if (status != OK)
             return status;

@@ -14,35 +14,35 @@
  * itself is Newton's. What is above is called so:
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
-int NAME(apart_newton)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
+int NAME(object_newton)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
     real *x, int *iterations);
-int NAME(apart_simplified_newton)(work_t *w, const options_t *options, real dt, const real *q,
+int NAME(object_simplified_newton)(work_t *w, const options_t *options, real dt, const real *q,
     const real *p, real *x, int *iterations);
-int NAME(apart_advance)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
+int NAME(object_advance)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
     real *q1, real *p1, real *multipliers, int *iterations);
 
 #if GYROSPARK_OBJECT == 1 /* __GNUC__ */
-int NAME(apart_newton)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
+int NAME(object_newton)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
     real *x, int *iterations)
 {
     return newton(w, options, dt, q, p, x, iterations);
 }
 
-int NAME(apart_simplified_newton)(work_t *w, const options_t *options, real dt, const real *q,
+int NAME(object_simplified_newton)(work_t *w, const options_t *options, real dt, const real *q,
     const real *p, real *x, int *iterations)
 {
     return simplified_newton(w, options, dt, q, p, x, iterations);
 }
 
-int NAME(apart_advance)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
+int NAME(object_advance)(work_t *w, const options_t *options, real dt, const real *q, const real *p,
     real *q1, real *p1, real *multipliers, int *iterations)
 {
     return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 #else /* __GNUC__ */
-#define newton(...) NAME(apart_newton)(__VA_ARGS__)
-#define simplified_newton(...) NAME(apart_simplified_newton)(__VA_ARGS__)
-#define advance(...) NAME(apart_advance)(__VA_ARGS__)
+#define newton(...) NAME(object_newton)(__VA_ARGS__)
+#define simplified_newton(...) NAME(object_simplified_newton)(__VA_ARGS__)
+#define advance(...) NAME(object_advance)(__VA_ARGS__)
 #endif
 #endif
 

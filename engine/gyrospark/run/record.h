@@ -15,18 +15,18 @@ static void add_work(report_t *report, real done)
 }
 
 /* The work of the step with the unknowns x is kept until the step is counted. */
-static void note_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+static void store_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     w->work_done = step_work(w, dt, q, p, x);
 }
 
-static void count_work(const work_t *w, report_t *report)
+static void add_step_work(const work_t *w, report_t *report)
 {
     add_work(report, w->work_done);
 }
 
 /* What the forces have done since the start. */
-static inline real work_so_far(const report_t *report)
+static inline real total_work(const report_t *report)
 {
     return report->work;
 }
@@ -52,24 +52,24 @@ void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], c
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
-    IF_TIME(work->span = dt;)
+    IF_TIME(work->step = dt;)
     *work_done = step_work(work, dt, q, p, x);
 }
 #endif
 #else
 /* Without forces no work is done. */
-static inline void note_work(work_t *w, real dt, const real q[N], const real p[N],
+static inline void store_work(work_t *w, real dt, const real q[N], const real p[N],
     const real x[U])
 {
     (void)w, (void)dt, (void)q, (void)p, (void)x;
 }
 
-static inline void count_work(const work_t *w, report_t *report)
+static inline void add_step_work(const work_t *w, report_t *report)
 {
     (void)w, (void)report;
 }
 
-static inline real work_so_far(const report_t *report)
+static inline real total_work(const report_t *report)
 {
     (void)report;
     return 0;
@@ -92,14 +92,14 @@ static inline void restore_work(report_t *report, real work)
 static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
 {
     const real gain = hamiltonian(c, q, p) - report->energy_start;
-    const real error = MATH(fabs)(gain - work_so_far(report));
+    const real error = MATH(fabs)(gain - total_work(report));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
 }
 
 #if GS_CONSTRAINED
 /* Adds what is left of the constraints to the record. */
-static void observe_defects(real g_size, real f_size, report_t *report)
+static void observe_constraint_errors(real g_size, real f_size, report_t *report)
 {
     report->constraint_max = larger(g_size, report->constraint_max);
     report->constraint_sum += g_size;
@@ -114,7 +114,7 @@ static void observe(const constants *c, const real q[N], const real p[N], report
     observe_energy(c, q, p, report);
     constraint(c, q, g);
     hidden_constraint(c, q, p, f);
-    observe_defects(norm(M, g), norm(M, f), report);
+    observe_constraint_errors(norm(M, g), norm(M, f), report);
 }
 #else
 /* Adds the state (q, p) to the record. */

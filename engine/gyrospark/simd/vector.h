@@ -51,12 +51,12 @@ INLINE lanes splat(real x)
     return x - (lanes){ 0 };
 }
 
-INLINE real part(const lanes *x, int i)
+INLINE real lane_get(const lanes *x, int i)
 {
     return ((const real *)x)[i];
 }
 
-INLINE void set_part(lanes *x, int i, real value)
+INLINE void lane_set(lanes *x, int i, real value)
 {
     ((real *)x)[i] = value;
 }
@@ -73,46 +73,46 @@ INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
 #if defined(LANE_BYTES)
 typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask; /* whole numbers, as wide: 0 or -1 */
 
-INLINE int holds(const lanes_mask *m, int i)
+INLINE int mask_get(const lanes_mask *m, int i)
 {
     return (*m)[i] != 0;
 }
 
-INLINE lanes_mask lanes_others(lanes_mask m)
+INLINE lanes_mask lanes_mask_not(lanes_mask m)
 {
     return ~m;
 }
 
-INLINE lanes_mask lanes_pick_mask(lanes_mask m, lanes_mask x, lanes_mask y)
+INLINE lanes_mask lanes_select_mask(lanes_mask m, lanes_mask x, lanes_mask y)
 {
     return (m & x) | (~m & y);
 }
 
 /* x where m holds, elsewhere y */
-INLINE lanes lanes_pick(lanes_mask m, lanes x, lanes y)
+INLINE lanes lanes_select_value(lanes_mask m, lanes x, lanes y)
 {
-    return (lanes)lanes_pick_mask(m, (lanes_mask)x, (lanes_mask)y);
+    return (lanes)lanes_select_mask(m, (lanes_mask)x, (lanes_mask)y);
 }
 #else
 typedef int lanes_mask;
 
-INLINE int holds(const lanes_mask *m, int i)
+INLINE int mask_get(const lanes_mask *m, int i)
 {
     (void)i;
     return *m;
 }
 
-INLINE lanes_mask lanes_others(lanes_mask m)
+INLINE lanes_mask lanes_mask_not(lanes_mask m)
 {
     return !m;
 }
 
-INLINE lanes_mask lanes_pick_mask(lanes_mask m, lanes_mask x, lanes_mask y)
+INLINE lanes_mask lanes_select_mask(lanes_mask m, lanes_mask x, lanes_mask y)
 {
     return m ? x : y;
 }
 
-INLINE lanes lanes_pick(lanes_mask m, lanes x, lanes y)
+INLINE lanes lanes_select_value(lanes_mask m, lanes x, lanes y)
 {
     return m ? x : y;
 }
@@ -122,32 +122,32 @@ INLINE int lanes_any(lanes_mask m)
 {
     int found = 0;
     for (int i = 0; i < LANES; ++i)
-        found |= holds(&m, i);
+        found |= mask_get(&m, i);
     return found;
 }
 
 /* to = from in the lanes of m */
-INLINE void renew(lanes_mask m, int count, const lanes *from, lanes *to)
+INLINE void assign_lanes(lanes_mask m, int count, const lanes *from, lanes *to)
 {
     for (int e = 0; e < count; ++e)
-        to[e] = lanes_pick(m, from[e], to[e]);
+        to[e] = lanes_select_value(m, from[e], to[e]);
 }
 
 INLINE lanes lanes_larger(lanes a, lanes b)
 {
-    return lanes_pick(a > b, a, b);
+    return lanes_select_value(a > b, a, b);
 }
 
 INLINE lanes lanes_smaller(lanes a, lanes b)
 {
-    return lanes_pick(a < b, a, b);
+    return lanes_select_value(a < b, a, b);
 }
 
-INLINE lanes lanes_root(lanes x)
+INLINE lanes lanes_square_root(lanes x)
 {
     lanes result = x;
     for (int i = 0; i < LANES; ++i)
-        set_part(&result, i, MATH(sqrt)(part(&x, i)));
+        lane_set(&result, i, MATH(sqrt)(lane_get(&x, i)));
     return result;
 }
 
@@ -155,11 +155,11 @@ INLINE lanes lanes_power(lanes x, lanes y)
 {
     lanes result = x;
     for (int i = 0; i < LANES; ++i)
-        set_part(&result, i, MATH(pow)(part(&x, i), part(&y, i)));
+        lane_set(&result, i, MATH(pow)(lane_get(&x, i), lane_get(&y, i)));
     return result;
 }
 
-INLINE lanes lanes_all(real x)
+INLINE lanes lanes_broadcast(real x)
 {
     return splat(x);
 }
@@ -167,17 +167,17 @@ INLINE lanes lanes_all(real x)
 /* What lanes do by masks, for one number. */
 typedef int mask;
 
-INLINE mask others(mask m)
+INLINE mask mask_not(mask m)
 {
     return !m;
 }
 
-INLINE mask pick_mask(mask m, mask x, mask y)
+INLINE mask select_mask(mask m, mask x, mask y)
 {
     return m ? x : y;
 }
 
-INLINE real pick(mask m, real x, real y)
+INLINE real select_value(mask m, real x, real y)
 {
     return m ? x : y;
 }
@@ -192,7 +192,7 @@ INLINE real smaller(real a, real b)
     return a < b ? a : b;
 }
 
-INLINE real root(real x)
+INLINE real square_root(real x)
 {
     return MATH(sqrt)(x);
 }
@@ -202,7 +202,7 @@ INLINE real power(real x, real y)
     return MATH(pow)(x, y);
 }
 
-INLINE real all(real x)
+INLINE real broadcast(real x)
 {
     return x;
 }
@@ -240,7 +240,7 @@ INLINE lanes product_error(lanes a, lanes b, lanes product)
 {
     lanes error = product;
     for (int i = 0; i < LANES; ++i)
-        set_part(&error, i, MATH(fma)(part(&a, i), part(&b, i), -part(&product, i)));
+        lane_set(&error, i, MATH(fma)(lane_get(&a, i), lane_get(&b, i), -lane_get(&product, i)));
     return error;
 }
 

@@ -40,10 +40,10 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
     for (int e = 0; e < U*U; ++e)
         J[e] = 0;
     for (int l = 0; l <= P; ++l)
-        constraint_jacobian(AT(&w->constants, w->t + w->late[l]), w->Q_tilde[l], w->G[l]);
+        constraint_jacobian(AT(&w->constants, w->t + w->node_time[l]), w->Q_tilde[l], w->G[l]);
     for (int l = 0; l < P; ++l)
         constraint_curvature(AT(&w->constants,
-            w->t + w->late[l]), w->Q_tilde[l], x + LAMBDA + l*M, w->K[l]);
+            w->t + w->node_time[l]), w->Q_tilde[l], x + LAMBDA + l*M, w->K[l]);
     for (int i = 0; i < S; ++i) {
         real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
         const real t = w->t + dt*tableau.c[i];

@@ -25,7 +25,7 @@ static void node_forces(work_t *w, const real q[N], const real x[U])
             w->Q_tilde[l][a] = q[a] + w->D[l][a];
     for (int l = 0; l < P; ++l)
         constraint_force(AT(&w->constants,
-            w->t + w->late[l]), w->Q_tilde[l], lambda + l*M, w->force[l]);
+            w->t + w->node_time[l]), w->Q_tilde[l], lambda + l*M, w->force[l]);
 }
 
 /* g(Q~_l) at the nodes l = 1..P, where the constraints are asked for */
@@ -35,7 +35,7 @@ static void node_residuals(work_t *w, const real q[N], real r[P*M])
     constraint(AT(&w->constants, w->t), q, g);
     for (int l = 1; l <= P; ++l) {
         real dg[M];
-        constraint_increment(BETWEEN(&w->constants, w->t, w->late[l]), q, w->D[l], dg);
+        constraint_increment(BETWEEN(&w->constants, w->t, w->node_time[l]), q, w->D[l], dg);
         for (int mu = 0; mu < M; ++mu)
             r[(l - 1)*M + mu] = g[mu] + dg[mu];
     }
@@ -59,7 +59,7 @@ static void node_residuals(work_t *w, const real q[N], real *r)
 enum { K_HAT = S*N, LAMBDA = 2*S*N };
 
 /* Starting guess: the rates at the start of the step, no constraint force. */
-static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U])
+static void euler_start(work_t *w, real dt, const real q[N], const real p[N], real x[U])
 {
     real H_q[N], H_p[N];
     (void)dt;
@@ -74,7 +74,7 @@ static void guess(work_t *w, real dt, const real q[N], const real p[N], real x[U
 }
 
 /* The same of a momentum that stays. */
-static void coast(real x[U])
+static void zero_force_start(real x[U])
 {
     for (int e = K_HAT; e < LAMBDA; ++e)
         x[e] = 0;
@@ -84,7 +84,7 @@ static void coast(real x[U])
 static void node_places(work_t *w, real dt, const real x[U])
 {
     IF_TIME(for (int l = 0; l <= P; ++l))
-        IF_TIME(w->late[l] = w->span*tableau.c_tilde[l];)
+        IF_TIME(w->node_time[l] = w->step*tableau.c_tilde[l];)
     for (int l = 0; l <= P; ++l)
         for (int a = 0; a < N; ++a) {
             real sum = 0;
@@ -142,11 +142,11 @@ static real increment_size(const work_t *w, real dt, const real q[N], const real
     const real x[U], const real dx[U])
 {
     const real step = MATH(fabs)(dt);
-    const real q_size = larger(norm(N, q), step*norm(K_HAT, x));
+    const real q_weight = larger(norm(N, q), step*norm(K_HAT, x));
     const real p_stages = larger(norm(S*N, &w->stage_p[0][0]), step*norm(K_HAT, x + K_HAT));
-    const real p_size = larger(norm(N, p), p_stages);
+    const real p_weight = larger(norm(N, p), p_stages);
     const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
-    return larger(dq > 0 ? dq/q_size : dq, dp > 0 ? dp/p_size : dp);
+    return larger(dq > 0 ? dq/q_weight : dq, dp > 0 ? dp/p_weight : dp);
 }
 
 /* The same of a residual; what is left of the constraints does not count. */

@@ -36,7 +36,7 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
     for (int l = 0; l < P*M; ++l)
         multipliers[l] = x[LAMBDA + l];
     const int status = project_momentum(AT(&w->constants,
-        w->t + w->span), q1, p1, multipliers + P*M);
+        w->t + w->step), q1, p1, multipliers + P*M);
     for (int mu = 0; mu < M; ++mu)
         multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
     return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
@@ -62,13 +62,13 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
 #if GS_TIME_DEPENDENT
 #if GS_CONSTRAINED
 /* sum b~_l Lambda_l.g_t(Q~_l, t_l): what a drive does through the constraints, by dt. */
-static real drive_of_nodes(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+static real node_power(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     real q1[N], p1[N], multipliers[ROOM], rate[M], sum = 0;
     if (finish(w, dt, q, p, x, q1, p1, multipliers) != OK)
         return NAN;
     for (int l = 0; l <= P; ++l) {
-        constraint_rate(AT(&w->constants, w->t + w->late[l]), w->Q_tilde[l], rate);
+        constraint_rate(AT(&w->constants, w->t + w->node_time[l]), w->Q_tilde[l], rate);
         for (int mu = 0; mu < M; ++mu)
             sum += tableau.b_tilde[l]*multipliers[l*M + mu]*rate[mu];
     }
@@ -76,7 +76,7 @@ static real drive_of_nodes(work_t *w, real dt, const real q[N], const real p[N],
 }
 #else
 /* There is no constraint that a drive could move. */
-static real drive_of_nodes(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+static real node_power(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     (void)w, (void)dt, (void)q, (void)p, (void)x;
     return 0;
@@ -97,13 +97,13 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
         applied_force(AT(&w->constants, t), w->stage_q[i], w->stage_p[i], &t, F);
         for (int a = 0; a < N; ++a)
             power += F[a]*x[i*N + a];
-        IF_FRAME_WORK(carried(&w->constants, w->stage_q[i], v);)
+        IF_FRAME_WORK(frame_velocity(&w->constants, w->stage_q[i], v);)
         IF_FRAME_WORK(for (int a = 0; a < N; ++a))
             IF_FRAME_WORK(power += F[a]*v[a];)
-        IF_TIME(power += drive(&w->constants, w->stage_q[i], w->stage_p[i]);)
+        IF_TIME(power += energy_rate(&w->constants, w->stage_q[i], w->stage_p[i]);)
         sum += tableau.b[i]*power;
     }
-    IF_TIME(sum += drive_of_nodes(w, dt, q, p, x);)
+    IF_TIME(sum += node_power(w, dt, q, p, x);)
     return dt*sum;
 }
 #endif
