@@ -10,7 +10,7 @@
 enum { HAT = N, IMPULSE = 2*N, X = 2*N + M };
 
 /* The means of the ends (51). */
-static void mean_values(const state_t *w, const real x[X], real q_mean[N], real p_mean[N])
+static void means(const state_t *w, const real x[X], real q_mean[N], real p_mean[N])
 {
     for (int a = 0; a < N; ++a) {
         q_mean[a] = w->q[a] + (real)0.5*x[a];
@@ -22,7 +22,7 @@ static void mean_values(const state_t *w, const real x[X], real q_mean[N], real 
 static void position_increment(const state_t *w, real x[X])
 {
     real q_mean[N], p_mean[N], rate[N];
-    mean_values(w, x, q_mean, p_mean);
+    means(w, x, q_mean, p_mean);
     mean_velocity(&w->constants, q_mean, p_mean, x, x + HAT, rate);
     for (int a = 0; a < N; ++a)
         x[a] = w->h*rate[a];
@@ -33,7 +33,7 @@ static void momentum_increment(const state_t *w, const real x[X], real dp[N])
 {
     real q_mean[N], p_mean[N], rate[N];
     const real t = w->t + (real)0.5*w->h;
-    mean_values(w, x, q_mean, p_mean);
+    means(w, x, q_mean, p_mean);
     mean_force(&w->constants, q_mean, p_mean, x, x + HAT, &t, rate);
     for (int a = 0; a < N; ++a)
         dp[a] = -w->h*rate[a];
@@ -137,7 +137,7 @@ static void update_position_increment(const state_t *w, real x[X])
 static void correct_multipliers(state_t *w, real x[X], real G[ROOM][N])
 {
     real q_mean[N], p_mean[N], g[M], old[M];
-    mean_values(w, x, q_mean, p_mean);
+    means(w, x, q_mean, p_mean);
     KERNEL(mean_constraint)(&w->constants, q_mean, x, G);
     KERNEL(constraint_increment)(&w->constants, w->q, x, g);
     w->defect = 0;
