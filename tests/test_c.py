@@ -13,7 +13,7 @@ import sympy as sp
 
 import gyrospark as gs
 from compilers import COMPILERS_OF_CPLUSPLUS, MAIN, OTHER, compiler, zig
-from gyrospark.facade import files_of
+from gyrospark.api import files_of
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import PAPER_SPECS, Spec
 from mechanisms import slider_crank

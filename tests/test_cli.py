@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.commands.run import run
+from gyrospark.commands.run.command import run
 from processes import ROOT, call, cli
 
 EXAMPLE = ROOT / "examples" / "tableaux" / "gauss_lobatto_2.json"

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.runtime.call.binding import Binding
-from gyrospark.runtime.steps.consistency import defects_of_starts
+from gyrospark.runtime.bindings.binding import Binding
+from gyrospark.runtime.integration.consistency import defects_of_starts
 from test_generic_system import EXAMPLES, stepper_for
 
 

@@ -11,7 +11,7 @@ import xarray
 
 import gyrospark as gs
 from calls import refused
-from gyrospark.runtime.output.states import states_of
+from gyrospark.runtime.results.state_columns import states_of
 from test_events import pendulum, start
 
 LENGTHS = [0.5, 1.0, 2.0]

@@ -22,7 +22,7 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.generator.systems.system import System
-from gyrospark.runtime.call.binding import REASONS
+from gyrospark.runtime.bindings.binding import REASONS
 from reference import WORKING_DIGITS, Equations, Method, doubles, numbers
 from strategies import EPS
 

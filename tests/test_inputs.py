@@ -17,10 +17,10 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.errors import InputError
+from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.runtime.steppers.stepper import Stepper
 from strategies import EPS
 
 x, y, u, v = sp.symbols("x y u v", real=True)

@@ -15,8 +15,8 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.schemes.legendre_means import LagrangianEMS
-from gyrospark.generator.schemes.mean_conditions import check_mean_scheme
+from gyrospark.generator.schemes.lagrangian_midpoint import LagrangianEMS
+from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
 from strategies import EPS
 from test_lagrangian import PARAMETERS, bead, case, double
 from test_lagrangian_time import lifted, one, shaken, start_of_lifted, swelling, wire

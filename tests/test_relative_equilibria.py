@@ -18,8 +18,8 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.bodies.example_models import multiply, turn
-from gyrospark.runtime.body.quaternion import rotation_matrix
+from gyrospark.generator.multibody.example_models import multiply, turn
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 EPS = np.finfo(float).eps
 E1, E2, E3 = np.eye(3)

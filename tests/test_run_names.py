@@ -7,7 +7,7 @@ import pytest
 
 import gyrospark as gs
 from calls import TOP
-from gyrospark.catalogue import MODELS
+from gyrospark.core.registry import MODELS
 from processes import ROOT
 from test_cli import refused
 

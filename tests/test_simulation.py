@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from calls import LATE, PARAMETERS, RUN, TOP, refused
-from gyrospark.runtime.output.outputs import OUTPUTS
-from gyrospark.runtime.run import simulation
+from gyrospark.runtime.results.run_arrays import OUTPUTS
+from gyrospark.runtime.steppers import simulation
 from processes import ROOT
 from strategies import EPS
 from test_forces import PARAMETERS as DRAG

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import sympy as sp
 
-from gyrospark.generator.spelling.forms import Forms
+from gyrospark.generator.normal_forms.canonical_expressions import Forms
 from spellings import HALF, stand_ins
 
 x, y, z = sp.symbols("x y z", real=True)

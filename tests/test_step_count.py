@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from calls import RUN, TOP, refused
-from gyrospark.runtime.steps.count import step_count
+from gyrospark.runtime.integration.step_count import step_count
 from test_cli import refused as refused_by_command
 
 COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--json"]

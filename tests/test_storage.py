@@ -11,7 +11,7 @@ import sympy as sp
 import gyrospark as gs
 from calls import LATE, PARAMETERS, TOP
 from gyrospark.storage import recording as recordings
-from gyrospark.storage.layout import block_rows, fields_of
+from gyrospark.storage.array_layout import block_rows, fields_of
 from stores import ARRAYS, START, assert_same, bits, recorded, small_blocks
 from test_forces import PARAMETERS as FORCED
 from test_forces import oscillator, pendulum, runner

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.runtime.build.compiler import find_compiler
-from gyrospark.runtime.call.memory import without_padding
+from gyrospark.runtime.bindings.struct_memory import without_padding
+from gyrospark.runtime.compilation.compiler import find_compiler
 from stores import assert_same_bytes, recorded
 from test_forces import PARAMETERS as FORCED
 from test_forces import pendulum
