@@ -1,9 +1,9 @@
 """Motions, methods and the runs by which a chosen γ is judged.
 
-A motion is judged path by path (``runtime.tuning.motion_distance``): the mean distance of each of the
-body's axes, in space, from where 6-stage Gauss-Lobatto with half the step, order 12, has it. Distances
-with the chosen γ are told in units of those with a recommendation; where the latter is off by more
-than 0.3 rad both runs have lost the motion, and the ratio says nothing.
+A motion is judged path by path (``runtime.tuning.motion_distance``): the mean distance of each of
+the body's axes, in space, from where 6-stage Gauss-Lobatto with half the step, order 12, has it.
+Distances with the chosen γ are told in units of those with a recommendation; where the latter is
+off by more than 0.3 rad both runs have lost the motion, and the ratio says nothing.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@
 
 1. Everything is multiplied out (``expansion``): what is left is the same for all spellings.
 2. The terms are taken apart into pieces (``additive_terms``): H into the kinetic energies of its
-   cells and into potentials of coordinates that depend on each other. So a sum over bodies is a sum of their
-   terms, whatever stood before it.
+   cells and into potentials of coordinates that depend on each other. So a sum over bodies is a sum
+   of their terms, whatever stood before it.
 3. Each piece gets its shortest form (``shortest_sum``), found from its terms alone.
 
 What was written is looked at for one thing: where multiplying out takes too long, or has lost a

@@ -1,8 +1,8 @@
 """Expressions multiplied out: what all spellings of one expression have in common.
 
 What stands in a function, under a bar or a root is in its canonical form
-(``canonical_expressions``), so that equal parts are equal objects. Terms are divided by the sums under their bars: x/(1 + x) and
-1 − 1/(1 + x) are one.
+(``canonical_expressions``), so that equal parts are equal objects. Terms are divided by the sums
+under their bars: x/(1 + x) and 1 − 1/(1 + x) are one.
 
 Nothing is multiplied out without end: what takes more products of terms than it was allowed ends in
 ``TooLongError``.

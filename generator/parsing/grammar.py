@@ -17,8 +17,8 @@ function "if" knows none. And of a number with a unit, where one is meant:
     unit     = "deg" | "rad" | "deg/s" | "rad/s" | "rpm"             10*3 deg, 90 deg - 0.1 rad
 
 The text comes from files of unknown origin: it is never handed to Python or to SymPy's parsers.
-What an operation means is an ``Arithmetic``: exact bounded numbers in ``exact_expressions``, formulas
-in named symbols in ``models.formulas``.
+What an operation means is an ``Arithmetic``: exact bounded numbers in ``exact_expressions``,
+formulas in named symbols in ``models.formulas``.
 """
 
 from __future__ import annotations

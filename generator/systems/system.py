@@ -76,9 +76,9 @@ class System:
     Notes
     -----
     All symbols stand for real numbers. Expressions may have SymPy's Abs, sign, Heaviside, Min, Max,
-    Piecewise, floor, ceiling and Mod (``switching_functions``); Heaviside(0) is ½ unless it is
-    said otherwise. Derivatives are those of the side where q and p are. A constraint must have a continuous
-    derivative all the same, and EMS takes of H what is continuous.
+    Piecewise, floor, ceiling and Mod (``switching_functions``); Heaviside(0) is ½ unless it is said
+    otherwise. Derivatives are those of the side where q and p are. A constraint must have a
+    continuous derivative all the same, and EMS takes of H what is continuous.
     """
 
     q: tuple[sp.Symbol, ...]

@@ -14,8 +14,8 @@
     }
 
 An entry is a string in the grammar of ``exact_expressions``, a JSON integer or a JSON decimal;
-decimals count exactly as they are written. A decimal of more than 8 digits after the point is taken to be
-rounded, and the conditions on the tableau are then checked to the digits it has.
+decimals count exactly as they are written. A decimal of more than 8 digits after the point is taken
+to be rounded, and the conditions on the tableau are then checked to the digits it has.
 
 ``A_hat`` (default: A), ``b_hat`` (b), ``c`` (row sums of A) and ``c_tilde`` (row sums of A_bar)
 may be left out, and so may the claims ``order``, ``symmetric`` and ``symplectic`` (true or false),
