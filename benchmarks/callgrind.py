@@ -4,7 +4,7 @@
 
 The steppers are the plain C that is exported, for any x86-64 (-O2, no contraction, no -march), so
 that one gcc of one major version makes the same code everywhere. ``instructions.json`` holds the
-counts; ``pytest tests/test_instructions.py --update`` makes them again.
+counts; ``pytest tests/benchmarks/test_instructions.py --update`` makes them again.
 """
 
 from __future__ import annotations

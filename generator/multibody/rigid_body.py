@@ -1,6 +1,7 @@
 """The rigid body in unit quaternions: L(q), R(q), and the α- and γ-type kinetic energies.
 
-The paper's equation numbers are given; tests/test_rigid_body.py proves the identities.
+The paper's equation numbers are given; tests/generator/multibody/test_rigid_body.py proves the
+identities.
 """
 
 from __future__ import annotations
