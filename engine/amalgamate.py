@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from ..errors import GyrosparkError
+from ..core.errors import GyrosparkError
 
 __all__ = ["FOLDER", "INCLUDE_CHECK", "amalgamate", "complete"]
 
