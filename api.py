@@ -379,7 +379,8 @@ def _source_key(spec: Spec, *texts: object) -> str:
 def _generator_fingerprint() -> str:
     """Return a hash of the generator's own text, so that no old source outlives a change to it."""
     paths = [*(ROOT / "core").glob("*.py"), *(ROOT / "generator").rglob("*.py"),
-             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.[hp]*")]
+             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h"),
+             ROOT / "engine" / "amalgamate.py"]
     return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
 
 

@@ -44,10 +44,11 @@ __all__ = ["generate"]
 @click.option("--check", is_flag=True,
               help="Write nothing; fail with a diff if the files in DIR are not up to date.")
 @click.option("--all", "everything", is_flag=True, help="Every stepper of the paper.")
-@click.option("--no-compile", is_flag=True, help="Only write the C: cc -I \"$(gyrospark include)\" builds it.")
+@click.option("--no-compile", is_flag=True,
+              help="Only write the C; cc -I \"$(gyrospark include)\" builds it.")
 @click.option("--standalone", is_flag=True,
-              help="One file with the engine in it, which cc builds alone (profiles control and run "
-                   "are always written so).")
+              help="Put the engine into the C, which cc then builds alone; profiles control "
+                   "and run are always written so.")
 @click.option("--allow-invalid", is_flag=True,
               help="Generate from a tableau although it violates required conditions.")
 def generate(
@@ -76,12 +77,11 @@ def generate(
         specs = [spec_from(**choice).with_profile(profile)]
     check_no_file("--out", out)
     if check:
-        return max(check_files(spec, out, allow_invalid, standalone or spec.profile != "full")
-                   for spec in specs)
+        return max(check_files(spec, out, allow_invalid, standalone) for spec in specs)
     for spec in specs:
         write_stepper(spec, out, compile_it=not no_compile and spec.profile == "full",
                       allow_invalid=allow_invalid,
-                      standalone=standalone or spec.profile != "full")
+                      standalone=standalone)
     return 0
 
 

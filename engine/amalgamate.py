@@ -1,4 +1,4 @@
-"""Generated C with the headers of the engine in place of their includes: one file that stands alone.
+"""One C file that compiles alone: the headers of the engine in place of their includes.
 
 A preprocessor for the names that begin with ``GS_`` and for includes of ``gyrospark/``, and for
 nothing else: it keeps what the features select, and leaves all other lines as they are.
@@ -27,7 +27,8 @@ INCLUDE_CHECK = """\
 """
 _INCLUDE = re.compile(r'#include "(gyrospark/[\w./]+)"$')
 _DEFINE = re.compile(r"#define (GS_\w+)(?: (\d+))?(?: */\*.*\*/)?$")
-_OWN = re.compile(r"#(?:(ifdef|ifndef) (GS_\w+)|(if|elif) ((?:[!() ]*\bGS_\w+|[\d&|=!()<> ])+)|(else|endif)\b)")
+_OWN = re.compile(r"#(?:(ifdef|ifndef) (GS_\w+)|(if|elif) ((?:[!() ]*\bGS_\w+|[\d&|=!() ])+)"
+                  r"|(else|endif)\b)")
 _TOKEN = re.compile(r"\s*(\w+|&&|\|\||==|!=|[!()])")
 
 

@@ -45,7 +45,10 @@ TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
 
 @dataclass(frozen=True)
 class Source:
-    """The three files of a stepper, as text; the C includes headers of the engine."""
+    """The three files of a stepper, as text.
+
+    The C includes headers of the engine, but for profiles ``control`` and ``run``: it has them in it.
+    """
 
     name: str
     header: str
@@ -140,7 +143,8 @@ def _emit_control(
     own = control_context(scheme, constants, real, "control")
     forms: dict[str, Any] = {"structured": False}
     context = _context(name, method, scheme, system, constants, real, own["known"], forms) | own
-    context |= {"profile": "control", "features": features(scheme, system, real, own, profile="control")}
+    context |= {"profile": "control",
+                "features": features(scheme, system, real, own, profile="control")}
     quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
     if quantities is not None:
         context["own_switches"] |= quantities.functions & SWITCHES
@@ -148,7 +152,7 @@ def _emit_control(
     return Source(
         name,
         fitted(environment.get_template("control.h.jinja").render(context)),
-        fitted(environment.get_template("control.c.jinja").render(context)),
+        amalgamate(fitted(environment.get_template("control.c.jinja").render(context))),
         manifest_text(name, method, scheme, system, constants, real, own["kernels"],
                       own["proved"], forms, "control"),
     )
@@ -174,7 +178,8 @@ def _emit_run(
         "full": False, "fast": True, "inputs": [], "kernels": kernels, "sweep_kernels": beside_them,
         "costs": solver_costs(scheme, kernels, forms),
         "run_constants": [*own["folded"].items(), *own["run_constants"]],
-        "renamed": renamed, "profile": "run", "features": features(scheme, system, real, own, profile="run")}
+        "renamed": renamed, "profile": "run",
+        "features": features(scheme, system, real, own, profile="run")}
     quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
     if quantities is not None:
         context["own_switches"] |= quantities.functions & SWITCHES
@@ -184,7 +189,7 @@ def _emit_run(
     return Source(
         name,
         fitted(header),
-        fitted(text),
+        amalgamate(fitted(text)),
         manifest_text(name, method, scheme, system, constants, real, kernels, own["proved"], forms,
                       "run"),
     )

@@ -70,7 +70,7 @@ int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const rea
 }
 #endif
 
-void NAME(euler_start)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+void NAME(guess)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     real x[U], work_t *work)
 {
     prepare(parameters, &work->constants);
