@@ -1,6 +1,6 @@
 """Code generation: from what was derived to the header, the source and the manifest.
 
-    profiles         how much of a stepper is written: for Python, for programs in C, for a controller
+    profiles         how much is written: for Python, for programs in C, for a controller
     program          the C program as one typed description
     mass_tables      the elimination of the mass matrix of a Lagrangian
     elements         a system as sums over element templates

@@ -61,7 +61,7 @@ ENGINE_VERSION = 1
 class Source:
     """The three files of a stepper, as text.
 
-    The C includes headers of the engine, but for profiles ``control`` and ``run``: it has them in it.
+    The C includes headers of the engine; that of profiles ``control`` and ``run`` contains them.
     """
 
     name: str

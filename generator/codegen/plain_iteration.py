@@ -98,9 +98,8 @@ def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) 
                          f"{scheme.system.name} has it there: choose profile full.")
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None
     if refusal is not None:
-        raise InputError(f"Profile {profile} solves by fixed-point iteration, which this tableau does not "
-                         f"permit: "
-                         f"{refusal}; choose profile full.")
+        raise InputError(f"Profile {profile} solves by fixed-point iteration, which this tableau "
+                         f"does not permit: {refusal}; choose profile full.")
 
 
 def beside(
