@@ -31,7 +31,7 @@ API = {
         "System", "from_mechanics", "Model", "Multibody", "body_system", "symbols", "load_model",
         "load_urdf", "read_urdf", "models", "problems", "references", "exact", "tableau",
         "consistent", "Projection"],
-    "choices": [
+    "tuning": [
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
         "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
