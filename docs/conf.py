@@ -1,4 +1,4 @@
-"""The site: ``make docs``. Nothing is fetched, warnings are errors, cells are executed and cached."""
+"""The site: ``make docs``. Nothing is fetched, warnings are errors, cells are run, cached."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def digest() -> str:
     found = hashlib.sha256()
     packages = [path for path in ROOT.iterdir() if path.is_dir() and path.name[0] != "."
                 and path.name not in ("build", "dist", "docs", "tests")]
-    for path in sorted([*ROOT.glob("*.py"), *(p for package in packages for p in package.rglob("*"))]):
+    inside = [path for package in packages for path in package.rglob("*")]
+    for path in sorted([*ROOT.glob("*.py"), *inside]):
         if path.suffix in (".py", ".h", ".jinja", ".toml", ".html", ".js"):
             found.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
     return found.hexdigest()[:16]

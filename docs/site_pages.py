@@ -1,7 +1,7 @@
 """Sphinx extension: tables of the package, cross-references, alternative texts, and MathJax.
 
     {{ name }}     on a page is replaced by a table of ``site_tables``
-    docstrings     of public names, and commands, end with a list of the pages and examples that use them
+    docstrings     of public names, and commands, end with a list of their users
     g_q, e^{hA}    in running text get subscripts and superscripts
     gallery        its list of pages shows the first picture of each
     pictures       without an alternative text are a warning, hence an error

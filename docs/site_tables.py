@@ -91,7 +91,7 @@ def keys() -> str:
     """Return the tables of model files, and the files that have them."""
     about = {
         "body": "one body with a fixed point", "system": "any holonomic Hamiltonian system",
-        "bodies": "several bodies", "joints": "constraints between them", "forces": "forces on them",
+        "bodies": "several bodies", "joints": "constraints between bodies", "forces": "loads",
         "points": "moving points of the ground", "drives": "angles as functions of time",
         "parameters": "numbers by name", "inputs": "numbers that forces use, set in each step",
         "start": "the initial state", "run": "`dt`, `steps`",

@@ -1,8 +1,8 @@
 """The stiff flyball governor, problem A05 of IFToMM's library: python examples/flyball_governor.py
 
-A shaft rotates about z; two rods with 5 kg at their ends are hinged to it near its top; a slider moves
-along the shaft, connected to the middle of each rod by a spring and a stiff damper. Its motion
-relative to the rods decays at 8100 1/s = 2C (L_s²/M + L_β²/I), with the length L of the springs.
+A shaft rotates about z; two rods with 5 kg at their ends are hinged to it near its top; a slider
+moves along the shaft, connected to the middle of each rod by a spring and a stiff damper. Its
+motion relative to the rods decays at 8100 1/s = 2C (L_s²/M + L_β²/I), L being the springs' length.
 Steps that are longer than the decay time do not damp this motion with G-L, |R(∞)| = 1, but do with
 Radau-L, R(∞) = 0.
 """

@@ -5,7 +5,7 @@ A symplectic SPARK tableau follows from its nodes. Choose c_1..c_s and c̃_0 = 0
     A, Ā  integrals of the Lagrange polynomials on c, to c_i and to c̃_l: C(s), C̄(s), ā_pj = b_j
     b, b̃  interpolatory weights on c and on c̃
     Â     b_i â_ij + b_j a_ji = b_i b_j          symplecticity of the forces
-    Ã     b_i ã_ij + b̃_j ā_ji = b_i b̃_j          symplecticity of the constraint forces; so ã_ip = 0
+    Ã     b_i ã_ij + b̃_j ā_ji = b_i b̃_j          the same for constraint forces; ã_ip = 0
 
 `gyrospark verify FILE` proves and measures the order.
 """
