@@ -95,10 +95,10 @@ def iterations_remark(results: Iterable[Result]) -> str:
     """Return why Tables 8-14 differ so often, if some of them are there."""
     if not any(table.number >= FIRST_ITERATION_TABLE for table in tables_of(results)):
         return ""
-    return ("Table 8 and those after it measure an iteration, not a scheme, and the paper states "
-            "neither its Jacobian nor its start nor its search. Most cells are compared twice, "
-            "with full Newton and with a guess at the paper's iteration; where they differ the "
-            "table gives the reason.")
+    return ("Table 8 and the later tables measure an iteration, not a scheme, and the paper "
+            "describes neither its Jacobian nor its initial guess nor its search. Most cells are "
+            "compared twice, with full Newton and with a reconstruction of the paper's "
+            "iteration; if the results differ the table gives the reason.")
 
 
 def unexplained(table: Table) -> list[Cell]:
@@ -138,8 +138,8 @@ def write_summary(results: Sequence[Result]) -> str:
     """Return ``docs/paper.md``."""
     parts = [
         "# The paper, reproduced",
-        "Written by `gyrospark reproduce all --summary docs/paper.md`; every number below is "
-        "computed. Where both numbers are round-off none is given.",
+        "`gyrospark reproduce all --summary docs/paper.md` writes this page; every number below "
+        "is computed. If both numbers are round-off, none is given.",
     ]
     parts += _overview(results)
     parts += [section(result) for result in results]
