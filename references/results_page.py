@@ -1,0 +1,94 @@
+"""``docs/references.md``: reference and published values of each problem, error against cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from .problem import Reference
+from .work_precision import LIMIT, Run
+
+__all__ = ["page", "reached"]
+
+_HEAD = """# Reference problems
+
+Problems of the literature with reference solutions of 24 digits, and the errors of our schemes.
+`gyrospark reference all --peers --out docs/references.md --plot docs/references.png` writes this
+page. `python -m gyrospark.benchmarks.make_digits` computes each reference solution by two
+independent methods.
+
+An error is the error of the final values relative to the largest value of their kind (positions,
+velocities). CPU seconds are the time of one run with a compiled stepper on the machine that wrote
+the page. Invariants are the largest errors over all steps of the most accurate run.
+
+SciPy and heyoka solve problems whose equations of motion are available without multipliers. SciPy's
+DOP853 projects its state onto the constraints after every step; the steps and the projection are
+Python code. heyoka compiles Taylor series of the equations.
+
+exudyn and MuJoCo receive the bodies, joints, springs and gravity of our model, but no equations.
+exudyn has the trapezoidal rule of index 2 and generalised α, of order 2, with its own tolerances;
+bodies of plane mechanisms have three coordinates each. For one body without joints it also has
+explicit methods of order 4 and 6. MuJoCo uses the coordinates of a tree of joints; a soft
+constraint, at its stiffest for the time step, closes a loop. The number of steps is quadrupled
+until a run takes 0.5 s. Missing numbers of steps: Newton's method failed or the motion was
+unstable.
+"""
+
+
+def reached(runs: Iterable[Run]) -> bool:
+    """Return whether one of the runs of a problem has its digits."""
+    return any(run.error <= LIMIT for run in runs if not run.peer)
+
+
+def page(measured: Sequence[tuple[Reference, Sequence[Run]]], picture: str = "") -> str:
+    """Return the page of all problems that were measured, with a picture of a file name."""
+    parts = [_HEAD, _summary(measured)]
+    if picture:
+        parts.append(f"![Error against CPU time, a panel for each problem]({picture})\n")
+    for problem, runs in measured:
+        parts += [f"## {problem.title}\n", _about(problem), _numbers(problem), _costs(runs)]
+    return "\n".join(parts)
+
+
+def _summary(measured: Sequence[tuple[Reference, Sequence[Run]]]) -> str:
+    rows = []
+    for problem, runs in measured:
+        enough = [run for run in runs if run.error <= LIMIT and not run.peer]
+        best = min(enough, key=lambda run: run.cpu_seconds, default=None)
+        cells = ["missed"] * 4 if best is None else [
+            best.scheme, f"{best.steps}", f"{best.error:.0e}", f"{best.cpu_seconds * 1e3:.1f}"]
+        worst = max(problem.deviations.values(), default=None)
+        rows.append([f"`{problem.name}`", *cells, "–" if worst is None else f"{worst:.0e}"])
+    return _table(["problem", f"cheapest to {LIMIT:.0e}", "steps", "error", "CPU ms",
+                   "error of the published values"], rows)
+
+
+def _about(problem: Reference) -> str:
+    kept = ", ".join(f"{name} = {formula}" for name, formula in problem.invariants.items())
+    true = problem.truth
+    without = problem.no_bodies and f" Without exudyn and MuJoCo: {problem.no_bodies}."
+    return (f"`{problem.name}`: {problem.source}. Model: {problem.form}. "
+            f"Compared at t = {problem.seconds} s. Invariants: {kept}.{without}\n\n"
+            f"Reference: {true.made}; they agree to {true.agreement:.0e}.\n"
+            + (f"Published: {problem.published.source}.\n" if problem.published else ""))
+
+
+def _numbers(problem: Reference) -> str:
+    others = problem.published.values if problem.published else {}
+    off = problem.deviations
+    rows = [[name, value, others.get(name, "–"), f"{off[name]:.0e}" if name in off else "–"]
+            for name, value in problem.truth.values.items()]
+    return _table(["quantity", "reference", "published", "error"], rows)
+
+
+def _costs(runs: Sequence[Run]) -> str:
+    invariants = min((run for run in runs if not run.peer), key=lambda run: run.error).invariants
+    table = _table(["scheme", "steps", "error", "CPU ms"], [
+        [run.label, f"{run.steps}", f"{run.error:.1e}", f"{run.cpu_seconds * 1e3:.2f}"]
+        for run in runs])
+    return table + "\nInvariants: " + ", ".join(
+        f"{name} {value:.0e}" for name, value in invariants.items()) + ".\n"
+
+
+def _table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [titles, ["---"] * len(titles), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
