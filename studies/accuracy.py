@@ -184,8 +184,8 @@ def _gamma_is_better(engine: Engine) -> Claim:
         for method in ("IMS", "EMS", "2-G-L") for quantity in ("H", "z", "x")
         if (method, quantity) != ("EMS", "H")
     ]
-    return Claim("IMS, EMS and 2-G-L are more accurate with γ = γ_m than with α = γ_m: error of "
-                 "the α-type over that of the γ-type", f"{min(gains):.2f} to {max(gains):.1f}",
+    return Claim("IMS, EMS and 2-G-L are more accurate with γ = γ_m than with α = γ_m: ratio of "
+                 "the errors of α-type and γ-type", f"{min(gains):.2f} to {max(gains):.1f}",
                  "all above 1", min(gains) > 1)
 
 
@@ -288,7 +288,7 @@ def _gain(engine: Engine, gamma: Case, alpha: Case, quantity: Quantity) -> Claim
               / abs(engine.errors(gamma, quantity)[:states]).mean())
         for states in (_EARLY, gamma.steps + 1)
     )
-    return Claim("IMS-γ with γ_m follows the true motion more closely than IMS-α: "
-                 f"{NORMS[quantity]} of the α-type over that of the γ-type",
+    return Claim("IMS-γ with γ_m follows the true motion more closely than IMS-α: ratio of "
+                 f"{NORMS[quantity]} of α-type and γ-type",
                  f"{first:.2f} over the first {_EARLY - 1} steps, {whole:.2f} over all",
                  "above 1 over the first steps", first > 1)

@@ -76,8 +76,8 @@ def _gain_claim(engine: Engine, quantity: Quantity) -> Claim:
             start, auto = (_gain(engine, case, quantity, frame) for frame in ("start", "auto"))
             found.append(f"{method} {_short(start)} / {_short(auto)}")
             least.append(auto)
-    return Claim(f"Table 4, γ = γ_m: {NORMS[quantity]} without a frame over that in the frame of "
-                 'the start / in the one chosen ("auto").', ", ".join(found),
+    return Claim(f"Table 4, γ = γ_m: {NORMS[quantity]} without a frame, divided by its value with "
+                 "\"start\" / with \"auto\".", ", ".join(found),
                  "chosen: all above 1", min(least) > 1)
 
 
@@ -85,7 +85,7 @@ def _every_cell_claim(engine: Engine) -> Claim:
     """Claim that no cell of Table 4 gets worse by the choice, EMS's energy aside."""
     gains = [_gain(engine, case, quantity, "auto") for case, quantity in _cases(TOP, TABLE_4)
              if (case.scheme, quantity) != ("EMS", "H")]
-    return Claim("Table 4, all three γ: the same of the chosen frame, median and least of "
+    return Claim("Table 4, all three γ: this ratio for the chosen frame, median and minimum of "
                  f"{len(gains)} cells.",
                  f"{_short(float(np.median(gains)))} and {_short(min(gains))}",
                  "least above 1", min(gains) > 1)

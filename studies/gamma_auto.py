@@ -81,8 +81,8 @@ def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
     worst = {trial: float(np.nanmax(trial.price(times), initial=0)) for trial in trials}
     most = max(worst, key=lambda trial: worst[trial])
     count, gain = sum(w > ALLOWED for w in worst.values()), most.energy_gain("γ_m")
-    return Claim("γ chosen for the energy: how many of these motions get worse in some axis by "
-                 "more than 5 % against γ_m.",
+    return Claim("γ chosen for the energy: number of these motions with an error of some axis "
+                 "more than 5 % above γ_m.",
                  f"{count} of {len(trials)}; most {most.body.name}, {most.method}: "
                  f"{_short(worst[most])} times, for an energy error {_short(gain)} times smaller",
                  "not none: the two criteria differ", count > 0)
@@ -94,24 +94,24 @@ def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
 def ims_claim(trials: list[Trial]) -> Claim:
     """Claim that IMS on symmetric tops gains far more than 3 over γ_m and γ_h."""
     gains = [trial.energy_gain(rule) for trial in trials for rule in ("γ_m", "γ_h")]
-    return Claim("IMS-γ on the symmetric tops: energy error with γ_m and γ_h over that with the γ "
-                 "chosen for it; smallest of all.", f"{min(gains):.1e}", "at least 3",
+    return Claim("IMS-γ on the symmetric tops: energy error with γ_m and γ_h, divided by the "
+                 "error with the chosen γ; minimum.", f"{min(gains):.1e}", "at least 3",
                  min(gains) >= 3)
 
 
 def energy_claim(body: Body, trials: list[Trial]) -> Claim:
     """Claim that on the pilots' length no recommendation is better by more than 5 %."""
     kept = [trial for trial in trials if not trial.at_round_off()]
-    return _energy_claim(f"{body.name}: energy error with the best of γ_m, γ_h, γ̃_m, γ̃_h over "
-                         f"that with the γ chosen for it, {body.steps} steps of {body.dt:g} s, "
-                         "without those at round-off.", kept, 1)
+    return _energy_claim(f"{body.name}: energy error with the best of γ_m, γ_h, γ̃_m, γ̃_h, "
+                         f"divided by the error with the chosen γ, {body.steps} steps of "
+                         f"{body.dt:g} s, errors at round-off excluded.", kept, 1)
 
 
 def longer_claim(body: Body, trials: list[Trial]) -> Claim:
     """Claim the same over ten times the steps."""
     kept = [trial for trial in trials if not trial.at_round_off(LONGER)]
-    return _energy_claim(f"{body.name}: the same γ over {LONGER * body.steps} steps, without those "
-                         "at round-off.", kept, LONGER)
+    return _energy_claim(f"{body.name}: the same γ over {LONGER * body.steps} steps, errors at "
+                         "round-off excluded.", kept, LONGER)
 
 
 def _energy_claim(statement: str, kept: list[Trial], times: int) -> Claim:

@@ -114,7 +114,7 @@ def _periodic_claim(engine: Engine, setting: Setting) -> Claim:
                     first, second = np.array_split(np.abs(engine.errors(case, quantity)), 2)
                     growth.append(float(second.max() / first.max()))
     return Claim("Errors of the other quantities are periodic: largest error of the second half "
-                 "of the run over that of the first", f"at most {max(growth):.3f}", "at most 1.05",
+                 "of the run relative to the first", f"at most {max(growth):.3f}", "at most 1.05",
                  max(growth) <= 1.05)
 
 

@@ -174,7 +174,7 @@ def _types_reach_alike(cells: list[Cell]) -> Claim:
     return Claim(
         "γ is not more robust than α of the same value in methods of order 4 to 8 when Newton is "
         "exact",
-        f"largest Δt of γ over that of α: {min(ours):.2f} to {max(ours):.2f}; printed "
+        f"ratio of the largest Δt of γ and α: {min(ours):.2f} to {max(ours):.2f}; printed "
         f"{min(printed):.2f} to {max(printed):.2f}", "between 0.8 and 1.25",
         min(ours) > 0.8 and max(ours) < 1.25,
     )

@@ -83,10 +83,10 @@ def requirements(results: Iterable[Result]) -> list[Claim]:
     return [
         Claim(f"Cells of Tables 4, 6 and 7, {total} in all, that agree to every printed digit",
               str(found["agrees"]), f"at least {WANTED_AGREE}", found["agrees"] >= WANTED_AGREE),
-        Claim("More of them where both numbers are round-off", str(found["round-off"]),
+        Claim("Further cells with round-off in both numbers", str(found["round-off"]),
               f"at least {WANTED_ROUND_OFF} more",
               found["agrees"] + found["round-off"] >= WANTED_AGREE + WANTED_ROUND_OFF),
-        Claim("The rest of them, explained one by one", f"{found['misprint']} misprints, "
+        Claim("Other cells, each with an explanation", f"{found['misprint']} misprints, "
               f"{found['differs']} differences with a reason", f"all {rest}", explained),
     ]
 
