@@ -24,7 +24,7 @@ int main(void)
 {
     static SATELLITE(work) work;
     SATELLITE(parameters) satellite = { .I1 = 12, .I2 = 10, .I3 = 3, .gamma = 25.0f/3 };
-    const SATELLITE(options) options = { .tolerance = 0, .max_sweeps = 12 };
+    const SATELLITE(options) options = { .tolerance = 0, .max_iterations = 12 };
     float q[4] = { 0.5f, 0.5f, -0.5f, 0.5f }, p[4] = { 0.2f, 0.1f, 0.1f, -0.2f };
     int most = 0, status = 0;
 
@@ -50,9 +50,9 @@ int main(void)
                 (double)SATELLITE(change)(&work));
             break;
         }
-        most = SATELLITE(sweeps)(&work) > most ? SATELLITE(sweeps)(&work) : most;
+        most = SATELLITE(iterations)(&work) > most ? SATELLITE(iterations)(&work) : most;
     }
-    printf("at most %d sweeps a step, %u bytes of memory\n", most,
+    printf("at most %d iterations a step, %u bytes of memory\n", most,
         (unsigned)SATELLITE(work_size)());
     return status;
 }

@@ -1,7 +1,7 @@
 /*
  * The fast top of the paper (80) without Python:
  *
- *   generate --scheme G-L --stages 3 --rep gamma --no-compile --out .
+ *   generate --scheme G-L --stages 3 --rep gamma --standalone --no-compile --out .
  *   cc -std=c11 -O2 -ffp-contract=off main.c heavy_top_gl3_gamma.c -lm -o top && ./top
  */
 #include <math.h>
