@@ -105,6 +105,7 @@ def pytest_sessionfinish() -> None:
     if SEEN not in os.environ:
         return
     _seen["coverage"].stop()
+    _seen["failed"] += [name for name, seconds in _seen["tests"].items() if seconds < 0]
     data, number = _seen["coverage"].get_data(), {name: i for i, name in enumerate(_seen["tests"])}
     lines = {os.path.relpath(file): {line: [number[name] for name in names if name]
                                      for line, names in data.contexts_by_lineno(file).items()}
@@ -190,8 +191,8 @@ class Map:
                 return sorted(found, reverse=True)
         return []
 
-    def choose(self, mutant: Mutant) -> list[list[tuple[float, str]]]:
-        """Return the cheap and special tests, then more of them: six files, 100 s."""
+    def choose(self, mutant: Mutant, *, whole: bool) -> list[list[tuple[float, str]]]:
+        """Return cheap and special tests, then more (six files, 100 s), then three whole files."""
         files = self.tests(mutant)
         first = {test for _, tests in files[:4] for test in tests[:2]}
         first |= set(sorted(test for _, tests in files for test in tests[:2])[:5])
@@ -201,16 +202,19 @@ class Map:
                 if test not in first and test[0] < left:
                     then.append(test)
                     left -= test[0]
-        return [part for part in (sorted(first), then) if part]
+        names = dict.fromkeys(test.split("::")[0] for _, tests in files for _, test in tests[:1])
+        then_whole = [(100.0, name) for name in list(names)[:3]] if whole else []
+        return [part for part in (sorted(first), then, then_whole) if part]
 
 
-def try_out(copy: Copy, known: Map, mutant: Mutant, *, changed: bool = True) -> dict[str, Any]:
+def try_out(copy: Copy, known: Map, mutant: Mutant, *, changed: bool,
+            whole: bool) -> dict[str, Any]:
     """Return what became of a mutant, with the test that caught it."""
     began, outcome, by = time.monotonic(), "not executed", ""
     copy.write(mutant, changed=changed)
-    for tests in known.choose(mutant):
+    for tests in known.choose(mutant, whole=whole):
         cost = 30 + 4 * sum(seconds for seconds, _ in tests)
-        code, said = copy.pytest([name for _, name in tests], cost)
+        code, said = copy.pytest([name for _, name in tests], cost, skipped=known.failed)
         found = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
         by = found[1] if found else said[-300:] if code else ""
         if code == 4 and "not found" in said:
@@ -266,7 +270,7 @@ def pick(count: int, least: int, packages: list[str], seed: int,
     return chosen
 
 
-def run(work: Path, mutants: list[Mutant], jobs: int, *, changed: bool = True) -> None:
+def run(work: Path, mutants: list[Mutant], jobs: int, *, changed: bool, whole: bool) -> None:
     """Try mutants out and log each."""
     known, copies = Map(work / "map"), SimpleQueue[Copy]()
     for number in range(jobs):
@@ -276,7 +280,7 @@ def run(work: Path, mutants: list[Mutant], jobs: int, *, changed: bool = True) -
 
     def one(mutant: Mutant) -> None:
         copy = copies.get()
-        found = try_out(copy, known, mutant, changed=changed)
+        found = try_out(copy, known, mutant, changed=changed, whole=whole)
         copies.put(copy)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
@@ -328,7 +332,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=20, help="of CPU for a file of tests in map")
     parser.add_argument("--tests", nargs="+", default=[], help="files of tests that map measures")
-    parser.add_argument("--again", action="store_true", help="only the survivors of the log")
+    parser.add_argument("--again", action="store_true", help="only the survivors of the log, beside whole files of tests")
     parser.add_argument("--unchanged", action="store_true",
                         help="run the same tests without the changes: none may fail")
     given = parser.parse_args()
@@ -349,7 +353,7 @@ def main() -> None:
         else:
             mutants = pick(given.mutants, given.least, given.packages, given.seed,
                            {} if given.unchanged else done)
-        run(work, mutants, given.jobs, changed=not given.unchanged)
+        run(work, mutants, given.jobs, changed=not given.unchanged, whole=given.again)
 
 
 if __name__ == "__main__":
