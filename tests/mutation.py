@@ -60,6 +60,7 @@ def pytest_configure() -> None:
 
         _seen["coverage"] = coverage.Coverage(
             data_file=None, include=[f"{Path.cwd()}/{name}/*" for name in PACKAGES], messages=False)
+        _seen["coverage"].set_option("run:disable_warnings", ["no-data-collected"])
         _seen["coverage"].start()
 
 
@@ -244,12 +245,13 @@ def measure(work: Path, seconds: int, wanted: list[str]) -> None:
     copy, folder = Copy(work, os.getpid()), work / "map"
     folder.mkdir(exist_ok=True)
     for path in sorted((copy.folder / "tests").rglob("test_*.py")):
-        target = folder / f"{path.stem}.json"
-        if target.exists() or UNRELATED.search(path.stem) or (wanted and path.stem not in wanted):
+        name = str(path.relative_to(copy.folder))
+        target = folder / f"{name.replace('/', '-')}.json"
+        if target.exists() or UNRELATED.search(name) or (wanted and path.stem not in wanted):
             continue
         began = time.monotonic()
-        code, said = copy.pytest([str(path.relative_to(copy.folder))], 2 * seconds, seen=target)
-        print(f"{path.stem:32} {time.monotonic() - began:6.1f} s  {said.splitlines()[-1:]} {code}",
+        code, said = copy.pytest([name], 2 * seconds, seen=target)
+        print(f"{name:48} {time.monotonic() - began:6.1f} s  {said.splitlines()[-1:]} {code}",
               flush=True)
 
 
@@ -332,7 +334,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=20, help="of CPU for a file of tests in map")
     parser.add_argument("--tests", nargs="+", default=[], help="files of tests that map measures")
-    parser.add_argument("--again", action="store_true", help="only the survivors of the log, beside whole files of tests")
+    parser.add_argument("--again", action="store_true",
+                        help="only the survivors of the log, against whole files of tests")
     parser.add_argument("--unchanged", action="store_true",
                         help="run the same tests without the changes: none may fail")
     given = parser.parse_args()
