@@ -101,7 +101,7 @@ def pytest_runtest_teardown(item: Any) -> None:
         item.session.shouldstop = "The budget of this file is used."
 
 
-def pytest_sessionfinish() -> None:
+def pytest_sessionfinish(session: Any) -> None:
     """Write which tests executed which lines."""
     if SEEN not in os.environ:
         return
@@ -112,7 +112,8 @@ def pytest_sessionfinish() -> None:
                                      for line, names in data.contexts_by_lineno(file).items()}
              for file in data.measured_files()}
     Path(os.environ[SEEN]).write_text(json.dumps(
-        {"tests": _seen["tests"], "failed": _seen["failed"], "lines": lines}))
+        {"tests": _seen["tests"], "failed": _seen["failed"], "lines": lines,
+         "complete": not session.shouldstop}))
 
 
 # ---------------------------------------------------------------- copies, tests in them
@@ -172,6 +173,8 @@ class Map:
     def __init__(self, folder: Path) -> None:
         self.seen = {path.stem: json.loads(path.read_text()) for path in folder.glob("*.json")}
         self.failed = {name for seen in self.seen.values() for name in seen["failed"]}
+        self.complete = {next(iter(seen["tests"])).split("::")[0] for seen in self.seen.values()
+                         if seen["complete"] and seen["tests"]}
         self.covered = {stem: sum(map(len, seen["lines"].values()))
                         for stem, seen in self.seen.items()}
 
@@ -193,7 +196,7 @@ class Map:
         return []
 
     def choose(self, mutant: Mutant, *, whole: bool) -> list[list[tuple[float, str]]]:
-        """Return cheap and special tests, then more (six files, 100 s), then three whole files."""
+        """Return cheap and special tests, more (six files, 100 s), two files not seen to the end."""
         files = self.tests(mutant)
         first = {test for _, tests in files[:4] for test in tests[:2]}
         first |= set(sorted(test for _, tests in files for test in tests[:2])[:5])
@@ -204,8 +207,8 @@ class Map:
                     then.append(test)
                     left -= test[0]
         names = dict.fromkeys(test.split("::")[0] for _, tests in files for _, test in tests[:1])
-        then_whole = [(100.0, name) for name in list(names)[:3]] if whole else []
-        return [part for part in (sorted(first), then, then_whole) if part]
+        then_whole = [(50.0, name) for name in names if name not in self.complete][:2]
+        return [part for part in (sorted(first), then, then_whole if whole else []) if part]
 
 
 def try_out(copy: Copy, known: Map, mutant: Mutant, *, changed: bool,
