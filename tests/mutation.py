@@ -196,7 +196,7 @@ class Map:
         return []
 
     def choose(self, mutant: Mutant, *, whole: bool) -> list[list[tuple[float, str]]]:
-        """Return cheap and special tests, more (six files, 100 s), two files not seen to the end."""
+        """Return cheap and special tests, more (six files, 100 s), two files not seen whole."""
         files = self.tests(mutant)
         first = {test for _, tests in files[:4] for test in tests[:2]}
         first |= set(sorted(test for _, tests in files for test in tests[:2])[:5])
