@@ -12,16 +12,17 @@ demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
 	    --dt 1e-3 --steps 2000 --plot demo.png --view demo.html
 
-# What a file derives and makes is made once. Files go in the order of their names: by default those
-# of few tests come last, and test_bare_machine.py, the longest, with them.
+# What a file derives and makes is made once. Files go in the order of their folders and names:
+# test_bare_machine.py, the longest, starts in the middle. By default files of few tests come last,
+# and it with them.
 test: .venv/ready lint
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: .venv/ready
 	$(BIN)/ruff check .
 	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
-	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands generator references runtime storage studies sweeps) \
-	    $(addprefix -m gyrospark.,__main__ exact facade)
+	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands core generator references runtime storage studies sweeps) \
+	    $(addprefix -m gyrospark.,__main__ api exact)
 
 # The site, in build/site, with a line for each page that is read; warnings are errors, outputs of
 # cells are kept in build/cells.

@@ -4,7 +4,7 @@
 
 The steppers are the plain C that is exported, for any x86-64 (-O2, no contraction, no -march), so
 that one gcc of one major version makes the same code everywhere. ``instructions.json`` holds the
-counts; ``pytest tests/test_instructions.py --update`` makes them again.
+counts; ``pytest tests/benchmarks/test_instructions.py --update`` makes them again.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ..facade import files_of
+from ..api import files_of
 from ..generator.spec import Spec
 
 __all__ = ["ALLOWED", "FLAGS", "PATH", "STEPPERS", "Counter", "count_step", "find_counter",

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import InputError
-from ..generator.emission.profiles import PROFILES
+from ..core.arguments import listed
+from ..core.errors import InputError
+from ..core.lazy_imports import imported_for_good
+from ..core.progress import doing
+from ..generator.codegen.profiles import PROFILES
 from ..generator.spec import PAPER_SPECS, Spec
-from ..imports import imported_for_good
-from ..naming import listed
-from ..runtime.build.manifest import remarks_of
-from ..runtime.notices import doing
+from ..runtime.compilation.manifest import remarks_of
 from .options import (
     check_no_file,
     completing,
@@ -44,12 +44,16 @@ __all__ = ["generate"]
 @click.option("--check", is_flag=True,
               help="Write nothing; fail with a diff if the files in DIR are not up to date.")
 @click.option("--all", "everything", is_flag=True, help="Every stepper of the paper.")
-@click.option("--no-compile", is_flag=True, help="Only write the C; it builds with cc alone.")
+@click.option("--no-compile", is_flag=True,
+              help="Only write the C; cc -I \"$(gyrospark include)\" builds it.")
+@click.option("--standalone", is_flag=True,
+              help="Put the engine into the C, which cc then builds alone; profiles control "
+                   "and run are always written so.")
 @click.option("--allow-invalid", is_flag=True,
               help="Generate from a tableau although it violates required conditions.")
 def generate(
     profile: str | None, out: Path, check: bool, everything: bool, no_compile: bool,
-    allow_invalid: bool, **choice: Any,
+    standalone: bool, allow_invalid: bool, **choice: Any,
 ) -> int:
     """Write DIR/<name>.h, .c and .json for a stepper, and compile it.
 
@@ -73,23 +77,26 @@ def generate(
         specs = [spec_from(**choice).with_profile(profile)]
     check_no_file("--out", out)
     if check:
-        return max(check_files(spec, out, allow_invalid) for spec in specs)
+        return max(check_files(spec, out, allow_invalid, standalone) for spec in specs)
     for spec in specs:
         write_stepper(spec, out, compile_it=not no_compile and spec.profile == "full",
-                      allow_invalid=allow_invalid)
+                      allow_invalid=allow_invalid,
+                      standalone=standalone)
     return 0
 
 
-def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool) -> None:
+def write_stepper(
+    spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool, standalone: bool
+) -> None:
     """Generate, write, compile (where that is for Python) and report one stepper."""
     start = time.perf_counter()
     with doing(f"making {spec.model or spec.name}"):  # the summary says how long it took
         made = _generate(spec, allow_invalid)
-        write_files(made.source.files(), out)
+        write_files(made.source.files(standalone=standalone), out)
         derived = time.perf_counter()
         if compile_it:
-            from ..facade import keep_files
-            from ..runtime.build.module import load_module
+            from ..api import keep_files
+            from ..runtime.compilation.stepper_module import load_module
 
             load_module(made.source.name, made.source.files())
             if spec.tableau is None and spec.model is None:
@@ -124,11 +131,11 @@ def sum_operations(manifest: str) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items()) + " operations"
 
 
-def check_files(spec: Spec, out: Path, allow_invalid: bool) -> int:
+def check_files(spec: Spec, out: Path, allow_invalid: bool, standalone: bool) -> int:
     """Compare freshly generated text with the files in ``out``; print a unified diff."""
     made = _generate(spec, allow_invalid)
     stale = 0
-    for name, text in made.source.files().items():
+    for name, text in made.source.files(standalone=standalone).items():
         path = out / name
         old = _text_of(path)
         diff = list(difflib.unified_diff(

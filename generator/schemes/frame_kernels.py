@@ -14,11 +14,11 @@ from fractions import Fraction
 import sympy as sp
 
 from ..kernels.statements import Kernel
-from ..symmetry.frames import Frame, Symmetry
+from ..symmetry.frame_symmetries import Frame, Symmetry
 from ..symmetry.rotations import Rotation, turned
-from ..systems.elimination import connected
+from ..systems.elimination_order import connected
 from ..systems.system import System
-from .differences import vector
+from .system_differences import vector
 
 __all__ = ["Turning"]
 
@@ -74,14 +74,14 @@ class Turning:
         """Return the kernels of coordinates, momenta and, where g turns, multipliers."""
         n, m, groups = self.system.n, self.system.m, self.frame.groups
         made = [
-            self._kernel("turn_coordinates", "e^(omega t A) q", n,
+            self._kernel("rotate_coordinates", "e^(omega t A) q", n,
                          [[s.rotation for s in group] for group in groups]),
-            self._kernel("turn_momenta", "e^(-omega t A^T) p", n,
+            self._kernel("rotate_momenta", "e^(-omega t A^T) p", n,
                          [[s.rotation.dual for s in group] for group in groups]),
         ]
         if self.turns_multipliers:
             made.append(self._kernel(
-                "turn_multipliers", "C^(-T) lambda, where g(e^(theta A) q) = C g(q)", m,
+                "rotate_multipliers", "C^(-T) lambda, where g(e^(theta A) q) = C g(q)", m,
                 [[s.turns or Rotation({}) for s in group] for group in groups]))
         return made
 

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 TESTS = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(TESTS)]
+sys.path[:0] = [str(TESTS), str(TESTS / "helpers")]
 os.environ.setdefault("GYROSPARK_OPTIMISE", "1")
 
 from fuzz.judging import Failure, Verdict, corpus, judge, random_input, shrunk  # noqa: E402

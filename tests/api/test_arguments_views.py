@@ -1,0 +1,100 @@
+"""Rotations and pictures of a trajectory, and the packages they need."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import RUN, TOP, refused
+from gyrospark.core.extras import install
+from processes import FAST_TOP, python
+
+
+def test_rotation_there_and_back(gl3):
+    rotation_class = pytest.importorskip("scipy.spatial.transform").Rotation
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=20, **RUN)
+    rotation = made.rotation()
+    assert isinstance(rotation, rotation_class)
+    assert np.allclose(rotation.as_matrix()[:, :, 2], made.axis(), rtol=0, atol=4e-16)
+    q, p = gs.state_from_rotation(rotation, made.angular_velocity(), TOP.inertia)
+    sign = np.sign((q * made.q).sum(axis=1))[:, None]
+    assert np.allclose(sign * q, made.q, rtol=0, atol=4e-16)
+    assert np.allclose(sign * p, made.p, rtol=0, atol=1e-15)
+    gl3.step(q[5], p[5], **RUN)
+
+
+def test_what_is_no_body_has_no_axis():
+    x, y = sp.symbols("x y", real=True)
+    px, py = sp.symbols("px py", real=True)
+    pendulum = gs.System((x, y), (px, py), (), H=(px**2 + py**2) / 2 + y,
+                         constraints=[x**2 + y**2 - 1], name="disc")
+    made = gs.stepper("G-L", 2, system=pendulum).integrate([1, 0], [0, 1], dt=0.01, steps=3,
+                                                           parameters={})
+    for call in (made.axis, made.rotation, made.angular_velocity):
+        with pytest.raises(gs.GyrosparkError, match="'disc' is not one rigid body"):
+            call()
+    assert made.energy().shape == (4,)
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf", "PNG"])
+def test_picture_is_written(ending, tmp_path, gl3):
+    pytest.importorskip("matplotlib")
+    path = tmp_path / f"top.{ending}"
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=20, **RUN)
+    assert made.plot(path) is not None
+    start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending.lower()]
+    assert path.read_bytes().startswith(start)
+
+
+def test_jupyter_shows_a_picture_once(gl3):
+    """By itself: ``pyplot``, which would show it once more, knows nothing of it."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    figure = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN).plot()
+    data, size = figure._repr_png_()
+    assert data.startswith(b"\x89PNG")
+    width, height = np.frombuffer(data[16:24], dtype=">u4")  # of the first chunk, IHDR
+    assert (width, height) == (2 * size["width"], 2 * size["height"]) == (1584, 662)
+    assert pyplot.get_fignums() == []
+    assert isinstance(pickle.loads(pickle.dumps(figure)), type(figure))
+
+
+@pytest.mark.parametrize("name", ["top.txt", "top", "top.npz", "top.jpeg", ".png", ""])
+def test_other_pictures_are_refused(name, tmp_path, gl3):
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN)
+    with refused(r"\.png, \.svg, \.pdf"):
+        made.plot(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_pictures_of_special_trajectories(tmp_path, gl3):
+    """One state, a resting body, more states than a picture has points, no body: no warning."""
+    pytest.importorskip("matplotlib")
+    gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN).plot(tmp_path / "one.png")
+    gl3.integrate([1, 0, 0, 0], [0, 0, 0, 0], steps=3, **RUN).plot(tmp_path / "rest.png")
+    gl3.integrate(TOP.q0, TOP.p0, steps=45_000, **RUN).plot(tmp_path / "many.png")
+    gs.stepper("IMS", real="float").integrate([1, 0, 0, 0], [0, 0, 0, 0], steps=3, **RUN).plot(
+        tmp_path / "float.png")
+    with pytest.raises(gs.GyrosparkError, match="cannot be written"):
+        gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN).plot(tmp_path / "none" / "top.png")
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+@pytest.mark.parametrize(("module", "call", "extra"), [
+    ("matplotlib", "made.plot('top.png')", "plot"),
+    ("scipy", "made.rotation()", "rotation"),
+])
+def test_missing_extra_is_told_with_the_cure(module, call, extra):
+    code = FAST_TOP + (
+        f"import sys\nsys.modules['{module}'] = None\n"
+        "made = gs.stepper('IMS').integrate(top.q0, top.p0, dt=1e-3, steps=2, "
+        "parameters=parameters)\n"
+        f"try:\n    {call}\nexcept gs.MissingDependencyError as error:\n    print(error)\n"
+        "    assert isinstance(error, ImportError)\n"
+    )
+    said = python(code)
+    assert install(extra) in said
+    assert said.count("\n") == 1

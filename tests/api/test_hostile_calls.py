@@ -1,0 +1,113 @@
+"""Everything public, called with arguments that nobody should give: results or sentences."""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.core.registry import MODELS, PROBLEMS
+from hostile import WRONG, calls
+
+NAMES = [call.name for call in calls(None)]
+#: One of each kind of argument; the others are for the slow run.
+FEW = ("text", "none", "function", "texts", "nan", "huge", "block", "symbol", "dict")
+pytestmark = pytest.mark.filterwarnings("ignore::gyrospark.InputWarning")
+
+
+def check(number, wrongs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call = calls(tmp_path)[number]
+    ends = {call.try_one(argument, wrong) for argument, wrong in call.variants() if wrong in wrongs}
+    assert ends <= {"refused", "accepted"}
+    if call.make()[1]:
+        assert "refused" in ends
+
+
+@pytest.mark.parametrize("number", range(len(NAMES)), ids=lambda i: NAMES[i])
+def test_wrong_arguments_end_in_sentences(number, tmp_path, monkeypatch):
+    check(number, FEW, tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(NAMES)), ids=lambda i: NAMES[i])
+def test_any_wrong_argument_ends_in_a_sentence(number, tmp_path, monkeypatch):
+    check(number, {*WRONG} - {*FEW}, tmp_path, monkeypatch)
+
+
+def test_everything_public_is_called():
+    """Whatever is added to the public face is called here too."""
+    called = {name.rpartition(".")[2] for name in NAMES}
+    no_calls = {"Certificate", "Citations", "CompilerError", "Crossings", "Ensemble", "FrameChoice",
+                "GammaChoice", "GyrosparkError", "InputError", "InputWarning",
+                "MissingDependencyError", "Projection", "Recording", "Section", "Simulation",
+                "StepFailed", "Stepper", "Stopped", "StorageError", "TableauError", "Trajectory"}
+    public = {name for name in gs.__all__ if callable(getattr(gs, name))}
+    assert public - no_calls <= called
+    methods = {name for owner in (gs.Stepper, gs.Multibody, gs.Recording)
+               for name, _ in inspect.getmembers(owner, inspect.isfunction)
+               if not name.startswith("_")}
+    internal = {"beginning", "checked_run", "failure", "fed", "group", "measured", "warned"}
+    of_lagrangians = {"momenta", "velocities"}  # test_lagrangian.py calls them
+    assert methods - internal - of_lagrangians <= called
+    makers = {entry.name.replace("-", "_") for entry in (*PROBLEMS.values(), *MODELS.values())}
+    assert makers <= called
+
+
+def test_every_argument_is_spoilt(tmp_path):
+    """No argument of a public call is left out but by name."""
+    for call in calls(tmp_path):
+        function, arguments = call.make()
+        known = {name for name, of in inspect.signature(function).parameters.items()
+                 if of.kind is not of.VAR_POSITIONAL}
+        assert set(arguments) <= known, call.name
+        if call.name.startswith("Multibody."):  # several calls share a method's arguments
+            known -= {"rotation"} if "quaternion" in arguments else {
+                "quaternion", "rep", "weight", "position", "velocity", "angular_velocity"}
+        if call.name in MODELS:
+            known -= {"rep"}  # handed on to Multibody
+        assert not known - set(arguments), call.name
+
+
+@pytest.mark.parametrize("name", ["force", "torque"])
+def test_bodies_by_name_are_the_bodies(name):
+    """B.force("b", …) is B.force(b, …); a joint takes names too, and the ground."""
+    def built(by_name):
+        build = gs.Multibody("pushed")
+        a = build.top("a", mass=1, inertia=(0.1, 0.1, 0.05), centre=(0, 0, 1))
+        b = build.body("b", mass=1, inertia=(0.1, 0.1, 0.05))
+        getattr(build, name)("b" if by_name else b, (0, 1, 2))
+        build.ball("j", *(("a", "b") if by_name else (a, b)), on_a=(0, 0, 1), on_b=(0, 0, 0))
+        build.rod("r", "ground" if by_name else build.ground, b, on_b=(0.5, 0, 0), length=1.1)
+        return build.model()
+
+    one, other = built(by_name=True), built(by_name=False)
+    assert one.system.forces == other.system.forces
+    assert one.system.constraints == other.system.constraints
+    assert np.array_equal(one.q0, other.q0)
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda b: b.force("c", (0, 0, 1)), "A force holds on to 'c'.*a name: body"),
+    (lambda b: b.force("bodi", (0, 0, 1)), "did you mean body?"),
+    (lambda b: b.torque("body", lambda t: (0, 0, t)), "torque on 'body' is the function.*time"),
+    (lambda b: b.torque("body", (lambda t: t, 0, 0)), "no SymPy expression; call it"),
+], ids=range(4))
+def test_what_users_tried_is_told(call, words):
+    build = gs.Multibody("told")
+    build.body("body", mass=1, inertia=(0.1, 0.1, 0.05))
+    with pytest.raises(gs.InputError, match=words):
+        call(build)
+
+
+def test_progress_that_cannot_be_called_is_told(gl3, tmp_path):
+    top = gs.problems.fast_top()
+    run = {"dt": 1e-3, "steps": 3, "parameters": top.parameters | {"gamma": "m"}, "progress": True}
+    with pytest.raises(gs.InputError, match=r"progress = True cannot be called; give a function"):
+        gl3.integrate(top.q0, top.p0, **run)
+    with pytest.raises(gs.InputError, match="progress = True"):
+        gs.record(gl3, top.q0, top.p0, out=tmp_path / "a.zarr", **run)
+    with pytest.raises(gs.InputError, match="progress = True"):
+        gs.sweep(top, {"mgl": [0.3]}, scheme="IMS", dt=1e-3, steps=2, progress=True)

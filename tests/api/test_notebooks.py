@@ -1,0 +1,157 @@
+"""What notebooks show: whole HTML, with the numbers and formulas of the object, text escaped."""
+
+from __future__ import annotations
+
+import json
+import re
+import types
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import RUN, TOP
+from gyrospark.certificates.certificate import Certificate
+from gyrospark.certificates.measured_properties import Line
+from gyrospark.core.html import curve, table
+
+HOSTILE = "<script>alert(1)</script> & \"x\""
+
+
+class Reader(HTMLParser):
+    """Reads strictly: every tag is closed where it was opened."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.cells, self.points = [], [], [], ""
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.open.append(tag)
+        self.tags.append(tag)
+        if tag == "td":
+            self.cells.append("")
+        self.points = dict(attrs).get("points", self.points)
+
+    def handle_startendtag(self, tag, attrs):
+        self.points = dict(attrs).get("points", self.points)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "td":
+            self.cells[-1] += data
+
+
+def shown(thing):
+    return Reader(thing._repr_html_())
+
+
+@pytest.fixture(scope="module")
+def run(gl3):
+    return gl3.integrate(TOP.q0, TOP.p0, steps=600, **RUN)
+
+
+def test_a_trajectory_shows_its_report_and_a_curve(run):
+    found = shown(run)
+    assert "601 of 600 steps of 0.001 s" in found.cells
+    assert f"{run.report.energy_error_max:.2e}" in found.cells
+    points = np.array([[float(x) for x in pair.split(",")] for pair in found.points.split()])
+    assert 250 < len(points) <= 301
+    error = run.energy_error()[:: len(run) // 300]
+    assert np.argmin(points[:, 1]) == np.argmax(error)  # down the page is up the axis
+    assert (np.diff(points[:, 0]) > 0).all()
+
+
+def test_what_others_wrote_stays_text(run):
+    manifest = json.loads(json.dumps(run.manifest)) | {"name": HOSTILE}
+    line = Line(HOSTILE, HOSTILE, HOSTILE, False, HOSTILE)
+    for thing in (replace(run, manifest=manifest),
+                  Certificate(HOSTILE, HOSTILE, 2, 0.1, 3, {}, [line])):
+        text = thing._repr_html_()
+        assert "<script" not in text
+        assert "&lt;script&gt;alert(1)" in text
+        Reader(text)
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_an_ensemble_says_what_failed(gl3):
+    many = gl3.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, dt=[1e-3, 1.0, 1e-3], steps=5,
+                                  parameters=RUN["parameters"])
+    cells = shown(many).cells
+    assert cells[:4] == ["trajectories", "3 of 6 states", "failed", "1"]
+    assert cells[4:] == ["trajectory 1", str(many.failures[1])]
+
+
+def test_a_stepper_and_a_problem_say_what_a_run_needs(gl3):
+    cells = shown(gl3).cells
+    assert cells[cells.index("method") + 1] == "3-G-L, order 6, 27 unknowns"
+    assert all(name in cells[cells.index("parameters") + 1] for name in gl3.parameter_domains)
+    assert "heavy_top" in cells[cells.index("system") + 1]
+    cells = shown(TOP).cells
+    assert "mgl = 0.3924" in cells[cells.index("parameters") + 1]
+    chain = gs.stepper("IMS", system=gs.models.chain(10))
+    cells = shown(chain).cells
+    assert cells[cells.index("bodies") + 1].endswith("(10)")
+    assert len(chain._repr_html_()) < 3000
+
+
+def test_a_system_and_a_model_show_their_formulas():
+    model = gs.models.lagrange_top()
+    cells = shown(model).cells
+    H = cells[cells.index("H") + 1]
+    assert f"\\({sp.latex(model.system.H)}\\)" == H
+    assert cells[cells.index("g: a: unit quaternion") + 1].startswith("\\(a_{q0}^{2}")
+    assert "a_I1 = 0.004" in cells[cells.index("parameters") + 1]
+    long = gs.models.chain(20)
+    cells = shown(long).cells
+    assert re.fullmatch(r"\d+ terms with [\d,]+ parts", cells[cells.index("H") + 1])
+    assert len(long._repr_html_()) < 6000
+    x, u, c = sp.symbols("x u c", real=True)
+    pushed = gs.System([x], [u], [c], u**2 / 2, name="pushed", forces=[-c * u])
+    cells = shown(pushed).cells
+    assert cells[cells.index("F(u)") + 1] == "\\(- c u\\)"
+
+
+def test_a_tableau_is_butchers_table():
+    two = shown(gs.tableau("G-L", stages=2))
+    assert two.tags.count("table") == 4
+    half, root = sp.Rational(1, 2), sp.sqrt(3)
+    assert two.cells[:3] == [f"\\({sp.latex(e)}\\)"
+                             for e in (half - root / 6, half / 2, half / 2 - root / 6)]
+    for stages in (5, 9):  # where exact entries are pages long
+        found = gs.tableau("G-L", stages=stages)
+        cells = shown(found).cells
+        first = found.numeric(digits=30).A[0][1]
+        assert abs(float(cells[2]) - float(first)) < 1e-12
+        assert float(cells[0]) == pytest.approx(float(found.numeric(digits=30).c[0]), abs=1e-12)
+
+
+def test_a_certificate_is_a_row_a_promise():
+    made = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
+    found = shown(made)
+    assert found.tags.count("tr") == 1 + len(made.lines)
+    assert "every promise holds" in made._repr_html_()
+    assert found.cells[3::4] == [line.verdict for line in made.lines]
+
+
+def test_curves_and_tables_of_little():
+    assert curve([], [], "H") == curve([0.0], [1.0], "H") == ""
+    assert curve([0.0, 1.0, 2.0], [np.nan, np.inf, 1.0], "H") == ""
+    assert "polyline" in curve([0.0, 1.0], [2.0, 2.0], "H")
+    assert Reader(table([["a < b", 3]])).cells == ["a < b", "3"]
+
+
+def test_completion_offers_public_names(run):
+    for module in (gs, gs.models, gs.problems, gs.symbols):
+        for name in dir(module):
+            value = getattr(module, name)
+            assert not isinstance(value, types.ModuleType) or module is gs, name
+    offered = {name for name in dir(run.body()) if not name.startswith("_")}
+    assert {"attitude", "euler", "angular_velocity", "position", "momentum"} <= offered
+    assert not {"np", "run", "at"} & offered

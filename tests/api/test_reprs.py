@@ -1,0 +1,99 @@
+"""What an object shows of itself at a prompt: a line or two, its name, no address."""
+
+from __future__ import annotations
+
+import inspect
+import re
+
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import PARAMETERS, RUN, TOP
+from gyrospark.certificates.verification import verify_stepper
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.steppers.run_defaults import Start
+
+
+def built():
+    build = gs.Multibody("arm")
+    a, b = (build.body(name, mass=1, inertia=(1, 1, 1)) for name in "ab")
+    build.fixed_point("shoulder", a, on_body=(0, 0, 0.5), at=(0, 0, 0))
+    return [build, a, build.ground, build.ball("elbow", a, b, on_a=(0, 0, -0.5), on_b=(0, 0, 0.5)),
+            build.revolute("knee", a, b, axis=(1, 0, 0), on_a=(0, 0, 1), on_b=(0, 0, 1)),
+            build.rod("rod", a, b, on_a=(0, 0, 1), on_b=(0, 0, 1)),
+            build.spring("spring", a, build.ground, on_a=(0, 0, 1), on_b=(0, 0, 1), stiffness=3.0)]
+
+
+def small_system():
+    x, u, k = sp.symbols("x u k", real=True)
+    return gs.System([x], [u], [k], u**2 / 2 + k * x**2, name="small", forces=[-u],
+                     quantities={"size": x**2})
+
+
+@pytest.fixture(scope="module")
+def shown(gl3, tmp_path_factory):
+    """Objects of every public class, and of those that their attributes and calls return."""
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=300, **RUN)
+    chain, tableau = gs.models.chain(10), gs.tableau("G-L", stages=3)
+    choice = gs.choose_gamma(gl3, TOP.q0, TOP.p0, dt=1e-3, parameters=TOP.parameters, steps=20,
+                             bodies={"gamma": TOP.inertia})
+    framed = gs.stepper("G-L", 2, frame="symmetries")
+    frame = gs.choose_frame(framed, TOP.q0, TOP.p0, dt=1e-2, parameters=RUN["parameters"], steps=8)
+    certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
+    dip = gs.Event("q1", level=0.2)
+    section = gs.section(gl3, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
+    swung = gl3.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
+    many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
+    out = tmp_path_factory.mktemp("reprs") / "run.zarr"
+    return [
+        framed, frame, *framed.symmetries,
+        gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, Start.of_problem(TOP), run, run.report, many,
+        tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
+        choice, *choice.pilots,
+        certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
+        chain.system, small_system(), *built(),
+        gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
+        dip, section, swung.events["q1"], gs.cite(gl3),
+        gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
+    ]
+
+
+def test_every_public_class_is_looked_at(shown):
+    classes = {thing for thing in (getattr(gs, name) for name in gs.__all__)
+               if inspect.isclass(thing) and not issubclass(thing, BaseException)}
+    assert classes <= {type(thing) for thing in shown}
+
+
+def test_reprs_are_short_and_say_what_it_is(shown):
+    for thing in shown:
+        text, name = repr(thing), type(thing).__name__
+        assert len(text) < 300, text
+        assert text.count("\n") < 3
+        assert name in text
+        assert not re.search(r"\bat 0x|object at", text), text
+
+
+@pytest.mark.parametrize(("find", "text"), [
+    (lambda gl3: gl3, "<Stepper heavy_top_gl3_gamma: order 6, 27 unknowns>"),
+    (lambda gl3: small_system(),
+     "<System small: coordinates x; parameters k; 0 constraints; forces; quantities size>"),
+    (lambda gl3: gs.tableau("LIIIA-B", stages=2), "<Tableau liiiab2: 2 stages, p = 1, order 2>"),
+    (lambda gl3: TOP, "<Problem fast-top (heavy_top): I1 = 0.002, I2 = 0.002, I3 = 0.0008, "
+                      "mgl = 0.3924>"),
+    (lambda gl3: built()[0], "<Multibody arm: bodies a, b; joints shoulder, elbow, knee, rod, "
+                             "spring>"),
+])
+def test_what_they_say(find, text, gl3):
+    assert repr(find(gl3)) == text
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_errors_say_their_sentence(gl3):
+    """And not the trajectory that they carry."""
+    with pytest.raises(gs.StepFailed) as failure:
+        gl3.integrate(TOP.q0, TOP.p0, dt=1.0, steps=3, parameters=PARAMETERS)
+    stopped = gs.Stopped("Stopped at step 3 of 5.", 2, trajectory=failure.value.trajectory)
+    for error in (failure.value, stopped):
+        assert len(repr(error)) < 300
+        assert str(error) in repr(error)

@@ -1,0 +1,418 @@
+"""A simulation to hold: the bits of ``integrate``, its record, copies, parameters that change."""
+
+from __future__ import annotations
+
+import copy
+import os
+import pickle
+import runpy
+import signal
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from calls import LATE, PARAMETERS, RUN, TOP, refused
+from forced_systems import PARAMETERS as DRAG
+from forced_systems import start as start_of
+from forced_systems import stepper_for
+from gyrospark.runtime.results.run_arrays import OUTPUTS
+from gyrospark.runtime.steppers import simulation
+from input_systems import pendulum, stepper
+from processes import ROOT
+from strategies import EPS
+
+
+def begun(step, **more):
+    return step.start(TOP.q0, TOP.p0, **RUN | more)
+
+
+def in_pieces(sim, count, steps):
+    for _ in range(count):
+        sim.advance(steps)
+
+
+def assert_is(sim, run):
+    """Where a simulation is, a run ends, to the bit, and so does its record."""
+    assert np.array_equal(sim.q, run.q[-1])
+    assert np.array_equal(sim.p, run.p[-1])
+    assert sim.t == run.t[-1]
+    assert sim.report == run.report
+
+
+@pytest.mark.parametrize("solver", ["auto", "newton", "fixed-point"])
+def test_any_split_is_a_run_to_the_bit(solver, step):
+    run = step.integrate(TOP.q0, TOP.p0, steps=150, solver=solver, **RUN)
+    sim = begun(step, solver=solver)
+    for steps in (1, 0, 1, 16, 17, 115):
+        sim.advance(steps)
+    assert_is(sim, run)
+    assert sim.steps == 150
+    assert sim.dt == 1e-3
+
+
+@given(parts=st.lists(st.integers(0, 40), max_size=8))
+@settings(max_examples=20, deadline=None)
+def test_whatever_the_split(parts, gl3):
+    sim = begun(gl3)
+    for steps in parts:
+        sim.advance(steps)
+    assert_is(sim, gl3.integrate(TOP.q0, TOP.p0, steps=sum(parts), **RUN))
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
+@pytest.mark.parametrize("solver", ["auto", "newton"])
+def test_every_type(real, solver):
+    """Times of a float128 simulation have 34 digits; steps need Newton's help at this dt."""
+    step = gs.stepper("G-L", 2, real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    how = {"dt": 0.02, "parameters": PARAMETERS, "t0": 1.5, "solver": solver}
+    run = step.integrate(q, p, steps=12, **how)
+    sim = step.start(q, p, **how)
+    sim.advance(5)
+    sim.advance(7)
+    assert_is(sim, run)
+    assert_is(pickle.loads(pickle.dumps(sim)), run)
+
+
+@pytest.mark.parametrize("scheme", [("EMS", None), ("G-L", 2)])
+def test_forces_time_and_quantities(scheme):
+    """A system of one's own, with drag and a drive; W goes on, and so does the time."""
+    step = stepper_for("pendulum", *scheme)
+    q, p = start_of("pendulum", step)
+    how = {"dt": 0.05, "parameters": DRAG, "t0": 2.0}
+    run = step.integrate(q, p, steps=60, **how)
+    sim = step.start(q, p, **how)
+    in_pieces(sim, 20, 3)
+    assert_is(sim, run)
+    assert sim.report.work == run.work[-1] != 0
+    for name in ("height", "drive"):
+        assert sim.quantity(name) == run.quantity(name)[-1]
+    with refused("'depth'.*height"):
+        sim.quantity("depth")
+
+
+def test_many_bodies_and_a_tableau_without_sweeps():
+    """A model in forms, and one whose every step is Newton's."""
+    model = gs.models.chain(3)
+    tableau = ROOT / "examples" / "tableaux" / "radau_plain_2.json"
+    for step in (gs.stepper("G-L", 2, system=model), gs.stepper(tableau=tableau, system=model)):
+        how = {"dt": 2e-3, "parameters": dict(model.parameters) | dict.fromkeys(model.bodies, "m")}
+        run = step.integrate(model.q0, model.p0, steps=12, **how)
+        sim = step.start(model.q0, model.p0, **how)
+        sim.advance(5)
+        sim.advance(7)
+        assert_is(sim, run)
+
+
+def test_copies_go_their_own_way(gl3):
+    sim = begun(gl3)
+    sim.advance(30)
+    copies = [sim.copy(), copy.copy(sim), copy.deepcopy(sim), pickle.loads(pickle.dumps(sim))]
+    sim.advance(50)
+    assert all(one.steps == 30 for one in copies)
+    for one in copies:
+        one.advance(50)
+        assert np.array_equal(one.q, sim.q)
+        assert np.array_equal(one.p, sim.p)
+        assert one.report == sim.report
+
+
+def test_a_pickle_of_other_code_is_refused(gl3):
+    sim = begun(gl3)
+    make, (step, provenance, *rest) = sim.__reduce__()
+    assert make is simulation._unpickled
+    with refused("pickled.*cpu"):
+        make(step, provenance | {"cpu": "another"}, *rest)
+
+
+def test_arrays_belong_to_the_caller(gl3):
+    sim = begun(gl3)
+    sim.advance(3)
+    q, p = sim.q, sim.p
+    q[:] = p[:] = 0
+    sim.advance(4)
+    assert_is(sim, gl3.integrate(TOP.q0, TOP.p0, steps=7, **RUN))
+
+
+# ---------------------------------------------------------------- parameters that change
+
+
+def test_parameters_change_between_steps(step):
+    """What was held is as good as a start anew: the same motion to round-off, no jump of errors."""
+    sim = begun(step)
+    sim.advance(40)
+    before = sim.report
+    heavier = sim.parameters | {"mgl": 2 * PARAMETERS["mgl"]}
+    sim.parameters = heavier
+    assert sim.parameters == heavier
+    anew = step.integrate(sim.q, sim.p, dt=1e-3, steps=40, parameters=heavier)
+    sim.advance(40)
+    assert abs(sim.q - anew.q[-1]).max() < 1e-13
+    assert abs(sim.p - anew.p[-1]).max() < 1e-13
+    assert sim.report.energy_error_max < 2 * (before.energy_error_max
+                                              + anew.report.energy_error_max)
+    assert abs(sim.report.energy_start - anew.report.energy_start) < 1e-12 + \
+        2 * before.energy_error_max
+
+
+def test_the_same_parameters_change_nothing(step):
+    sim = begun(step)
+    for _ in range(6):
+        sim.advance(20)
+        sim.parameters = PARAMETERS
+    assert_is(sim, step.integrate(TOP.q0, TOP.p0, steps=120, **RUN))
+
+
+def test_parameters_that_the_state_is_off(gl3):
+    """The length of a pendulum cannot change under way; the old value stays."""
+    import sympy as sp
+
+    x, y, u, v = sp.symbols("x y u v", real=True)
+    r, g = sp.symbols("r g", positive=True)
+    swing = gs.System((x, y), (u, v), (r, g), (u**2 + v**2) / 2 + g * y, (x**2 + y**2 - r**2,),
+                      name="swing")
+    sim = gs.stepper("G-L", 2, system=swing).start([0.6, -0.8], [0.8, 0.6], dt=0.01,
+                                                   parameters={"r": 1, "g": 9.81})
+    with refused("constraints"):
+        sim.parameters = {"r": 1.1, "g": 9.81}
+    sim.parameters = {"r": 1, "g": 1.62}
+    sim.advance(5)
+    assert sim.parameters == {"r": 1, "g": 1.62}
+    with pytest.raises(TypeError):
+        sim.parameters["g"] = 3
+    for wrong, said in (({"g": 1}, "'r'"), ({"r": 1, "g": -1}, "not positive"),
+                        ({"r": 1, "g": 1, "h": 1}, "'h' is unknown")):
+        with refused(said):
+            sim.parameters = wrong
+
+
+# ---------------------------------------------------------------- a controller
+
+
+def test_a_controller_settles_as_its_poles_say(monkeypatch):
+    """The example's ends: an axis decays as the slowest root of its sampled, linear loop.
+
+    About each axis I θ̈ = −θ/4 − 4 θ̇, the right side held for h = 0.1 s: between two looks
+    (θ, θ̇) is multiplied by a matrix of two rows.
+    """
+    monkeypatch.chdir(ROOT)
+    example = runpy.run_path(str(ROOT / "examples" / "attitude_control.py"))
+    sim, seen, h = example["sim"], example["seen"], 0.1
+    assert sim.t == pytest.approx(600, abs=1e-9)
+    assert seen[0] > 70
+    assert seen[-1] < 1e-14
+    assert sim.report.constraint_max <= 2 * EPS
+    assert sim.report.momentum_constraint_max <= 2 * EPS
+    slowest = max(abs(np.linalg.eigvals(np.array([[1, h], [0, 1]]) - np.outer(
+        [h**2 / 2, h], [0.25, 4]) / inertia)).max() for inertia in (12, 10, 3))
+    assert seen[5900] / seen[5000] == pytest.approx(slowest**900, rel=1e-4)
+
+
+# ---------------------------------------------------------------- failures
+
+
+@pytest.mark.parametrize("solver", ["auto", "newton", "fixed-point"])
+def test_a_failed_step_leaves_the_last_good_state(solver, failures):
+    for step, options, _ in failures:
+        options = options | {"solver": solver}
+        with pytest.raises(gs.StepFailed) as of_run:
+            step.integrate(*LATE, steps=200, **options)
+        sim = step.start(*LATE, **options)
+        with pytest.raises(gs.StepFailed) as found:
+            in_pieces(sim, 40, 5)
+        done = of_run.value.trajectory
+        assert (found.value.step, found.value.reason) == (of_run.value.step, of_run.value.reason)
+        assert sim.steps == found.value.step - 1 == done.report.steps
+        assert np.array_equal(sim.q, done.q[-1])
+        assert len(found.value.trajectory) == 1
+        assert np.array_equal(found.value.trajectory.q[0], sim.q)
+        assert found.value.trajectory.t[0] == sim.t
+        with pytest.raises(gs.StepFailed):  # it stays there
+            sim.advance()
+        assert np.array_equal(sim.q, done.q[-1])
+        q, p = step.project(sim.q, sim.p, parameters=PARAMETERS)
+        again = step.start(q, p, dt=1e-4, parameters=PARAMETERS, t0=sim.t)
+        again.advance(3)
+        assert again.report.constraint_max < 1e-15
+
+
+def test_it_goes_on_after_a_failure(gl3):
+    """A weight at which no step is found, then a lighter one: steps from the last good state."""
+    sim = gl3.start(TOP.q0, TOP.p0, dt=5e-3, parameters=PARAMETERS)
+    sim.advance(10)
+    kept = sim.q, sim.p
+    sim.parameters = PARAMETERS | {"mgl": 1e6}
+    with pytest.raises(gs.StepFailed):
+        sim.advance(5)
+    assert np.array_equal(sim.q, kept[0])
+    sim.parameters = PARAMETERS
+    sim.advance(10)
+    anew = gl3.integrate(*kept, dt=5e-3, steps=10, parameters=PARAMETERS)
+    assert abs(sim.q - anew.q[-1]).max() < 1e-12
+    assert sim.report.constraint_max < 1e-15
+
+
+def test_wrong_use_is_refused(gl3):
+    with refused("solver.*'python'"):
+        begun(gl3, solver="python")
+    with refused("constraints"):
+        gl3.start(2 * TOP.q0, TOP.p0, **RUN)
+    with refused("integrate"):
+        begun(gl3, parameters=PARAMETERS | {"gamma": "auto"})
+    sim = begun(gl3)
+    for wrong in (-1, 1.5, "3", None, True, 2**63):
+        with refused("steps"):
+            sim.advance(wrong)
+    sim.advance(2.0)
+    sim.advance(np.int64(3))
+    assert sim.steps == 5
+
+
+def test_one_thread_at_a_time(gl3):
+    sim, said = begun(gl3), []
+    long = threading.Thread(target=lambda: sim.advance(300_000))
+    long.start()
+    while not sim._in_use.locked() and long.is_alive():
+        pass
+    for use in (sim.advance, sim.copy, lambda: pickle.dumps(sim)):
+        with refused("thread"):
+            use()
+        said.append(long.is_alive())
+    long.join()
+    assert any(said)
+    assert sim.steps == 300_000
+
+
+def test_ctrl_c_ends_a_long_call_at_a_step(gl3):
+    """The simulation stands where it was ended, and goes on from there to the bit."""
+    sim = begun(gl3)
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(gs.Stopped, match=r"step [\d,]+ of 100,000,000") as stopped:
+        sim.advance(100_000_000)
+    timer.join()
+    assert stopped.value.signal == signal.SIGINT
+    other = begun(gl3)
+    other.advance(sim.steps)
+    for one in (sim, other):
+        one.advance(3)
+    assert sim.steps > 3
+    assert np.array_equal(sim.q, other.q)
+    assert sim.report == other.report
+
+
+def test_what_it_says_of_itself(gl3):
+    sim = begun(gl3)
+    sim.advance(12)
+    assert repr(sim) == "<Simulation by heavy_top_gl3_gamma: 12 steps of 0.001 s, t = 0.012 s>"
+    assert isinstance(sim, gs.Simulation)
+
+
+def test_the_start_counts_once_in_a_run(gl3):
+    """Means are over k = 0..N; a start that is a little off shows how often it was counted."""
+    q = TOP.q0 * (1 + 2e-15)
+    run = gl3.integrate(q, TOP.p0, steps=1, **RUN)
+    assert run.report.constraint_mean == pytest.approx(run.g_errors.mean(), rel=1e-12)
+
+
+def assert_same_run(found, run):
+    """Every array of a trajectory is another's, to the bit, and so is the report."""
+    for one in OUTPUTS:
+        a, b = getattr(found, one.attribute), getattr(run, one.attribute)
+        assert a.dtype == b.dtype
+        assert np.array_equal(a, b, equal_nan=a.dtype != object), one.attribute
+    assert found.report == run.report
+    assert (found.dt, found.every) == (run.dt, run.every)
+    assert list(map(repr, found.parameters.items())) == list(map(repr, run.parameters.items()))
+
+
+@pytest.mark.parametrize(("scheme", "stages", "solver"), [
+    ("G-L", 2, "auto"), ("EMS", None, "newton"), ("IMS", None, "fixed-point")])
+@given(parts=st.lists(st.tuples(st.integers(0, 30), st.none() | st.integers(-3, 3)), max_size=6))
+@settings(max_examples=4, deadline=None)
+def test_a_history_is_that_of_integrate(scheme, stages, solver, parts):
+    """With the inputs that held in each step, however the steps are shared out, and goes on."""
+    step = stepper(pendulum, scheme, stages)
+    how = {"dt": 0.03, "t0": 1.5, "solver": solver}
+    given_ = {"push": 0.5, "pull": -1.0}
+    sim = step.start([0.6, -0.8], [0.8, 0.6], parameters={"k": 2.0} | given_, record=True, **how)
+    rows = []
+    for steps, pull in parts:
+        given_ |= {} if pull is None else {"pull": pull}
+        sim.advance(steps, **({} if pull is None else {"pull": pull}))
+        rows += [list(given_.values())] * steps
+        if steps % 2:
+            sim = pickle.loads(pickle.dumps(sim))
+    whole = step.integrate([0.6, -0.8], [0.8, 0.6], parameters={"k": 2.0} | (
+        given_ if all(pull is None for _, pull in parts) else {}), steps=len(rows),
+        inputs=None if all(pull is None for _, pull in parts) else np.reshape(rows, (-1, 2)), **how)
+    assert_same_run(sim.trajectory, whole)
+    assert_is(sim, whole)
+
+
+@pytest.mark.parametrize("real", ["float", "float128"])
+def test_a_history_of_every_type(real, tmp_path):
+    """It is a trajectory: saved, read, asked between its steps."""
+    step = gs.stepper("G-L", 2, real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    how = {"dt": 0.002, "parameters": PARAMETERS}
+    sim = step.start(q, p, **how, record=True)
+    in_pieces(sim, 7, 5)
+    run = step.integrate(q, p, steps=35, **how)
+    found = sim.trajectory
+    assert_same_run(found, run)
+    assert_same_run(gs.Trajectory.load(found.save(tmp_path / "run.npz")), run)
+    assert np.array_equal(found.at([0.0123]).q, run.at([0.0123]).q)
+    sim.advance(5)
+    assert len(found) == 36
+    assert len(sim.trajectory) == 41
+
+
+def test_a_history_in_a_frame():
+    step = gs.stepper("G-L", 2, frame="symmetries")
+    run = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=90,
+                         parameters=PARAMETERS | {"frame": "start"})
+    sim = step.start(TOP.q0, TOP.p0, dt=1e-3, parameters=run.parameters, record=True)
+    in_pieces(sim, 9, 10)
+    assert_same_run(sim.trajectory, run)
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_a_history_ends_where_a_step_fails(gl3):
+    """With all until then; copies have their own."""
+    sim = begun(gl3, dt=0.08, record=True, solver="fixed-point", max_iterations=30)
+    other = sim.copy()
+    with pytest.raises(gs.StepFailed) as failed:
+        sim.advance(10)
+    assert len(failed.value.trajectory) == len(sim.trajectory) == sim.steps + 1
+    assert len(other.trajectory) == 1
+    with refused("records"):
+        sim.advance(1)
+
+
+def test_a_history_is_asked_for(gl3):
+    with refused("record=True"):
+        _ = begun(gl3).trajectory
+    with refused("record"):
+        begun(gl3, record=1)
+    sim = begun(gl3, record=True)
+    with refused("parameters"):
+        sim.parameters = sim.parameters | {"mgl": 0.1}
+    assert len(sim.trajectory) == 1
+
+
+def test_a_history_grows_as_a_list_does(gl3):
+    """Room is made a logarithm of times; a call of many steps makes it once."""
+    sim, rooms = begun(gl3, record=True), set()
+    for _ in range(500):
+        sim.advance(1)
+        rooms.add(len(sim._held._rows.iterations))
+    assert len(rooms) <= 6
+    assert max(rooms) < 2 * 500
+    sim.advance(20_000)
+    assert_is(sim, sim.trajectory)

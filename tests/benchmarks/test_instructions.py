@@ -1,0 +1,56 @@
+"""The speed: instructions of one step of the exported C are those that are checked in, ± 5 %.
+
+``pytest tests/benchmarks/test_instructions.py --update`` makes the numbers again after a wanted
+change.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from gyrospark.benchmarks.callgrind import (
+    ALLOWED,
+    FLAGS,
+    STEPPERS,
+    count_step,
+    find_counter,
+    recorded,
+    write,
+)
+
+KNOWN = recorded()
+
+
+def test_every_stepper_is_counted(pytestconfig):
+    """With --update: count, write and be done."""
+    if pytestconfig.getoption("update"):
+        counter = find_counter()
+        if counter.missing:
+            pytest.skip(counter.missing)
+        write(counter, dict(count_step(counter, *stepper) for stepper in STEPPERS))
+        return
+    assert len(KNOWN["steps"]) == len(STEPPERS)
+    assert set(FEW) < set(STEPPERS)
+    assert KNOWN["flags"] == " ".join(FLAGS)
+
+
+#: One of each template; the others differ from them by numbers.
+FEW = (("G-L", 2, "gamma"), ("G-L", 3, "gamma"), ("LIIIA-B", 3, "gamma"), ("EMS", None, "gamma"))
+
+
+@pytest.mark.parametrize("stepper", [
+    stepper if stepper in FEW else pytest.param(stepper, marks=pytest.mark.slow)
+    for stepper in STEPPERS], ids=lambda s: "-".join(map(str, s)))
+def test_instructions(stepper, pytestconfig):
+    if pytestconfig.getoption("update"):
+        pytest.skip("the numbers are being made again")
+    counter = find_counter(KNOWN["gcc"])
+    if counter.missing:
+        pytest.skip(counter.missing)
+    name, count = count_step(counter, *stepper)
+    wanted = KNOWN["steps"][name]
+    change = count / wanted - 1
+    assert abs(change) <= ALLOWED, (
+        f"A step of {name} takes {count:,.0f} instructions, {wanted:,} are checked in "
+        f"({change:+.1%}); if that is wanted, "
+        "`pytest tests/benchmarks/test_instructions.py --update`.")

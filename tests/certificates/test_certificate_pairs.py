@@ -1,0 +1,380 @@
+"""Right and spoilt: each pair differs by 1e-6, 1e-9 or 1e-12, and both verdicts are known before.
+
+No right method or model is accused, no wrong one praised. What is spoilt by 1e-12 is hidden by
+round-off in a run: there exact algebra decides, and the certificate says what the run cannot show.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from command_line import EXAMPLE
+from gyrospark.certificates.guarantees import MeanPromises, SparkPromises
+from gyrospark.generator.multibody.rigid_body import body_system, mgl, rotation_matrix
+from gyrospark.generator.symmetry.momentum_maps import momentum_maps
+from gyrospark.generator.tableaux.conditions import check_tableau
+from gyrospark.generator.tableaux.observed_order import observed_order
+from gyrospark.generator.tableaux.tableau_file import read_tableau
+
+SIZES = (1e-6, 1e-9, 1e-12)
+HOLDS, FAILS, TOLD, ABSENT = True, False, None, "absent"
+
+x, y, z, px, py, pz = sp.symbols("x y z px py pz", real=True)
+k, s, f, h, d, tilt, r = sp.symbols("k s f h d tilt r", real=True)
+
+#: An oscillator: round for k = 1, linear for s = 0; pushed with a gradient for f = h, damped by d.
+PLANE = gs.System((x, y), (px, py), (k, s, f, h, d),
+                  (px**2 + py**2 + x**2 + k * y**2) / 2 + s * x**4, name="plane",
+                  forces=(-f * y - d * px, -h * x - d * py))
+#: A spherical pendulum: round for k = 1, upright for tilt = 0, its constraint quadratic for r = 0.
+SPHERE = gs.System((x, y, z), (px, py, pz), (k, tilt, r),
+                   (px**2 + py**2 + pz**2) / 2 + 9 * z + tilt * x,
+                   (x**2 + k * y**2 + z**2 + r * x**4 - 1,), name="sphere")
+RIGHT = {"plane": {"k": 1.0, "s": 0.0, "f": 0.25, "h": 0.25, "d": 0.0},
+         "sphere": {"k": 1.0, "tilt": 0.0, "r": 0.0}}
+STARTS = {"plane": ([0.6, -0.3], [0.2, 0.5]), "sphere": ([0.0, 0.6, -0.8], [0.7, 0.4, 0.3])}
+ROUND = RIGHT["plane"] | {"f": 0.0, "h": 0.0}
+
+
+@cache
+def certificate(system: gs.System, scheme: str, values: tuple[tuple[str, float], ...]) -> Any:
+    """Certify one of the systems; G-L with two stages."""
+    parameters = dict(values)
+    stages = 2 if scheme == "G-L" else None
+    q, p = STARTS[system.name]
+    q, p = gs.stepper(scheme, stages, system=system).project(q, p, parameters=parameters)
+    return gs.certify(gs.Model(system, parameters, q, p, dt=0.02, steps=100), scheme, stages)
+
+
+def verdict(found: Any, quantity: str) -> Any:
+    """Return the verdict of a line, ABSENT without one."""
+    return next((line.holds for line in found.lines if line.quantity.startswith(quantity)), ABSENT)
+
+
+# ---------------------------------------------------------------- models
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A model by its parameters, one of which is off by a given size; two verdicts on a line."""
+
+    system: gs.System
+    scheme: str
+    quantity: str
+    right: dict[str, float]
+    changed: str
+    verdicts: tuple[Any, Any]
+
+
+LOOP, ENERGY, TURN, VERTICAL = "loop", "energy", "angular momentum", "angular momentum about e3"
+PUSHED, LEVEL = RIGHT["plane"], RIGHT["sphere"]
+MODELS = {
+    "a linear oscillator keeps its energy with IMS":
+        Pair(PLANE, "IMS", ENERGY, ROUND, "s", (HOLDS, TOLD)),
+    "a linear oscillator keeps its energy with G-L":
+        Pair(PLANE, "G-L", ENERGY, ROUND, "s", (HOLDS, TOLD)),
+    "a linear oscillator or not, EMS keeps its energy":
+        Pair(PLANE, "EMS", ENERGY, ROUND, "s", (HOLDS, HOLDS)),
+    "EMS is the midpoint rule on a linear oscillator, and so symplectic":
+        Pair(PLANE, "EMS", LOOP, ROUND, "s", (HOLDS, TOLD)),
+    "G-L is symplectic on any oscillator":
+        Pair(PLANE, "G-L", LOOP, ROUND, "s", (HOLDS, HOLDS)),
+    "a round oscillator keeps its angular momentum":
+        Pair(PLANE, "G-L", TURN, ROUND, "k", (HOLDS, TOLD)),
+    "a round oscillator keeps its angular momentum with EMS":
+        Pair(PLANE, "EMS", TURN, ROUND, "k", (HOLDS, TOLD)),
+    "a push that is a gradient is symplectic":
+        Pair(PLANE, "G-L", LOOP, PUSHED, "f", (HOLDS, TOLD)),
+    "a push that is a gradient is symplectic with IMS":
+        Pair(PLANE, "IMS", LOOP, PUSHED, "h", (HOLDS, TOLD)),
+    "damping is no gradient":
+        Pair(PLANE, "G-L", LOOP, ROUND, "d", (HOLDS, TOLD)),
+    "a damped run is still in balance with EMS":
+        Pair(PLANE, "EMS", ENERGY, ROUND, "d", (HOLDS, HOLDS)),
+    "a round sphere keeps the angular momentum about the vertical":
+        Pair(SPHERE, "G-L", VERTICAL, LEVEL, "k", (HOLDS, TOLD)),
+    "upright gravity keeps the angular momentum about e3":
+        Pair(SPHERE, "G-L", VERTICAL, LEVEL, "tilt", (HOLDS, ABSENT)),
+    "gravity of any direction keeps the angular momentum about that":
+        Pair(SPHERE, "G-L", TURN, LEVEL, "tilt", (HOLDS, HOLDS)),
+    "a quadratic constraint does no work in IMS":
+        Pair(SPHERE, "IMS", ENERGY, LEVEL, "r", (HOLDS, TOLD)),
+    "a constraint of any kind keeps G-L symplectic":
+        Pair(SPHERE, "G-L", LOOP, LEVEL, "r", (HOLDS, HOLDS)),
+    "a constraint that is not round takes IMS's angular momentum":
+        Pair(SPHERE, "IMS", VERTICAL, LEVEL, "r", (HOLDS, TOLD)),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_models(name: str) -> None:
+    pair = MODELS[name]
+    right = certificate(pair.system, pair.scheme, tuple(pair.right.items()))
+    assert verdict(right, pair.quantity) is pair.verdicts[0]
+    assert right.holds
+    for size in SIZES:
+        values = pair.right | {pair.changed: pair.right[pair.changed] + size}
+        spoilt = certificate(pair.system, pair.scheme, tuple(values.items()))
+        assert verdict(spoilt, pair.quantity) is pair.verdicts[1], size
+        assert spoilt.holds, size  # the method does what it promises of that model as well
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("part", ["q", "p"])
+def test_starts_off_the_constraints_are_refused(part: str, size: float) -> None:
+    q, p = gs.stepper("G-L", 2, system=SPHERE).project(*STARTS["sphere"], parameters=LEVEL)
+    (q if part == "q" else p)[2] += size
+    with pytest.raises(gs.InputError, match="constraints"):
+        gs.certify(gs.Model(SPHERE, LEVEL, q, p, dt=0.02, steps=10), "G-L", 2)
+
+
+@pytest.mark.parametrize("size", [*SIZES, 1e-15])
+def test_nearly_symmetric_tops(size: float) -> None:
+    """I₂ = I₁ (1 + size) keeps nothing about its figure axis, and all of it about the vertical."""
+    top = gs.problems.fast_top()
+    moments = {"I2": top.parameters["I1"] * (1 + size)}
+    found = gs.certify(top, "G-L", 2, steps=100, parameters=moments)
+    assert found.holds
+    assert verdict(found, VERTICAL) is HOLDS
+    assert found.line(VERTICAL).why == "{J, H} = 0 (expanded)"
+    figure = next((line for line in found.lines if "body's axis 3" in line.quantity), None)
+    if figure is not None:  # told as far as it is near
+        assert figure.holds is TOLD
+        assert "a near symmetry" in figure.why
+    assert (figure is None) == (size == 1e-6)
+    exact = gs.certify(top, "G-L", 2, steps=100)
+    assert exact.line("angular momentum about the body's axis 3").holds is HOLDS
+
+
+@pytest.mark.parametrize("size", [*SIZES, 1e-8, 1e-7, 1e-15])
+def test_tilted_potentials(size: float) -> None:
+    """Gravity along (size, 0, 1) keeps the angular momentum about just that, for any size."""
+    q = sp.symbols("q0:4", real=True)
+    R = rotation_matrix(q)
+    system = body_system("tilted", "gamma", mgl * (R[2, 2] + tilt * R[0, 2]), (mgl, tilt))
+    parameters = {"I1": 1.0, "I2": 2.0, "I3": 2.5, "mgl": 0.7, "gamma": 1.8, "tilt": size}
+    (J,) = momentum_maps(system, parameters, [0.8, 0.6, 0, 0], [0.06, -0.08, 0.2, 0.3])
+    assert J.name == f"angular momentum about ({size:.6g}, 0, 1)"
+    assert J.everywhere
+    assert J.proof == "expanded"
+    exact = sp.Rational(size)
+    e1, e3 = (J.J.coeff(system.p[i]).coeff(q[0]) for i in (1, 3))
+    assert abs(e1 / e3) == exact
+
+
+# ---------------------------------------------------------------- tableaux, in algebra alone
+
+
+def spoilt(size: float, *places: tuple[str, int, int], sign: int = 1) -> dict[str, Any]:
+    """Return Gauss-Lobatto 2 with a fraction added to some entries, and no claims."""
+    table = json.loads(EXAMPLE.read_text(encoding="utf-8"))
+    table = {key: part for key, part in table.items() if key not in ("order", "symmetric")}
+    table = {"A_hat": table["A"], "b_hat": table["b"]} | json.loads(json.dumps(table))
+    for key, i, j in places:
+        part = table[key] = json.loads(json.dumps(table[key]))
+        row = part if j < 0 else part[i]
+        column = i if j < 0 else j
+        row[column] = f"{row[column]} + {sign * Fraction(size).limit_denominator(10**15)}"
+    return table
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[..., Any]:
+    """Return the tableau of a table."""
+
+    def tableau(table: dict[str, Any], **changes: Any) -> Any:
+        path = tmp_path / "table.json"
+        path.write_text(json.dumps(table | changes), encoding="utf-8")
+        return read_tableau(path)
+
+    return tableau
+
+
+def promises(tableau: Any, system: gs.System = PLANE, values: Any = None) -> SparkPromises:
+    values = values or {"plane": ROUND, "sphere": LEVEL}[system.name]
+    return SparkPromises(system, {s: sp.Rational(values[str(s)]) for s in system.parameters},
+                         tableau)
+
+
+def turning(system: gs.System = PLANE) -> Any:
+    """Return the angular momentum of a system."""
+    values = {"plane": ROUND, "sphere": LEVEL}[system.name]
+    return next(J for J in momentum_maps(system, values, *STARTS[system.name])
+                if J.name.startswith(TURN))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_tableau_spoilt_in_one_matrix(read: Callable[..., Any], size: float) -> None:
+    """Â: not symplectic, no angular momentum, no quadratic energy, not symmetric."""
+    right, wrong = (promises(read(spoilt(e, ("A_hat", 0, 0)))) for e in (0, size))
+    assert right.loop().made
+    assert not right.loop().broken
+    assert f"off by {size / 2:.0e}".replace("e-0", "e-") in wrong.loop().broken.replace(".0e", "e")
+    assert not right.momentum(turning()).broken
+    assert wrong.momentum(turning()).broken
+    assert right.energy().made
+    assert not wrong.energy().made
+    assert right.symmetric
+    assert not wrong.symmetric
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_tableau_spoilt_in_its_constraints(read: Callable[..., Any], size: float) -> None:
+    """Ã: not symplectic with constraints; without them nothing is wrong, and nothing said."""
+    places = ("A_tilde", 0, 0), ("A_tilde", 1, 0)
+    right, wrong = (read(spoilt(e, *places)) for e in (0, size))
+    assert not promises(right, SPHERE).loop().broken
+    assert promises(wrong, SPHERE).loop().broken
+    assert promises(wrong, SPHERE).momentum(turning(SPHERE)).broken
+    assert not promises(wrong, PLANE).loop().broken
+    assert promises(wrong, PLANE).energy().made
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_two_kinds_of_weights(read: Callable[..., Any], size: float) -> None:
+    right, wrong = (promises(read(spoilt(e, ("b_hat", 0, -1)))) for e in (0, size))
+    assert not right.loop().broken
+    assert wrong.loop().broken
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_partitioned_tableau_is_still_symplectic(read: Callable[..., Any], size: float) -> None:
+    """a_11 up and â_11 down: bilinear invariants stay, quadratic ones do not."""
+    table = spoilt(size, ("A", 0, 0))
+    table["A_hat"] = spoilt(size, ("A_hat", 0, 0), sign=-1)["A_hat"]
+    wrong = promises(read(table))
+    assert wrong.loop().made
+    assert not wrong.loop().broken
+    assert not wrong.momentum(turning()).broken
+    assert not wrong.energy().made
+    assert "b_i a_ij" in wrong.energy().why
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_linear_momenta_are_kept_by_any_tableau(read: Callable[..., Any], size: float) -> None:
+    """A method that is not symplectic is not accused of what every method keeps."""
+    system = gs.System((x, y), (px, py), (), (px**2 + py**2) / 2 - sp.cos(y), name="sliding")
+    (J,) = momentum_maps(system, {}, [0.1, 0.2], [0.3, 0.4])
+    assert J.name == "momentum px"
+    for error in (0, size):
+        promise = SparkPromises(system, {}, read(spoilt(error, ("A_hat", 0, 0)))).momentum(J)
+        assert promise.made
+        assert not promise.broken
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_nodes_that_are_not_symmetric(read: Callable[..., Any], size: float) -> None:
+    """c alone is off: forces of time are then taken at other times on the way back."""
+    assert promises(read(spoilt(0, ("c", 0, -1)))).symmetric
+    assert not promises(read(spoilt(size, ("c", 0, -1)))).symmetric
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_claims(read: Callable[..., Any], size: float) -> None:
+    """What a file says of itself: order, symmetry and symplecticity are refuted one by one."""
+    claims = {"order": 4, "symmetric": True, "symplectic": True}
+    right = read(spoilt(0), **claims)
+    assert all(line.holds for line in check_tableau(right))
+    wrong = read(spoilt(size, ("A_hat", 0, 0)), **claims)
+    failed = {line.name for line in check_tableau(wrong) if not line.holds}
+    assert failed == {"order", "symmetric", "symplectic, forces"}
+    assert wrong.order == 1
+
+
+@pytest.mark.parametrize("size", [SIZES[1], *(pytest.param(e, marks=pytest.mark.slow)
+                                              for e in (SIZES[0], SIZES[2]))])
+@pytest.mark.parametrize(("place", "order"), [(("A_hat", 0, 0), 1), (("c", 0, -1), 1),
+                                              (("b", 0, -1), 0)])
+def test_order_is_measured_in_steps_short_enough(
+    read: Callable[..., Any], place: Any, order: int, size: float
+) -> None:
+    """An error of 1e-12 in one coefficient shows in steps of 1e-10."""
+    tableau = read(spoilt(size, place))
+    assert tableau.order == order
+    assert observed_order(tableau) == pytest.approx(order, abs=0.1)
+
+
+# ---------------------------------------------------------------- decimals
+
+
+def decimals(digits: int, size: float = 0.0) -> dict[str, Any]:
+    """Return Gauss-Lobatto 2 in decimals, with an error in â_11."""
+    exact = gs.tableau("G-L", stages=2)
+
+    def text(number: sp.Expr) -> str:
+        return str(sp.N(number, 40).round(digits))
+
+    table: dict[str, Any] = {"name": "rounded"}
+    for key in ("A", "A_hat", "A_tilde", "A_bar"):
+        table[key] = [[text(e) for e in row] for row in getattr(exact, key)]
+    for key in ("b", "b_tilde", "c"):
+        table[key] = [text(e) for e in getattr(exact, key)]
+    table["A_hat"][0][0] = text(exact.A_hat[0][0] + sp.Rational(size))
+    return table
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
+    """To 16 digits the rounded tableau is symplectic, and no more is said; the spoilt one is not.
+
+    To 12 digits an error of 1e-12 is a rounding; what is said then is said of 12 digits.
+    """
+    right, wrong = read(decimals(16)), read(decimals(16, size))
+    assert "16 digits" in promises(right).loop().why
+    assert not promises(right).loop().broken
+    assert {line.residual for line in check_tableau(right)} == {"0 to 16 digits"}
+    assert promises(wrong).loop().broken
+    coarse = promises(read(decimals(12, size))).loop()
+    assert bool(coarse.broken) == (size > 1e-12)
+    assert "12 digits" in coarse.why
+
+
+# ---------------------------------------------------------------- a compiled tableau
+
+
+@pytest.mark.parametrize("size", [0.0, SIZES[2], *(pytest.param(e, marks=pytest.mark.slow)
+                                                   for e in SIZES[:2])])
+def test_a_compiled_tableau(tmp_path: Path, size: float) -> None:
+    """1e-6 is measured, 1e-12 is not: exact algebra refutes both, and says which the run shows."""
+    path = tmp_path / "table.json"
+    path.write_text(json.dumps(spoilt(size, ("A_hat", 0, 0))), encoding="utf-8")
+    found = gs.certify(gs.Model(PLANE, ROUND, *STARTS["plane"], dt=0.02, steps=100),
+                       tableau=path, allow_invalid=True)
+    loop, turn = found.line(LOOP), found.line(TURN)
+    assert found.holds is (not size)
+    assert loop.holds is turn.holds is (not size)
+    assert found.line(ENERGY).holds is (TOLD if size else HOLDS)
+    assert found.line("reversal").holds is (TOLD if size else HOLDS)
+    if size:
+        assert "exact" in loop.why
+        assert "b_i â_ij" in loop.why
+        shown = loop.value > loop.bound
+        assert shown == (size > 1e-12)
+        assert ("round-off" in loop.found) != shown
+
+
+# ---------------------------------------------------------------- means, in algebra alone
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_central_force_with_ems(size: float) -> None:
+    """D of 1/r turns as the gradient does, of 1/√(x² + k y²) it does not."""
+    system = gs.System((x, y), (px, py), (k,),
+                       (px**2 + py**2) / 2 - 1 / sp.sqrt(x**2 + k * y**2), name="centre")
+    for value, made in ((1.0, True), (1 + size, False)):
+        (J,) = momentum_maps(system, {"k": value}, [1.0, 0.2], [0.1, 1.0])
+        means = MeanPromises(system, {k: sp.Rational(value)}, "EMS", 2)
+        assert means.momentum(J).made is made
+        assert means.energy().made
+        assert not means.energy().broken
+        assert not means.loop().made

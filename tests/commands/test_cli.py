@@ -1,0 +1,726 @@
+"""The command line as people and scripts meet it: answers, exit codes, a line for each mistake."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from command_line import EXAMPLE, FAILS, RUN, refused
+from gyrospark.commands.run.command import run
+from processes import ROOT, call, cli
+
+IMS = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5"]
+
+
+CONTRACT = {
+    "steps", "dt", "t_end", "q", "p", "energy_error_max", "energy_error_mean", "constraint_max",
+    "momentum_constraint_max", "iterations_mean", "iterations_max", "seconds", "ns_per_step",
+}
+
+
+# ---------------------------------------------------------------- bad choices
+
+SCHEMES = ["IMS", "EMS", "G-L", "LIIIA-B", "Radau-L"]
+CHOICES = {
+    "scheme": (["--scheme", "RK4"], ["'RK4'", *SCHEMES]),
+    "scheme in the wrong case": (["--scheme", "ims"], ["'ims'", *SCHEMES]),
+    "rep": (["--scheme", "IMS", "--rep", "beta"], ["'beta'", "alpha", "gamma"]),
+    "system": (["--scheme", "IMS", "--system", "car"], ["'car'", "heavy_top", "free_body"]),
+    "real": (["--scheme", "IMS", "--real", "half"], ["'half'", "double", "float"]),
+    "stages 0": (["--scheme", "G-L", "--stages", "0"], ["0", "1 to 16"]),
+    "stages -1": (["--scheme", "G-L", "--stages", "-1"], ["-1", "1 to 16"]),
+    "stages 17": (["--scheme", "G-L", "--stages", "17"], ["17", "1 to 16"]),
+    "stages 10^17": (["--scheme", "G-L", "--stages", "9" * 17], ["9" * 17, "1 to 16"]),
+    "stages 1 of LIIIA-B": (["--scheme", "LIIIA-B", "--stages", "1"], ["1", "2 to 16"]),
+    "stages three": (["--scheme", "G-L", "--stages", "three"], ["'three'", "whole number"]),
+    "stages 2.5": (["--scheme", "G-L", "--stages", "2.5"], ["'2.5'", "whole number"]),
+    "stages --3": (["--scheme", "G-L", "--stages", "--3"], ["'--3'", "whole number"]),
+    "stages ٣": (["--scheme", "G-L", "--stages", "٣"], ["whole number"]),
+    "stages 9e999": (["--scheme", "G-L", "--stages", "9" * 999], ["whole number"]),
+    "no stages": (["--scheme", "G-L"], ["not given", "1 to 16"]),
+    "stages of IMS": (["--scheme", "IMS", "--stages", "2"], ["IMS", "no stages", "leave"]),
+    "stages of EMS": (["--scheme", "EMS", "--stages", "1"], ["EMS", "no stages", "leave"]),
+    "scheme and tableau": (["--scheme", "G-L", "--tableau", str(EXAMPLE)], ["leave out"]),
+    "option": (["--scheme", "IMS", "--stage", "2"], ["--stage"]),
+    "value missing": (["--scheme"], ["--scheme"]),
+    "no such tableau": (["--tableau", "none.json"], ["'none.json'", "such file"]),
+}
+
+
+@pytest.mark.parametrize(("arguments", "fragments"), CHOICES.values(), ids=CHOICES.keys())
+def test_bad_choice_is_refused(arguments, fragments, gyrospark, generate):
+    """By generate, its twin, verify and run alike: value, allowed ones, cure."""
+    refused(generate(*arguments), *fragments)
+    refused(gyrospark("generate", *arguments), *fragments)
+    refused(gyrospark("verify", *arguments), *fragments)
+    refused(gyrospark("run", "fast-top", "--dt", "1e-3", "--steps", "5", *arguments), *fragments)
+    assert not list(Path().iterdir())
+
+
+NUMBERS = {
+    "gamma 0": (["--gamma", "0"], ["--gamma", "'0'", "other than 0"]),
+    "gamma -0.0": (["--gamma", "-0.0"], ["--gamma", "'-0.0'", "other than 0"]),
+    "gamma nan": (["--gamma", "nan"], ["--gamma", "'nan'", "finite"]),
+    "gamma inf": (["--gamma", "inf"], ["--gamma", "'inf'", "finite"]),
+    "gamma 1e999": (["--gamma", "1e999"], ["--gamma", "'1e999'", "finite"]),
+    "gamma word": (["--gamma", "mean"], ["--gamma", "'mean'", "m, h, mt, ht"]),
+    "alpha 0": (["--rep", "alpha", "--alpha", "0"], ["--alpha", "'0'", "other than 0"]),
+    "alpha nan": (["--rep", "alpha", "--alpha", "nan"], ["--alpha", "'nan'", "finite"]),
+    "alpha with gamma": (["--alpha", "m"], ["--alpha", "--rep gamma", "--gamma"]),
+    "gamma with alpha": (["--rep", "alpha", "--gamma", "m"], ["--gamma", "--alpha"]),
+    "dt 0": (["--dt", "0"], ["dt = 0", "negative"]),
+    "dt nan": (["--dt", "nan"], ["dt", "nan", "finite"]),
+    "dt -inf": (["--dt", "-inf"], ["dt", "-inf", "finite"]),
+    "dt word": (["--dt", "fast"], ["--dt", "'fast'", "1e-3"]),
+    "dt 1_0": (["--dt", "1_0"], ["--dt", "'1_0'", "1e-3"]),
+    "dt empty": (["--dt", ""], ["--dt", "''", "1e-3"]),
+    "steps -1": (["--steps", "-1"], ["steps = -1", "at least 0"]),
+    "steps 1.5": (["--steps", "1.5"], ["--steps", "'1.5'", "whole number"]),
+    "steps 15e-1": (["--steps", "15e-1"], ["--steps", "'15e-1'", "whole number"]),
+    "steps 1e99": (["--steps", "1e99"], ["--steps", "'1e99'", "whole number"]),
+    "steps --5": (["--steps", "--5"], ["--steps", "'--5'", "whole number"]),
+    "steps too many": (["--steps", "9" * 18], ["memory", "every"]),
+    "steps enormous": (["--steps", "9" * 30], ["--steps", "whole number"]),
+    "every 0": (["--every", "0"], ["every = 0", "at least 1"]),
+    "tolerance 0": (["--tolerance", "0"], ["tolerance", "not positive"]),
+    "tolerance nan": (["--tolerance", "nan"], ["tolerance", "nan"]),
+    "max-iterations 0": (["--max-iterations", "0"], ["max_iterations = 0", "at least 1"]),
+    "solver": (["--solver", "magic"], ["'magic'", "auto", "newton", "python"]),
+    "setting": (["--set", "mass=2"], ["'mass=2'", "no settings"]),
+    "picture ending": (["--plot", "top.txt"], ["'top.txt'", ".png", ".svg", ".pdf"]),
+    "picture folder": (["--plot", "none/top.png"], ["--plot", "'none'"]),
+    "output folder": (["--out", "none/top.npz"], ["--out", "'none'"]),
+    "output folder a file": (["--out", "/dev/null/top.npz"], ["--out", "'/dev/null'"]),
+    "output a folder": (["--out", "."], ["--out", "file name"]),
+    "output empty": (["--out", ""], ["--out", "file name"]),
+    "output ending": (["--out", "top.xlsx"],
+                      ["--out", "'top.xlsx'", ".npz, .csv, .nc, .zarr"]),
+}
+
+
+@pytest.mark.parametrize(("arguments", "fragments"), NUMBERS.values(), ids=NUMBERS.keys())
+def test_bad_value_is_refused_by_run(arguments, fragments, gyrospark):
+    refused(gyrospark(*IMS, *arguments), *fragments)
+    assert not list(Path().iterdir())
+
+
+SETTINGS = {
+    "inertia 0": (["inertia=0,1,1"], ["I1", "above 0"]),
+    "inertia negative": (["inertia=1,-1,1"], ["I2", "above 0"]),
+    "inertia nan": (["inertia=1,1,nan"], ["I3", "finite"]),
+    "inertia inf": (["inertia=1,1,inf"], ["I3", "finite"]),
+    "two moments": (["inertia=1,1"], ["2 moments", "three"]),
+    "one moment": (["inertia=1"], ["three numbers", "I1, I2 and I3"]),
+    "no moment": (["inertia="], ["--set inertia", "''"]),
+    "words": (["inertia=a,b,c"], ["--set inertia", "'a'"]),
+    "unknown key": (["moment=1"], ["'moment=1'", "inertia", "angular_velocity", "attitude"]),
+    "no value": (["inertia"], ["'inertia'", "KEY=VALUE"]),
+    "attitude 0": (["attitude=0,0,0,0"], ["attitude", "zero"]),
+    "angular velocity": (["angular_velocity=1,2"], ["angular_velocity", "3"]),
+}
+
+
+@pytest.mark.parametrize(("settings", "fragments"), SETTINGS.values(), ids=SETTINGS.keys())
+def test_bad_setting_is_refused(settings, fragments, gyrospark):
+    flags = [part for setting in settings for part in ("--set", setting)]
+    refused(gyrospark("run", "free-body", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5",
+                      *flags), *fragments)
+
+
+@pytest.mark.parametrize("setting", ["rate=0", "rate=nan", "radius_ratio=0", "radius_ratio=-1",
+                                     "mass=0", "density=inf", "height=1,2", "height=1e200"])
+def test_bad_cone_is_refused(setting, gyrospark):
+    """Also where a number is fine and what follows from it overflows."""
+    refused(gyrospark("run", "regular-precession", "--scheme", "IMS", "--dt", "1e-3", "--steps",
+                      "5", "--set", setting))
+
+
+@pytest.mark.parametrize(("arguments", "fragments"), [
+    (["run", "slow-top", "--scheme", "IMS", "--dt", "1", "--steps", "1"],
+     ["'slow-top'", "fast-top", "regular-precession", "free-body"]),
+    (["run", "fast-top", "--scheme", "IMS", "--steps", "1"], ["--dt"]),
+    (["run", "fast-top", "--scheme", "IMS", "--dt", "1"], ["--steps"]),
+    (["fly"], ["fly"]),
+    (["verify", "heavy_top_gl3"], ["'heavy_top_gl3'", "heavy_top_gl3_gamma"]),
+    (["verify", "heavy_top_gl99_gamma"], ["99", "1 to 16"]),
+    (["verify", "heavy_top_gl3_gamma", "--scheme", "G-L"], ["give one"]),
+    (["verify", "nothing.json"], ["'nothing.json'", "such file"]),
+    (["cache", "burn"], ["burn"]),
+    (["generate", "--all", "--scheme", "IMS"], ["--all", "leave out"]),
+])
+def test_bad_command_is_refused(arguments, fragments, gyrospark):
+    refused(gyrospark(*arguments), *fragments)
+
+
+@pytest.mark.parametrize("command", ["", "generate", "verify", "run", "cache", "cache list",
+                                     "cache clear"])
+def test_help_has_examples(command, gyrospark):
+    answer = gyrospark(*command.split(), "--help")
+    assert answer.code == 0
+    assert answer.stderr == ""
+    assert "Usage: gyrospark" in answer.stdout
+    assert all(len(line) <= 100 for line in answer.stdout.splitlines())
+    if not command.startswith("cache"):
+        assert re.search(r"^  (gyrospark|generate) .*--scheme", answer.stdout, re.MULTILINE)
+    assert gyrospark(*command.split(), "-h").stdout == answer.stdout
+
+
+# ---------------------------------------------------------------- run
+
+
+def test_json_is_one_document_with_the_keys_of_the_contract(gyrospark):
+    answer = gyrospark(*RUN, "--json")
+    assert answer.code == 0
+    assert answer.stderr == ""
+    found = answer.document
+    assert set(found) >= CONTRACT
+    assert found["steps"] == 20
+    assert found["dt"] == 1e-3
+    assert found["t_end"] == pytest.approx(0.02)
+    assert len(found["q"]) == len(found["p"]) == 4
+    assert found["ns_per_step"] == pytest.approx(found["seconds"] / 20 * 1e9)
+    top = gs.problems.fast_top()
+    made = gs.stepper("G-L", 2).integrate(
+        top.q0, top.p0, dt=1e-3, steps=20,
+        parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
+    assert found["q"] == made.q[-1].tolist()
+    assert found["p"] == made.p[-1].tolist()
+    assert found["energy_error_max"] == abs(made.energy() - made.energy()[0]).max()
+    assert found["energy_error_mean"] == pytest.approx(
+        abs(made.energy() - made.energy()[0]).mean(), abs=1e-16)
+    assert found["constraint_max"] == abs((made.q**2).sum(axis=1) - 1).max() or (
+        found["constraint_max"] <= 1e-15)
+    assert found["iterations_max"] == made.iterations.max()
+    assert found["iterations_mean"] == made.iterations.mean()
+
+
+@pytest.mark.parametrize("arguments", [
+    ["--rep", "alpha", "--alpha", "ht"], ["--gamma", "h"], ["--gamma", "mt"], ["--gamma", "0.001"],
+    ["--dt", "-1e-3"], ["--steps", "0"], ["--steps", "1e1"], ["--steps", "5.0"], ["--every", "7"],
+    ["--solver", "python"], ["--solver", "newton"], ["--tolerance", "1e-9"], ["--reference"],
+    ["--real", "float"], ["--real", "long-double"], ["--system", "heavy-top"],
+    ["--every", "9" * 17], ["--max-iterations", "9" * 12],
+])
+def test_run_takes(arguments, gyrospark):
+    answer = gyrospark(*IMS, *arguments, "--json")
+    assert answer.code == 0, answer.stderr
+    assert answer.stderr == ""
+    assert set(answer.document) >= CONTRACT
+
+
+def test_tables_4_and_6_come_out(gyrospark):
+    """Regular precession has a closed form: axis errors are reported without being asked for."""
+    answer = gyrospark("run", "regular-precession", "--scheme", "EMS", "--dt", "1e-3", "--steps",
+                       "50", "--json")
+    assert answer.document["axis_reference"] == "closed form"
+    assert 0 < answer.document["axis_x_error_mean"] < 1e-2
+
+
+def test_text_says_what_matters(gyrospark):
+    answer = gyrospark(*RUN)
+    assert answer.code == 0
+    for word in ("constraint", "momentum", "energy", "iterations", "a step", "20 steps",
+                 "order 4"):
+        assert word in answer.stdout
+
+
+def test_out_and_plot_are_written_and_named(gyrospark):
+    pytest.importorskip("matplotlib")
+    answer = gyrospark(*RUN, "--out", "top", "--plot", "top.png", "--json")
+    assert answer.code == 0, answer.stderr
+    assert answer.document["out"] == "top.npz"
+    assert answer.document["plot"] == "top.png"
+    assert gs.Trajectory.load("top.npz").q.shape == (21, 4)
+    assert Path("top.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(p.name for p in Path().iterdir()) == ["top.npz", "top.png"]
+
+
+@pytest.fixture(scope="module")
+def late_failure():
+    """Arguments of a run whose first failing step is neither the first nor a multiple of 3."""
+    top = gs.problems.free_body(angular_velocity=(0.01, 60, 0.01))  # it turns over now and then
+    step = gs.stepper("G-L", 2, system="free_body")
+    parameters = {"gamma": gs.gamma_m(top.inertia)} | {
+        name: value for name, value in top.parameters.items() if name in step.parameter_domains}
+    for dt in np.arange(0.03, 0.08, 0.002).round(4).tolist():
+        for most in (6, 7, 8, 10):
+            try:
+                step.integrate(top.q0, top.p0, dt=dt, steps=400, parameters=parameters,
+                               max_iterations=most)
+            except gs.StepFailed as failure:
+                if failure.step > 5 and (failure.step - 1) % 3:
+                    return failure, ["run", "free-body", "--scheme", "G-L", "--stages", "2",
+                                     "--set", "angular_velocity=0.01,60,0.01", "--dt", str(dt),
+                                     "--steps", "400", "--max-iterations", str(most)]
+    raise AssertionError("no run fails late")
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+@pytest.mark.parametrize("more", [[], ["--every", "3"], ["--reference"],
+                                  ["--reference", "--every", "3"], ["--solver", "python"]],
+                         ids=" ".join)
+def test_failed_step_is_told_and_all_before_it_kept(late_failure, more, gyrospark):
+    """Exit code 1; step, time and reason on stderr; the JSON and the file have the rest."""
+    failure, arguments = late_failure
+    answer = gyrospark(*arguments, *more, "--json", "--out", "kept.npz")
+    assert answer.code == 1
+    assert answer.stderr.count("\n") == 1
+    number = answer.document["failed"]["step"]
+    if "python" not in more:
+        assert number == failure.step
+    for fragment in (f"Step {number:g} ", failure.reason, "t = ", "dt = "):
+        assert fragment in answer.stderr
+    found = answer.document
+    assert set(found) >= CONTRACT
+    assert found["steps"] == number - 1
+    assert found["failed"]["t"] == pytest.approx((number - 1) * found["dt"])
+    assert found["failed"]["reason"] == failure.reason
+    kept = gs.Trajectory.load("kept.npz")
+    assert len(kept) == (number - 1) // (3 if "3" in more else 1) + 1
+    assert kept.report.steps == number - 1
+    assert found["q"] == list(kept.report.q)
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_failed_step_in_text(late_failure, gyrospark):
+    failure, arguments = late_failure
+    answer = gyrospark(*arguments)
+    assert answer.code == 1
+    assert f"stopped: step {failure.step}" in answer.stdout
+    assert failure.reason in answer.stdout
+
+
+@pytest.mark.parametrize("more", [["--json"], [], ["--plot", "first.png"], ["--reference"],
+                                  ["--out", "first.npz"]], ids=" ".join)
+def test_failure_of_the_first_step(more, gyrospark):
+    """Nothing is left but the start, and that is drawn and saved without a word of warning."""
+    if "--plot" in more:
+        pytest.importorskip("matplotlib")
+    answer = gyrospark(*FAILS, "--max-iterations", "1", *more)
+    assert answer.code == 1
+    assert answer.stderr.count("\n") == 1
+    assert "Step 1 " in answer.stderr
+    assert "not converged" in answer.stderr
+
+
+@pytest.mark.parametrize("arguments", [["--dt", "1e300"], ["--dt", "1e-320"], ["--gamma", "1e-320"],
+                                       ["--gamma", "1e308"], ["--real", "float", "--dt", "1e-60"],
+                                       ["--real", "float", "--gamma", "1e-60"],
+                                       ["--real", "long-double", "--dt", "1e-320"]], ids=" ".join)
+def test_json_has_no_nan(arguments, gyrospark):
+    """Numbers at the edge of the range: it fails in one line, or works; JSON stays JSON."""
+    answer = gyrospark(*IMS, *arguments, "--json")
+    assert answer.code in (0, 1)
+    assert answer.stderr.count("\n") == answer.code
+    assert set(answer.document) >= CONTRACT
+
+
+@pytest.mark.parametrize("setting", ["mass=1e300", "mass=1e-300", "density=1e-300", "rate=1e150",
+                                     "rate=1e-300", "gravity=1e300"])
+def test_extreme_cones_end_in_one_line(setting, gyrospark):
+    answer = gyrospark("run", "regular-precession", "--scheme", "EMS", "--dt", "1e-3", "--steps",
+                       "5", "--set", setting, "--json")
+    assert answer.code in (0, 1, 2)
+    assert answer.stderr.count("\n") == min(answer.code, 1)
+    if answer.code < 2:
+        assert set(answer.document) >= CONTRACT
+
+
+def test_a_result_that_cannot_be_saved_is_still_printed(gyrospark, monkeypatch):
+    """The disk fills up during the run: the numbers are not lost, the exit code says so."""
+    def full(self, path):
+        raise gs.GyrosparkError(f"The trajectory cannot be written to {str(path)!r}: No space.")
+
+    monkeypatch.setattr(gs.Trajectory, "save", full)
+    answer = gyrospark(*RUN, "--out", "top.npz", "--json")
+    assert answer.code == 2
+    assert answer.document["steps"] == 20
+    assert "No space" in answer.stderr
+    assert answer.stderr.count("\n") == 1
+
+
+# ---------------------------------------------------------------- generate
+
+
+def test_generate_writes_three_files_and_reports(generate):
+    answer = generate("--scheme", "G-L", "--stages", "2", "--rep", "gamma")
+    assert answer.code == 0, answer.stderr
+    assert answer.stderr == ""
+    assert sorted(p.name for p in Path("generated").iterdir()) == [
+        f"heavy_top_gl2_gamma.{end}" for end in ("c", "h", "json")]
+    for fragment in ("heavy_top_gl2_gamma", "order 4", "18 unknowns", "operations", "compiled in",
+                     " s"):
+        assert fragment in answer.stdout
+
+
+def test_generated_files_are_the_checked_in_ones(generate):
+    assert generate("--scheme", "IMS", "--no-compile", "--out", "here").code == 0
+    for path in Path("here").iterdir():
+        assert path.read_bytes() == (ROOT / "generated" / path.name).read_bytes()
+
+
+def test_check_says_up_to_date_or_shows_the_difference(generate):
+    choice = ["--scheme", "IMS", "--out", "here"]
+    assert generate(*choice, "--no-compile").code == 0
+    answer = generate(*choice, "--check")
+    assert (answer.code, answer.stdout) == (0, "heavy_top_ims_gamma: up to date\n")
+    source = Path("here/heavy_top_ims_gamma.c")
+    good = source.read_bytes()
+    source.write_bytes(good.replace(b"return OK;", b"return 0;", 1))
+    answer = generate(*choice, "--check")
+    assert answer.code == 1
+    assert "-        return 0;" in answer.stdout or "-    return 0;" in answer.stdout
+    assert re.search(r"^--- .*\n\+\+\+ .*\n@@ ", answer.stdout, re.MULTILINE)
+    assert "STALE" in answer.stderr
+    assert source.read_bytes() != good  # --check writes nothing
+
+
+@pytest.mark.parametrize("damage", [
+    lambda old: b"", lambda old: old[:100], lambda old: old.replace(b"\n", b"\r\n"),
+    lambda old: b"\xff\xfe" + old, lambda old: old + b"\n",
+], ids=["empty", "cut off", "other line ends", "not UTF-8", "one more line"])
+def test_check_sees_every_difference(damage, generate):
+    choice = ["--scheme", "IMS", "--out", "here"]
+    assert generate(*choice, "--no-compile").code == 0
+    path = Path("here/heavy_top_ims_gamma.h")
+    path.write_bytes(damage(path.read_bytes()))
+    answer = generate(*choice, "--check")
+    assert answer.code == 1
+    assert "STALE" in answer.stderr
+
+
+def test_check_of_nothing_is_stale(generate):
+    answer = generate("--scheme", "IMS", "--check", "--out", "nowhere")
+    assert answer.code == 1
+    assert not Path("nowhere").exists()
+
+
+def test_check_all_looks_at_every_stepper_of_the_paper(generate, monkeypatch):
+    module = sys.modules["gyrospark.commands.generate"]
+    monkeypatch.setattr(module, "PAPER_SPECS", module.PAPER_SPECS[:2])
+    answer = generate("--check", "--all", "--out", ROOT / "generated")
+    assert answer.code == 0
+    assert answer.stdout.count("up to date") == 2
+    monkeypatch.setattr(module, "PAPER_SPECS", module.PAPER_SPECS[:1])
+    assert generate("--check", "--out", ROOT / "generated").stdout == (
+        "heavy_top_ims_alpha: up to date\n")
+
+
+@pytest.mark.parametrize("out", ["/proc/gyrospark", "/dev/null", "/dev/null/x", "file", "file/x"])
+def test_output_folder_that_cannot_be_is_refused(out, generate):
+    Path("file").touch()
+    answer = generate("--scheme", "IMS", "--no-compile", "--out", out)
+    refused(answer, "--out", f"'{out}'", "written")
+    assert [p.name for p in Path().iterdir()] == ["file"]
+
+
+def test_file_in_the_way_is_refused(generate):
+    Path("here/heavy_top_ims_gamma.c").mkdir(parents=True)
+    refused(generate("--scheme", "IMS", "--no-compile", "--out", "here"), "'here'", "--out")
+    assert not list(Path("here").glob(".*"))
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 64 KiB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if call(["mount", "-t", "tmpfs", "-o", "size=64k", "none", disk]).returncode:
+        pytest.skip("mounting a small file system is not allowed here")
+    yield disk
+    call(["umount", "-l", disk])
+
+
+def test_full_output_folder_is_told(small_disk, generate):
+    (small_disk / "filler").write_bytes(bytes(45_000))
+    refused(generate("--scheme", "G-L", "--stages", "3", "--no-compile", "--out", small_disk),
+            "space", "--out")
+    for path in small_disk.glob("heavy_top*"):  # each is complete or not there
+        assert path.read_bytes() == (ROOT / "generated" / path.name).read_bytes()
+    assert not list(small_disk.glob(".*"))
+
+
+def test_full_output_folder_of_run_is_told(small_disk, gyrospark):
+    answer = gyrospark(*IMS, "--steps", "3000", "--out", small_disk / "top.npz", "--json")
+    assert answer.code == 2
+    assert answer.document["steps"] == 3000
+    assert "space" in answer.stderr
+    assert not list(small_disk.iterdir())
+
+
+def test_read_only_output_folder_is_told(small_disk, generate, gyrospark):
+    if call(["mount", "-o", "remount,ro", small_disk]).returncode:
+        pytest.skip("remounting is not allowed here")
+    refused(generate("--scheme", "IMS", "--no-compile", "--out", small_disk), "Read-only")
+    refused(gyrospark(*IMS, "--out", small_disk / "top.npz"), "--out")
+
+
+def test_no_compile_needs_no_compiler(generate, gyrospark, monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setitem(sys.modules, "ziglang", None)
+    assert generate("--scheme", "IMS", "--no-compile", "--out", "here").code == 0
+    answer = generate("--scheme", "IMS", "--out", "there")
+    refused(answer, "No C compiler", "gcc", "CC", "ziglang")
+
+
+def test_compiler_that_fails_is_quoted(generate, monkeypatch, tmp_path):
+    script = tmp_path / "mycc"
+    script.write_text("#!/bin/sh\n[ \"$1\" = --version ] && exit 0\n"
+                      "echo 'wrong weather' >&2\nexit 3\n", encoding="ascii")
+    script.chmod(0o755)
+    monkeypatch.setenv("CC", str(script))
+    answer = generate("--scheme", "IMS", "--out", "here")
+    assert answer.code == 2
+    assert answer.stdout == ""
+    for fragment in ("wrong weather", "exit code 3", str(script), "heavy_top_ims_gamma.c"):
+        assert fragment in answer.stderr
+    assert "Traceback" not in answer.stderr
+
+
+# ---------------------------------------------------------------- verify
+
+@pytest.mark.parametrize("arguments", [
+    ["--scheme", "G-L", "--stages", "2"], ["heavy_top_ims_alpha"], [EXAMPLE],
+    ["heavy_top_liiiab2_gamma"], ["--scheme", "EMS"], ["--tableau", EXAMPLE],
+    pytest.param([], marks=pytest.mark.slow),  # all of them
+], ids=str)
+def test_paper_steppers_hold(arguments, gyrospark):
+    answer = gyrospark("verify", *arguments)
+    assert answer.code == 0, answer.stderr
+    assert answer.stderr == ""
+    assert answer.stdout.splitlines()[-1].endswith("holds")
+    assert "FAILS" not in answer.stdout
+
+
+def test_verify_json_is_one_document(gyrospark):
+    answer = gyrospark("verify", "--scheme", "LIIIA-B", "--stages", "2", "--json")
+    assert answer.code == 0
+    assert answer.stderr == ""
+    found = answer.document
+    assert found["holds"] is True
+    (only,) = found["verified"]
+    assert (only["name"], only["order"], only["holds"]) == ("heavy_top_liiiab2_gamma", 2, True)
+    names = " ".join(line["name"] for line in only["conditions"])
+    for word in ("B", "C", "symplectic", "symmetr", "order", "compiled coefficients"):
+        assert word in names
+    compiled = next(c for c in only["conditions"] if c["name"] == "compiled coefficients")
+    assert compiled["residual"] == "0"
+
+
+def perturbed(**changes):
+    content = json.loads(EXAMPLE.read_text(encoding="utf-8"))
+    content.update(changes)
+    Path("mine.json").write_text(json.dumps(content), encoding="utf-8")
+    return "mine.json"
+
+
+def test_violated_condition_is_named_and_refused_unless_allowed(gyrospark, generate, tmp_path):
+    name = perturbed(b=["1/2 + 1/1000000", "1/2 - 1/1000000"], name="bent")
+    answer = gyrospark("verify", name)
+    assert answer.code == 1
+    assert answer.stderr == ""
+    document = gyrospark("verify", name, "--json").document
+    assert document["holds"] is False
+    failed = [c for c in document["verified"][0]["conditions"] if not c["holds"]]
+    assert failed
+    last = answer.stdout.splitlines()[-1]
+    assert last.endswith("FAILS: " + ", ".join(c["name"] for c in failed))
+    assert any("symplectic" in c["name"] for c in failed)
+    assert all(c["residual"] not in ("0", "") for c in failed)
+    refused(generate("--tableau", name), "'bent'", "violates", "verify", "--allow-invalid")
+    assert not Path("generated").exists()
+    answer = generate("--tableau", name, "--allow-invalid")
+    assert answer.code == 0, answer.stderr
+    assert Path("generated/heavy_top_bent_gamma.c").is_file()
+
+
+BAD_TABLEAUX = {
+    "missing key": ({"b": ...}, ["b"]),
+    "ragged rows": ({"A": [["1/4"], ["1/4", "1/4"]]}, ["A", "row 1"]),
+    "code": ({"b": ["__import__('os').system('touch evil')", "1/2"]}, ["b", "entry 1"]),
+    "division by zero": ({"b": ["1/0", "1/2"]}, ["b", "entry 1", "0"]),
+    "huge power": ({"b": ["9**9**9**9", "1/2"]}, ["b", "entry 1"]),
+    "500 stages": ({"b": ["1/500"] * 500}, ["b", "500", "32"]),
+    "NaN": ({"b": [float("nan"), "1/2"]}, ["NaN"]),
+    "unknown key": ({"c_hat": []}, ["'c_hat'"]),
+    "bad name": ({"name": "a/b"}, ["name", "'a/b'"]),
+    "wrong kind": ({"A": 3}, ["A", "'3'"]),
+}
+
+
+@pytest.mark.parametrize(("changes", "fragments"), BAD_TABLEAUX.values(), ids=BAD_TABLEAUX.keys())
+def test_bad_tableau_file_is_refused(changes, fragments, gyrospark, generate):
+    """With file, key and reason; nothing in it is evaluated."""
+    name = perturbed(**{k: v for k, v in changes.items() if v is not ...})
+    if ... in changes.values():
+        content = json.loads(Path(name).read_text(encoding="utf-8"))
+        del content[next(iter(changes))]
+        Path(name).write_text(json.dumps(content), encoding="utf-8")
+    for answer in (gyrospark("verify", name), generate("--tableau", name, "--no-compile"),
+                   gyrospark("run", "fast-top", "--tableau", name, "--dt", "1e-3", "--steps", "1")):
+        refused(answer, "'mine.json'", *fragments)
+    assert [p.name for p in Path().iterdir()] == ["mine.json"]
+
+
+@pytest.mark.parametrize("content", [b"", b"[", b"\xff\xff", b"{}", b"[1]", b"null",
+                                     b"[" * 100_000, b" " * 10_000_000, b'{"A":' + b"9" * 900_000])
+def test_file_that_is_no_tableau_is_refused(content, gyrospark):
+    Path("mine.json").write_bytes(content)
+    refused(gyrospark("verify", "mine.json"), "'mine.json'")
+
+
+def test_tableau_runs(gyrospark):
+    answer = gyrospark("run", "fast-top", "--tableau", EXAMPLE, "--dt", "1e-3", "--steps", "20",
+                       "--json")
+    assert answer.code == 0, answer.stderr
+    named = gyrospark(*RUN, "--json").document
+    assert answer.document["q"] == pytest.approx(named["q"], abs=1e-14)
+
+
+@pytest.mark.parametrize("options", [[], ["--scheme", "EMS", "--rep", "alpha"]])
+def test_verify_model(gyrospark, options):
+    answer = gyrospark("verify", "--model", "fast-top", *options, "--steps", "200", "--json")
+    assert answer.code == 0
+    document = answer.document
+    assert document["holds"] is True
+    assert document["steps"] == 200
+    assert {"quantity", "found", "expected", "holds", "why", "value", "bound"} <= set(
+        document["lines"][0])
+    text = gyrospark("verify", "--model", "fast-top", *options, "--steps", "200")
+    assert text.code == 0
+    assert "∮p·dq" in text.stdout
+    assert text.stdout.rstrip().endswith("holds")
+    assert max(map(len, text.stdout.splitlines()[:-1])) <= 80
+
+
+def test_verify_model_fails_for_a_broken_tableau(gyrospark, tmp_path):
+    content = json.loads(EXAMPLE.read_text(encoding="utf-8")) | {"name": "bent"}
+    content["A_hat"] = [["1/4 + 1/10000", "1/4 - sqrt(3)/6"], ["1/4 + sqrt(3)/6", "1/4"]]
+    path = tmp_path / "bent.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    answer = gyrospark("verify", "--model", "fast-top", "--tableau", path, "--steps", "100")
+    assert answer.code == 1
+    assert "FAILS: " in answer.stdout
+    document = gyrospark("verify", "--model", "fast-top", "--tableau", path, "--steps", "100",
+                         "--json").document
+    assert document["holds"] is False
+
+
+@pytest.mark.parametrize(("arguments", "fragments"), [
+    (["--model", "fast-top", "--system", "heavy_top"], ["--system"]),
+    (["--model", "fast-top", "--real", "float"], ["--real"]),
+    (["--model", "fast-top", "heavy_top_gl3_gamma"], ["besides --model"]),
+    (["--model", "fast-top", "--scheme", "G-L"], ["stages"]),
+    (["--model", "slow-top"], ["'slow-top'", "fast-top"]),
+    (["heavy_top_ims_alpha", "--rep", "gamma"], ["--rep 'gamma'", "'heavy_top_ims_alpha'"]),
+    (["--dt", "1e-3"], ["--dt", "--model"]),
+    (["--model", "fast-top", "--dt", "x"], ["--dt", "not a number"]),
+])
+def test_verify_model_refuses(gyrospark, arguments, fragments):
+    refused(gyrospark("verify", *arguments), *fragments)
+
+
+def test_gamma_auto_reports_its_gains(gyrospark):
+    """What was aimed at and what was not; the run has the error."""
+    run = ("run", "fast-top", "--scheme", "LIIIA-B", "--stages", "2", "--dt", "1e-3", "--steps",
+           "320")
+    mean = gyrospark(*run, "--json").document
+    for word, aim in (("auto", "motion"), ("auto-energy", "energy")):
+        auto = gyrospark(*run, "--gamma", word, "--json").document
+        assert auto["gamma"] == auto["parameters"]["gamma"]
+        assert auto["gamma_aim"] == aim
+        assert auto["gamma_measured_gain"] == auto[f"gamma_{aim}_gain"] > 1.2
+        assert auto["gamma_expected_gain"] == pytest.approx(auto["gamma_measured_gain"], rel=0.05)
+        other = "energy" if aim == "motion" else "motion"
+        assert auto[f"gamma_{other}_gain"] < 1
+        assert auto["gamma_energy_gain"] == pytest.approx(
+            mean["energy_error_mean"] / auto["energy_error_mean"], rel=1e-9)
+        text = gyrospark(*run, "--gamma", word).stdout
+        assert "γ chosen" in text
+        assert "gain over γ_m" in text
+    assert "γ chosen" not in gyrospark(*run).stdout
+
+
+def test_gamma_auto_in_long_double(gyrospark):
+    """The start is made consistent first."""
+    answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--real", "long-double", "--dt",
+                       "1e-3", "--steps", "50", "--gamma", "auto-energy", "--json")
+    assert answer.document["gamma_measured_gain"] > 1e6
+
+
+def test_alpha_auto_is_refused_where_alpha_is_idle(gyrospark):
+    run = ("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--rep", "alpha", "--dt", "1e-3",
+           "--steps", "50")
+    refused(gyrospark(*run, "--alpha", "auto"), "alpha", "heavy_top_gl2_alpha", "take m")
+    refused(gyrospark(*run, "--gamma", "auto"), "--alpha")
+
+
+def test_what_a_tableau_lacks_is_said_before_a_step(gyrospark, generate):
+    file = ROOT / "examples" / "tableaux" / "radau_plain_2.json"
+    run = ("run", "fast-top", "--tableau", file, "--dt", "1e-3", "--steps", "20")
+    lines = gyrospark(*run).stdout.splitlines()
+    assert lines[0].startswith("tableau: not symplectic")
+    assert lines[1].startswith("tableau: not symmetric")
+    assert "heavy_top_radau_plain_2_gamma" in lines[2]
+    remarks = gyrospark(*run, "--json").document["remarks"]
+    assert [f"tableau: {remark}" for remark in remarks] == lines[:2]
+    made = generate("--tableau", file, "--no-compile").stdout
+    assert all(f"  {line}\n" in made for line in lines[:2])
+    manifest = json.loads(Path("generated/heavy_top_radau_plain_2_gamma.json").read_text("utf-8"))
+    assert manifest["tableau"]["remarks"] == remarks
+
+
+# ---------------------------------------------------------------- cache
+
+
+def test_cache_is_listed_and_cleared(gyrospark, monkeypatch, tmp_path):
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
+    answer = gyrospark("cache", "list")
+    assert answer.code == 0
+    assert answer.stdout == f"0 files in {tmp_path / 'cache'}\n"
+    assert gyrospark("cache", "clear").code == 0
+    done = cli(*IMS, GYROSPARK_CACHE=str(tmp_path / "cache"))
+    assert done.returncode == 0, done.stderr
+    answer = gyrospark("cache", "list")
+    assert "heavy_top_ims_gamma-" in answer.stdout
+    stranger = tmp_path / "cache" / "thesis.tex"
+    stranger.write_text("years of work", encoding="utf-8")
+    answer = gyrospark("cache", "clear")
+    assert re.fullmatch(r"[1-9] files .*\n", answer.stdout)
+    assert [p.name for p in (tmp_path / "cache").iterdir()] == ["thesis.tex"]
+
+
+def test_help_of_run_lists_every_option_once_under_a_heading(gyrospark):
+    """And says what a robot's settings are."""
+    said = gyrospark("run", "--help").stdout
+    options = [one for one in run.params if isinstance(one, click.Option)]
+    for option in options:
+        assert len(re.findall(rf"^  {option.opts[0]}\b", said, re.MULTILINE)) == 1, option.name
+    headings = re.findall(r"^([A-Z][\w ]+):$", said, re.MULTILINE)
+    assert len(headings) >= 5
+    for word in (".urdf", "ignore=", "base=floating"):
+        assert word in said
+
+
+def test_a_run_in_which_nothing_moves_says_so(gyrospark, tmp_path):
+    """A robot that hangs, at rest; not one that is turned, or has a speed, or a top that stands."""
+    robot = tmp_path / "arm.urdf"
+    robot.write_text(
+        '<robot name="arm"><link name="base"/><link name="bar"><inertial><origin xyz="0 0 -0.5"/>'
+        '<mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+        '</inertial></link><joint name="elbow" type="continuous"><parent link="base"/>'
+        '<child link="bar"/><axis xyz="1 0 0"/></joint></robot>', encoding="utf-8")
+    how = ("--scheme", "IMS", "--dt", "1e-2", "--steps", "20", "--json")
+    assert "elbow" not in (said := gyrospark("run", robot, *how).stderr)
+    assert "JOINT.rate" in said
+    for setting in ("elbow=0.1", "elbow.rate=0.1"):
+        assert gyrospark("run", robot, *how, "--set", setting).stderr == ""
+    assert gyrospark("run", "fast-top", *how[:2], "--dt", "1e-3", *how[4:]).stderr == ""

@@ -1,0 +1,350 @@
+"""Model files on the command line: the examples run, and hostile files end in one sentence."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from processes import ROOT, environment
+
+EPS = float(np.finfo(float).eps)
+EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
+PENDULUM, SATELLITE = (ROOT / "examples" / f"{name}.toml" for name in ("pendulum", "satellite"))
+CONTRACT = {
+    "steps", "dt", "t_end", "q", "p", "energy_error_max", "energy_error_mean", "constraint_max",
+    "momentum_constraint_max", "iterations_mean", "iterations_max", "seconds", "ns_per_step",
+}
+
+
+@pytest.fixture
+def document(gyrospark):
+    """Run a command that must succeed; return its JSON."""
+    def caller(*arguments):
+        done = gyrospark(*arguments, "--json")
+        assert done.code == 0, done.stderr
+        assert done.stderr == ""
+        return done.document
+
+    return caller
+
+
+# ---------------------------------------------------------------- what runs
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_example_runs(path, document):
+    """With the file's own dt; twenty steps keep every constraint."""
+    found = document("run", path, "--scheme", "G-L", "--stages", "2", "--steps", "20")
+    model = gs.load_model(path)
+    assert set(found) >= CONTRACT
+    assert found["problem"] == path.stem
+    assert found["steps"] == 20
+    assert found["dt"] == model.dt
+    assert len(found["q"]) == model.system.n
+    assert set(found["parameters"]) >= set(model.parameters) | set(model.bodies)
+    size = max(1.0, *map(abs, found["q"]))
+    assert found["constraint_max"] <= 64 * EPS * size**2
+    assert np.isfinite(found["energy_error_max"])
+
+
+def test_commands_in_the_headers_of_examples_exist():
+    from gyrospark.commands import gyrospark as command_line
+
+    known = {opt for p in command_line.commands["run"].params for opt in p.opts}
+    for path in EXAMPLES:
+        header = [line for line in path.read_text(encoding="utf-8").splitlines()
+                  if line.startswith("#   gyrospark run")]
+        assert header, path
+        for line in header:
+            words = line.removeprefix("#").split()
+            assert words[2] == f"examples/{path.name}"
+            assert {word for word in words if word.startswith("--")} <= known
+
+
+def test_pendulum_swings_as_it_should(document):
+    """The angle at t = 2 s against the plane pendulum's equation by SciPy: two ways to a number."""
+    integrate = pytest.importorskip("scipy.integrate")
+    found = document("run", PENDULUM, "--scheme", "G-L", "--stages", "4", "--steps", "400")
+    flight = integrate.solve_ivp(lambda t, y: [y[1], -9.81 / 0.5 * np.sin(y[0])], (0, 2.0),
+                                 [np.pi / 2, 0.0], rtol=1e-12, atol=1e-12)
+    x, y = found["q"]
+    assert np.arctan2(x, -y) == pytest.approx(flight.y[0, -1], abs=1e-10)
+
+
+def test_body_chooses_gamma_and_alpha(document):
+    """--gamma counts for the body's parameter; without it γ_m; --rep overrides the file's."""
+    common = ("run", SATELLITE, "--scheme", "IMS", "--steps", "5")
+    inertia = (120.0, 100.0, 30.0)
+    assert document(*common)["parameters"]["gamma"] == gs.gamma_m(inertia)
+    assert document(*common, "--gamma", "ht")["parameters"]["gamma"] == gs.gamma_h_tilde(inertia)
+    found = document(*common, "--rep", "alpha", "--alpha", "7.5")
+    assert found["parameters"]["alpha"] == 7.5
+    assert found["stepper"] == "satellite_ims_alpha"
+
+
+def test_two_bodies_get_their_own_gamma(document):
+    path = ROOT / "examples" / "double_top.toml"
+    found = document("run", path, "--scheme", "IMS", "--steps", "2", "--gamma", "h")["parameters"]
+    assert found["lower_gamma"] == gs.gamma_h((0.004, 0.004, 0.002))
+    assert found["upper_gamma"] == gs.gamma_h((0.001, 0.001, 0.0006))
+
+
+def test_text_fits_the_system(tmp_path, gyrospark, document):
+    done = gyrospark("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
+    assert "|g(q)|" in done.stdout
+    assert "qᵀ" not in done.stdout
+    free = tmp_path / "free.toml"
+    free.write_text(
+        'name = "oscillator"\n[system]\ncoordinates = ["x"]\nmomenta = ["v"]\n'
+        'hamiltonian = "(x**2 + v**2)/2"\n[start]\nq = [1]\np = [0]\n', encoding="utf-8")
+    done = gyrospark("run", free, "--scheme", "EMS", "--dt", "0.1", "--steps", "5")
+    assert done.code == 0, done.stderr
+    assert "constraint" not in done.stdout
+    found = document("run", free, "--scheme", "EMS", "--dt", "0.1", "--steps", "5")
+    assert found["constraint_max"] == found["momentum_constraint_max"] == 0
+
+
+def test_out_and_plot_of_a_general_system(tmp_path, document):
+    pytest.importorskip("matplotlib")
+    found = document("run", PENDULUM, "--scheme", "IMS", "--steps", "50", "--out",
+                     tmp_path / "p.npz", "--plot", tmp_path / "p.png")
+    assert gs.Trajectory.load(found["out"]).q.shape == (51, 2)
+    assert Path(found["plot"]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, document):
+    text = PENDULUM.read_text(encoding="utf-8").replace('q = ["l", 0]', "q = [0.3, 0.4001]")
+    rough = tmp_path / "rough.toml"
+    rough.write_text(text, encoding="utf-8")
+    found = document("run", rough, "--scheme", "IMS", "--steps", "5")
+    assert 1e-5 < found["start_moved"] < 1e-3
+    assert "start_moved" not in document("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
+    said = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stdout
+    assert "moved onto the constraints" in said
+
+
+def test_second_run_imports_no_sympy(document):
+    arguments = ["run", str(PENDULUM), "--scheme", "IMS", "--steps", "3", "--json"]
+    document(*arguments[:-1])
+    code = (f"import sys\nsys.argv = ['gyrospark', *{arguments}]\n"
+            "from gyrospark.commands import main\n"
+            "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 0\n"
+            "assert 'sympy' not in sys.modules")
+    done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True,
+                          text=True, check=False, timeout=100)
+    assert done.returncode == 0, done.stderr
+
+
+def test_generate_check_and_verify(tmp_path, gyrospark, document):
+    choice = ("--scheme", "IMS", "--system", PENDULUM)
+    done = gyrospark("generate", *choice, "--out", tmp_path, "--no-compile")
+    assert done.code == 0, done.stderr
+    assert {p.name for p in tmp_path.iterdir()} == {
+        f"pendulum_ims.{end}" for end in ("h", "c", "json")}
+    assert gyrospark("generate", *choice, "--out", tmp_path, "--check").code == 0
+    found = document("verify", *choice)
+    assert found["holds"]
+    assert found["verified"][0]["name"] == "pendulum_ims"
+
+
+def test_stepper_of_a_file_and_of_its_model_agree():
+    model = gs.load_model(SATELLITE)
+    run = {"dt": model.dt, "steps": 3,
+           "parameters": dict(model.parameters) | {"gamma": gs.gamma_m((120, 100, 30))}}
+    ends = [gs.stepper("IMS", system=system).integrate(model.q0, model.p0, **run).q[-1]
+            for system in (SATELLITE, str(SATELLITE), model, model.system)]
+    assert all(np.array_equal(end, ends[0]) for end in ends)
+
+
+# ---------------------------------------------------------------- what does not
+
+
+def write(folder: Path, content: str | bytes) -> Path:
+    path = folder / "hostile.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def pendulum(old: str, new: str) -> str:
+    text = PENDULUM.read_text(encoding="utf-8")
+    assert old in text
+    return text.replace(old, new)
+
+
+H = "(px**2 + py**2)/(2*m) + m*g*y"
+HOSTILE = {
+    "empty": ("", ["[body], [system]"]),
+    "brackets": ("x = " + "[" * 200_000, ["nested too deeply"]),
+    "tables": ("x = " + "{a = " * 40_000, ["nested too deeply"]),
+    "dotted key": ("a" + ".a" * 100_000 + " = 1", ["dots"]),
+    "huge integer": (pendulum("m = 1.0", "m = " + "9" * 5000), ["TOML"]),
+    "huge hexadecimal": (pendulum("m = 1.0", "m = 0x" + "f" * 9000), ["[parameters] m", "finite"]),
+    "infinity": (pendulum("m = 1.0", "m = 1e999"), ["[parameters] m", "finite"]),
+    "nan": (pendulum("m = 1.0", "m = nan"), ["[parameters] m", "finite"]),
+    "not UTF-8": (b"name = '\xff'", ["UTF-8"]),
+    "NUL": (b"name = 'a\x00'", ["TOML"]),
+    "twice": (pendulum("m = 1.0", "m = 1\nm = 2"), ["TOML"]),
+    "parentheses": (pendulum(H, "(" * 1900 + "x" + ")" * 1900), ["nested deeper"]),
+    "import": (pendulum(H, "__import__('os').system('touch /tmp/x')"), ["has no meaning"]),
+    "dunder": (pendulum(H, "__builtins__"), ["__builtins__ is unknown"]),
+    "attribute": (pendulum(H, "x.__class__"), ["has no meaning"]),
+    "lambda": (pendulum(H, "lambda"), ["lambda is unknown"]),
+    "huge power": (pendulum(H, "x**10**9"), ["±64"]),
+    "tower": (pendulum(H, "2**2**2**2**2**2"), ["±64"]),
+    "many terms": (pendulum(H, "(x + y + px + py)**60"), ["terms"]),
+    "function": (pendulum(H, "gamma(x)"), ["gamma is unknown"]),
+    "long": (pendulum(H, "x + " * 2000 + "x"), ["8001 characters"]),
+    "keyword": (pendulum('"x", "y"', '"x", "int"').replace("g*y", "g*int").replace(
+        "y**2 -", "int**2 -").replace("-y", "-int"), ["'int'", "keyword"]),
+    "redundant": (pendulum('constraints = ["', 'constraints = ["x**2 + y**2 - l**2", "').replace(
+        '["rod"]', '["rod", "again"]'), ["constraint"]),
+    "off any constraint": (pendulum('q = ["l", 0]', "q = [0, 0]"), ["'rod'", "start elsewhere"]),
+}
+
+
+@pytest.fixture
+def bounded(gyrospark):
+    """Call the command line with little memory and little patience."""
+    resource = pytest.importorskip("resource")
+
+    def impatient(number, frame):
+        raise TimeoutError("a minute has gone by")
+
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    taken = pages * resource.getpagesize()
+    handler = signal.signal(signal.SIGALRM, impatient)
+    resource.setrlimit(resource.RLIMIT_AS, (taken + (3 << 30), before[1]))
+    signal.alarm(60)
+    yield gyrospark
+    signal.alarm(0)
+    resource.setrlimit(resource.RLIMIT_AS, before)
+    signal.signal(signal.SIGALRM, handler)
+
+
+def refused(done, *fragments):
+    """Check for exit code 2 and one line on stderr."""
+    assert done.code == 2, done.stderr
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr) < 1500
+    for fragment in fragments:
+        assert fragment in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize(("content", "fragments"), HOSTILE.values(), ids=HOSTILE.keys())
+def test_hostile_file_is_refused(content, fragments, bounded, tmp_path):
+    refused(bounded("run", write(tmp_path, content), "--scheme", "IMS", "--dt", "0.01", "--steps",
+                    "5"), *fragments)
+
+
+def test_paths_that_are_no_file(bounded, tmp_path):
+    run = ("--scheme", "IMS", "--dt", "0.01", "--steps", "5")
+    refused(bounded("run", tmp_path / "none.toml", *run), "no such file")
+    (tmp_path / "folder.toml").mkdir()
+    refused(bounded("run", tmp_path / "folder.toml", *run), "no regular file")
+    os.mkfifo(tmp_path / "pipe.toml")
+    refused(bounded("run", tmp_path / "pipe.toml", *run), "no regular file")
+    (tmp_path / "zero.toml").symlink_to("/dev/zero")
+    refused(bounded("run", tmp_path / "zero.toml", *run), "no regular file")
+    with (tmp_path / "large.toml").open("wb") as file:
+        file.truncate(50 * 2**20)
+    refused(bounded("generate", "--scheme", "IMS", "--system", tmp_path / "large.toml"),
+            "more than 262144 bytes")
+
+
+@pytest.mark.parametrize(("arguments", "fragments"), [
+    (["--gamma", "m"], ["--gamma", "no body"]),
+    (["--rep", "gamma"], ["rep 'gamma'", "[body]"]),
+    (["--system", "heavy_top"], ["--system", "give one"]),
+    (["--set", "mm=2"], ["'mm'", "choose", "did you mean m?"]),
+    (["--set", "m"], ["--set 'm'", "KEY=VALUE"]),
+    (["--set", "m=0"], ["m", "divides"]),
+    (["--reference"], ["--reference"]),
+    (["--stages", "2"], ["IMS", "no stages"]),
+])
+def test_options_that_do_not_fit_a_model(arguments, fragments, bounded):
+    refused(bounded("run", PENDULUM, "--scheme", "IMS", *arguments), *fragments)
+
+
+def test_verify_says_what_a_model_file_is_for(bounded):
+    refused(bounded("verify", PENDULUM), "--model", "--system")
+
+
+def test_run_length_is_somewhere(bounded, tmp_path):
+    text = PENDULUM.read_text(encoding="utf-8")
+    path = write(tmp_path, text.replace("dt = 0.005\n", ""))
+    refused(bounded("run", path, "--scheme", "IMS"), "--dt", "pendulum")
+    path = write(tmp_path, text.replace("steps = 2000\n", ""))
+    refused(bounded("run", path, "--scheme", "IMS"), "--steps", "pendulum")
+
+
+# ---------------------------------------------------------------- rules for gamma
+
+
+@pytest.fixture
+def ruled(tmp_path):
+    """Return a short satellite whose file says by which rule its gamma is found."""
+    def write(rule):
+        path = tmp_path / "ruled.toml"
+        text = SATELLITE.read_text(encoding="utf-8")
+        line = 'rep = "gamma"\n'
+        assert text.count(line) == 1
+        path.write_text(text.replace(line, f"{line}gamma = {rule!r}\n"), encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_file_says_by_which_rule_gamma_is_found(ruled, document):
+    """What the option does, which takes its place; without one, in Python and certificates too."""
+    run = ("--scheme", "G-L", "--stages", "2", "--steps", "30")
+    plain = document("run", SATELLITE, *run)
+    wanted = {rule: document("run", SATELLITE, *run, "--gamma", rule)["parameters"]["gamma"]
+              for rule in ("h", "auto-energy")}
+    assert len({*wanted.values(), plain["parameters"]["gamma"]}) == 3
+    for rule, gamma in wanted.items():
+        path = ruled(rule)
+        found = document("run", path, *run)
+        assert found["parameters"]["gamma"] == gamma
+        assert document("run", path, *run, "--gamma", "m")["q"] == plain["q"]
+        model = gs.load_model(path)
+        assert model.rules == {"gamma": rule}
+        assert "gamma" not in model.parameters
+    assert gs.certify(model, "G-L", 2, steps=30).parameters["gamma"] == gamma
+
+
+def test_a_sweep_has_no_motion_to_choose_for(ruled):
+    axis = {"dt": [5.0, 10.0]}
+    with pytest.raises(gs.InputError, match="gamma = 'auto' is chosen for the motion of one run"):
+        gs.sweep(ruled("auto"), axis, scheme="G-L", stages=2, steps=3)
+    by_rule = gs.sweep(ruled("h"), axis, scheme="G-L", stages=2, steps=3)
+    told = gs.sweep(SATELLITE, axis, scheme="G-L", stages=2, steps=3, parameters={"gamma": "h"})
+    assert np.array_equal(by_rule["q"], told["q"])
+
+
+def test_another_word_is_no_rule(ruled, gyrospark):
+    done = gyrospark("run", ruled("automatic"), "--steps", "3")
+    assert done.code == 2
+    assert "gamma" in done.stderr
+    model = gs.load_model(SATELLITE)
+    what = {"parameters": model.parameters, "q0": model.q0, "p0": model.p0, "bodies": model.bodies}
+    with pytest.raises(gs.InputError, match=r"rules\['gamma'\].*auto"):
+        gs.Model(model.system, **what, rules={"gamma": "automatic"})
+    with pytest.raises(gs.InputError, match="rule for 'mu'"):
+        gs.Model(model.system, **what, rules={"mu": "m"})
+
+
+def test_rules_are_those_of_the_option():
+    from gyrospark.core.inertia import RULES
+    from gyrospark.runtime.rigid_body.gamma_rules import AIMS, MEANS
+
+    assert (*MEANS, *AIMS) == RULES

@@ -1,0 +1,81 @@
+"""``gyrospark models``: what has a name is listed, and what is listed can be run."""
+
+from __future__ import annotations
+
+import pytest
+
+import gyrospark as gs
+from gyrospark.core.registry import MODELS, PROBLEMS, SYSTEMS
+from processes import ROOT
+
+NAMES = [*PROBLEMS, *MODELS, *SYSTEMS]
+
+
+def test_every_name_is_listed_with_a_sentence(gyrospark):
+    rows = gyrospark("models", "--json").document
+    assert [row["name"] for row in rows] == NAMES
+    for row in rows:
+        assert row["about"].endswith(".")
+        assert not row["about"].startswith("Return")
+    said = gyrospark("models").stdout
+    for name in NAMES:
+        assert f"  {name} " in said
+
+
+#: test_run_names.py runs these by their names, and compares the bits.
+RUN_ELSEWHERE = ("lagrange_top", "double_pendulum", "chain")
+
+
+def test_the_list_is_that_of_python():
+    assert {name.replace("-", "_") for name in PROBLEMS} <= set(dir(gs.problems))
+    assert set(MODELS) <= set(dir(gs.models))
+
+
+@pytest.mark.parametrize("name", [*PROBLEMS, *(
+    pytest.param(name, marks=[pytest.mark.slow] if name in RUN_ELSEWHERE else [])
+    for name in MODELS)])
+def test_every_problem_and_model_is_run_by_its_name(name, gyrospark):
+    answer = gyrospark("run", name, "--scheme", "IMS", "--dt", "1e-3", "--steps", "2", "--json")
+    assert answer.code == 0, answer.stderr
+    assert answer.document["steps"] == 2
+    assert answer.document["constraint_max"] < 1e-12
+
+
+EXAMPLES = sorted(path.name for path in (ROOT / "examples").iterdir()
+                  if not path.name.startswith("__"))
+
+
+def test_every_example_is_listed_with_what_it_is(gyrospark):
+    rows = gyrospark("examples", "list", "--json").document
+    assert [row["name"] for row in rows] == EXAMPLES
+    for row in rows:
+        assert len(row["about"]) > 20, row
+    said = gyrospark("examples", "list").stdout
+    assert all(f"\n{name} " in f"\n{said}" for name in EXAMPLES)
+
+
+def test_examples_are_copied_whole_and_run(gyrospark, tmp_path):
+    assert gyrospark("examples", "copy", "all", "--to", str(tmp_path / "mine")).code == 0
+    for path in (ROOT / "examples").rglob("*"):
+        if path.is_file() and "__" not in str(path.relative_to(ROOT)):
+            there = tmp_path / "mine" / path.relative_to(ROOT / "examples")
+            assert there.read_bytes() == path.read_bytes()
+    answer = gyrospark("run", str(tmp_path / "mine" / "pendulum.toml"), "--scheme", "IMS",
+                       "--steps", "2", "--json")
+    assert answer.code == 0, answer.stderr
+
+
+def test_copying_writes_nothing_over(gyrospark, tmp_path):
+    (tmp_path / "pendulum.toml").write_text("mine", encoding="utf-8")
+    for name in ("pendulum.toml", "all"):
+        answer = gyrospark("examples", "copy", name, "--to", str(tmp_path))
+        assert (answer.code, answer.stderr.count("\n")) == (2, 1)
+        assert "is there already" in answer.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["pendulum.toml"]
+    assert (tmp_path / "pendulum.toml").read_text(encoding="utf-8") == "mine"
+
+
+def test_an_example_that_is_none(gyrospark, tmp_path):
+    answer = gyrospark("examples", "copy", "pendulm.toml", "--to", str(tmp_path))
+    assert answer.code == 2
+    assert "did you mean pendulum.toml?" in answer.stderr

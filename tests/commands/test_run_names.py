@@ -1,0 +1,218 @@
+"""``gyrospark run`` as everybody writes it: names, no scheme, 1e3 steps, other values."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import TOP
+from command_line import refused
+from gyrospark.core.registry import MODELS
+from processes import ROOT
+
+EXAMPLES = ROOT / "examples"
+PENDULUM = EXAMPLES / "pendulum.toml"
+
+
+@pytest.mark.parametrize("name", [
+    name if name in ("lagrange_top", "double_pendulum", "chain")
+    else pytest.param(name, marks=pytest.mark.slow) for name in MODELS])
+def test_every_model_runs_by_its_name(name, gyrospark):
+    """With its own dt; the same bits as from Python."""
+    settings = ["--set", "count=1"] if name == "chain" else []
+    answer = gyrospark("run", name, "--scheme", "IMS", "--steps", "2", "--json", *settings)
+    assert answer.code == 0, answer.stderr
+    assert answer.stderr == ""
+    made = getattr(gs.models, name)(**({"count": 1} if settings else {}))
+    assert answer.document["problem"] == made.name
+    assert answer.document["dt"] == made.dt
+    step = gs.stepper("IMS", system=made)
+    q, p = step.project(made.q0, made.p0, parameters=dict(made.parameters))
+    run = step.integrate(q, p, dt=made.dt, steps=2, parameters=dict(made.parameters))
+    assert answer.document["q"] == list(run.report.q)
+
+
+def test_a_model_that_ran_needs_no_sympy(gyrospark):
+    from processes import python
+
+    gyrospark("run", "lagrange_top", "--scheme", "IMS", "--steps", "1")
+    code = ("import sys\nsys.argv = ['gyrospark', 'run', 'lagrange-top', '--scheme', 'IMS', "
+            "'--steps', '1']\nfrom gyrospark.commands import main\n"
+            "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 0\n"
+            "print('sympy' in sys.modules)")
+    assert python(code).splitlines()[-1] == "False"
+
+
+def test_without_a_scheme_it_says_which(gyrospark, generate):
+    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "5"]
+    answer = gyrospark(*run)
+    assert answer.code == 0
+    said = answer.stdout.splitlines()
+    assert said[0].startswith("scheme: G-L ")
+    assert "--scheme" in said[0]
+    assert "heavy_top_gl3_gamma" in said[1]
+    assert gyrospark(*run, "--json").document["stepper"] == "heavy_top_gl3_gamma"
+    assert gyrospark(*run, "--stages", "2", "--json").document["stepper"] == "heavy_top_gl2_gamma"
+    assert "scheme:" not in gyrospark(*run, "--scheme", "IMS").stdout
+    answer = generate("--rep", "alpha", "--no-compile", "--out", "made")
+    assert answer.stdout.startswith("scheme: G-L ")
+    assert "heavy_top_gl3_alpha: order 6" in answer.stdout
+    answer = gyrospark("verify", "--model", "fast-top", "--steps", "4", "--json")
+    assert answer.document["stepper"] == "heavy_top_gl3_gamma"
+
+
+@pytest.mark.parametrize(("text", "count"), [("1e1", 10), ("10.0", 10), ("1.5e1", 15), ("7", 7),
+                                             ("1E1", 10), ("1e+1", 10), ("0.5e1", 5)])
+def test_whole_numbers_as_everybody_writes_them(text, count, gyrospark):
+    answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", text,
+                       "--max-iterations", "5e1", "--json")
+    assert answer.document["steps"] == count
+
+
+def test_counts_in_python_and_files(gl3, tmp_path):
+    run = {"dt": 1e-3, "parameters": TOP.parameters | {"gamma": "m"}}
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=10.0, every=np.float32(5), max_iterations=5e1, **run)
+    assert made.q.shape == (3, 4)
+    q, p = [TOP.q0] * 2, [TOP.p0] * 2
+    assert gl3.integrate_ensemble(q, p, steps=4.0, every=2.0, workers=1.0, **run).q.shape == (2, 3,
+                                                                                             4)
+    assert gs.record(gl3, TOP.q0, TOP.p0, steps=1e1, every=5.0, seed=3.0,
+                     out=tmp_path / "a.zarr", **run).report.steps == 10
+    assert int(gs.sweep(TOP, {"mgl": [0.3]}, scheme="IMS", dt=1e-3, steps=4.0).steps_done[0]) == 4
+    assert gs.certify(TOP, "IMS", dt=1e-3, steps=2.0).steps == 2
+
+
+# ---------------------------------------------------------------- γ by rule, in Python
+
+
+@pytest.mark.parametrize(("rule", "mean"), [("m", gs.gamma_m), ("h", gs.gamma_h),
+                                            ("mt", gs.gamma_m_tilde), ("ht", gs.gamma_h_tilde)])
+def test_rules_of_the_command_line_are_taken_in_python(rule, mean, gl3):
+    number = mean(TOP.inertia)
+    run = {"dt": 1e-3, "steps": 3}
+    by_rule, by_number = (gl3.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {
+        "gamma": gamma}) for gamma in (rule, number))
+    assert by_rule.parameters["gamma"] == number
+    assert np.array_equal(by_rule.q, by_number.q)
+
+
+def test_rules_are_taken_wherever_parameters_are(gl3):
+    ruled, known = (TOP.parameters | {"gamma": gamma} for gamma in ("m", gs.gamma_m(TOP.inertia)))
+    q, p, x = TOP.q0, TOP.p0, np.zeros(gl3.unknowns)
+    for call in (
+        lambda s: gl3.step(q, p, dt=1e-3, parameters=s), lambda s: gl3.energy(q, p, parameters=s),
+        lambda s: gl3.residual(x, q, p, dt=1e-3, parameters=s),
+        lambda s: gl3.project(q, p, parameters=s), lambda s: gl3.defects(q, p, parameters=s),
+        lambda s: gl3.guess(q, p, dt=1e-3, parameters=s),
+        lambda s: gl3.integrate_ensemble([q, q], [p, p], dt=1e-3, steps=2, parameters=s).q,
+        lambda s: gl3.integrate_ensemble([q], [p], dt=1e-3, steps=2, parameters=[s]).q,
+        lambda s: gs.certify(TOP, "IMS", dt=1e-3, steps=2, parameters={"gamma": s["gamma"]}
+                             ).parameters["gamma"],
+    ):
+        assert np.array_equal(np.asarray(call(ruled)), np.asarray(call(known)))
+    model = gs.models.double_top()
+    step = gs.stepper("IMS", system=model)
+    made = step.integrate(model.q0, model.p0, dt=1e-3, steps=1,
+                          parameters=dict(model.parameters) | {"b_gamma": "h"})
+    inertia = tuple(model.parameters[f"b_I{i}"] for i in (1, 2, 3))
+    assert made.parameters["b_gamma"] == gs.gamma_h(inertia)
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"gamma": "x"}, "gamma = 'x'.* m, h, mt, ht"),
+    ({"gamma": "fast"}, "neither a number"), ({"I1": "m"}, "I1 = 'm'"),
+])
+def test_other_words_are_refused(changes, words, gl3):
+    with pytest.raises(gs.InputError, match=words):
+        gl3.step(TOP.q0, TOP.p0, dt=1e-3, parameters=TOP.parameters | {"gamma": 1e-3} | changes)
+
+
+# ---------------------------------------------------------------- --set
+
+
+def test_settings_are_the_file_with_other_values(gyrospark, tmp_path):
+    """Against the same file written anew, to the bit."""
+    text = PENDULUM.read_text(encoding="utf-8")
+    (tmp_path / "other.toml").write_text(text.replace("m = 1.0", "m = 2.5"), encoding="utf-8")
+    assert "m = 1.0" in text
+    run = ["--scheme", "IMS", "--steps", "5", "--json"]
+    wanted = gyrospark("run", tmp_path / "other.toml", *run).document
+    for value in ("2.5", "5/2", "2.5e0"):
+        found = gyrospark("run", PENDULUM, *run, "--set", f"m={value}").document
+        assert found["parameters"]["m"] == 2.5
+        assert (found["q"], found["p"]) == (wanted["q"], wanted["p"])
+
+
+FILE = """
+name = "settled"
+potential = "k*R33"
+[body]
+inertia = [1, 1, "2*half"]
+[parameters]
+half = 0.5
+k = 1
+spin = "8*half"
+[start]
+euler = [0, 0.1, 0]
+angular_velocity = [0, 0, "spin"]
+[run]
+dt = 0.01
+steps = 2
+"""
+
+
+def test_what_depends_on_a_setting_follows(gyrospark, tmp_path):
+    path = tmp_path / "settled.toml"
+    path.write_text(FILE, encoding="utf-8")
+
+    def run(*settings):
+        options = [x for setting in settings for x in ("--set", setting)]
+        answer = gyrospark("run", path, "--scheme", "IMS", "--json", *options)
+        assert answer.code == 0, answer.stderr
+        return answer.document
+
+    assert run()["parameters"]["I3"] == 1
+    found = run("half=0.75")
+    assert found["parameters"]["I3"] == 1.5
+    assert found["p"][3] == pytest.approx(2 * 1.5 * 6, rel=0.02)
+    assert run("k=3")["parameters"]["k"] == 3
+    assert run("k=3", "start.euler=[0, '30 deg', 0]")["energy_start"] == pytest.approx(
+        3 * np.cos(np.pi / 6) + 0.5 * 16, rel=1e-12)
+    assert run("run.steps=7")["steps"] == 7
+    assert run("body.gamma=2")["parameters"]["gamma"] == 2
+    assert run("start.angular_velocity=[0, 0, '60 rpm']")["q"] != run()["q"]
+
+
+@pytest.mark.parametrize(("setting", "fragments"), [
+    ("kk=3", ["'kk'", "half, k or spin", "k?"]),
+    ("k", ["--set 'k'", "KEY=VALUE"]), ("k=", ["[parameters] k", "no number"]),
+    ("k=x", ["[parameters] k", "x is unknown"]), ("k=[1]", ["[parameters] k", "a list of 1"]),
+    ("start.angle=3", ["'angle'", "unknown"]), ("begin.euler=3", ["'begin.euler'"]),
+    ("k.l=3", ["'k.l'"]), ("body.inertia=[1, 1, 9]", ["no body"]),
+    ("k=true", ["true"]), ("k=1\nname='x'", ["k"]), ("=3", ["''"]),
+    ("start.euler=__import__('os')", ["euler"]),
+])
+def test_settings_that_do_not_fit_are_refused(setting, fragments, gyrospark, tmp_path):
+    path = tmp_path / "settled.toml"
+    path.write_text(FILE, encoding="utf-8")
+    refused(gyrospark("run", path, "--scheme", "IMS", "--set", setting), *fragments)
+
+
+def test_settings_of_bodies_go_by_name(gyrospark):
+    found = gyrospark("run", EXAMPLES / "double_top.toml", "--scheme", "IMS", "--steps", "2",
+                      "--set", "bodies.upper.mass=0.7", "--json")
+    names = [key for key in found.document["parameters"] if key.endswith("_m")]
+    assert found.document["parameters"]["upper_m"] == 0.7, names
+
+
+def test_without_a_scheme_the_gamma_of_a_single_body_is_searched_for(gyrospark):
+    """As with --gamma auto; an option of either kind decides."""
+    how = ("--dt", "1e-3", "--steps", "300", "--json")
+    searched = gyrospark("run", "fast-top", *how).document
+    asked = gyrospark("run", "fast-top", "--scheme", "G-L", "--stages", "3", "--gamma", "auto",
+                      *how).document
+    assert searched["parameters"] == asked["parameters"]
+    plain = gyrospark("run", "fast-top", "--gamma", "m", *how).document
+    named = gyrospark("run", "fast-top", "--scheme", "G-L", "--stages", "3", *how).document
+    assert plain["parameters"] == named["parameters"] != searched["parameters"]

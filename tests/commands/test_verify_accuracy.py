@@ -1,0 +1,71 @@
+"""verify --plot: errors over the step and the time fall with the derived order."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from gyrospark.certificates.accuracy_over_time import Accuracy, accuracy, draw
+
+
+@pytest.mark.parametrize(("stages", "order"), [(2, 2), (3, 4)])
+def test_errors_fall_with_the_order(stages, order, gl3):
+    """And are those against a much finer run of another method."""
+    step = gs.stepper("LIIIA-B", stages, "gamma")
+    found = accuracy(step, TOP.q0, TOP.p0, dt=1e-3, steps=100, parameters=PARAMETERS)
+    assert step.order == order == found.order
+    assert found.dt == [4e-3 / 2**k for k in range(7)]
+    assert np.abs(np.array(found.slopes[-3:]) - order).max() < 0.15
+    fine = gl3.integrate(TOP.q0, TOP.p0, dt=1e-4, steps=round(found.t_end / 1e-4),
+                         parameters=PARAMETERS)
+    count = round(found.t_end / found.dt[2])
+    run = step.integrate(TOP.q0, TOP.p0, dt=found.dt[2], steps=count, parameters=PARAMETERS)
+    error = max(np.abs(a[-1] - b[-1]).max() / np.abs(b[[0, -1]]).max()
+                for a, b in ((run.q, fine.q), (run.p, fine.p)))
+    assert found.error[2] == pytest.approx(error, rel=2e-3)
+
+
+def test_steps_without_a_solution_are_left_out():
+    step = gs.stepper("LIIIA-B", 2, "gamma")
+    found = accuracy(step, TOP.q0, TOP.p0, dt=0.03, steps=40, parameters=PARAMETERS)
+    assert 0 < len(found.dt) < 7
+    assert len(found.dt) == len(found.error) == len(found.seconds)
+
+
+def test_the_picture_shows_the_numbers(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    kept = []
+    monkeypatch.setattr("gyrospark.certificates.accuracy_over_time.save",
+                        lambda figure, target: kept.append(figure))
+    found = Accuracy("a_stepper", 4, 1.0, [0.4, 0.2, 0.1], [1e-3, 6e-5, 0.0], [0.1, 0.2, 0.4])
+    draw("top", found, tmp_path / "a.png")
+    order, work = kept[0].axes
+    curve, guide = order.get_lines()
+    assert list(curve.get_ydata()) == [1e-3, 6e-5]  # a logarithm has no place for 0
+    assert guide.get_label() == "Δt^4"
+    assert guide.get_ydata()[1] == pytest.approx(1e-3 / 16)
+    assert list(work.get_lines()[0].get_xdata()) == [0.1, 0.2]
+    assert {axes.get_xscale() for axes in (order, work)} == {"log"}
+
+
+def test_on_the_command_line(gyrospark, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    verify = ["verify", "--model", "free-body", "--scheme", "IMS", "--steps", "20"]
+    said = gyrospark(*verify, "--plot", "order.png", "--json")
+    assert said.code == 0
+    assert said.document["plot"] == "order.png"
+    assert len(said.document["accuracy"]["dt"]) == 7
+    assert (tmp_path / "order.png").stat().st_size > 10_000
+    assert "wrote order.png" in gyrospark(*verify, "--plot", "order.png").stdout
+    said = gyrospark("verify", "--scheme", "IMS", "--plot", "order.png")
+    assert said.code == 2
+    assert "--plot belongs to --model" in said.stderr
+    said = gyrospark(*verify, "--plot", "order.txt")
+    assert said.code == 2
+    assert "end it in .png" in said.stderr
+    monkeypatch.setitem(sys.modules, "gyrospark.runtime.plotting.figure", None)
+    assert 'pip install "matplotlib>=' in gyrospark(*verify, "--plot", "order.png").stderr

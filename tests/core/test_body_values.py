@@ -1,0 +1,345 @@
+"""What callers say of a body: inertia as moments or a tensor, attitude, and what no body has."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import gyrospark as gs
+from gyrospark.core.inertia import (
+    as_inertia,
+    inverse_entries,
+    moments_of,
+    tensor_of_inverse,
+    unit_quaternions,
+)
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.generator.multibody.rigid_body import kinetic_energy
+from gyrospark.runtime.rigid_body.quaternion import (
+    angular_velocity,
+    from_rotation,
+    momentum,
+    rotation_matrix,
+)
+
+EPS = float(np.finfo(float).eps)
+MOMENTS = (0.002, 0.0013, 0.0008)
+#: From the principal axes to the axes in which a tensor is given.
+TILT = Rotation.from_rotvec([0.3, -0.5, 0.7])
+TENSOR = TILT.as_matrix() @ np.diag(MOMENTS) @ TILT.as_matrix().T
+TENSOR = (TENSOR + TENSOR.T) / 2
+
+
+# ---------------------------------------------------------------- moments
+
+
+@pytest.mark.parametrize("inertia", [
+    (1, 1, 2), (2, 1, 1), (1, 2, 3), (0.0017, 0.0015, 0.0002), (1, 1, 1), (3, 4, 5),
+    tuple(7.3 * x for x in (0.1, 0.2, 0.3)), (1e-300, 1e-300, 2e-300), (1e300, 1e300, 1e300),
+])
+def test_moments_of_bodies_are_taken_in_silence(inertia):
+    """Equality is a flat body; the sum may be off by its rounding."""
+    assert as_inertia(inertia) == tuple(float(x) for x in inertia)
+
+
+@pytest.mark.parametrize("inertia", [(10, 1, 1), (1, 1, 2.2), (0.5, 3, 1), (1, 0.1, 0.1),
+                                     np.diag([10.0, 1, 1]), TENSOR + np.diag([0.1, 0, 0])])
+def test_moments_that_no_body_has_are_refused(inertia):
+    words = "no body has it: the principal moment .* exceeds the sum .*gyrospark.System"
+    build = gs.Multibody("m")
+    for call in (lambda: as_inertia(inertia),
+                 lambda: build.body("a", mass=1, inertia=inertia),
+                 lambda: build.top("a", mass=1, inertia=inertia, centre=(0, 0, 1)),
+                 lambda: gs.state_from_rotation(np.eye(3), [0, 0, 1], inertia)):
+        with pytest.raises(gs.InputError, match=words):
+            call()
+    if np.ndim(inertia) == 1:
+        with pytest.raises(gs.InputError, match=words):
+            gs.problems.free_body(inertia)
+
+
+@pytest.mark.parametrize("inertia", [(0.11, 0.11, 0.23), (1, 2, 3.0001), (2.05, 1, 1)])
+def test_moments_that_rounding_made_are_taken_with_a_remark(inertia):
+    with pytest.warns(gs.InputWarning, match="no body has it.*as if by rounding"):
+        assert as_inertia(inertia) == tuple(float(x) for x in inertia)
+
+
+def test_effective_moments_are_parameters_of_a_system(gl3):
+    """The cure that the refusal names: fluid and rotors add to moments."""
+    q, p = np.array([1.0, 0, 0, 0]), gs.momentum([1, 0, 0, 0], [1, 2, 3], (10, 1, 1))
+    parameters = {"I1": 10, "I2": 1, "I3": 1, "mgl": 0.1, "gamma": gs.gamma_m((10, 1, 1))}
+    made = gl3.integrate(q, p, dt=1e-2, steps=5, parameters=parameters)
+    assert made.report.energy_error_max < 1e-12
+
+
+# ---------------------------------------------------------------- tensors
+
+
+@pytest.mark.parametrize(("inertia", "words"), [
+    (np.diag([1.0, 1, -1]), "I3 = -1.0"), ([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]], "not symmetric"),
+    ([[1, 2, 0], [2, 1, 0], [0, 0, 1]], "not positive definite"), (np.zeros((3, 3)), "I1 = 0.0"),
+    (np.eye(2), "3 × 3 finite"), (np.full((3, 3), np.nan), "3 × 3 finite"),
+    (np.ones((3, 3)), "not positive definite"), ([[1, 2], [3]], "not three numbers"),
+])
+def test_what_is_no_inertia_tensor_is_refused(inertia, words):
+    for call in (as_inertia, gs.gamma_m, lambda x: gs.momentum([1, 0, 0, 0], [1, 2, 3], x)):
+        with pytest.raises(gs.InputError, match=words):
+            call(inertia)
+
+
+def test_a_diagonal_tensor_is_its_moments():
+    assert as_inertia(np.diag(MOMENTS)) == MOMENTS
+    assert gs.gamma_m(np.diag(MOMENTS)) == gs.gamma_m(MOMENTS)
+
+
+@pytest.mark.parametrize("mean", [gs.gamma_m, gs.gamma_h, gs.gamma_m_tilde, gs.gamma_h_tilde])
+def test_means_of_a_tensor_are_those_of_its_moments(mean):
+    assert mean(TENSOR) == pytest.approx(mean(MOMENTS), rel=8 * EPS)
+    assert mean(TENSOR.tolist()) == mean(TENSOR)
+
+
+def test_fast_gamma_of_a_tensor_finds_the_axis():
+    moments = (0.002, 0.002, 0.0008)
+    tensor = TILT.as_matrix() @ np.diag(moments) @ TILT.as_matrix().T
+    tensor = (tensor + tensor.T) / 2
+    spin = TILT.apply([0.1, 0, 100])
+    assert gs.gamma_fast(tensor, spin) == pytest.approx(gs.gamma_fast(moments, [0.1, 0, 100]))
+
+
+@given(st.lists(st.floats(0.5, 1.0), min_size=3, max_size=3),
+       st.lists(st.floats(-3, 3), min_size=3, max_size=3))
+@settings(deadline=None, max_examples=50)
+def test_a_tensor_and_its_inverse(moments, turn):
+    R = Rotation.from_rotvec(turn).as_matrix()
+    tensor = as_inertia(((R @ np.diag(moments) @ R.T) + (R @ np.diag(moments) @ R.T).T) / 2)
+    if np.ndim(tensor) == 2:
+        back = tensor_of_inverse(inverse_entries(tensor))
+        assert np.allclose(back, tensor, rtol=0, atol=32 * EPS)
+    assert np.allclose(sorted(moments_of(tensor)), sorted(moments), rtol=0, atol=32 * EPS)
+
+
+def test_no_inverse_of_an_inertia_is_told():
+    with pytest.raises(gs.InputError, match="are no J⁻¹"):
+        tensor_of_inverse([1, 2, 0, 1, 0, 1])
+
+
+@pytest.mark.parametrize("rep", ["original", "alpha", "gamma"])
+def test_kinetic_energy_of_a_tensor_is_that_of_the_moments(rep):
+    """In principal axes K is diagonal: the expressions are the same."""
+    import sympy as sp
+
+    I1, I2, I3 = I = sp.symbols("I1:4", positive=True)  # noqa: E741
+    K = (1 / I1, 0, 0, 1 / I2, 0, 1 / I3)
+    assert sp.expand(kinetic_energy(rep, inertia=K) - kinetic_energy(rep, inertia=I)) == 0
+
+
+def test_momentum_and_angular_velocity_of_a_tensor():
+    """Against the body in its principal axes: Ω there is Aᵀ Ω here, and l turns alike."""
+    q, omega = unit_quaternions([0.5, 0.1, -0.7, 0.5]), np.array([3.0, -4, 10])
+    p = momentum(q, omega, TENSOR)
+    assert np.allclose(angular_velocity(q, p, TENSOR), omega, rtol=0, atol=1e-13)
+    R = Rotation.from_matrix(rotation_matrix(q)) * TILT
+    _, p_own = gs.state_from_rotation(R, TILT.inv().apply(omega), MOMENTS)
+    energies = [0.5 * omega @ TENSOR @ omega,
+                0.5 * np.sum(np.array(MOMENTS) * TILT.inv().apply(omega) ** 2)]
+    assert energies[0] == pytest.approx(energies[1], rel=1e-14)
+    assert np.linalg.norm(p) == pytest.approx(np.linalg.norm(p_own), rel=1e-14)
+
+
+def builder(inertia, tilt, rep="gamma"):
+    """Return a top on a spring, with all that is said of it in its own axes turned by ``tilt``."""
+    build = gs.Multibody("tilted", dt=1e-3, steps=200)
+    at_start = Rotation.from_rotvec([0.4, 0.2, -0.1])
+    top = build.top("a", mass=0.3, inertia=inertia, centre=tilt.apply([0.01, 0, 0.04]), rep=rep,
+                    rotation=at_start * tilt.inv(),
+                    angular_velocity=tilt.apply([3.0, -2.0, 60.0]))
+    build.spring("s", build.ground, top, stiffness=0.5, length=0.01,
+                 on_b=tilt.apply([0.02, 0.01, 0.05]))
+    build.torque(top, [-1e-4 * w for w in top.angular_velocity])
+    build.quantity("height", top.point(tilt.apply([0, 0, 1.0]))[2])
+    return build.model()
+
+
+@pytest.mark.parametrize(("scheme", "stages", "rep"), [("G-L", 2, "gamma"), ("EMS", None, "alpha")])
+def test_a_body_with_a_tensor_moves_as_the_one_in_principal_axes(scheme, stages, rep):
+    """Two ways to every motion; what comes out is in the axes in which all was said.
+
+    γ and α are the same for both, and T as a function on the sphere too: the steps agree to
+    round-off, not only to the order of the scheme.
+    """
+    runs = []
+    for inertia, tilt in ((MOMENTS, Rotation.identity()), (TENSOR, TILT)):
+        model = builder(inertia, tilt, rep)
+        step = gs.stepper(scheme, stages, system=model.system)
+        runs.append(step.integrate(model.q0, model.p0, dt=1e-3, steps=200,
+                                   parameters=model.parameters))
+    own, tilted = runs
+    assert np.abs((own.rotation() * TILT.inv()).as_matrix()
+                  - tilted.rotation().as_matrix()).max() < 2e-12
+    assert np.abs(TILT.apply(own.angular_velocity()) - tilted.angular_velocity()).max() < 60 * 2e-12
+    assert np.abs(own.energy() - tilted.energy()).max() < 1e-13
+    assert np.abs(own.quantity("height") - tilted.quantity("height")).max() < 2e-12
+    assert tilted.report.energy_error_max < (1e-13 if scheme == "EMS" else 1e-5)
+
+
+def test_a_free_body_with_a_tensor_turns_as_its_closed_form():
+    exact = gs.problems.free_body(MOMENTS, (3.0, -2.0, 10.0))
+    build = gs.Multibody("free_tensor", gravity=(0, 0, 0))
+    build.top("a", mass=1, inertia=TENSOR, centre=(0, 0, 0), rotation=TILT.inv(),
+              angular_velocity=TILT.apply([3.0, -2.0, 10.0]))
+    model = build.model()
+    assert set(model.bodies) == {"a_gamma"}
+    assert np.array_equal(model.bodies["a_gamma"], TENSOR)
+    step = gs.stepper("G-L", 3, system=model.system)
+    made = step.integrate(model.q0, model.p0, dt=0.01, steps=100, every=100,
+                          parameters=model.parameters)
+    third = (made.rotation() * TILT).as_matrix()[:, :, 2]
+    assert np.abs(third - exact.exact.axis(made.t)).max() < 1e-8
+    finer = step.integrate(model.q0, model.p0, dt=0.005, steps=200, every=200,
+                           parameters=model.parameters)
+    ratio = (np.abs(third[1] - exact.exact.axis(made.t)[1]).max()
+             / np.abs((finer.rotation() * TILT).as_matrix()[1, :, 2]
+                      - exact.exact.axis(made.t)[1]).max())
+    assert 5 < math.log2(ratio) < 7  # order 6: nothing else is left
+
+
+TENSOR_FILE = """
+name = "tensor_file"
+potential = "3/2*n**2*(J11*R31**2 + J22*R32**2 + J33*R33**2 + 2*J12*R31*R32)"
+[body]
+inertia = [[0.3, 0.02, 0], [0.02, 0.25, 0], [0, 0, "1/5"]]
+[parameters]
+n = 0.1
+[start]
+euler = [0.1, 0.2, 0.3]
+angular_velocity = [0.1, 0.2, 1.0]
+[quantities]
+spin = "omega3"
+roll = "omega1"
+"""
+
+
+def test_a_model_file_takes_a_tensor():
+    """Its formulas know J11..J33; angular velocity and quantities agree."""
+    model = parse_model(TENSOR_FILE, "t.toml")
+    assert {"J11", "J12", "J22", "J33", "K11", "K23", "n"} <= set(model.parameters)
+    assert "J13" not in model.parameters  # nothing asks for it
+    step = gs.stepper("G-L", 2, system=model.system)
+    parameters = dict(model.parameters) | {"gamma": "m"}
+    made = step.integrate(model.q0, model.p0, dt=0.01, steps=50, parameters=parameters)
+    assert made.parameters["gamma"] == pytest.approx(0.25, rel=8 * EPS)  # the trace over three
+    assert np.allclose(made.angular_velocity()[:, 2], made.quantity("spin"), rtol=0, atol=1e-14)
+    assert np.allclose(made.angular_velocity()[:, 0], made.quantity("roll"), rtol=0, atol=1e-14)
+    assert np.allclose(made.angular_velocity()[0], [0.1, 0.2, 1.0], rtol=0, atol=1e-15)
+    J = np.array([[0.3, 0.02, 0], [0.02, 0.25, 0], [0, 0, 0.2]])
+    omega, third = made.angular_velocity(), made.rotation().as_matrix()[:, 2, :]
+    energy = 0.5 * np.einsum("ti,ij,tj->t", omega, J, omega) + 0.015 * np.einsum(
+        "ti,ij,tj->t", third, J, third)
+    assert np.allclose(energy, made.energy(), rtol=0, atol=1e-15)
+
+
+def test_bodies_of_a_file_take_tensors_too():
+    text = """
+name = "tensor_bodies"
+[[bodies]]
+name = "a"
+mass = 1
+inertia = [[0.3, 0.02, 0], [0.02, 0.25, 0], [0, 0, 0.2]]
+angular_velocity = [1, 2, 3]
+"""
+    model = parse_model(text, "t.toml")
+    J = np.array([[0.3, 0.02, 0], [0.02, 0.25, 0], [0, 0, 0.2]])
+    assert np.allclose(model.p0[1:4] / 2, J @ [1, 2, 3], rtol=0, atol=1e-15)
+    for wrong, words in [("[0, 0, 0.2]]", r"\[\[bodies\]\] 1.*positive definite"),
+                         ("[0, 0.2]]", "row 3, has 2 entries")]:
+        changed = text.replace("[0, 0, 0.2]]", wrong.replace("0.2", "-0.2"))
+        with pytest.raises(gs.InputError, match=words):
+            parse_model(changed, "t.toml")
+
+
+# ---------------------------------------------------------------- attitudes
+
+
+def test_a_rotation_matrix_is_taken_where_a_rotation_is():
+    R = Rotation.from_rotvec([0.3, 1.2, -0.8])
+    one = gs.state_from_rotation(R, [1, 2, 3], MOMENTS)
+    other = gs.state_from_rotation(R.as_matrix(), [1, 2, 3], MOMENTS)
+    for a, b in zip(one, other, strict=True):
+        assert np.allclose(a, b, rtol=0, atol=4 * EPS)
+    stack = Rotation.from_rotvec([[0.3, 1.2, -0.8], [3.1, 0, 0.1]])
+    q = from_rotation(stack.as_matrix().tolist())
+    sign = np.sign((q * from_rotation(stack)).sum(axis=1))[:, None]
+    assert np.allclose(sign * q, from_rotation(stack), rtol=0, atol=4 * EPS)
+    for wrong in (2 * np.eye(3), np.diag([1, 1, -1.0]), np.eye(2), "x", None, np.eye(4)):
+        with pytest.raises(gs.InputError, match="rotation"):
+            gs.state_from_rotation(wrong, [1, 2, 3], MOMENTS)
+
+
+@pytest.mark.parametrize("q", [
+    (1, 0, 0, 0), (0, 1, 0, 0), (0.99, 0.14, 0, 0), (0.7071, 0.7071, 0, 0), (0.71, 0, 0, 0.7),
+    (-1, 0, 0, 0), (0.5, 0.5, 0.5, 0.5), (0.8, 0, 0, 0.6), (0.6, 0, 0, 0.8), (0.707, 0, 0, -0.707),
+    tuple(np.array([1, 2, 3, 4]) / math.sqrt(30)), np.float32([0.5, 0.5, 0.5, 0.5]),
+    np.array([0.3, 0.4, 0.5, 0.707107], dtype=np.float32) / np.float32(1.0000002),
+    [[1, 0, 0, 0], [0.6, 0, 0, 0.8]], [[1, 0, 0, 0], [0, 0, 0, 1]],
+])
+def test_attitudes_that_are_meant_so_are_taken_in_silence(q):
+    """Rounded to the digits they are written with, or a type's own."""
+    assert np.allclose(np.linalg.norm(unit_quaternions(q), axis=-1), 1, rtol=0, atol=2 * EPS)
+
+
+@pytest.mark.parametrize(("q", "length"), [
+    ((1, 1, 0, 0), "1.41421356"), ((0.99, 0.21, 0, 0), "1.012"),
+    ((0.7073, 0.7073, 0, 0), "1.00027"), ((0.5, 0.5, 0.5, 0.500003), "1.0000015"),
+    ((0, 2, 0, 0), "2"),
+])
+def test_a_length_that_rounding_does_not_explain_is_told(q, length):
+    with pytest.warns(gs.InputWarning, match=f"quaternion has length {length}"):
+        unit = unit_quaternions(q)
+    assert np.allclose(unit, np.array(q) / np.linalg.norm(q), rtol=0, atol=EPS)
+
+
+@pytest.mark.parametrize(("q", "first"), [
+    ((0, 0, 0, 1), "(1, 0, 0, 0)"), ((0.14, 0, 0, 0.99), "(0.99"), ((0, 0.28, 0, 0.96), "(0.96"),
+    ((0, 0, 0, -1), "(-1, 0, 0, 0)"), ([[0, 0, 0, 1], [0.1, 0, 0, 0.995]], "(1, 0, 0, 0)"),
+])
+def test_a_scalar_that_seems_to_stand_last_is_told(q, first):
+    with pytest.warns(gs.InputWarning) as said:
+        unit_quaternions(q)
+    text = " ".join(str(one.message) for one in said)
+    assert "is read scalar first" in text
+    assert f"write {first}" in text
+
+
+def test_one_in_seventeen_random_attitudes_looks_so():
+    """The share that the docstring tells: a cap of 30° on the sphere in four dimensions."""
+    q = np.random.default_rng(3).normal(size=(20_000, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    share = np.mean(np.abs(q[:, 3]) > math.cos(math.pi / 6))
+    assert share == pytest.approx((2 / math.pi) * (math.pi / 6 - math.sqrt(3) / 4), abs=0.005)
+    assert round(1 / share) in (16, 17, 18)
+
+
+def test_a_rotation_leaves_the_order_unsaid():
+    """The cure that the remark names."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for rotation in (Rotation.from_quat([0, 0, 1, 0]), np.diag([-1.0, -1, 1])):
+            build = gs.Multibody("m")
+            build.top("a", mass=1, inertia=MOMENTS, centre=(0, 0, 1), rotation=rotation)
+            assert np.allclose(np.abs(build.model().q0), [0, 0, 0, 1], rtol=0, atol=EPS)
+    with pytest.raises(gs.InputError, match="give a single one"):
+        gs.Multibody("m").body("a", mass=1, inertia=MOMENTS,
+                               rotation=Rotation.from_quat([[0, 0, 1, 0]] * 2))
+
+
+@pytest.mark.parametrize("q", [(0, 0, 0, 0), (1, 0, 0), "abcd", None, [[[1, 0, 0, 0]]], 1,
+                               (math.nan, 0, 0, 1), [[1, 0, 0, 0], [0, 0, 0, 0]], (1j, 0, 0, 0)])
+def test_what_is_no_attitude_is_refused(q):
+    with pytest.raises(gs.InputError, match="quaternion is"):
+        unit_quaternions(q)

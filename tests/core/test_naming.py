@@ -1,0 +1,200 @@
+"""One record for whatever has a name: the lists agree, and a wrong name ends in a proposal."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from dataclasses import replace
+from types import ModuleType
+from typing import get_args
+
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.commands.verify import _model as model_of_verify
+from gyrospark.commands.verify import spec_of_name
+from gyrospark.core import arguments
+from gyrospark.core.inertia import REPS, RepName
+from gyrospark.core.real_types import REALS, RealName
+from gyrospark.core.registry import MODELS, PROBLEMS, SYSTEMS, entry_named
+from gyrospark.generator.models.formulas import parse_formula
+from gyrospark.generator.pipeline import generate, tableau_of
+from gyrospark.generator.schemes.named_schemes import SCHEMES, SchemeName
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.bindings.binding import SOLVERS, SolverName
+from gyrospark.runtime.rigid_body.gamma_rules import AIMS, Aim
+
+TOP = gs.problems.fast_top()
+
+
+@pytest.mark.parametrize(("names", "records"), [
+    (SchemeName, SCHEMES), (RealName, REALS), (RepName, REPS), (SolverName, SOLVERS),
+    (Aim, AIMS.values()),
+], ids=["scheme", "real", "rep", "solver", "aim"])
+def test_literals_are_the_records(names, records):
+    """What editors complete is what is taken, in the same order."""
+    assert get_args(names) == tuple(records)
+
+
+def test_a_scheme_of_one_number_of_stages_is_called_by_its_name(monkeypatch):
+    """Its stages need not be said, and are in no name; a family's have to."""
+    made = replace(SCHEMES["LIIIA-B"], name="RATTLE", most=2)
+    monkeypatch.setitem(SCHEMES, "RATTLE", made)
+    spec = Spec.checked("RATTLE")
+    assert (spec.stages, spec.method, spec.title) == (2, "rattle", "RATTLE")
+    assert spec == Spec.checked("RATTLE", 2)
+    assert spec_of_name("heavy_top_rattle_gamma") == spec
+    with pytest.raises(gs.InputError, match="out of range; RATTLE takes 2 and no other number"):
+        Spec.checked("RATTLE", 3)
+    assert tableau_of(spec).A == tableau_of(Spec.checked("LIIIA-B", 2)).A
+    assert Spec.checked("LIIIA-B", 2).title == "2-LIIIA-B"
+
+
+def test_what_lists_names_lists_all_of_them(gyrospark):
+    """Help and the docstrings of the calls; see also what each refusal says, below."""
+    said = "".join(gyrospark("run", "--help").stdout.split())
+    for name in (*PROBLEMS, *MODELS, *SCHEMES, *REALS, *SOLVERS):
+        assert name in said
+    for name in (*SCHEMES, *REALS, *REPS):
+        assert f'"{name}"' in gs.stepper.__doc__
+
+
+@pytest.mark.parametrize(("function", "argument", "type_name"), [
+    (gs.stepper, "scheme", "SchemeName"), (gs.stepper, "rep", "RepName"),
+    (gs.stepper, "real", "RealName"), (gs.tableau, "scheme", "SchemeName"),
+    (gs.certify, "scheme", "SchemeName"), (gs.certify, "rep", "RepName"),
+    (gs.sweep, "scheme", "SchemeName"), (gs.sweep, "rep", "RepName"),
+    (gs.sweep, "real", "RealName"), (gs.sweep, "solver", "SolverName"),
+    (gs.record, "solver", "SolverName"), (gs.Stepper.step, "solver", "SolverName"),
+    (gs.Stepper.integrate, "solver", "SolverName"),
+    (gs.Stepper.integrate_ensemble, "solver", "SolverName"),
+    (gs.choose_gamma, "aim", "Aim"), (gs.load_model, "rep", "RepName"),
+    (gs.Multibody.body, "rep", "RepName"), (gs.Multibody.top, "rep", "RepName"),
+    (gs.models.chain, "rep", "RepName"),
+], ids=lambda x: getattr(x, "__qualname__", x))
+def test_public_signatures_have_the_literals(function, argument, type_name):
+    annotation = inspect.signature(function).parameters[argument].annotation
+    assert type_name in annotation.split(" | ")
+
+
+@pytest.mark.parametrize("name", sorted(gs.__all__))
+def test_public_modules_offer_what_is_theirs(name):
+    """gs.problems.<Tab> has no numpy and no math."""
+    module = getattr(gs, name)
+    if isinstance(module, ModuleType):
+        assert set(dir(module)) == set(module.__all__)
+        assert not any(isinstance(getattr(module, x), ModuleType) for x in dir(module))
+
+
+def test_catalogue_is_what_python_offers():
+    def makers(module):
+        found = [getattr(module, name) for name in module.__all__]
+        return {f.__name__ for f in found if inspect.isfunction(f)
+                and f.__annotations__["return"] in ("Problem", "Model")}
+
+    assert makers(gs.problems) == {name.replace("-", "_") for name in PROBLEMS}
+    assert makers(gs.models) == set(MODELS)
+    for name, entry in PROBLEMS.items():
+        assert entry.make().name == name
+        assert SYSTEMS[entry.make().system].make("gamma").name == entry.make().system
+
+
+@pytest.mark.parametrize("name", [*PROBLEMS, *MODELS])
+def test_names_are_taken_with_either_sign(name):
+    for spelt in (name.replace("_", "-"), name.replace("-", "_")):
+        assert entry_named(spelt).name == name
+
+
+@pytest.mark.parametrize("refuse", [entry_named, lambda name: gs.stepper("IMS", system=name)])
+@pytest.mark.parametrize(("name", "meant"), [
+    ("satellite_with_wheel", "examples/satellite_with_wheel.toml"),
+    ("slider-crank", "examples/slider_crank.toml"), ("satelite", "satellite"),
+    ("double-tops", "double_top")])
+def test_an_example_that_is_a_file_is_proposed_as_one(refuse, name, meant):
+    with pytest.raises(gs.InputError, match=re.escape(f"(did you mean {meant}?).")):
+        refuse(name)
+
+
+@pytest.mark.parametrize("name", ["lagrange_top", "satellite", "free-body"])
+def test_every_named_system_has_a_certificate(name):
+    made = model_of_verify(name, None)
+    assert gs.certify(made, "IMS", dt=0.01, steps=2).model == name
+
+
+def test_a_system_that_no_list_has_is_told():
+    with pytest.raises(gs.InputError, match="Unknown system 'spinning_top'; choose heavy_top or"):
+        replace(TOP, system="spinning_top")
+
+
+@pytest.mark.parametrize("scheme", ["RK4", "SPARK", "", None, 3, ["G-L"]])
+def test_an_unknown_scheme_never_becomes_ims(scheme):
+    """Also where a spec was made by hand."""
+    spec = Spec(scheme, 2)
+    for use in (tableau_of, generate, lambda spec: spec.name):
+        if scheme == "SPARK" and use not in (tableau_of, generate):
+            continue  # a given tableau's
+        with pytest.raises(gs.InputError, match=r"Unknown scheme .*; choose IMS, EMS, G-L,"):
+            use(spec)
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: gs.stepper("GL", 3), r"scheme 'GL'; choose IMS.*\(did you mean G-L\?\)\.$"),
+    (lambda: gs.stepper("liiia-b", 3), r"did you mean LIIIA-B\?"),
+    (lambda: gs.stepper("G-L", 3, "gama"), r"representation 'gama'.*did you mean gamma\?"),
+    (lambda: gs.stepper("G-L", 3, real="long_double"), r"did you mean long-double\?"),
+    (lambda: gs.stepper("G-L", 3, system="Heavy-Top"), r"did you mean heavy_top\?"),
+    (lambda: gs.stepper("G-L", 3, system="double_pendlum"), r"did you mean double_pendulum\?"),
+    (lambda: gs.tableau("Lobatto", 3), r"'Lobatto'; choose IMS, EMS, G-L, LIIIA-B or Radau-L\.$"),
+    (lambda: gs.certify(TOP, "EMX"), r"did you mean EMS\?"),
+    (lambda: gs.sweep("fast-topp", {"mgl": [1]}, scheme="IMS"), r"did you mean fast-top\?"),
+    (lambda: gs.sweep(TOP, {"mlg": [1]}, scheme="IMS", dt=1, steps=1), "'mlg'"),
+    (lambda: gs.sweep(TOP, {"mgl": [1]}, scheme="GL 3", dt=1, steps=1), r"did you mean G-L\?"),
+    (lambda: gs.Multibody("m").body("a", mass=1, inertia=(1, 1, 1), rep="alfa"), "mean alpha"),
+], ids=range(12))
+def test_a_wrong_name_ends_in_the_allowed_ones_and_a_proposal(call, words):
+    with pytest.raises(gs.InputError, match=words):
+        call()
+
+
+def test_wrong_names_of_a_run_are_proposed_for(gl3):
+    parameters = TOP.parameters | {"gamma": 1e-3}
+    run = {"dt": 1e-3, "steps": 2, "parameters": parameters}
+    for changed, words in [({"solver": "newtn"}, "did you mean newton"),
+                           ({"parameters": parameters | {"gama": 1}}, "did you mean gamma")]:
+        with pytest.raises(gs.InputError, match=words):
+            gl3.integrate(TOP.q0, TOP.p0, **run | changed)
+    made = gs.stepper("IMS").integrate(TOP.q0, TOP.p0, **run)
+    with pytest.raises(gs.InputError, match=r"Unknown body of system 'heavy_top' 'bdy'.*mean body"):
+        made.axis("bdy")
+
+
+def test_proposals_are_near():
+    assert arguments.proposal("xyz", ["IMS", "EMS"]) == ""
+    assert arguments.proposal(3, ["IMS"]) == arguments.proposal("a", []) == ""
+    assert arguments.proposal("g l", ["G-L"]) == " (did you mean G-L?)"
+    assert arguments.listed(["a"]) == "a"
+
+
+def test_help_names_them_all():
+    from gyrospark.commands import gyrospark
+
+    run = gyrospark.commands["run"]
+    said = " ".join([run.help or "", *(p.help or "" for p in run.params if hasattr(p, "help"))])
+    for name in (*PROBLEMS, *MODELS, *SCHEMES, *REALS, *SOLVERS, *REPS, *SYSTEMS):
+        assert name in said, name
+
+
+def test_a_name_in_a_formula_is_proposed_for():
+    with pytest.raises(gs.InputError, match=r"name lenght is unknown.*\(did you mean length\?\)"):
+        parse_formula("2*lenght", {"length": sp.Symbol("length")})
+
+
+def test_what_a_shell_completes():
+    from gyrospark.commands import gyrospark
+
+    options = {o.name: o for o in gyrospark.commands["run"].params}
+    for name, text, found in [("scheme", "", list(SCHEMES)), ("scheme", "L", ["LIIIA-B"]),
+                              ("real", "f", ["float", "float128"]), ("rep", "g", ["gamma"])]:
+        items = options[name].shell_complete(None, text)
+        assert [item.value for item in items] == found

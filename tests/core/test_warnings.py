@@ -1,0 +1,233 @@
+"""What is taken and was perhaps meant otherwise: a warning that names the value and the cure."""
+
+from __future__ import annotations
+
+import json
+import threading
+import warnings
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import TOP
+from gyrospark.core.warnings import listening, remark
+from gyrospark.generator.models.model_file import parse_model
+from processes import ROOT
+
+BODY = """
+name = "said"
+potential = "mass*9.81*l*R33"
+[body]
+inertia = [0.1, 0.1, 0.05]
+mass = 1.5
+[parameters]
+l = 0.2
+[start]
+euler = [0.1, 0.2, 0.3]
+angular_velocity = [0, 0, 10]
+[run]
+dt = 0.001
+steps = 3
+"""
+#: What stands in the file → what is put in its place, and what is said of it.
+REMARKS = {
+    "degrees": ("euler = [0.1, 0.2, 0.3]", "euler = [30, 45, 90]",
+                ["[start] euler is [30, 45, 90], taken as radians",
+                 '["30 deg", "45 deg", "90 deg"]']),
+    "unused parameter": ("l = 0.2", "l = 0.2\nlength = 3",
+                         ["[parameters] length is in no formula"]),
+    "unused mass": ("mass*9.81*l*R33", "l*R33", ["[body] mass is in no formula", "potential"]),
+    "length": ("euler = [0.1, 0.2, 0.3]", "quaternion = [2, 0, 0, 0]", ["length 2, not 1"]),
+    "order": ("euler = [0.1, 0.2, 0.3]", "quaternion = [0, 0, 0, 1]",
+              ["read scalar first", "write (1, 0, 0, 0)"]),
+    "flat": ("inertia = [0.1, 0.1, 0.05]", "inertia = [0.11, 0.11, 0.23]", ["as if by rounding"]),
+}
+SILENT = {
+    "as it is": ("", ""), "in degrees": ("euler = [0.1, 0.2, 0.3]", 'euler = ["400 deg", 0, 0]'),
+    "with pi": ("euler = [0.1, 0.2, 0.3]", 'euler = ["40*pi", 0, 9]'),
+    "in radians": ("euler = [0.1, 0.2, 0.3]", 'euler = ["30 rad", 45, 90]'),
+    "by another number": ("l = 0.2", 'k = 0.1\nl = "2*k"'),
+    "by the start": ("l = 0.2\n[start]\neuler = [0.1,", 'l = 0.2\nk = 0.1\n[start]\neuler = ["k",'),
+    "by a quantity": ("[run]", '[quantities]\nx = "l*omega1"\n[run]'),
+    "unit": ("euler = [0.1, 0.2, 0.3]", "quaternion = [0.6, 0, 0.8, 0]"),
+}
+
+
+def changed(old, new):
+    assert old in BODY
+    return BODY.replace(old, new, 1)
+
+
+@pytest.mark.parametrize(("old", "new", "words"), REMARKS.values(), ids=REMARKS.keys())
+def test_a_model_file_is_remarked_on(old, new, words):
+    """Once, with the file's name, at the line that called."""
+    with pytest.warns(gs.InputWarning) as said:
+        parse_model(changed(old, new), "said.toml")
+    assert len(said) == 1
+    text = str(said[0].message)
+    assert text.startswith("In the model file 'said.toml': ")
+    for word in words:
+        assert word in text
+    assert said[0].filename == __file__
+
+
+@pytest.mark.parametrize(("old", "new"), SILENT.values(), ids=SILENT.keys())
+def test_what_is_meant_so_is_not_remarked_on(old, new):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        parse_model(changed(old, new), "said.toml")
+
+
+def test_the_examples_are_silent():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for path in (ROOT / "examples").glob("*.toml"):
+            gs.load_model(path)
+
+
+def test_unused_parameters_of_every_kind_of_file():
+    system = """
+name = "s"
+[system]
+coordinates = ["x"]
+momenta = ["p"]
+hamiltonian = "p**2/2 + k*x**2"
+[parameters]
+k = 1
+c = 2
+[start]
+q = [1]
+p = [0]
+"""
+    bodies = """
+name = "b"
+[[bodies]]
+name = "a"
+mass = "m"
+inertia = [1, 1, 1]
+[parameters]
+m = 2
+c = 3
+"""
+    for text in (system, bodies):
+        with pytest.warns(gs.InputWarning, match=r"\[parameters\] c is in no formula") as said:
+            parse_model(text, "u.toml")
+        assert len(said) == 1
+
+
+# ---------------------------------------------------------------- Python
+
+
+def test_angles_of_the_double_pendulum_in_degrees():
+    with pytest.warns(gs.InputWarning, match=r"angles is \[30, 45\], taken as radians.*radians\("):
+        gs.models.double_pendulum(angles=(30, 45))
+
+
+def test_a_builder_remarks_on_quaternions():
+    build = gs.Multibody("m")
+    with pytest.warns(gs.InputWarning, match="quaternion of body 'a' .* is read scalar first") as w:
+        build.body("a", mass=1, inertia=(1, 1, 1), quaternion=(0, 0, 0, 1))
+    assert w[0].filename == __file__
+    with pytest.warns(gs.InputWarning, match="quaternion of body 'b' has length 2, not 1"):
+        build.body("b", mass=1, inertia=(1, 1, 1), quaternion=(2, 0, 0, 0))
+    with pytest.warns(gs.InputWarning, match="attitude has length 3"):
+        gs.problems.free_body(attitude=(3, 0, 0, 0))
+    with pytest.warns(gs.InputWarning, match="quaternion .* is read scalar first"):
+        gs.sweep(TOP, {"start": {"angular_velocity": [[0, 0, 1]] * 2, "quaternion": [0, 0, 0, 1]}},
+                 scheme="IMS", dt=1e-3, steps=1)
+
+
+def test_negative_gamma_is_legal_and_said():
+    """T does not depend on γ where |q| = 1; its discretisation does, linearly in 1/γ."""
+    run = {"dt": 1e-3, "steps": 300}
+    m = gs.gamma_m(TOP.inertia)
+    step = gs.stepper("G-L", 2)
+    with pytest.warns(gs.InputWarning, match=r"gamma = -0.0016 is below 0.*such as m") as said:
+        negative = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": -m})
+    assert len(said) == 1
+    positive = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": m})
+    assert np.abs(negative.axis() - positive.axis()).max() < 1e-6
+    ratio = negative.report.energy_error_max / positive.report.energy_error_max
+    assert 2 < ratio < 20  # "several times"
+
+
+def test_a_negative_parameter_that_is_no_gamma_of_a_body_is_silent():
+    import sympy as sp
+
+    x, p, gamma = sp.symbols("x p gamma", real=True)
+    system = gs.System([x], [p], [gamma], p**2 / 2 + gamma * x**2 / 2, name="saddle")
+    step = gs.stepper("EMS", system=system)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        step.integrate([1.0], [0.0], dt=1e-2, steps=3, parameters={"gamma": -1.0})
+
+
+def test_remarks_are_heard_by_the_thread_that_listens():
+    heard = {}
+
+    def work(name):
+        with listening() as said:
+            remark(name)
+            heard[name] = list(said)
+
+    threads = [threading.Thread(target=work, args=(str(i),)) for i in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert heard == {str(i): [str(i)] for i in range(8)}
+    with pytest.warns(gs.InputWarning, match="now"):
+        remark("now")
+
+
+# ---------------------------------------------------------------- the command line
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["first", "kept"])
+def test_the_command_line_says_it_in_a_line_and_keeps_json(again, gyrospark, tmp_path):
+    """Also when the file is known from an earlier run and is not read anew."""
+    path = tmp_path / "said.toml"
+    path.write_text(changed("euler = [0.1, 0.2, 0.3]", "euler = [30, 45, 90]"), encoding="utf-8")
+    for _ in range(1 + again):
+        answer = gyrospark("run", path, "--scheme", "IMS", "--json")
+    assert answer.code == 0
+    assert answer.document["steps"] == 3
+    assert answer.stderr.count("\n") == 1
+    assert answer.stderr.startswith("gyrospark: warning: In the model file ")
+    assert '"45 deg"' in answer.stderr
+
+
+def test_the_command_line_says_it_of_gamma(gyrospark):
+    answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "3",
+                       "--gamma", "-1", "--json")
+    assert answer.code == 0
+    assert answer.document["parameters"]["gamma"] == -1
+    assert answer.stderr.count("\n") == 1
+    assert "gyrospark: warning: Parameter gamma = -1 is below 0" in answer.stderr
+
+
+def test_warnings_that_a_user_makes_errors_stay_lines(gyrospark, monkeypatch):
+    """The command line's own filter comes first, and goes with it."""
+    before = warnings.showwarning
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "3",
+                           "--gamma", "-1")
+    assert (answer.code, answer.stderr.count("\n")) == (0, 1)
+    assert warnings.showwarning is before
+
+
+def test_other_commands_say_it_too(gyrospark, generate, tmp_path):
+    path = tmp_path / "said.toml"
+    path.write_text(changed("l = 0.2", "l = 0.2\nlength = 3"), encoding="utf-8")
+    study = tmp_path / "study.toml"
+    study.write_text('model = "said.toml"\nscheme = "IMS"\n[grid]\nl = [0.1, 0.2]\n'
+                     .replace("[grid]", "steps = 2\n[grid]"), encoding="utf-8")
+    for answer in (generate("--scheme", "IMS", "--system", path, "--no-compile"),
+                   gyrospark("verify", "--model", path, "--scheme", "IMS", "--steps", 2, "--json"),
+                   gyrospark("sweep", study, "--json")):
+        assert answer.code == 0, answer.stderr
+        assert answer.stderr.count("\n") == 1
+        assert "[parameters] length is in no formula" in answer.stderr
+    json.loads(answer.stdout)

@@ -1,0 +1,377 @@
+"""Profile ``control``: against the full stepper, at its bounds, and on other machines.
+
+The C is compiled as its users compile it, and called through cffi.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from functools import cache
+
+import cffi
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from compilers import MAIN, compiler
+from gyrospark.core.errors import InputError
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.schemes.fast_tableau import FastTableau
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.steppers.stepper import Stepper
+from processes import DATA, ROOT, call
+
+STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
+FLAGS = ["-ffp-contract=off", "-O2"]
+OK, NOT_CONVERGED, NOT_FINITE, DIVERGED = 0, 1, 3, 5
+TOP = gs.problems.fast_top()
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+SMALL = Spec("G-L", 2, real="float")
+
+
+@cache
+def made(spec, model=None):
+    """Return the stepper's text in profile control, derived once."""
+    return generate(spec.with_profile("control"), model=model).source
+
+
+def write(source, folder):
+    for name, text in source.files().items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+class Control:
+    """One trajectory of a stepper of profile control."""
+
+    def __init__(self, source, folder):
+        write(source, folder)
+        name = self.name = source.name
+        command = [*compiler(MAIN), *STRICT, *FLAGS, "-shared", "-fPIC", f"{name}.c", "-o",
+                   f"{name}.so", "-lm"]
+        done = call(command, cwd=folder)
+        assert done.returncode == 0, done.stderr
+        header = source.header[source.header.index("/* What a call returns"):]
+        self.ffi = cffi.FFI()
+        self.ffi.cdef(header[: header.index(f"#ifdef {name.upper()}_WORK")])
+        self.library = self.ffi.dlopen(str(folder / f"{name}.so"))
+        self.manifest = json.loads(source.manifest)
+        self.type = np.float32 if self.manifest["real"] == "float" else np.float64
+
+    def __getattr__(self, function):
+        return getattr(self.library, f"{self.name}_{function}")
+
+    def begin(self, parameters, q, p, dt, *, tolerance=0.0, max_iterations=50):
+        self.work = self.ffi.new("char[]", self.work_size())
+        self.w = self.ffi.cast(f"{self.name}_work *", self.work)
+        self.q, self.p = np.array(q, self.type), np.array(p, self.type)
+        options = self.ffi.new(f"{self.name}_options *", [tolerance, max_iterations])
+        begin = getattr(self.library, f"{self.name}_begin")
+        begin(self.w, self.parameters(parameters), options, dt, self.pointer(self.q),
+              self.pointer(self.p))
+        return self
+
+    def parameters(self, values):
+        return self.ffi.new(f"{self.name}_parameters *", dict(values))
+
+    def pointer(self, array):
+        kind = "float" if array.dtype == np.float32 else "double"
+        return self.ffi.cast(f"{kind} *", array.ctypes.data)
+
+    def step(self):
+        return self.advance(self.w, self.pointer(self.q), self.pointer(self.p))
+
+    def run(self, steps):
+        """Take steps that succeed; return all states."""
+        q, p = [self.q.copy()], [self.p.copy()]
+        for _ in range(steps):
+            assert self.step() == OK
+            q.append(self.q.copy())
+            p.append(self.p.copy())
+        return np.array(q), np.array(p)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return Control(made(SMALL), tmp_path_factory.mktemp("small"))
+
+
+# ---------------------------------------------------------------- the same numbers
+
+
+@pytest.mark.parametrize("spec", [
+    SMALL, Spec("G-L", 3), Spec("EMS", None, "alpha"), Spec("IMS"), Spec("LIIIA-B", 3, "alpha"),
+], ids=lambda spec: spec.name)
+def test_steps_are_those_of_the_full_stepper(spec, tmp_path):
+    """Where steps end does not depend on where sweeps began, but for rounding.
+
+    Errors of rounding grow like t; the conserved ones do not. A unit in the last place of a rate
+    is worth h|k| eps a step: some hundred eps after 500 of them.
+    """
+    own = Control(made(spec), tmp_path)
+    parameters = TOP.parameters | {spec.rep: gs.gamma_m(TOP.inertia)}
+    q, p = own.begin(parameters, TOP.q0, TOP.p0, 1e-3).run(500)
+    full = gs.stepper(spec.scheme, spec.stages, spec.rep, real=spec.real)
+    run = full.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=500, parameters=parameters)
+    eps = np.finfo(own.type).eps
+    assert abs(q[:4] - run.q[:4]).max() <= 4 * eps
+    assert abs(q - run.q).max() <= 400 * eps
+    assert abs(p - run.p).max() <= 400 * eps * abs(run.p).max()
+
+
+def test_long_runs_keep_what_the_full_stepper_keeps(small):
+    """Energy and |g| over 10^4 steps, in a type of 24 bits."""
+    q, p = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(10_000)
+    run = gs.stepper("G-L", 2, real="float").integrate(
+        TOP.q0, TOP.p0, dt=1e-3, steps=10_000, parameters=PARAMETERS)
+    eps = float(np.finfo(np.float32).eps)
+    double = gs.stepper("G-L", 2)
+    H = double.energy(q.astype(float), p.astype(float), parameters=PARAMETERS)
+    error, full = abs(H - H[0]).max(), run.report.energy_error_max
+    assert error <= 2 * full + 2 * eps * abs(H[0])
+    assert abs((q.astype(float) ** 2).sum(1) - 1).max() <= 2 * eps
+    assert abs((q.astype(float) * p).sum(1)).max() <= 2 * eps * abs(p).max()
+
+
+@pytest.mark.parametrize(("scheme", "file"), [
+    ("G-L", "examples/pendulum.toml"), ("G-L", "examples/double_pendulum.toml"),
+    ("EMS", "examples/double_pendulum.toml"), ("G-L", "examples/dragged_top.toml"),
+    ("IMS", "examples/dragged_top.toml"), ("G-L", "examples/bungee.toml"),
+])
+def test_other_systems(scheme, file, tmp_path):
+    """Constraints of joints, where W varies; forces; a switch; models from files."""
+    stages = 2 if scheme == "G-L" else None
+    model = gs.load_model(ROOT / file)
+    spec = Spec.checked(scheme, stages, None, str(ROOT / file))
+    own = Control(made(spec), tmp_path)
+    full = gs.stepper(scheme, stages, system=str(ROOT / file))
+    gammas = {name: 0.0016 for name in full.parameter_domains if name not in model.parameters}
+    parameters = {**model.parameters, **gammas}
+    run = full.integrate(model.q0, model.p0, dt=1e-3, steps=60, parameters=parameters)
+    q, p = own.begin(parameters, model.q0, model.p0, 1e-3).run(60)
+    eps = np.finfo(float).eps
+    assert abs(q - run.q).max() <= 400 * eps * max(1, abs(run.q).max())
+    assert abs(p - run.p).max() <= 400 * eps * max(abs(run.p).max(), 1e-3)
+
+
+# ---------------------------------------------------------------- bounds and ends
+
+
+def test_sizes_are_those_promised(small, tmp_path):
+    """Lines and memory of 2-G-L in float, and memory of 3-G-L in double."""
+    assert made(SMALL).source.count("\n") <= 600
+    assert small.work_size() <= 2048
+    assert Control(made(Spec("G-L", 3)), tmp_path).work_size() <= 4096
+
+
+def test_needs_nothing_but_the_maths_library(tmp_path):
+    """No memory of its own, nothing that can be written, no function but the documented ones."""
+    source = made(SMALL)
+    assert set(re.findall(r'#include [<"](.*?)[>"]', source.source)) == {
+        f"{source.name}.h", "float.h", "math.h"}
+    assert "double" not in source.source
+    write(source, tmp_path)
+    done = call([*compiler(MAIN), "-std=c11", "-O2", "-c", f"{source.name}.c"], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in call(["nm", f"{source.name}.o"], cwd=tmp_path)
+             .stdout.splitlines()]
+    assert {words[-2] for words in lines} <= set("TtrU")
+    assert {words[-1] for words in lines if words[-2] == "T"} == {
+        f"{source.name}_{function}" for function in
+        ("begin", "advance", "set_parameters", "iterations", "change", "work_size")}
+    assert {words[-1] for words in lines if words[-2] == "U"} <= {
+        "fmaf", "fmaxf", "sqrtf", "memset", "memcpy", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
+
+
+@pytest.mark.parametrize("most", [1, 2, 12])
+def test_a_step_takes_no_more_sweeps_than_allowed(most, small):
+    """Too few are told; the step is done all the same, about as far off as the status's size."""
+    eps = float(np.finfo(np.float32).eps)
+    exact, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(1)
+    small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3, max_iterations=most)
+    status = small.step()
+    assert status == (NOT_CONVERGED if most < 3 else OK)
+    assert small.iterations(small.w) <= most
+    assert abs(small.q - exact[-1]).max() <= 2 * small.change(small.w) + eps
+    assert eps < small.change(small.w) < 0.02 or status == OK
+
+
+def test_tolerance_saves_sweeps(small):
+    def sweeps(tolerance):
+        small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3, tolerance=tolerance)
+        return sum(small.step() + small.iterations(small.w) for _ in range(50))
+
+    assert sweeps(1e-3) < sweeps(1e-5) < sweeps(0.0)
+
+
+def test_a_step_that_fails_leaves_the_state(small):
+    """Sweeps diverge at so long a step; the next call with a state it can do goes on."""
+    small.begin(PARAMETERS, TOP.q0, TOP.p0, 1.0, max_iterations=20)
+    q, p = small.q.copy(), small.p.copy()
+    assert small.step() == DIVERGED
+    assert small.iterations(small.w) <= 20
+    assert np.array_equal(small.q, q)
+    assert np.array_equal(small.p, p)
+
+
+def test_no_number_is_told_and_forgotten(small):
+    q, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(3)
+    small.q[1] = np.nan
+    assert small.step() == NOT_FINITE
+    small.q[:] = q[-1]
+    assert small.step() == OK
+    other, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(4)
+    assert abs(small.q - other[-1]).max() <= 4 * np.finfo(np.float32).eps
+
+
+def test_an_impulse_and_other_parameters_between_steps(small):
+    """What a controller changes holds from the next step on: as a run from there, but rounding."""
+    q, p = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(20)
+    kick = np.array([-q[-1][1], q[-1][0], q[-1][3], -q[-1][2]]) * 1e-3  # on f = 0: a torque
+    heavier = PARAMETERS | {"mgl": 2 * PARAMETERS["mgl"]}
+    small.p += kick
+    small.set_parameters(small.w, small.parameters(heavier))
+    q_on, p_on = small.run(20)
+    q_new, p_new = small.begin(heavier, q[-1], p[-1] + kick, 1e-3).run(20)
+    eps = np.finfo(np.float32).eps
+    assert abs(q_on - q_new).max() <= 50 * eps
+    assert abs(p_on - p_new).max() <= 50 * eps * abs(p_new).max()
+    assert abs(q_on[-1] - Control.run(small.begin(PARAMETERS, q[-1], p[-1], 1e-3), 20)[0][-1]
+               ).max() > 1e-4
+
+
+# ---------------------------------------------------------------- choices
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--profile", "contrl"], "'contrl'; choose control, run or full"),
+    (["--profile", "control", "--real", "long-double"], "float and double"),
+    (["--all", "--profile", "control"], "--all"),
+])
+def test_bad_choices_end_in_a_sentence(options, said, gyrospark, tmp_path):
+    done = gyrospark("generate", *options, "--out", str(tmp_path / "out"))
+    assert done.code == 2
+    assert said in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_python_says_that_it_needs_the_full_profile():
+    """Runs, ensembles and all else: files of profile control make no stepper."""
+    source = made(SMALL)
+    with pytest.raises(InputError, match=r"'control'.*--profile full"):
+        Stepper(source.name, source.files())
+
+
+def test_large_systems_are_refused():
+    model = gs.models.chain(8)
+    said = "28.*profile full"
+    with pytest.raises(InputError, match=said):
+        generate(Spec("G-L", 2).with_profile("control"), model=model, system=model.system)
+
+
+def test_tableaux_without_sweeps_are_refused(monkeypatch):
+    monkeypatch.setattr(FastTableau, "refusal", "a weight b_i is zero")
+    with pytest.raises(InputError, match=r"b_i.*profile full"):
+        generate(SMALL.with_profile("control"))
+
+
+def test_manifests_name_their_profile():
+    assert json.loads(made(SMALL).manifest)["profile"] == "control"
+    assert json.loads(generate(SMALL).source.manifest)["profile"] == "full"
+
+
+# ---------------------------------------------------------------- programs
+
+
+def test_example_of_a_control_loop(gyrospark, tmp_path):
+    """The commands of its README: the satellite is turned, in few sweeps."""
+    folder = ROOT / "examples" / "control_c"
+    for name in ("main.c", "satellite.toml"):
+        shutil.copy(folder / name, tmp_path)
+    lines = re.findall(r"^    (generate .*)\n    cc (.*) && \./satellite$",
+                       (folder / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert f" *   {lines[0][0]}\n *   cc {lines[0][1]} && ./satellite\n" in (
+        folder / "main.c").read_text(encoding="utf-8")
+    assert gyrospark(*lines[0][0].split()).code == 0  # in the folder of the test
+    done = call([*compiler(MAIN), *STRICT, *lines[0][1].split()[1:]], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = call([tmp_path / "satellite"], cwd=tmp_path).stdout.splitlines()
+    angles = [float(x) for x in re.findall(r"([0-9.e+-]+) degrees", "\n".join(said))]
+    assert len(angles) == 7
+    assert angles == sorted(angles, reverse=True)
+    assert angles[0] > 70
+    assert angles[-1] < 1e-9  # a number near 0 has all its digits on a float too
+    assert re.search(r"\b[3-8] iterations .*\b[0-9]{3,4} bytes", said[-1])
+
+
+# ---------------------------------------------------------------- other machines
+
+ARM = "arm-none-eabi-gcc"
+CORTEX_M4 = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
+#: With ``-icount shift=0`` an instruction takes a nanosecond; the board's clock has 25 MHz.
+INSTRUCTIONS_A_TICK = 40
+STEPS = 300
+
+
+def needed(*programs):
+    """Skip the test, with the reason, where a program is not installed."""
+    for program in programs:
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+
+
+def said_by(command, folder):
+    done = call(command, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def program(source, folder, command, *more):
+    """Compile tests/data/control_top.c with a stepper; return what it says here."""
+    write(source, folder)
+    shutil.copy(DATA / "control_top.c", folder)
+    said_by([*command, "-std=c11", "-ffp-contract=off", f"-DNAME={source.name}",
+             f"-D{source.name.upper()}_WORK=", f"-DSTEPS={STEPS}",
+             f"-DREAL={json.loads(source.manifest)['real']}", "control_top.c",
+             f"{source.name}.c", *more], folder)
+
+
+def here(source, folder):
+    program(source, folder, [*compiler(MAIN), "-O2"], "-lm", "-o", "here")
+    return said_by([folder / "here"], folder).splitlines()
+
+
+def test_same_bits_on_a_cortex_m4(tmp_path):
+    """2-G-L in float, at -Os, on the emulated processor; text, memory and instructions of a step.
+
+    Instructions are counted by the processor's own timer, on a clock that QEMU drives by them.
+    """
+    needed(ARM, "arm-none-eabi-size", "qemu-system-arm")
+    board = DATA / "cortex_m4"
+    expected = here(made(SMALL), tmp_path)
+    start = said_by([ARM, *CORTEX_M4, "-print-file-name=rdimon-crt0.o"], tmp_path).strip()
+    program(made(SMALL), tmp_path, [ARM, *CORTEX_M4, "-Os"], "--specs=rdimon.specs",
+            "-nostartfiles", "-T", str(board / "mps2_an386.ld"), str(board / "start.c"), start,
+            "-lm", "-o", "top.elf")
+    lines = said_by(["qemu-system-arm", "-M", "mps2-an386", "-kernel", "top.elf", "-display",
+                     "none", "-monitor", "none", "-serial", "none", "-semihosting", "-icount",
+                     "shift=0"], tmp_path).splitlines()
+    assert lines[:-1] == expected[:-1]
+    sweeps, ticks, most, memory = map(int, re.findall(r"\d+", lines[-1]))
+    assert sweeps == int(expected[-1].split()[0])
+    assert memory <= 2048
+    assert 500 * sweeps < ticks * INSTRUCTIONS_A_TICK < 5000 * sweeps
+    assert most * INSTRUCTIONS_A_TICK < 100_000
+    said_by([ARM, *CORTEX_M4, "-std=c11", "-Os", "-c", f"{SMALL.name}.c"], tmp_path)
+    text = said_by(["arm-none-eabi-size", f"{SMALL.name}.o"], tmp_path).splitlines()[1].split()
+    assert int(text[0]) <= 12 * 1024
+    assert text[1:3] == ["0", "0"]  # neither data nor bss
+
+
+@pytest.mark.parametrize("spec", [SMALL, Spec("G-L", 3)], ids=lambda spec: spec.name)
+def test_same_bits_on_aarch64(spec, tmp_path):
+    needed("aarch64-linux-gnu-gcc", "qemu-aarch64")
+    expected = here(made(spec), tmp_path)
+    program(made(spec), tmp_path, ["aarch64-linux-gnu-gcc", "-O2"], "-static", "-lm", "-o", "arm")
+    assert said_by(["qemu-aarch64", "./arm"], tmp_path).splitlines() == expected

@@ -1,0 +1,307 @@
+"""The fast path: what it assumes is proved, what it gives is Newton's to round-off."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from gyrospark.core.real_types import REALS
+from gyrospark.generator.multibody.rigid_body import free_body, heavy_top
+from gyrospark.generator.schemes.fast_path import FastSystem, Folds
+from gyrospark.generator.schemes.fast_tableau import FastTableau
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
+
+FAMILIES = [*(gauss_lobatto(s) for s in range(1, 9)), *(lobatto_iiiab(s) for s in range(2, 9))]
+BODIES = {f"{make.__name__}_{rep}": make(rep) for make in (heavy_top, free_body)
+          for rep in ("alpha", "gamma")}
+
+
+def double_pendulum():
+    x = sp.symbols("x1 y1 x2 y2", real=True)
+    p = sp.symbols("px1 py1 px2 py2", real=True)
+    m, g, l = sp.symbols("m g l", positive=True)  # noqa: E741
+    return gs.System(x, p, (m, g, l),
+                     sum(a**2 for a in p) / (2 * m) + m * g * (x[1] + x[3]),
+                     [x[0]**2 + x[1]**2 - l**2, (x[2] - x[0])**2 + (x[3] - x[1])**2 - l**2],
+                     name="double_pendulum")
+
+
+def relativistic():
+    x, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
+    m, g, l = sp.symbols("m g l", positive=True)  # noqa: E741
+    return gs.System(x, p, (m, g, l),
+                     sp.sqrt(m**2 + p[0]**2 + p[1]**2) + m * g * x[1],
+                     [x[0]**2 + x[1]**2 - l**2], name="relativistic")
+
+
+def stiff_spring():
+    x, px = sp.symbols("x px", real=True)
+    k = sp.Symbol("k", positive=True)
+    return gs.System((x,), (px,), (k,), px**2 / 2 + k * x**2 / 2 + x**4, name="stiff_spring")
+
+
+OTHERS = {
+    "double_pendulum": (double_pendulum, {"m": 1, "g": 9.81, "l": 1}, [1, 0, 1, -1], [0, 0, 0, 0]),
+    "relativistic": (relativistic, {"m": 1, "g": 1, "l": 1}, [1, 0], [0, 0.3]),
+    "stiff_spring": (stiff_spring, {"k": 1e4}, [1], [0]),
+}
+
+
+# ---------------------------------------------------------------- what is proved
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_schur_matrix_of_a_body_is_one_over_its_parameter(name):
+    system = BODIES[name]
+    fast = FastSystem(system)
+    parameter = next(x for x in system.parameters if str(x) in ("alpha", "gamma"))
+    assert fast.schur == [[1 / parameter]]
+    assert fast.correction == 1 / (4 * parameter)
+    assert fast.is_affine
+    assert not fast.is_separable
+    assert len(fast.shared) == 3  # the components of L(q) p
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_identities_hold_at_states_on_the_constraint(name):
+    """The same from numbers: G H_pp Gᵀ, H_pp Gᵀ = c Gᵀ, and what a force does not change."""
+    system = BODIES[name]
+    fast = FastSystem(system)
+    values = {x: sp.Rational(k + 2, 7) for k, x in enumerate(system.parameters)}
+    unit = [sp.Rational(1, 10) * k for k in (1, 3, 3, 9)]
+    state = dict(zip([*system.q, *system.p], [*unit, 3, -1, 2, 5], strict=True)) | values
+    H_pp = sp.Matrix(system.H_pp).subs(state)
+    G = sp.Matrix(system.G).subs(state)
+    assert G * H_pp * G.T == sp.Matrix(fast.schur).subs(state)
+    assert H_pp * G.T == fast.correction.subs(state) * G.T
+    for u in fast.shared:
+        moved = u.subs({y: y + 5 * x for x, y in zip(system.q, system.p, strict=True)})
+        assert sp.expand(moved - u) == 0
+
+
+def test_what_is_not_constant_is_not_taken_for_constant():
+    fast = FastSystem(double_pendulum())
+    assert fast.schur_inverse is None
+    assert fast.correction is None
+    assert fast.is_separable
+    assert not FastSystem(relativistic()).is_affine
+
+
+def test_folds_take_powers_of_two_into_constants():
+    k, l, x = sp.symbols("k l x", real=True)  # noqa: E741
+    folds = Folds({k, l})
+    assert folds(2 * x) == 2 * x
+    assert folds(k * x / 3) == k * x / 3
+    folded = folds(sp.Rational(1, 4) * k * x**2 - 2 * l * x)
+    assert folded.xreplace({s: e for e, s in folds.definitions.items()}) == k * x**2 / 4 - 2 * l * x
+    assert len(folds.definitions) == 2
+
+
+# ---------------------------------------------------------------- coefficients
+
+
+@pytest.mark.parametrize("real", ["float", "double", "long-double"])
+@pytest.mark.parametrize("tableau", FAMILIES, ids=lambda t: t.name)
+def test_rounded_coefficients_are_symplectic_and_symmetric_exactly(tableau, real):
+    """μ̂_ij = 1 − μ_ji, ν̃_ij = 1 − ν_ji and reversal, in rational arithmetic on rounded numbers."""
+    fast, kind = FastTableau(tableau), REALS[real]
+    assert fast.refusal is None
+    assert fast.is_symplectic(kind)
+    tables, s = fast.tables(kind), tableau.s
+    for name in ("mu", "mu_hat"):
+        for i in range(s):
+            for j in range(s):
+                assert tables[name][i][j] + tables[name][s - 1 - i][s - 1 - j] == 1
+    part = fast.centres
+    for name, exact, weights in (("mu", "A", "b"), ("mu_hat", "A_hat", "b_hat")):
+        for i in range(s):
+            for j in range(s):
+                error = tables[name][i][j] - part[exact][i][j] / part[weights][j]
+                assert abs(error) <= Fraction(1, 2**kind.bits) * max(1, abs(tables[name][i][j]))
+
+
+def whole(half, rows, columns):
+    """Return the table that sums and differences multiply by."""
+    pairs, table = columns // 2, []
+    for i in range(rows):
+        row = half[min(i, rows - 1 - i)]
+        sign = 0 if 2 * i + 1 == rows else 1 if 2 * i < rows else -1
+        even = row[pairs:] + row[pairs:2 * pairs][::-1]
+        if columns % 2:
+            even = [*row[pairs:2 * pairs], row[2 * pairs], *row[pairs:2 * pairs][::-1]]
+        odd = [*row[:pairs], *[0] * (columns % 2), *(-e for e in row[:pairs][::-1])]
+        table.append([Fraction(1, 2) + o + sign * e for o, e in zip(odd, even, strict=True)])
+    return table
+
+
+@pytest.mark.parametrize("real", ["float", "double", "float128"])
+@pytest.mark.parametrize(("scheme", "s"), [("G-L", 7), ("G-L", 8), ("G-L", 9), ("LIIIA-B", 8)])
+def test_halves_of_symmetric_tables_are_symplectic_and_symmetric_exactly(scheme, s, real):
+    """The tables that the products of lanes stand for, in rational arithmetic."""
+    kind = REALS[real]
+    tableau = gs.tableau(scheme, s)
+    fast, p = FastTableau(tableau), tableau.p
+    half = fast.halves(kind)
+    mu, mu_hat = (whole(half[name], s, s) for name in ("mu", "mu_hat"))
+    nu, nu_tilde = whole(half["nu"], p - 1, s), whole(half["nu_tilde"], s, p - 1)
+    assert all(mu_hat[i][j] == 1 - mu[j][i] for i in range(s) for j in range(s))
+    assert all(nu_tilde[i][j] == 1 - nu[j][i] for i in range(s) for j in range(p - 1))
+    exact = fast.tables(REALS["float128"])
+    for name, table in (("mu", mu), ("mu_hat", mu_hat), ("nu", nu), ("nu_tilde", nu_tilde)):
+        for row, mirrored, wanted in zip(table, table[::-1], exact[name], strict=False):
+            assert all(x + y == 1 for x, y in zip(row, mirrored[::-1], strict=True))
+            for x, y in zip(row, wanted, strict=False):
+                assert abs(x - y) <= Fraction(1, 2**(kind.bits - 1)) + Fraction(1, 2**112)
+
+
+def test_tables_are_halved_where_that_is_less_work_and_time_can_be_reversed():
+    double = REALS["double"]
+    assert FastTableau(gs.tableau("G-L", 3)).halves(double) == {}
+    assert set(FastTableau(gs.tableau("G-L", 8)).halves(double)) == {
+        "mu", "mu_hat", "nu", "nu_tilde"}
+    fast = FastTableau(gs.tableau("G-L", 8))
+    uneven = [[Fraction(i + 1, j + 9) for j in range(8)] for i in range(8)]
+    vars(fast)["scaled"] = fast.scaled | {"mu": uneven}
+    assert fast.halves(double) == {}
+
+
+@pytest.mark.parametrize("tableau", FAMILIES, ids=lambda t: t.name)
+def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau):
+    """A polynomial of degree s − 1 sampled at the stages is continued to those of the next step."""
+    part, s = FastTableau(tableau).centres, tableau.s
+    table = FastTableau(tableau).tables(REALS["long-double"])["onward"]
+    for degree in range(s):
+        values = [c**degree * b for c, b in zip(part["c"], part["b"], strict=True)]
+        for i in range(s):
+            onward = sum(x * y for x, y in zip(table[i], values, strict=True))
+            terms = sum(abs(x * y) for x, y in zip(table[i], values, strict=True))
+            wanted = (1 + part["c"][i])**degree * part["b"][i]
+            assert abs(onward - wanted) <= terms * Fraction(2, 2**64)
+
+
+# ---------------------------------------------------------------- what it gives
+
+
+SCHEMES = [(*scheme, rep) for rep in ("alpha", "gamma") for scheme in (
+    ("G-L", 1), ("G-L", 2), ("G-L", 3), ("LIIIA-B", 2), ("LIIIA-B", 3), ("LIIIA-B", 4))]
+MANY = [pytest.param("G-L", 8, "alpha", marks=pytest.mark.slow), ("G-L", 8, "gamma"),
+        *(pytest.param(*scheme, rep, marks=pytest.mark.slow) for rep in ("alpha", "gamma")
+          for scheme in (("G-L", 5), ("LIIIA-B", 6)))]
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+@pytest.mark.parametrize(("scheme", "stages", "rep"), [*SCHEMES, *MANY])
+def test_sweeps_and_newton_give_the_same_trajectory(scheme, stages, rep, dt):
+    step = gs.stepper(scheme, stages, rep)
+    parameters = TOP.parameters | {rep: gs.gamma_m(TOP.inertia)}
+    run = {"dt": dt, "steps": 150, "parameters": parameters}
+    fast = step.integrate(TOP.q0, TOP.p0, solver="fixed-point" if dt < 5e-3 else "auto", **run)
+    full = step.integrate(TOP.q0, TOP.p0, solver="newton", **run)
+    # The state's error grows like t²; Newton's floor at dt = 1e-2 is about 1e-14 a step.
+    assert np.abs(fast.q - full.q).max() < 5e-11 if dt > 5e-3 else 1e-12
+    size = np.abs(full.multipliers).max()
+    assert np.abs(fast.multipliers - full.multipliers).max() < 1e-8 * size
+    if not fast.report.newton_steps:
+        assert fast.report.constraint_max <= 4e-15
+        assert fast.report.momentum_constraint_max <= 8e-17
+
+
+@pytest.mark.parametrize(("name", "scheme", "stages"), [
+    *((name, "G-L", 3) for name in OTHERS), ("double_pendulum", "LIIIA-B", 3),
+    *(pytest.param(name, *scheme, marks=pytest.mark.slow) for name in OTHERS for scheme in (
+        ("G-L", 2), ("G-L", 4), ("LIIIA-B", 3)) if (name, *scheme) != (
+            "double_pendulum", "LIIIA-B", 3))])
+def test_other_systems_give_what_newton_gives(name, scheme, stages):
+    make, parameters, q, p = OTHERS[name]
+    step = gs.stepper(scheme, stages, system=make())
+    run = {"dt": 5e-3, "steps": 100, "parameters": parameters}
+    fast = step.integrate(q, p, solver="fixed-point", **run)
+    full = step.integrate(q, p, solver="newton", **run)
+    assert np.abs(fast.q - full.q).max() < 1e-12
+    assert fast.report.newton_steps == 0
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_auto_does_every_step_that_newton_can_do(name):
+    """Steps so large that sweeps fail at times: Newton takes those, from its own start."""
+    make, parameters, q, p = OTHERS[name]
+    step = gs.stepper("G-L", 3, system=make())
+    for dt in np.geomspace(0.02, 0.2, 8).tolist():
+        run = {"dt": dt, "steps": 40, "parameters": parameters}
+        try:
+            full = step.integrate(q, p, solver="newton", **run)
+        except gs.StepFailed:
+            continue
+        fast = step.integrate(q, p, solver="auto", **run)
+        assert np.abs(fast.q - full.q).max() < 1e-10
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+@pytest.mark.parametrize(("scheme", "stages", "rep"), [
+    ("G-L", 2, "gamma"), ("G-L", 4, "alpha"), ("LIIIA-B", 3, "gamma"), ("EMS", None, "gamma"),
+])
+def test_largest_step_of_auto_is_not_below_that_of_newton(scheme, stages, rep):
+    step = gs.stepper(scheme, stages, rep)
+    parameters = TOP.parameters | {rep: gs.gamma_m(TOP.inertia)}
+    largest = {}
+    for solver in ("newton", "auto", "fixed-point"):
+        for dt in (0.008 * 1.15 ** np.arange(18)).tolist():
+            try:
+                step.integrate(TOP.q0, TOP.p0, dt=dt, steps=10, parameters=parameters,
+                               solver=solver)
+            except gs.StepFailed:
+                break
+            largest[solver] = dt
+    assert largest["auto"] >= largest["newton"] > largest["fixed-point"]
+
+
+def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
+    make, parameters, q, p = OTHERS["stiff_spring"]
+    step = gs.stepper("G-L", 3, system=make())
+    run = {"dt": 0.2, "steps": 30, "parameters": parameters}
+    with pytest.raises(gs.StepFailed, match="diverged"):
+        step.integrate(q, p, solver="fixed-point", **run)
+    made = step.integrate(q, p, solver="auto", **run)
+    assert made.report.newton_steps > 0
+    assert step.integrate(q, p, solver="newton", **run).report.newton_steps == 0
+
+
+def test_predictions_save_sweeps():
+    """From the past of the same unknowns a step starts near its end: a few sweeps are left."""
+    step = gs.stepper("G-L", 4, "gamma")
+    parameters = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+    small = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1000, parameters=parameters)
+    assert small.iterations[200:].mean() <= 4.5
+    assert small.iterations[0] > 6
+
+
+def test_pieces_of_a_run_are_the_run_to_the_bit():
+    """Chunks of the compiled loop carry predictions and compensation on."""
+    step = gs.stepper("G-L", 2, "gamma")
+    parameters = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+    run = {"dt": 1e-3, "parameters": parameters, "steps": 9000}
+    every = step.integrate(TOP.q0, TOP.p0, every=1, **run)
+    seldom = step.integrate(TOP.q0, TOP.p0, every=4500, **run)
+    assert np.array_equal(every.q[::4500], seldom.q)
+    assert np.array_equal(every.p[::4500], seldom.p)
+
+
+def test_manifest_says_what_was_proved():
+    fast = gs.stepper("G-L", 3).manifest["fast_path"]
+    assert fast["available"]
+    assert fast["constant_schur"]
+    assert fast["scalar_correction"]
+    assert not fast["gauss_seidel"]
+
+
+@pytest.mark.parametrize(("dt", "most"), [(1e-4, 2), (1e-3, 3), (5e-3, 4)])
+def test_newton_stops_when_the_next_increment_is_round_off(dt, most):
+    """Increments of quadratic convergence, size (size/previous)^2 next: none is made in vain."""
+    made = gs.stepper("G-L", 3).integrate(TOP.q0, TOP.p0, dt=dt, steps=100, parameters=PARAMETERS,
+                                          solver="newton")
+    assert set(made.iterations.tolist()) == {most}

@@ -1,0 +1,98 @@
+"""Chains and loops side by side in lanes: what one gives is its own, to the bit."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import equal
+from gyrospark.benchmarks.batches import starts
+from gyrospark.benchmarks.peer_linkages import chain_of, closed_loop
+
+EPS = 2.0**-52
+
+
+@cache
+def made(make):
+    """Return a linkage and its stepper, derived once for all tests."""
+    linkage = chain_of(2) if make is chain_of else make()
+    return linkage, gs.stepper("G-L", 2, system=linkage.model)
+
+
+@pytest.fixture(params=[chain_of, closed_loop], ids=["chain", "loop"])
+def batch(request, monkeypatch):
+    """A stepper, seven starts and time steps, and parameters."""
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+    linkage, step = made(request.param)
+    q, p = starts(linkage, step, 7)
+    return step, q, p, np.linspace(5e-4, 4e-3, 7), linkage.model.parameters
+
+
+def test_a_linkage_does_not_depend_on_its_neighbours(batch):
+    """Beside six others, in another order and alone in its batch: the same bits."""
+    step, q, p, dts, parameters = batch
+    run = {"steps": 70, "every": 7, "parameters": parameters}
+    many = step.integrate_ensemble(q, p, dt=dts, **run)
+    back = step.integrate_ensemble(q[::-1], p[::-1], dt=dts[::-1], workers=1, **run)
+    assert not many.failures
+    for i, member in enumerate(many.members):
+        alone = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], **run)
+        assert equal(member, alone.members[0])
+        assert member.report == alone.members[0].report == back.members[6 - i].report
+        assert equal(member, back.members[6 - i])
+        one = step.integrate(q[i], p[i], dt=dts[i], **run)
+        # 70 steps of round-off, stages in lanes there, trajectories here
+        assert np.abs(one.q - member.q).max() <= 256 * EPS
+        assert np.abs(one.p - member.p).max() <= 256 * EPS * np.abs(one.p).max()
+        assert member.report.newton_steps == 0
+        # q is a rounded sum: an ulp of a quaternion's entries, of places and of arms
+        assert member.report.constraint_max <= 4 * EPS
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_a_linkage_that_fails_falls_out_alone(batch):
+    """One second is no step for a pendulum of one second: that lane ends, the others do not."""
+    step, q, p, dts, parameters = batch
+    dts[2] = 1.0
+    run = {"steps": 12, "parameters": parameters}
+    many = step.integrate_ensemble(q, p, dt=dts, **run)
+    alone = step.integrate_ensemble(q[2:3], p[2:3], dt=1.0, **run)
+    assert list(many.failures) == [2]
+    failure, wanted = many.failures[2], alone.failures[0]
+    assert (failure.step, failure.reason) == (wanted.step, wanted.reason)
+    assert equal(failure.trajectory, wanted.trajectory)
+    for i in (0, 1, 3, 4, 5, 6):
+        other = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], **run)
+        assert equal(many.members[i], other.members[0])
+
+
+def test_a_lane_that_newton_finishes_stays_its_own(batch):
+    """Steps too long for 15 sweeps: Newton takes them in that lane, mates keep their bits."""
+    step, q, p, dts, parameters = batch
+    dts[4] = 0.05
+    run = {"steps": 6, "parameters": parameters, "max_iterations": 15}
+    many = step.integrate_ensemble(q, p, dt=dts, **run)
+    alone = step.integrate_ensemble(q[4:5], p[4:5], dt=0.05, **run)
+    assert many.members[4].report == alone.members[0].report
+    assert equal(many.members[4], alone.members[0])
+    assert many.members[4].report.newton_steps > 0
+    assert not any(many.members[i].report.newton_steps for i in (0, 1, 2, 3, 5, 6))
+
+
+def test_predictions_follow_a_motion_that_changes(monkeypatch):
+    """A fit to the first steps of a loop is of no use later: 10.9 sweeps a step by it, 9.9 without.
+
+    Both ways, for the polynomials that take its place are chosen lane by lane.
+    """
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+    linkage, step = made(closed_loop)
+    model = linkage.model
+    run = {"dt": 8e-3, "steps": 400, "every": 400, "parameters": model.parameters}
+    alone = step.integrate(model.q0, model.p0, **run)
+    many = step.integrate_ensemble([model.q0] * 2, [model.p0] * 2, **run)
+    for one in (alone, *many.members):
+        assert one.report.iterations_mean < 10.7
+        assert one.report.newton_steps == 0

@@ -1,0 +1,91 @@
+"""What is learnt of a motion: starting values of sweeps, of each trajectory by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from resumed_stores import check
+
+TOP = gs.problems.fast_top()
+PARAMETERS = TOP.parameters | {"gamma": 1.6e-3}
+
+
+def members(count):
+    return [PARAMETERS | {"mgl": TOP.parameters["mgl"] * (1 + 0.02 * i)} for i in range(count)]
+
+
+def ends(step, dt, parameters):
+    count = len(parameters)
+    made = step.integrate_ensemble(np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1)), dt=dt,
+                                   steps=900, every=30, parameters=parameters, workers=1)
+    return [(m.q.tobytes(), m.p.tobytes()) for m in made.members]
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+@pytest.mark.parametrize("dt", [0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.025])
+def test_lanes_are_independent_whoever_learns(dt):
+    """Between these steps some tops take what was learnt and their neighbours do not."""
+    check_lanes(3, dt)
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+@pytest.mark.parametrize("dt", [0.001, 0.01, 0.025])
+def test_lanes_are_independent_with_many_stages(dt):
+    """Sweeps far from rounding are judged at once where no neighbour is near it."""
+    check_lanes(8, dt)
+
+
+def check_lanes(stages, dt):
+    step, tops = gs.stepper("G-L", stages, "gamma"), members(8)
+    eight = ends(step, dt, tops)
+    assert ends(step, dt, tops[:3]) == eight[:3]
+    for i in (0, 7):
+        assert ends(step, dt, tops[i:i + 1]) == eight[i:i + 1]
+
+
+def test_what_was_learnt_outlives_the_end_of_a_call(tmp_path, monkeypatch):
+    """Lessons come after 8, 24 and 768 steps; a trial may begin in one call and end in the next."""
+    step = gs.stepper("G-L", 3, "gamma")
+    run = {"q": TOP.q0, "p": TOP.p0, "dt": 0.01, "steps": 900, "every": 30,
+           "parameters": PARAMETERS}
+    whole = step.integrate(**run)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 8)
+    in_chunks = step.integrate(**run)
+    assert in_chunks.q.tobytes() == whole.q.tobytes()
+    assert in_chunks.report == whole.report
+    assert in_chunks.iterations.tobytes() == whole.iterations.tobytes()  # the most of all pieces
+    monkeypatch.setattr("os.fsync", lambda handle: None)
+    assert check(step, tmp_path, [1, 2, 20, 40], **run) == 4
+
+
+def sweeps(step, dt, steps=1500):
+    made = step.integrate(TOP.q0, TOP.p0, dt=dt, steps=steps, parameters=PARAMETERS)
+    assert made.report.newton_steps == 0
+    assert made.report.constraint_max <= 4 * np.finfo(float).eps
+    return made.iterations
+
+
+@pytest.mark.parametrize(("stages", "before"), [(2, 14.0), (3, 12.2), (4, 11.2)])
+def test_lessons_save_sweeps(stages, before):
+    """Before, there was a recurrence alone."""
+    taken = sweeps(gs.stepper("G-L", stages, "gamma"), 0.01)
+    assert taken[:8].mean() > taken[30:60].mean() + 4
+    assert taken[100:].mean() < 0.8 * before
+
+
+@pytest.mark.parametrize(("stages", "dt", "before"), [
+    (1, 0.005, 10.3), (3, 0.01, 8.6), (4, 0.01, 7.1)])
+def test_places_and_momenta_learn_from_each_other(stages, dt, before):
+    """Before, L was predicted from L alone, and L^ from L^."""
+    assert sweeps(gs.stepper("G-L", stages, "gamma"), dt)[100:].mean() < 0.88 * before
+
+
+def test_what_sweeps_leave_does_not_add_up():
+    """Energy at small steps, where one rate for all sweeps took what was left for less: 2.5e-14."""
+    made = gs.stepper("G-L", 8, "gamma").integrate_ensemble(
+        np.tile(TOP.q0, (8, 1)), np.tile(TOP.p0, (8, 1)), dt=5e-4, steps=100_000, every=100_000,
+        parameters=members(8), workers=1)
+    drift = [m.report.energy_error_max / abs(m.report.energy_start) for m in made.members]
+    assert np.sqrt(np.mean(np.square(drift))) < 8e-15

@@ -1,0 +1,387 @@
+"""Profile ``run``: plain C of one trajectory, beside the full stepper and profile control.
+
+Newton is that of the full stepper, to the bit; sweeps are those of control, to the bit while no
+step needs Newton; and both come to where the full stepper comes, but for rounding.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from functools import cache
+
+import cffi
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from compilers import MAIN, compiler
+from forced_systems import PARAMETERS as DRAG
+from forced_systems import oscillator, pendulum
+from gyrospark.core.errors import InputError
+from gyrospark.generator.codegen.reachable import reachable
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.schemes.fast_tableau import FastTableau
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.compilation.compiler import read_declarations
+from gyrospark.runtime.steppers.stepper import Stepper
+from processes import ROOT, call
+
+STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+#: Without optimisation nothing is contracted, and compiling is quick.
+FLAGS = ["-O0", "-ffp-contract=off", "-DGYROSPARK_PLAIN", "-shared", "-fPIC"]
+ROWS = 40
+
+
+def models():
+    """Name → scheme, system or None, start, parameters, dt, time at the start."""
+    top, bead = (TOP.q0, TOP.p0), ([0.6, -0.8], [0.8, 0.6])
+    named = {f"{scheme}{stages or ''} {real}": (Spec(scheme, stages, real=real), None, top,
+                                               PARAMETERS, 1e-3)
+             for scheme, stages, real in (("G-L", 3, "double"), ("G-L", 2, "float"), ("EMS", None,
+                                          "double"), ("IMS", None, "double"), ("LIIIA-B", 3,
+                                          "long-double"))}
+    return named | {
+        "long steps": (Spec("G-L", 3), None, top, PARAMETERS, 0.026),
+        "forces": (Spec("G-L", 2), pendulum(), bead, DRAG, 0.05),
+        "forces EMS": (Spec("EMS"), pendulum(), bead, DRAG, 0.05),
+        "free": (Spec("G-L", 2), oscillator(), ([0.5], [0.3]), DRAG, 0.05),
+        "free IMS": (Spec("IMS"), oscillator(), ([0.5], [0.3]), DRAG, 0.05),
+    }
+
+
+MODELS = models()
+
+
+@cache
+def made(name, profile="run"):
+    spec, system, *_ = MODELS[name]
+    return generate(spec.with_profile(profile), system=system).source
+
+
+def declared(source):
+    """Return what a header declares; profile control has no marks there, for cffi never reads it.
+    """
+    header = source.header
+    if "begin declarations" in header:
+        return read_declarations(header)
+    end = header.index(f"#ifdef {source.name.upper()}_WORK")
+    return header[header.index("/* What a call returns") : end]
+
+
+class Program:
+    """A stepper of either profile, compiled as a user of C compiles it."""
+
+    def __init__(self, source, folder):
+        name = self.name = source.name
+        folder.mkdir()
+        for file, text in source.files().items():
+            (folder / file).write_text(text, encoding="utf-8")
+        done = call([*compiler(MAIN), *STRICT, *FLAGS, f"{name}.c", "-o", f"{name}.so", "-lm"],
+                    cwd=folder)
+        assert done.returncode == 0, done.stderr
+        self.ffi = cffi.FFI()
+        self.ffi.cdef(declared(source))
+        self.path = folder / f"{name}.so"
+        self.library = self.ffi.dlopen(str(self.path))
+        self.manifest = json.loads(source.manifest)
+        real = self.manifest["real"]
+        self.c_type = real.replace("-", " ")
+        self.type = {"float": np.float32, "double": np.float64}.get(real, np.longdouble)
+
+    def __getattr__(self, function):
+        return getattr(self.library, f"{self.name}_{function}")
+
+    def new(self, *shape):
+        array = np.zeros(shape, self.type)
+        return array, self.ffi.cast(f"{self.c_type} *", array.ctypes.data)
+
+    def start(self, name, solver=None):
+        _, _, (q0, p0), values, dt = MODELS[name]
+        time = self.manifest["system"].get("time")
+        fields = {key: float(value) for key, value in values.items()}
+        parameters = self.ffi.new(f"{self.name}_parameters *",
+                                  fields | ({time: 1.25} if time else {}))
+        options = solver if solver is None else self.ffi.new(f"{self.name}_options *",
+                                                             [0.0, 50, solver])
+        (q, q_at), (p, p_at) = self.new(len(q0)), self.new(len(p0))
+        q[:], p[:] = q0, p0
+        memory = self.ffi.new("char[]", self.work_size())
+        return parameters, options, dt, (q, p), (q_at, p_at), memory
+
+    def run(self, name, solver):
+        """Return all that a whole run leaves: rows, record, status."""
+        parameters, options, dt, _, state, memory = self.start(name, solver)
+        n = len(self.manifest["system"]["coordinates"])
+        (q, q_at), (p, p_at) = self.new(ROWS, n), self.new(ROWS, n)
+        counts = self.ffi.new(f"int[{ROWS}]")
+        work, work_at = self.new(ROWS)
+        forced = [work_at] if "forces" in self.manifest["system"] else []
+        wanted = [self.ffi.NULL] if self.manifest["profile"] == "full" else []  # multipliers
+        report = self.ffi.new(f"{self.name}_report *")
+        status = self.integrate(parameters, options, dt, 2 * ROWS, 2, *state, q_at, p_at, *wanted,
+                                counts, *forced, report,
+                                self.ffi.cast(f"{self.name}_work *", memory))
+        return status, [text(q), text(p), text(work), list(counts), self.record(report)]
+
+    def record(self, report):
+        fields = self.ffi.typeof(report).item.fields
+        return {name: float(getattr(report, name)) for name, _ in fields}
+
+    def steps(self, name, count):
+        """Return the end of so many steps of profile control."""
+        parameters, _, dt, arrays, state, memory = self.start(name)
+        work = self.ffi.cast(f"{self.name}_work *", memory)
+        options = self.ffi.new(f"{self.name}_options *", [0.0, 50])
+        self.begin(work, parameters, options, dt, *state)
+        for _ in range(count):
+            assert self.advance(work, *state) == 0
+        return [*map(text, arrays)]
+
+    def hold(self, name, solver, parts):
+        """Return the end of a trajectory that is held, and its record."""
+        parameters, options, dt, arrays, state, memory = self.start(name, solver)
+        work = self.ffi.cast(f"{self.name}_work *", memory)
+        self.begin(work, parameters, options, dt, *state)
+        for steps in parts:
+            self.advance(work, steps, *state)
+        return [*map(text, arrays), self.record(self.report_of(work))]
+
+
+def text(array):
+    """Return numbers as what tells them apart to the bit, whatever their padding holds."""
+    return [np.format_float_scientific(x, unique=True) for x in array.ravel()]
+
+
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("programs")
+    return cache(lambda name, profile: Program(made(name, profile), folder / f"{name} {profile}"))
+
+
+AUTO, NEWTON, FIXED_POINT = 0, 1, 2
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_newton_is_that_of_the_full_stepper(name, programs):
+    """Rows, iterations, work and records, to the bit."""
+    own, full = programs(name, "run"), programs(name, "full")
+    status, of_run = own.run(name, NEWTON)
+    assert (status, of_run) == full.run(name, NEWTON)
+    assert status == 0
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_steps_are_those_of_the_full_stepper(name, programs):
+    """Where sweeps end does not depend on where they began, but for rounding, which adds up."""
+    own, full = programs(name, "run"), programs(name, "full")
+    (status, of_run), (_, of_full) = own.run(name, AUTO), full.run(name, AUTO)
+    assert status == 0
+    bound = (4000 if name == "long steps" else 400) * float(np.finfo(own.type).eps)
+    for found, wanted in zip(of_run[:3], of_full[:3], strict=True):
+        numbers, expected = (np.array(x, np.longdouble) for x in (found, wanted))
+        assert abs(numbers - expected).max() <= bound * max(abs(expected).max(), 1e-3)
+    record, other = of_run[-1], of_full[-1]
+    assert record["steps"] == other["steps"] == 2 * ROWS
+    assert record["energy_error_max"] <= 2 * other["energy_error_max"] + bound * (
+        1 + abs(record["energy_start"]))
+    assert record["constraint_max"] <= 2 * other["constraint_max"] + bound / 100
+    if name == "long steps":
+        assert 0 < record["newton_steps"] <= 2 * ROWS
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_any_split_is_a_run_to_the_bit(name, programs):
+    own = programs(name, "run")
+    for solver in (AUTO, NEWTON):
+        _, of_run = own.run(name, solver)
+        held = own.hold(name, solver, (1, 0, 16, 30, 33))
+        n = len(held[0])
+        assert held == [of_run[0][-n:], of_run[1][-n:], of_run[-1]]
+
+
+@pytest.mark.parametrize("name", [name for name in MODELS if name not in (
+    "long steps", "LIIIA-B3 long-double")])
+def test_sweeps_are_those_of_profile_control(name, programs):
+    own, control = programs(name, "run"), programs(name, "control")
+    assert own.hold(name, FIXED_POINT, (60,))[:2] == control.steps(name, 60)
+
+
+def test_project(programs):
+    for name in ("G-L3 double", "forces"):
+        found = []
+        for profile in ("run", "full"):
+            program = programs(name, profile)
+            parameters, _, _, (q, p), state, _ = program.start(name)
+            q *= program.type(1.001)
+            p += q / 7
+            assert program.project(parameters, *state) == 0
+            found.append([text(q), text(p)])
+        assert found[0] == found[1]
+
+
+def test_quantities(programs):
+    found = []
+    for profile in ("run", "full"):
+        program = programs("forces", profile)
+        parameters, _, _, _, state, _ = program.start("forces")
+        values, at = program.new(2)
+        t, t_at = program.new(1)
+        t[:] = 0.5
+        program.quantities(parameters, 1, t_at, *state, at)
+        found.append(text(values))
+    assert found[0] == found[1]
+
+
+# ---------------------------------------------------------------- what is written
+
+
+def test_nothing_but_what_the_header_declares(programs):
+    """No batches, no lanes, no residual; no static function that nothing calls."""
+    program = programs("G-L3 double", "run")
+    source = made("G-L3 double")
+    functions = set(re.findall(rf"\b{source.name}_(\w+)\(", read_declarations(source.header)))
+    assert functions == {"work_size", "begin", "advance", "set_parameters", "report_of",
+                         "integrate", "project"}
+    symbols = [line.split() for line in call(["nm", program.path]).stdout.splitlines()]
+    own = {words[-1].removeprefix(f"{source.name}_") for words in symbols
+           if words[-2] == "T" and words[-1].startswith(source.name)}
+    assert own == functions
+    assert source.source.count("\n") <= 1700
+    for word in ("vector_size", "__asm__", "batch", "trajectories_", "malloc"):
+        assert word not in source.source
+
+
+def test_what_is_unreachable_is_left_out():
+    header = "int f(int x);\n"
+    source = """#include "f.h"
+
+enum { A = 1, B = 2 };
+enum { C = 3 };
+
+/* ------ a section */
+
+typedef struct {
+    int x; /* of many */
+} many;
+
+_Static_assert(sizeof(many) > 0, "C is not read in here");
+
+/* Nothing calls it, B or no B. */
+static int unused(many m)
+{
+    return m.x + B;
+}
+
+/* ------ another section */
+
+static const int table[2] = {
+    1, A
+};
+
+#if defined(__GNUC__)
+#define INLINE static inline
+#else
+#define INLINE static
+#endif
+
+/* Nothing to do. */
+static void idle(int x)
+{
+    (void)x;
+}
+
+static void asked(int x)
+{
+    (void)x;
+}
+
+/* One of two. */
+INLINE int used(int x)
+{
+    idle(x);
+    if (x > 0)
+        asked(x);
+    return table[x];
+}
+
+int f(int x)
+{
+    return used(x);
+}
+"""
+    kept = reachable(source, header)
+    for name in ("A = 1", "table[2]", "INLINE", "used(x)", "another section", "One of two",
+                 "asked(int x)", "asked(x)"):
+        assert name in kept
+    for name in ("C = 3", "many", "unused", "a section */\n\ntypedef", "Nothing calls",
+                 "idle", "Nothing to do"):
+        assert name not in kept
+
+
+# ---------------------------------------------------------------- programs
+
+
+def test_example_of_a_loop(gyrospark, tmp_path, monkeypatch):
+    """The commands on its top. By Newton every number is the Python stepper's, to the bit.
+
+    By sweeps they are its own, but for rounding.
+    """
+    main = (ROOT / "examples" / "run_c" / "main.c").read_text(encoding="utf-8")
+    (tmp_path / "main.c").write_text(main, encoding="utf-8")
+    command, build = re.search(r"\*   (generate .*)\n \*   cc (.*) && \./top", main).groups()
+    assert gyrospark(*command.split()).code == 0
+    done = call([*compiler(MAIN), *STRICT, *build.split()], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")  # nothing is contracted
+    full = gs.stepper("G-L", 3)
+    for solver in ("auto", "newton"):
+        said = call([tmp_path / "top", solver], cwd=tmp_path)
+        assert said.returncode == 0
+        lines = said.stdout.splitlines()
+        assert re.fullmatch(r"status 0 after 2100 steps, 0 by Newton; .* constraint \d\.\de-16",
+                            lines[-2])
+        assert lines[-1] == "one run of 2100 steps ends at the same bits"
+        found = np.array([[float.fromhex(x) for x in re.findall(r"-?0x[^ ,]+", line)]
+                          for line in lines[:-2]])
+        I1, I3 = 0.002, 0.0008
+        parameters = {"I1": I1, "I2": I1, "I3": I3, "mgl": 9.81 * 0.04, "gamma": (2*I1 + I3) / 3}
+        run = full.integrate(found[0, :4], found[0, 4:], dt=1e-3, steps=2000, every=100,
+                             parameters=parameters, solver=solver)
+        wanted = np.hstack([run.q, run.p])
+        assert len(found) == 21
+        assert abs(found - wanted).max() <= (0 if solver == "newton" else 1e-12)
+
+
+def test_header_is_for_cplusplus(programs, tmp_path):
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed")
+    source = made("G-L3 double")
+    (tmp_path / f"{source.name}.h").write_text(source.header, encoding="utf-8")
+    for macro in ("", f"#define {source.name.upper()}_WORK\n"):
+        (tmp_path / "main.cpp").write_text(f'{macro}#include "{source.name}.h"\nint main() {{}}\n')
+        done = call(["g++", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only",
+                     "main.cpp"], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+
+
+# ---------------------------------------------------------------- choices
+
+
+def test_python_says_that_it_needs_the_full_profile():
+    source = made("G-L3 double")
+    with pytest.raises(InputError, match=r"'run'.*--profile full"):
+        Stepper(source.name, source.files())
+
+
+def test_what_it_does_not_take_is_refused(monkeypatch):
+    """float128 it does take."""
+    assert "_Float128" in generate(Spec("IMS", real="float128").with_profile("run")).source.header
+    chain = gs.models.chain(8)
+    with pytest.raises(InputError, match=r"run.*profile full"):
+        generate(Spec("G-L", 2).with_profile("run"), system=chain.system)
+    monkeypatch.setattr(FastTableau, "refusal", "a weight b_i is zero")
+    with pytest.raises(InputError, match=r"sweeps.*profile full"):
+        generate(Spec("G-L", 2).with_profile("run"))

@@ -1,0 +1,292 @@
+"""The example models against mechanics written another way, in SciPy and in closed form.
+
+    lagrange_top      cos θ = u₁ + (u₂ − u₁) cd²(κt): the cubic's roots, Jacobi's functions
+    satellite         Euler's equations in inertial axes with the torque 3n² c × Jc, c(t) turning
+    double_pendulum   two angles, Lagrange's equations
+    double_top        Newton and Euler with the joint's force, accelerations from a linear system
+    four_bar          three angles, index 1
+    gimbal            conserved: spin about the rotor's axis, l_z, energy
+
+SciPy's DOP853 runs at its tightest tolerance, 2.3e-14 of relative local error. Every model goes
+through one stepper, G-L 3, and the two with the most of everything through EMS as well.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import gyrospark as gs
+from gyrospark.runtime.rigid_body.quaternion import (
+    angular_velocity,
+    axis,
+    left_matrix,
+    rotation_matrix,
+)
+from strategies import EPS
+
+MODELS = ["lagrange_top", "satellite", "double_pendulum", "double_top", "gimbal", "four_bar"]
+
+
+@cache
+def model_of(name):
+    return getattr(gs.models, name)()
+
+
+@cache
+def stepper_of(name, scheme, stages):
+    return gs.stepper(scheme, stages, system=model_of(name).system)
+
+
+def run(name, dt, t_end, scheme="G-L", stages=3):
+    model, steps = model_of(name), round(t_end / dt)
+    return stepper_of(name, scheme, stages).integrate(
+        model.q0, model.p0, dt=t_end / steps, steps=steps, parameters=model.parameters,
+        every=steps)
+
+
+def reference(f, y0, t_end):
+    return solve_ivp(f, (0, t_end), y0, method="DOP853", rtol=2.3e-14, atol=1e-15,
+                     max_step=t_end / 200).y[:, -1]
+
+
+def turning(q, omega):
+    """q̇ = ½ Lᵀ Ω."""
+    return 0.5 * left_matrix(q).T @ omega
+
+
+# ---------------------------------------------------------------- what is right, another way
+
+
+def lagrange_top(t):
+    """Return cos θ(t) of a symmetric top released with its axis at rest."""
+    par, model = model_of("lagrange_top").parameters, model_of("lagrange_top")
+    with mp.workdps(30):
+        A, C = mp.mpf(par["a_I1"]), mp.mpf(par["a_I3"])
+        mgl = mp.mpf(par["a_m"]) * -mp.mpf(par["gravity_z"]) * mp.mpf(par["a_centre_z"])
+        u2 = mp.mpf(float(axis(model.q0)[2]))
+        a, beta = C * 60 / A, 2 * mgl / A
+        root = mp.sqrt(a**4 - 4 * beta * (a**2 * u2 - beta))
+        u1, u3 = (a**2 - root) / (2 * beta), (a**2 + root) / (2 * beta)
+        u = mp.sqrt(beta * (u3 - u1)) / 2 * t
+        return float(u1 + (u2 - u1) * mp.ellipfun("cd", u, m=(u2 - u1) / (u3 - u1)) ** 2)
+
+
+def satellite(t):
+    """Return q(t) in orbit axes from the motion in inertial axes."""
+    model = model_of("satellite")
+    J = np.array(model.bodies["a_gamma"])
+    n = model.parameters["n"]
+
+    def orbit(t):  # quaternion of the turn by n t about y
+        return np.array([np.cos(n * t / 2), 0, np.sin(n * t / 2), 0])
+
+    def product(x, y):
+        v = x[0] * y[1:] + y[0] * x[1:] + np.cross(x[1:], y[1:])
+        return np.array([x[0] * y[0] - x[1:] @ y[1:], *v])
+
+    def f(t, y):
+        q, w = y[:4], y[4:]
+        up = rotation_matrix(orbit(t))[:, 2]
+        c = rotation_matrix(q).T @ up
+        return np.concatenate([
+            turning(q, w), (3 * n**2 * np.cross(c, J * c) - np.cross(w, J * w)) / J])
+
+    start = [*model.q0, *angular_velocity(model.q0, model.p0, J)]
+    q = reference(f, start, t)[:4]
+    return product(orbit(t) * [1, -1, -1, -1], q)
+
+
+def double_pendulum(t):
+    """Return the two angles."""
+    m1, m2, c1, l1, c2, g = 1.0, 0.5, 0.5, 1.0, 0.4, 9.81
+    J1, J2 = 1 / 3, m2 * 0.8**2 / 12
+    couple = m2 * l1 * c2
+
+    def f(_, y):
+        x1, x2, v1, v2 = y
+        cosine, sine = couple * np.cos(x1 - x2), couple * np.sin(x1 - x2)
+        M = [[J1 + m2 * l1**2, cosine], [cosine, J2 + m2 * c2**2]]
+        push = [-sine * v2**2 - (m1 * c1 + m2 * l1) * g * np.sin(x1),
+                sine * v1**2 - m2 * c2 * g * np.sin(x2)]
+        return [v1, v2, *np.linalg.solve(M, push)]
+
+    return reference(f, [1.2, 2.0, 0.5, -1.0], t)[:2]
+
+
+def cross_matrix(r):
+    x, y, z = r
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+def double_top(t):
+    """Return both quaternions: unknown accelerations Ω̇_a, Ω̇_b and the force F on a's head."""
+    model = model_of("double_top")
+    Ja, Jb = (np.array(J) for J in model.bodies.values())
+    ma, mb, g = 1.0, 0.4, np.array([0, 0, -9.81])
+    ca, ra, rb = np.array([0, 0, 0.25]), np.array([0, 0, 0.5]), np.array([0, 0, -0.15])
+
+    def f(_, y):
+        qa, qb, wa, wb = y[:4], y[4:8], y[8:11], y[11:]
+        Ra, Rb = rotation_matrix(qa), rotation_matrix(qb)
+        A, b = np.zeros((9, 9)), np.zeros(9)
+        # J Ω̇ + Ω × JΩ = torques, in body axes; a about its tip, b about its centre
+        A[:3, :3], A[:3, 6:] = np.diag(Ja), -cross_matrix(ra) @ Ra.T
+        b[:3] = np.cross(ca, Ra.T @ (ma * g)) - np.cross(wa, Ja * wa)
+        A[3:6, 3:6], A[3:6, 6:] = np.diag(Jb), cross_matrix(rb) @ Rb.T
+        b[3:6] = -np.cross(wb, Jb * wb)
+        # m_b (head of a − R_b r_b)¨ = m_b g − F
+        A[6:, :3], A[6:, 3:6] = -mb * Ra @ cross_matrix(ra), mb * Rb @ cross_matrix(rb)
+        A[6:, 6:] = np.eye(3)
+        b[6:] = mb * (g - Ra @ np.cross(wa, np.cross(wa, ra)) + Rb @ np.cross(wb, np.cross(wb, rb)))
+        rates = np.linalg.solve(A, b)
+        return np.concatenate([turning(qa, wa), turning(qb, wb), rates[:6]])
+
+    start = [*model.q0[:8], 0.2, 0, 40, 0, 0.3, 70]
+    return reference(f, start, t)[:8]
+
+
+def four_bar(t):
+    """Return the direction of each bar, from angles φ with Σ l_j e(φ_j) constant."""
+    points = np.array([[0, 0], [0, 0.4], [0.9, 0.8], [1, 0]])
+    bars = np.diff(points, axis=0)
+    length = np.linalg.norm(bars, axis=1)
+    inertia = length * (length**2 + 0.03**2) / 12
+    reach = np.tril(np.tile(length, (3, 1)), -1) + np.diag(length / 2)  # centre i = Σ reach_ij e_j
+    weight = np.einsum("i,ij,ik->jk", length, reach, reach)
+    heavy = length @ reach
+
+    def f(_, y):
+        phi, v = y[:3], y[3:]
+        apart = phi[:, None] - phi
+        M = weight * np.cos(apart) + np.diag(inertia)
+        G = np.array([-length * np.sin(phi), length * np.cos(phi)])
+        bend = np.array([length * np.cos(phi), length * np.sin(phi)]) @ v**2
+        push = -(weight * np.sin(apart)) @ v**2 - 9.81 * heavy * np.cos(phi)
+        A = np.block([[M, G.T], [G, np.zeros((2, 2))]])
+        return [*v, *np.linalg.solve(A, [*push, *bend])[:3]]
+
+    second, third = np.linalg.solve(bars[1:].T, -3.0 * bars[0])
+    phi = reference(f, [*np.arctan2(bars[:, 1], bars[:, 0]), 3.0, second, third], t)[:3]
+    return np.concatenate([np.cos(phi), np.sin(phi)])
+
+
+# ---------------------------------------------------------------- the same of a trajectory
+
+
+def seen(name, q):
+    """Return what the reference of a model tells, from its coordinates."""
+    if name == "lagrange_top":
+        return axis(q)[2]
+    if name == "double_pendulum":  # turns about x only
+        return np.array([np.unwrap([0, 2 * np.arctan2(x[1], x[0])], period=4 * np.pi)[1]
+                         for x in (q[:4], q[4:8])])
+    if name == "double_top":
+        return q[:8]
+    if name == "four_bar":
+        ends = [rotation_matrix(q[7 * i : 7 * i + 4])[:2, 0] for i in range(3)]
+        return np.array(ends).T.ravel()
+    return q
+
+
+REFERENCES = {
+    # model: (function, end, step, tolerance); the satellite's is the truncation of its long step
+    "lagrange_top": (lagrange_top, 0.5, 5e-4, 8 * EPS),
+    "satellite": (satellite, 6000.0, 40.0, 5e-12),
+    "double_pendulum": (double_pendulum, 1.0, 2e-3, 32 * EPS),
+    "double_top": (double_top, 0.2, 2.5e-4, 64 * EPS),
+    "four_bar": (four_bar, 0.6, 1e-3, 256 * EPS),
+}
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_against_another_formulation(name):
+    function, t_end, dt, tolerance = REFERENCES[name]
+    exact = function(t_end)
+    error = np.abs(seen(name, run(name, dt, t_end).q[-1]) - exact).max()
+    assert error <= tolerance
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_order_six_is_seen(name):
+    """Errors fall with the sixth power of Δt, by a reference of the same stepper's."""
+    _, t_end, dt, _ = REFERENCES[name]
+    exact = run(name, dt, t_end).q[-1]
+    errors = [np.abs(run(name, n * dt, t_end).q[-1] - exact).max() for n in (16, 8, 4)]
+    errors = [error for error in errors if error > 1e-11]
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert len(slopes)
+    assert abs(slopes[-1] - 6) < 0.3
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_constraints_stay_at_round_off(name):
+    model = model_of(name)
+    made = stepper_of(name, "G-L", 3).integrate(model.q0, model.p0, dt=model.dt, steps=3000,
+                                      parameters=model.parameters)
+    size = np.abs(made.p).max()
+    assert made.report.constraint_max <= 8 * EPS
+    # g_q H_p, whose units differ from row to row, by what it takes to remove it from p
+    q, p = made.q[-1], made.p[-1]
+    moved = gs.consistent(model.system, q, p, model.parameters)
+    assert moved.q_moved <= 8 * EPS * max(1, np.abs(q).max())
+    assert moved.p_moved <= 64 * EPS * size
+
+
+@pytest.mark.parametrize("name", [
+    "double_top", pytest.param("four_bar", marks=pytest.mark.slow)])
+def test_ems_keeps_energy(name):
+    """Round-off of H adds up as a random walk at most: ε |H| √steps and some."""
+    model = model_of(name)
+    made = stepper_of(name, "EMS", None).integrate(
+        model.q0, model.p0, dt=model.dt, steps=3000, parameters=model.parameters)
+    assert made.report.energy_error_max <= EPS * np.sqrt(3000) * 45  # terms of up to 45 J
+    assert made.report.constraint_max <= 8 * EPS
+
+
+def test_gimbal_conserves_spin_and_vertical_momentum():
+    """Symmetries: the rotor about its own axis, everything about the vertical."""
+    model = model_of("gimbal")
+    made = stepper_of("gimbal", "G-L", 3).integrate(
+        model.q0, model.p0, dt=1e-3, steps=2000, every=100, parameters=model.parameters)
+
+    def momenta(q, p):
+        l = [0.5 * rotation_matrix(x) @ left_matrix(x) @ y  # noqa: E741
+             for x, y in zip(q.reshape(3, 4), p.reshape(3, 4), strict=True)]
+        return rotation_matrix(q[8:])[:, 2] @ l[2], sum(l)[2]
+
+    values = np.array([momenta(q, p) for q, p in zip(made.q, made.p, strict=True)])
+    assert np.abs(values - values[0]).max() <= 64 * EPS * np.abs(made.p).max()
+    assert np.ptp(made.q[:, 4]) > 0.01  # and it moves
+
+
+def test_chain_runs_and_keeps_its_constraints():
+    """Two rods by the same code as a hundred."""
+    model = gs.models.chain(2)
+    step = gs.stepper("G-L", 2, system=model.system)
+    made = step.integrate(model.q0, model.p0, dt=model.dt, steps=1000,
+                          parameters=model.parameters)
+    assert made.report.constraint_max <= 8 * EPS
+    assert made.report.energy_error_max < 1e-8
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.5, True])
+def test_chain_takes_whole_numbers(count):
+    with pytest.raises(gs.InputError, match="whole number from 1"):
+        gs.models.chain(count)
+
+
+@pytest.mark.parametrize("name", gs.models.__all__)
+def test_every_model_is_consistent_in_both_representations(name):
+    for rep in ("gamma", "alpha"):
+        model = getattr(gs.models, name)(rep=rep)
+        assert {key.split("_")[-1] for key in model.bodies} == {rep}
+        moved = gs.consistent(model.system, model.q0, model.p0, model.parameters)
+        assert moved.q_moved <= 4 * EPS
+        assert moved.p_moved <= 64 * EPS * max(1, np.abs(model.p0).max())
+        assert model.dt > 0
+        assert model.description.endswith(".")

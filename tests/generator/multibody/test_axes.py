@@ -1,0 +1,112 @@
+"""Where axes of joints and centres of rotors are, on bodies that are tilted at the start."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError, InputWarning
+
+TILT = np.array([0.5, 0.5, -0.1, 0.7])
+HINGES = ("revolute", "align", "prismatic", "cylindrical", "planar", "screw")
+
+
+def satellite(**where):
+    """A tilted satellite away from the origin, with a wheel that turns at 20 rad/s."""
+    build = gs.Multibody("satellite", gravity=(0, 0, 0))
+    bus = build.body("bus", mass=5.0, inertia=(0.3, 0.4, 0.5), position=(1, -2, 3),
+                     quaternion=TILT, angular_velocity=(0, 0, 0))
+    build.rotor("wheel", bus, mass=0.5, inertia=(0.01, 0.006), rate=20.0, **where)
+    return build
+
+
+def rotation():
+    return np.array(gs.rotation_matrix(TILT).tolist(), dtype=float)
+
+
+def spin(model):
+    """The momentum of the wheel in the axes of the bus, and where its centre is."""
+    step = gs.stepper("IMS", system=model.system)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=1, parameters=model.parameters)
+    wheel = run.body("wheel")
+    in_space = wheel.angular_momentum()[0]
+    return rotation().T @ in_space, wheel.position()[0]
+
+
+def test_an_axis_on_a_tilted_body():
+    momentum, _ = spin(satellite(axis_on_body=(0, 0, 2)).model())
+    np.testing.assert_allclose(momentum, [0, 0, 0.2], atol=1e-15)
+    momentum, _ = spin(satellite(axis_in_space=(0, 0, 1)).model())
+    np.testing.assert_allclose(momentum, 0.2 * rotation()[2], atol=1e-15)
+
+
+def test_a_rotor_sits_at_the_origin_of_its_body():
+    _, centre = spin(satellite(axis_on_body=(1, 0, 0)).model())
+    np.testing.assert_allclose(centre, [1, -2, 3], atol=1e-15)
+    _, centre = spin(satellite(axis_on_body=(1, 0, 0), on_body=(0, 0.5, 0)).model())
+    np.testing.assert_allclose(centre, rotation() @ [0, 0.5, 0] + [1, -2, 3], atol=1e-15)
+
+
+def test_an_axis_that_could_be_meant_on_the_body_is_told():
+    with pytest.warns(InputWarning, match="axis_on_body"):
+        satellite(axis=(0, 0, 1))
+    satellite(axis=TILT[1:])  # about which the body is tilted: the same on the body
+
+
+@pytest.mark.parametrize("kind", HINGES)
+def test_every_joint_takes_an_axis_on_its_body(kind):
+    """The same model as with the axis in space; of a body on the ground its own axes count."""
+    more = {"lead": 0.1} if kind == "screw" else {}
+    more |= {} if kind == "align" else {"at": (1, -2, 3)}
+    on_body = np.array([0.6, 0, 0.8])
+    models = []
+    for ends in (("bus", "arm"), ("ground", "bus")):
+        for axis in ({"axis_on_body": on_body}, {"axis_in_space": rotation() @ on_body}):
+            build = satellite(axis_on_body=(0, 0, 1))
+            build.body("arm", mass=1.0, inertia=(0.1, 0.2, 0.3), position=(1, -2, 3),
+                       quaternion=(0.6, 0, 0.8, 0))
+            getattr(build, kind)("joint", *ends, **axis, **more)
+            models.append(build.model())
+    for one, other in (models[:2], models[2:]):
+        assert one.system.constraints == other.system.constraints
+        values = [list(model.parameters.values()) for model in (one, other)]
+        np.testing.assert_allclose(*values, atol=1e-15)
+        np.testing.assert_allclose(one.p0, other.p0, atol=1e-15)
+
+
+def test_one_axis_is_given_in_one_way():
+    for axes in ({}, {"axis": (0, 0, 1), "axis_on_body": (0, 0, 1)}):
+        with pytest.raises(InputError, match="axis_on_body"):
+            satellite(**axes)
+
+
+FILE = """
+name = "satellite"
+gravity = [0, 0, 0]
+[[bodies]]
+name = "bus"
+mass = 5
+inertia = [0.3, 0.4, 0.5]
+position = [1, -2, 3]
+quaternion = [0.5, 0.5, -0.1, 0.7]
+angular_velocity = [0, 0, 0]
+[[rotors]]
+name = "wheel"
+bodies = ["bus"]
+mass = 0.5
+inertia = [0.01, 0.006]
+axis_on_body = [0, 0, 1]
+rate = 20
+"""
+
+
+def test_axes_on_bodies_in_a_model_file(tmp_path):
+    path = tmp_path / "satellite.toml"
+    path.write_text(FILE)
+    model, same = gs.load_model(path), satellite(axis_on_body=(0, 0, 1)).model()
+    np.testing.assert_allclose(model.p0.astype(float), same.p0, atol=1e-15)
+    np.testing.assert_allclose(model.q0.astype(float), same.q0, atol=1e-15)
+    path.write_text(FILE.replace("axis_on_body", "axis"))
+    with pytest.warns(InputWarning, match="axis_in_space"):
+        gs.load_model(path)

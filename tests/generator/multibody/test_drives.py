@@ -1,0 +1,431 @@
+"""Drives, moving points and motors of multibody models, beside formulas of one angle.
+
+A body that hangs at a point P(t) by a hinge has in its angle φ from −y, with I about the centre,
+
+    H = (p − m d (P'_x cos φ + P'_y sin φ))²/(2 (I + m d²)) − m g d cos φ
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from strategies import EPS
+
+MASS, INERTIA, ARM, GRAVITY = 0.8, 0.05, 0.4, 9.81
+Z = (0, 0, 1)
+
+
+def hanging(name="hanging"):
+    return gs.Multibody(name, gravity=(0, -GRAVITY, 0))
+
+
+def rod(build, name, **more):
+    return build.body(name, mass=MASS, inertia=(INERTIA, 0.01, INERTIA), **more)
+
+
+def angle_model(path, t):
+    """The formula above as a system, and its start at φ = 0 and φ' = 0."""
+    phi, p = sp.symbols("phi p", real=True)
+    v = [sp.diff(x, t) for x in path]
+    whole = INERTIA + MASS * ARM**2
+    own = MASS * ARM * (v[0] * sp.cos(phi) + v[1] * sp.sin(phi))
+    system = gs.System((phi,), (p,), (), (p - own)**2 / (2 * whole)
+                       - MASS * GRAVITY * ARM * sp.cos(phi), name="in_its_angle", time=t)
+    return system, own.subs({phi: 0, t: 0})
+
+
+@cache
+def shaken():
+    build = hanging("shaken_body")
+    t = build.time
+    path = (sp.sin(3 * t) / 5, sp.cos(4 * t) / 10 - sp.Rational(1, 10), 0)
+    pivot = build.moving_point("pivot", path)
+    rod(build, "b", angular_velocity=(0, 0, 0))
+    build.revolute("hinge", pivot, "b", axis=Z, on_b=(0, ARM, 0), at=(0, 0, 0))
+    return build.model(), path[:2], t
+
+
+@cache
+def swinging():
+    """A crank of length 1/2 whose angle is driven, and a body at its end."""
+    build = hanging("swinging")
+    t = build.time
+    law = sp.sin(2 * t)
+    rod(build, "crank", position=(0, -0.25, 0))
+    rod(build, "b", angular_velocity=(0, 0, 0))
+    build.revolute("shaft", "ground", "crank", axis=Z, at=(0, 0, 0))
+    build.revolute("pin", "crank", "b", axis=Z, at=(0, -0.5, 0), on_b=(0, ARM, 0))
+    build.drive("engine", "shaft", angle=law)
+    return build.model(), (sp.sin(law) / 2, -sp.cos(law) / 2), t
+
+
+def angles(run, body):
+    """The angle of a body about z, unwound."""
+    R = run.rotation(body).as_matrix()
+    return np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+
+
+@pytest.mark.parametrize("make", [shaken, swinging])
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
+def test_a_body_at_a_point_that_moves(make, scheme, stages):
+    model, path, t = make()
+    system, p0 = angle_model(path, t)
+    fine = gs.stepper("G-L", 4, system=system).integrate(
+        [0], [float(p0)], dt=0.002, steps=250, parameters={})
+    step = gs.stepper(scheme, stages, system=model.system)
+    errors = []
+    for steps in (25, 50, 100):
+        run = step.integrate(model.q0, model.p0, dt=0.5 / steps, steps=steps,
+                             parameters=model.parameters)
+        errors.append(abs(angles(run, "b")[-1] - fine.q[-1, 0]))
+        assert run.report.constraint_max <= 16 * EPS
+        if scheme == "EMS":
+            assert run.report.energy_error_max <= 1e3 * EPS * np.abs(run.energies).max()
+    orders = [np.log2(one / two) for one, two in pairwise(errors)]
+    assert abs(orders[-1] - step.order) < 0.3, (errors, orders)
+
+
+def test_a_driven_hinge_turns_as_told_and_says_its_torque():
+    build = hanging("turned")
+    t, rate = build.time, build.parameter("rate", 1.5)
+    rod(build, "b")
+    hinge = build.revolute("shaft", build.ground, "b", axis=Z, at=(0, 0, 0), on_b=(0, ARM, 0))
+    law = rate * t + t**3 / 3
+    build.drive("engine", hinge, angle=law)
+    model = build.model()
+    assert model.system.m == model.system.n  # nothing is left to move by itself
+    step = gs.stepper("G-L", 3, system=model.system)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=80, parameters=model.parameters)
+    f = 1.5 * run.t + run.t**3 / 3
+    assert np.abs(angles(run, "b") - f).max() <= 64 * EPS
+    rates = run.angular_velocity("b")[:, 2]
+    assert np.abs(rates - (1.5 + run.t**2)).max() <= 256 * EPS
+    place = model.system.constraint_names.index("engine: angle")
+    torque = run.multipliers[:, -1, place]  # on b
+    wanted = (INERTIA + MASS * ARM**2) * 2 * run.t + MASS * GRAVITY * ARM * np.sin(f)
+    assert np.abs(torque - wanted[1:]).max() <= 1e-5
+    assert np.abs(run.joint("engine").torque() - np.outer(wanted, Z)).max() <= 1e-5
+    assert np.abs(run.joint("engine").force()).max() == 0
+    assert np.abs(run.joint("engine").angle() - f).max() <= 64 * EPS
+    gain = run.energies - run.energies[0]
+    assert np.abs(gain - run.work).max() <= 1e-12  # all of it is the engine's
+
+
+def test_the_power_of_a_drive_is_the_energy_that_it_brings():
+    """Torque times rate against the energy's own increase; here the second body is the ground."""
+    build = hanging("powered")
+    rod(build, "b")
+    build.revolute("shaft", "b", "ground", axis=(0, 0.6, 0.8), at=(0, 0, 0))
+    build.drive("engine", "shaft", angle=sp.sin(2 * build.time))
+    model = build.model()
+    run = gs.stepper("G-L", 4, system=model.system).integrate(
+        model.q0, model.p0, dt=0.01, steps=200, parameters=model.parameters)
+    engine, shaft = run.joint("engine"), run.joint("shaft")
+    along = (engine.torque() * (0, 0.6, 0.8)).sum(axis=1)
+    power = along * shaft.rate()
+    assert np.abs(np.diff(run.energies) - (power[1:] + power[:-1]) / 2 * 0.01).max() < 2e-5
+    middle = slice(1, -1)
+    assert np.abs(power[middle] - (run.energies[2:] - run.energies[:-2]) / 0.02).max() < 5e-3
+    assert np.abs(power).max() > 0.1
+    assert np.abs(shaft.angle() - np.sin(2 * run.t)).max() < 1e-13
+
+
+def test_a_motor_and_a_drive_agree_on_their_sign():
+    """The torque of a drive, as the law of a motor of the same joint, gives the same motion."""
+    runs = []
+    for motor in (False, True):
+        build = gs.Multibody(f"sign_{motor}", gravity=(0, 0, 0))
+        for name in "ab":
+            build.top(name, mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
+        build.align("fix", "ground", "a", axis=Z)
+        build.align("shaft", "a", "b", axis=Z)
+        # b turns by t² against a: each has half of it, for both weigh the same
+        if motor:
+            build.motor("engine", "shaft", torque=INERTIA)
+        else:
+            build.drive("engine", "shaft", angle=build.time**2)
+        model = build.model()
+        runs.append(gs.stepper("G-L", 3, system=model.system).integrate(
+            model.q0, model.p0, dt=0.01, steps=50, parameters=model.parameters))
+    driven, moved = runs
+    assert np.abs(driven.joint("engine").torque()[:, 2] - INERTIA).max() < 1e-10
+    assert np.abs(angles(driven, "b") - angles(moved, "b")).max() < 1e-12
+
+
+@pytest.mark.parametrize("said", [0.4, 7.0])
+def test_all_angles_of_a_joint_are_one(said):
+    """Of a quantity, a spring, a drive and a run, whatever the attitude at the start.
+
+    A spring about the joint is at rest where the angle is: H − T is ½ k (θ − rest)².
+    """
+    build = gs.Multibody("one_angle", gravity=(0, 0, 0))
+    build.top("a", mass=1, inertia=(0.1, 0.2, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (0.3, 0.2, 0.5)))
+    build.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (1.3, 0.1, -0.7)))
+    axis = np.array([0.6, 0.0, 0.8])
+    build.align("pin", "a", "b", axis_in_space=axis, angle=said, rate=3.0)
+    build.quantity("turned", build.angle("pin"))
+    build.joint_spring("spring", "pin", stiffness=2.0, rest=0.1)
+    model = build.model()
+    run = gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=0.01, steps=15, parameters=model.parameters)
+    angle = run.joint("pin").angle()
+    assert abs(angle[0] - said) < 1e-14
+    assert np.abs(angle - run.quantity("turned")).max() < 1e-12
+    spin = 0
+    for name in "ab":
+        omega = run.body(name).angular_velocity()
+        spin += ((omega @ run.body(name).inertia) * omega).sum(axis=1) / 2
+    assert np.abs(run.energies - spin - (angle - 0.1) ** 2).max() < 1e-10
+    driven = gs.Multibody("one_driven", gravity=(0, 0, 0))
+    driven.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0),
+              rotation=Rotation.from_euler("ZXZ", (1.3, 0.1, -0.7)))
+    driven.align("pin", "ground", "b", axis=axis)
+    driven.drive("engine", "pin", angle=said + driven.time / 2)
+    driven.quantity("turned", driven.angle("pin"))
+    model = driven.model()
+    run = gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=0.01, steps=40, parameters=model.parameters)
+    for angle in (run.joint("pin").angle(), run.joint("engine").angle(), run.quantity("turned")):
+        assert np.abs(angle - said - run.t / 2).max() < 1e-12
+
+
+def test_a_motor_turns_by_its_law():
+    """A servo, k (target − φ) − c φ', on a body in no gravity: a damped oscillator."""
+    build = gs.Multibody("servo", gravity=(0, 0, 0))
+    k, c = build.parameter("k", 2.0), build.parameter("c", 0.05)
+    build.top("b", mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
+    build.align("shaft", "ground", "b", axis=Z)
+    build.motor("motor", "shaft", torque=k * (1 - build.angle("shaft")) - c * build.rate("shaft"))
+    model = build.model()
+    step = gs.stepper("G-L", 4, system=model.system)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=100, parameters=model.parameters)
+    damping = 0.05 / (2 * INERTIA)
+    w = np.sqrt(2.0 / INERTIA - damping**2)
+    wanted = 1 - np.exp(-damping * run.t) * (np.cos(w * run.t) + damping / w * np.sin(w * run.t))
+    assert np.abs(angles(run, "b") - wanted).max() <= 1e-10
+    pair = gs.Multibody("servo_pair", gravity=(0, 0, 0))  # and back on the other body
+    for name in "ab":
+        pair.top(name, mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
+    pair.align("fix", "ground", "a", axis=Z)
+    pair.align("shaft", "a", "b", axis=Z)
+    pair.motor("motor", "shaft", torque=sp.cos(pair.time) - pair.rate("shaft") / 100)
+    found = pair.model()
+    turned = gs.stepper("G-L", 2, system=found.system).integrate(
+        found.q0, found.p0, dt=0.02, steps=40, parameters=found.parameters)
+    assert np.abs(angles(turned, "a") + angles(turned, "b")).max() <= 64 * EPS
+    assert abs(angles(turned, "b")[-1]) > 0.1
+
+
+@cache
+def four_bar():
+    """Crank 1, coupler 2, rocker 2, ground 2: in the plane z = 0, crank upwards."""
+    build = gs.Multibody("driven_four_bar", gravity=(0, -GRAVITY, 0))
+    x = (1 + np.sqrt(4 - 1)) / 2  # the pin between coupler and rocker: 2 from both ends
+    ends = {"crank": ((0, 0), (0, 1))}
+    a, b = np.array([0.0, 1.0]), np.array([2.0, 0.0])
+    middle, half = (a + b) / 2, np.linalg.norm(b - a) / 2
+    normal = np.array([1.0, 2.0]) / np.sqrt(5)
+    pin = middle + np.sqrt(4 - half**2) * normal
+    ends |= {"coupler": (a, pin), "rocker": (b, pin)}
+    assert x > 0
+    for name, (one, two) in ends.items():
+        centre = (np.array(one) + np.array(two)) / 2
+        build.body(name, mass=1, inertia=(0.1, 0.1, 0.1), position=[*centre, 0])
+    build.revolute("shaft", "ground", "crank", axis=Z, at=(0, 0, 0))
+    build.revolute("pin1", "crank", "coupler", axis=Z, at=(0, 1, 0))
+    build.revolute("pin2", "coupler", "rocker", axis=Z, at=[*pin, 0])
+    build.revolute("pin3", "ground", "rocker", axis=Z, at=(2, 0, 0))
+    build.drive("engine", "shaft", angle=-2 * build.time)
+    return build.model(without=["pin3: z", "pin3: axis 1", "pin3: axis 2"]), pin
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
+def test_a_driven_four_bar(scheme, stages):
+    model, pin = four_bar()
+    step = gs.stepper(scheme, stages, system=model.system)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=100, parameters=model.parameters)
+    assert run.report.constraint_max <= 16 * EPS
+    assert np.abs(angles(run, "crank") + 2 * run.t).max() <= 256 * EPS
+    end = np.stack([np.sin(2 * run.t), np.cos(2 * run.t)], axis=1)
+    apart = np.array([2.0, 0.0]) - end
+    half = np.linalg.norm(apart, axis=1) / 2
+    normal = np.stack([-apart[:, 1], apart[:, 0]], axis=1) / (2 * half)[:, None]
+    joined = end + apart / 2 + np.sqrt(4 - half**2)[:, None] * normal
+    rocker = np.arctan2(joined[:, 1], joined[:, 0] - 2) - np.arctan2(pin[1], pin[0] - 2)
+    assert np.abs(angles(run, "rocker") - rocker).max() <= 1e3 * EPS
+    if scheme == "EMS":
+        assert run.report.energy_error_max <= 1e4 * EPS * np.abs(run.energies).max()
+
+
+def test_wrong_use_ends_in_one_sentence():
+    build = hanging("wrong")
+    t = build.time
+    rod(build, "b")
+    hinge = build.revolute("shaft", build.ground, "b", axis=Z, at=(0, 0, 0), on_b=(0, ARM, 0),
+                           rate=2.0)
+    angled = hanging("angled")
+    rod(angled, "b")
+    angled.revolute("shaft", "ground", "b", axis=Z, at=(0, 0, 0), on_b=(0, ARM, 0), angle=0.5)
+    for said, call in (
+        ("no start satisfies both", lambda: build.drive("engine", hinge, angle=t)),
+        ("no start satisfies it", lambda: build.drive("engine", hinge, angle=sp.sqrt(t))),
+        ("one angle", lambda: angled.drive("engine", "shaft", angle=1 + angled.time)),
+        ("contains 'z'", lambda: build.drive("engine", hinge, angle=sp.Symbol("z"))),
+        ("shift", lambda: build.drive("engine", "shift", angle=t)),
+        ("no start satisfies it", lambda: build.moving_point("p", (1 / t, 0, 0))),
+        ("used twice", lambda: build.moving_point("b", (t, 0, 0))),
+        ("components", lambda: build.moving_point("p", (t, 0))),
+    ):
+        with pytest.raises(InputError, match=said):
+            call()
+    build.drive("engine", hinge, angle=2 * t)
+    build.drive("other", hinge, angle=2 * t)
+    with pytest.raises(InputError, match="redundant"):
+        build.model()
+    ground = build.moving_point("p", (t, 0, 0))
+    with pytest.raises(InputError, match="give two bodies"):
+        build.ball("nothing", ground, build.ground, at=(0, 0, 0))
+
+
+FILE = """
+name = "driven"
+gravity = [0, -9.81, 0]
+[parameters]
+w = 3
+k = 2
+[[points]]
+name = "pivot"
+path = ["sin(w*t)/5", 0, 0]
+[[bodies]]
+name = "upper"
+mass = 0.8
+inertia = [0.05, 0.01, 0.05]
+position = [0, -0.4, 0]
+[[bodies]]
+name = "lower"
+mass = 0.8
+inertia = [0.05, 0.01, 0.05]
+position = [0, -1.2, 0]
+[[joints]]
+name = "shaft"
+type = "revolute"
+bodies = ["pivot", "upper"]
+axis = [0, 0, 1]
+at = [0, 0, 0]
+[[joints]]
+name = "pin"
+type = "revolute"
+bodies = ["upper", "lower"]
+axis = [0, 0, 1]
+at = [0, -0.8, 0]
+[[drives]]
+name = "engine"
+joint = "shaft"
+angle = "sin(2*t)"
+[[forces]]
+name = "servo"
+type = "motor"
+joints = ["pin"]
+torque = "k*(1 - pin_angle) - pin_rate/10"
+"""
+
+
+def test_a_file_has_drives_motors_and_points(gyrospark, tmp_path):
+    path = tmp_path / "driven.toml"
+    path.write_text(FILE, encoding="utf-8")
+    model = gs.load_model(path)
+    build = hanging("driven")
+    for name, y in (("upper", -0.4), ("lower", -1.2)):
+        rod(build, name, position=(0, y, 0))
+    w, k = build.parameter("w", 3.0), build.parameter("k", 2.0)
+    build.moving_point("pivot", (sp.sin(w * build.time) / 5, 0, 0))
+    build.revolute("shaft", "pivot", "upper", axis=Z, at=(0, 0, 0))
+    build.revolute("pin", "upper", "lower", axis=Z, at=(0, -0.8, 0))
+    build.drive("engine", "shaft", angle=sp.sin(2 * build.time))
+    build.motor("servo", "pin", torque=k * (1 - build.angle("pin")) - build.rate("pin") / 10)
+    same = build.model()
+    assert np.abs(model.q0.astype(float) - same.q0).max() <= 4 * EPS
+    assert np.abs(model.p0.astype(float) - same.p0).max() <= 4 * EPS
+    assert dict(model.parameters) == dict(same.parameters)
+    assert model.system == same.system
+    said = gyrospark("run", path, "--scheme", "EMS", "--dt", "0.01", "--steps", "20", "--json")
+    assert said.document["constraint_max"] <= 16 * EPS
+    assert said.document["energy_error_max"] <= 1e-12
+    for bad, message in ((FILE.replace('joint = "shaft"', 'joint = "shift"'), "shift"),
+                         (FILE.replace('"sin(2*t)"', '"sin(2*upper_q0)"'), "upper_q0"),
+                         (FILE.replace('"sin(w*t)/5"', '"1/t"'), "no finite value")):
+        path.write_text(bad, encoding="utf-8")
+        answer = gyrospark("run", path)
+        assert answer.code == 2
+        assert message in answer.stderr
+        assert answer.stderr.count("\n") == 1
+
+
+def test_one_body_in_a_potential_that_changes(tmp_path):
+    path = tmp_path / "changing.toml"
+    path.write_text("""
+name = "changing"
+potential = "k*cos(w*t)*R33"
+[parameters]
+k = 0.3
+w = 4
+[body]
+inertia = [0.1, 0.2, 0.3]
+[start]
+euler = [0.1, 0.5, 0.2]
+angular_velocity = [1, 2, 3]
+""", encoding="utf-8")
+    model = gs.load_model(path)
+    step = gs.stepper("EMS", system=path)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=100,
+                         parameters=model.parameters | {"gamma": "m"})
+    assert run.report.energy_error_max <= 1e-13
+    assert np.abs(run.work).max() > 1e-3
+
+
+def _spring_between_points(build, _):
+    build.spring("spring", "P", "b", stiffness=8.0)
+    build.spring("damper", "P", "b", stiffness=0.0, length=1.0, damping=0.5)
+
+
+def _spring_of_the_joint(build, rail):
+    build.joint_spring("spring", rail, stiffness=8.0, damping=0.5)
+
+
+def _motor(build, rail):
+    build.motor("servo", rail, force=-8 * build.travel(rail) - build.speed(rail) / 2)
+
+
+@pytest.mark.parametrize("connect", [_spring_between_points, _spring_of_the_joint, _motor])
+def test_dampers_know_how_fast_a_point_moves(connect):
+    """z'' = −8 s − s'/2 with s = z − sin(5 t)/5, for all that measures a speed."""
+    build = gs.Multibody("shaken", gravity=(0, 0, 0))
+    build.moving_point("P", (0, 0, sp.sin(5 * build.time) / 5))
+    build.body("b", mass=1.0, inertia=(1.0, 1.0, 1.0), position=(0, 0, 0.3))
+    rail = build.prismatic("rail", "P", "b", axis=(0, 0, 1), on_a=(0, 0, 0), on_b=(0, 0, 0),
+                           travel=0.3, speed=-1.0)
+    connect(build, rail)
+    build.quantity("speed", build.speed(rail))
+    model = build.model()
+    step = gs.stepper("G-L", 3, system=model.system)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=100, parameters=model.parameters)
+
+    def rates(t, y):
+        s, rate = y[0] - np.sin(5 * t) / 5, y[1] - np.cos(5 * t)
+        return [y[1], -8 * s - rate / 2]
+
+    z = solve_ivp(rates, (0, 1), [0.3, 0.0], method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    place = model.system.q.index(sp.Symbol("b_z", real=True))
+    assert abs(run.q[-1, place] - z[0]) <= 1e-12
+    assert abs(run.quantity("speed")[-1] - (z[1] - np.cos(5.0))) <= 1e-11

@@ -1,0 +1,271 @@
+"""The builder of bodies and joints: symbols, order, start; H and g against mechanics in NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import gyrospark as gs
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
+from gyrospark.generator.systems.numeric_system import NumericSystem
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity, rotation_matrix
+from strategies import EPS, unit_quaternions
+
+INERTIA = (0.1, 0.12, 0.03)
+
+
+def unit(q):
+    return np.array(q) / np.linalg.norm(q)
+
+
+vectors = st.tuples(*[st.floats(-2, 2)] * 3)
+
+
+def pair(rep="gamma", **b):
+    """Return a builder with a top and a body on it."""
+    build = gs.Multibody("pair")
+    top = build.top("a", mass=1.5, inertia=INERTIA, centre=(0, 0.1, 0.3), at=(1, 0, 2), rep=rep,
+                    quaternion=unit([0.9, 0.3, -0.1, 0.2]), angular_velocity=(1, 2, 30))
+    body = build.body("b", mass=0.5, inertia=(0.02, 0.03, 0.04), rep=rep,
+                      quaternion=unit([1, -2, 0.5, 0.1]), angular_velocity=(3, -1, 20), **b)
+    build.ball("joint", top, body, on_a=(0.1, 0, 0.6), on_b=(0, 0.2, -0.3))
+    return build
+
+
+def test_names_and_order():
+    model = pair().model()
+    assert [str(x) for x in model.system.q] == [
+        "a_q0", "a_q1", "a_q2", "a_q3", "b_q0", "b_q1", "b_q2", "b_q3", "b_x", "b_y", "b_z"]
+    assert [str(x) for x in model.system.p][-4:] == ["b_p3", "b_px", "b_py", "b_pz"]
+    assert model.system.constraint_names == (
+        "a: unit quaternion", "b: unit quaternion", "joint: x", "joint: y", "joint: z")
+    assert dict(model.bodies) == {"a_gamma": INERTIA, "b_gamma": (0.02, 0.03, 0.04)}
+    assert model.parameters["b_gamma"] == pytest.approx(0.03)
+    assert {"a_m", "a_I1", "gravity_z", "joint_a_x", "joint_a_z", "joint_b_y"} <= set(
+        model.parameters)
+    assert "joint_a_y" not in model.parameters  # zero stays zero
+    assert "gravity_x" not in model.parameters
+
+
+@pytest.mark.parametrize("rep", ["gamma", "alpha"])
+def test_hamiltonian_is_the_energy(rep):
+    """½ Ω·JΩ + ½ m v² + m g z of both bodies, from the start's own q and p."""
+    build = pair(rep)
+    model = build.model()
+    q, p = model.q0, model.p0
+    qs, moments = (q[:4], q[4:8]), (INERTIA, (0.02, 0.03, 0.04))
+    omegas = [angular_velocity(x, y, J)
+              for x, y, J in zip(qs, (p[:4], p[4:8]), moments, strict=True)]
+    energy = sum(0.5 * w @ (np.array(J) * w) for w, J in zip(omegas, moments, strict=True))
+    energy += 0.5 * p[8:] @ p[8:] / 0.5 + 0.5 * 9.81 * q[10]
+    energy += 1.5 * 9.81 * (2 + (rotation_matrix(qs[0]) @ [0, 0.1, 0.3])[2])
+    H = NumericSystem(model.system, model.parameters).H(q, p)
+    assert abs(H - energy) <= 16 * EPS * abs(energy)
+    # p = 2 Lᵀ J Ω of what was asked for, and the point of b moves with that of a.
+    assert np.abs(omegas[0] - [1, 2, 30]).max() < 1e-13 * 30
+    assert np.abs(omegas[1] - [3, -1, 20]).max() < 1e-13 * 30
+    Ra, Rb = (rotation_matrix(x) for x in qs)
+    v = Ra @ np.cross([1, 2, 30], [0.1, 0, 0.6]) - Rb @ np.cross([3, -1, 20], [0, 0.2, -0.3])
+    assert np.abs(p[8:] / 0.5 - v).max() < 1e-13 * 30
+    x = [1, 0, 2] + Ra @ [0.1, 0, 0.6] - Rb @ [0, 0.2, -0.3]
+    assert np.abs(q[8:] - x).max() < 1e-15 * 8
+    assert max(build.start.after.values()) <= 4 * EPS
+    assert max(build.start.hidden_after.values()) <= 64 * EPS * np.abs(p).max()
+
+
+@settings(deadline=None, max_examples=25)
+@given(unit_quaternions(), unit_quaternions(), vectors, vectors)
+def test_a_body_is_where_joints_put_it(qa, qb, on_a, on_b):
+    """The same start from the point in space, from the points on the bodies, and from both."""
+    def start(**joint):
+        build = gs.Multibody("placed")
+        qa_first, qb_first = (Rotation.from_quat(q[[1, 2, 3, 0]]) for q in (qa, qb))
+        a = build.body("a", mass=1, inertia=INERTIA, position=(1, 2, 3), rotation=qa_first)
+        b = build.body("b", mass=1, inertia=INERTIA, rotation=qb_first)
+        build.ball("joint", a, b, **joint)
+        return build.model()
+
+    at = np.array([1, 2, 3]) + rotation_matrix(qa) @ on_a
+    one = start(on_a=on_a, on_b=on_b)
+    two = start(at=at, on_b=on_b)
+    assert np.abs(one.q0 - two.q0).max() <= 64 * EPS
+    assert np.abs(one.q0[11:] - (at - rotation_matrix(qb) @ on_b)).max() <= 64 * EPS
+
+
+def test_parameters_make_equal_forms():
+    """In a chain every joint reads the same up to the names."""
+    model = gs.models.chain(3)
+    def anonymous(g, i):
+        text = str(g)
+        for new, old in ((f"b{i - 1}_", "above_"), (f"b{i}_", "own_"), (f"j{i}_", "joint_")):
+            text = text.replace(new, old)
+        return sorted(text.replace("above", "x").replace("own", "y"))
+    second, third = (model.system.constraints[k : k + 4] for k in (4, 8))
+    for two, three in zip(second, third, strict=True):
+        assert anonymous(two, 1) == anonymous(three, 2)
+
+
+def test_chain_is_block_tridiagonal():
+    """Every constraint meets those of its own body and of the two beside it only."""
+    model = gs.models.chain(5)
+    numeric = NumericSystem(model.system, model.parameters)
+    W = numeric.W(model.q0, model.p0, numeric.G(model.q0))
+    blocks = np.abs(W).reshape(5, 4, 5, 4).max(axis=(1, 3)) > 0
+    i, j = np.nonzero(blocks)
+    assert np.abs(i - j).max() == 1
+    assert model.system.n == 35
+
+
+def test_springs_forces_and_expressions():
+    build = gs.Multibody("sprung", gravity=(0, 0, 0))
+    a = build.body("a", mass=2.0, inertia=INERTIA, position=(0, 0, 1), velocity=(1, 0, 0),
+                   quaternion=(0.8, 0, 0.6, 0), angular_velocity=(0.1, 0.2, 0.3))
+    build.spring("s", build.ground, a, stiffness=3.0, length=0.5, on_b=(0, 0.5, 0))
+    build.spring("soft", build.ground, a, stiffness=2.0, on_a=(1, 0, 0))
+    c = build.parameter("c", 0.7, positive=True)
+    build.force(a, [-c * v for v in a.velocity], on_body=(0.2, 0, 0))
+    build.torque(a, (0, 0, sp.sin(build.time)))
+    build.quantity("height", a.point((0, 0, 0.1))[2])
+    model = build.model()
+    R = rotation_matrix(model.q0[:4])
+    system, at = model.system, dict(zip(model.system.q, model.q0, strict=True))
+    at |= dict(zip(system.p, model.p0, strict=True))
+    at |= {s: model.parameters[str(s)] for s in system.parameters} | {build.time: 0.4}
+    potential = 1.5 * (np.linalg.norm(np.array([0, 0, 1]) + R @ [0, 0.5, 0]) - 0.5) ** 2
+    potential += 1.0 * 2.0
+    kinetic = 1.0 + 0.5 * np.array(INERTIA) @ np.array([0.1, 0.2, 0.3]) ** 2
+    H = NumericSystem(system, model.parameters).H(model.q0, model.p0)
+    assert pytest.approx(potential + kinetic, rel=1e-14) == H
+    # The power of all forces: F·v of the point where it acts, τ·Ω of the torque.
+    F = evaluate(system.forces, at)
+    velocity = NumericSystem(system, model.parameters).H_p(model.q0, model.p0)
+    point = [1, 0, 0] + R @ np.cross([0.1, 0.2, 0.3], [0.2, 0, 0])
+    power = np.dot([-0.7, 0, 0], point) + 0.3 * np.sin(0.4)
+    assert F @ velocity == pytest.approx(power, rel=1e-13)
+    assert evaluate([system.quantities["height"]], at)[0] == pytest.approx(1 + 0.1 * R[2, 2])
+    assert system.time == build.time
+
+
+def test_inputs_of_a_builder_turn_a_body_as_said():
+    """ω̇ = u/I about a principal axis: t² / 2 while it is pushed, straight on while it is not."""
+    build = gs.Multibody("pushed_body", gravity=(0, 0, 0))
+    body = build.body("bus", mass=1.0, inertia=INERTIA)
+    push = build.input("push", 0.25)
+    build.torque(body, (0, 0, push * 0.03))
+    model = build.model()
+    assert model.system.inputs == (push,)
+    assert model.parameters["push"] == 0.25
+    step = gs.stepper("G-L", 4, system=model.system)
+    how = {"dt": 0.05, "parameters": model.parameters}
+    run = step.integrate(model.q0, model.p0, steps=40, inputs={"push": [2.0, -1.0]}, hold=20, **how)
+    assert run.body().angular_velocity()[[20, 40], 2] == pytest.approx([2, 1], rel=1e-12)
+    angles = 2 * np.arctan2(run.q[[20, 40], 3], run.q[[20, 40], 0])
+    assert angles == pytest.approx([1, 2.5], rel=1e-10)
+    plain = step.integrate(model.q0, model.p0, steps=20, **how)
+    assert plain.body().angular_velocity()[-1, 2] == pytest.approx(0.25, rel=1e-12)
+    build.input("idle")
+    with pytest.raises(gs.InputError, match=r"Input 'idle' of Multibody .* is in no force"):
+        build.model()
+
+
+def test_rod_keeps_the_distance_of_the_start():
+    build = gs.Multibody("bola", gravity=(0, 0, 0))
+    a, b = (build.body(name, mass=1, inertia=INERTIA, position=x)
+            for name, x in (("a", (0, 0, 0)), ("b", (3, 4, 0))))
+    build.rod("rod", a, b)
+    model = build.model()
+    assert model.parameters["rod_length"] == pytest.approx(5)
+    assert model.system.constraint_names[-1] == "rod: length"
+
+
+@pytest.mark.parametrize(("wrong", "message"), [
+    (lambda b, x: b.body("a", mass=1, inertia=INERTIA), "'a' is used twice"),
+    (lambda b, x: b.body("2a", mass=1, inertia=INERTIA), "'2a' is no name"),
+    (lambda b, x: b.body("c", mass=0, inertia=INERTIA), "mass of 'c' is 0.0"),
+    (lambda b, x: b.body("c", mass=1, inertia=(1, -1, 1)), "inertia of 'c'"),
+    (lambda b, x: b.body("c", mass=1, inertia=(1, 1)), "inertia of 'c' has 2 moments"),
+    (lambda b, x: b.body("c", mass=1, inertia=INERTIA, rep="beta"), "'beta'.*alpha or gamma"),
+    (lambda b, x: b.body("c", mass=1, inertia=INERTIA, quaternion=(0,) * 4), "is zero"),
+    (lambda b, x: b.body("c", mass=1, inertia=INERTIA, rotation=2 * np.eye(3)), "no rotation"),
+    (lambda b, x: b.body("c", mass=1, inertia=INERTIA, position=(0, 0, np.nan)), "position of 'c'"),
+    (lambda b, x: b.ball("j", x, x), "to itself"),
+    (lambda b, x: b.ball("j", x, "floor"), "'floor', which is no body"),
+    (lambda b, x: b.ball("j", b.ground, x) and b.model(), "does not say where"),
+    (lambda b, x: b.revolute("j", b.ground, x, axis=(0, 0, 0)), "axis of 'j' is zero"),
+    (lambda b, x: b.spring("j", b.ground, x, stiffness=1, length=-1), "length of spring 'j'"),
+    (lambda b, x: b.force(x, (1, 2)), "2 components"),
+    (lambda b, x: b.potential("x**2"), "no SymPy expression"),
+    (lambda b, x: b.potential(sp.Symbol("u")) or b.model(), "'u'.*no value"),
+    (lambda b, x: b.model(without=["j: x"]), "no constraint 'j: x'"),
+])
+def test_errors_name_value_and_cure(wrong, message):
+    build = gs.Multibody("broken")
+    body = build.body("a", mass=1, inertia=INERTIA)
+    with pytest.raises(gs.InputError, match=message):
+        wrong(build, body)
+
+
+@pytest.mark.parametrize("length", [5e-324, 1e-200, 1e300])
+def test_length_of_an_axis_does_not_matter(length):
+    """Its square may be beyond the doubles."""
+    starts = []
+    for axis in ((0, 3, 4), (0, 3 * length, 4 * length)):
+        build = gs.Multibody("door")
+        body = build.body("a", mass=1, inertia=INERTIA, position=(1, 0, 0))
+        build.revolute("hinge", build.ground, body, at=(0, 0, 0), axis=axis, rate=2.0)
+        starts.append(build.model().p0)
+    np.testing.assert_allclose(starts[1], starts[0], rtol=4 * EPS, atol=4 * EPS)
+
+
+def test_start_beyond_the_doubles_is_refused():
+    build = gs.Multibody("comet")
+    body = build.body("a", mass=1, inertia=INERTIA, position=(1e200, 0, 0))
+    build.revolute("hinge", build.ground, body, at=(0, 0, 0), axis=(0, 0, 1), rate=1e200)
+    with pytest.raises(gs.InputError, match="'comet' leads out of the range of doubles"):
+        build.model()
+
+
+def test_empty_builder_is_refused():
+    with pytest.raises(gs.InputError, match="has no body"):
+        gs.Multibody("empty").model()
+
+
+def test_expressions_of_a_body():
+    """Velocity of a point, angular velocity and momentum, against vectors in NumPy."""
+    build = gs.Multibody("thrown")
+    body = build.body("a", mass=2.0, inertia=INERTIA, position=(1, 2, 3), velocity=(4, 5, 6),
+                      quaternion=unit([0.5, -0.1, 0.7, 0.3]), angular_velocity=(0.3, -0.6, 0.9))
+    model = build.model()
+    R, omega = rotation_matrix(model.q0[:4]), np.array([0.3, -0.6, 0.9])
+    at = dict(zip(model.system.q, model.q0, strict=True))
+    at |= dict(zip(model.system.p, model.p0, strict=True))
+    at |= {s: model.parameters[str(s)] for s in model.system.parameters}
+    at |= dict(zip(body.inertia, INERTIA, strict=True))
+    r = (0.2, -0.4, 0.1)
+    for found, expected in (
+        (body.point(r), [1, 2, 3] + R @ r),
+        (body.point_velocity(r), [4, 5, 6] + R @ np.cross(omega, r)),
+        (body.angular_velocity, omega),
+        (body.angular_momentum, R @ (np.array(INERTIA) * omega)),
+        (body.centre_of_mass, [1, 2, 3]),
+    ):
+        assert np.abs(evaluate(found, at) - expected).max() <= 16 * EPS * 8
+
+
+def test_free_body_flies_and_turns_as_jacobi_says():
+    """Quaternion by elliptic functions, centre of mass along a parabola."""
+    exact = gs.problems.free_body()
+    build = gs.Multibody("stone")
+    build.body("a", mass=2.0, inertia=exact.inertia, velocity=(1, 0, 5), quaternion=exact.q0,
+               angular_velocity=(30, -40, 100))
+    model = build.model()
+    t = 0.25
+    made = gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=t / 500, steps=500, every=500, parameters=model.parameters)
+    assert np.abs(made.q[-1, :4] - exact.exact.attitude([t])[0]).max() <= 1e-12
+    place = np.array([t, 0, 5 * t - 9.81 * t**2 / 2])
+    assert np.abs(made.q[-1, 4:] - place).max() <= 8 * EPS

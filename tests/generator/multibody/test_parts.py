@@ -1,0 +1,167 @@
+"""Point masses and rotors: closed forms, other people's digits, the gyrostat's equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import gyrospark as gs
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.generator.multibody.initial_poses import onto, rotation
+from strategies import EPS
+
+
+def spherical() -> gs.Multibody:
+    build = gs.Multibody("bob_on_a_rod")
+    bob = build.point_mass("bob", mass=1.0, position=(1, 0, 0), velocity=(0, 1, 0))
+    build.rod("rod", "ground", bob)
+    return build
+
+
+SPHERICAL = """
+name = "bob_on_a_rod"
+[[point_masses]]
+name = "bob"
+mass = 1
+position = [1, 0, 0]
+velocity = [0, 1, 0]
+[[joints]]
+name = "rod"
+type = "rod"
+bodies = ["ground", "bob"]
+[quantities]
+height = "bob_z"
+[run]
+dt = 0.01
+steps = 10
+"""
+
+
+def test_a_point_on_a_rod_is_the_spherical_pendulum():
+    """Three coordinates, one constraint; the digits are those of mpmath (pydykit's problem)."""
+    model = spherical().model()
+    assert (model.system.n, model.system.m) == (3, 1)
+    run = gs.stepper("G-L", 4, system=model).integrate(
+        model.q0, model.p0, dt=0.01, steps=1000, parameters=model.parameters)
+    exact = [0.218611338000210502, 0.046728350139105571, -0.974692538286322818]
+    assert np.abs(run.q[-1] - exact).max() < 2e-13
+
+
+def test_files_have_points_and_rotors():
+    model = parse_model(SPHERICAL, "bob.toml")
+    made = spherical().model()
+    assert model.system.H == made.system.H
+    assert model.system.constraints == made.system.constraints
+    assert model.p0.tolist() == made.p0.tolist()
+    satellite = parse_model("""
+name = "bus_with_wheel"
+gravity = [0, 0, 0]
+[[bodies]]
+name = "bus"
+mass = 80
+inertia = [9, 8, 5]
+[[rotors]]
+name = "wheel"
+bodies = ["bus"]
+mass = 4
+inertia = [0.02, 0.011]
+axis = [0, 0, 1]
+at = [0, 0, 0.1]
+rate = "200 rpm"
+[[forces]]
+name = "drive"
+type = "motor"
+joints = ["wheel_bearing"]
+torque = "0.01 - 0.001*wheel_bearing_rate"
+""", "sat.toml")
+    assert (satellite.system.n, satellite.system.m) == (14, 7)
+    assert satellite.parameters["wheel_I3"] == 0.02
+
+
+def test_points_on_springs_and_balls():
+    """Two points on a spring: ω² = k/μ; a ball hands a place on, and the start moves with it."""
+    build = gs.Multibody("molecule", gravity=(0, 0, 0))
+    build.point_mass("a", mass=2.0, position=(0, 0, 0))
+    build.point_mass("b", mass=3.0, position=(1.5, 0, 0))
+    build.spring("bond", "a", "b", stiffness=30.0, length=1.0)
+    model = build.model()
+    run = gs.stepper("G-L", 4, system=model).integrate(
+        model.q0, model.p0, dt=0.01, steps=200, parameters=model.parameters)
+    apart = 1 + 0.5 * np.cos(np.sqrt(30.0 / 1.2) * run.t)
+    assert np.abs(run.q[:, 3] - run.q[:, 0] - apart).max() < 1e-10
+    assert np.abs(2 * run.q[:, 0] + 3 * run.q[:, 3] - 4.5).max() < 64 * EPS
+
+    build = gs.Multibody("laden")
+    rod = build.body("bar", mass=1.0, inertia=(0.1, 0.1, 0.01), position=(0, 0, 0.5),
+                     angular_velocity=(1.0, 0, 0))
+    build.point_mass("load", mass=5.0)
+    build.ball("grip", rod, "load", on_a=(0, 0, 0.5), on_b=(0, 0, 0))
+    model = build.model()
+    assert model.q0[-3:].tolist() == [0, 0, 1]
+    assert model.p0[-3:] == pytest.approx([0, -2.5, 0])
+
+
+def gyrostat(C: float, across: float, e: np.ndarray, omega: np.ndarray, rate: float) -> np.ndarray:
+    """Return Ω after 2 s: J'Ω̇ = (J Ω + C ν e) × Ω, h = C (e·Ω + ν) kept, J' without C."""
+    bus, arm, mass = np.diag([9.0, 8.0, 5.0]), np.array([0.3, 0.0, 0.1]), 80 * 4 / 84
+    bare = bus + across * (np.eye(3) - np.outer(e, e))
+    bare += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))  # about the common centre of mass
+    h = C * (e @ omega + rate)
+
+    def slope(t, x):
+        return np.linalg.solve(bare, np.cross(bare @ x + h * e, x))
+
+    return solve_ivp(slope, (0, 2), omega, rtol=1e-12, atol=1e-14, method="DOP853").y[:, -1]
+
+
+def test_a_body_with_a_rotor_is_a_gyrostat():
+    e, omega, rate = np.array([1, 2, 2]) / 3, np.array([0.4, -0.3, 0.5]), 60.0
+    build = gs.Multibody("gyrostat", gravity=(0, 0, 0))
+    bus = build.body("bus", mass=80.0, inertia=(9, 8, 5), angular_velocity=omega)
+    wheel = build.rotor("wheel", bus, mass=4.0, inertia=(0.2, 0.11), axis=3 * e,
+                        at=(0.3, 0, 0.1), rate=rate)
+    build.quantity("spin", wheel.angular_velocity[2])
+    for i, x in enumerate(bus.angular_velocity):
+        build.quantity(f"omega{i}", x)
+    model = build.model()
+    assert (model.system.n, model.system.m) == (14, 7)
+    run = gs.stepper("G-L", 4, system=model).integrate(
+        model.q0, model.p0, dt=0.01, steps=200, parameters=model.parameters)
+    found = [run.quantity(f"omega{i}")[-1] for i in range(3)]
+    assert np.abs(found - gyrostat(0.2, 0.11, e, omega, rate)).max() < 1e-10
+    assert np.ptp(run.quantity("spin")) < 1e-11  # e·Ω + ν
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (0, 0, -1), (1, 2, -2), (1e-9, 0, -1), (0, -3, 0)])
+def test_the_third_axis_is_turned_onto_the_rotors(axis):
+    q = onto(np.array(axis, dtype=float))
+    assert abs(q @ q - 1) < 4 * EPS
+    wanted = np.array(axis) / np.linalg.norm(axis)
+    assert np.abs(rotation(q)[:, 2] - wanted).max() < 8 * EPS
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda b: b.revolute("h", "bus", "bob", axis=(0, 0, 1), at=(1, 0, 0)),
+     "'h' asks for axes of 'bob', a point mass, which has none; join it by a ball"),
+    (lambda b: b.align("h", "bus", "bob", axis=(0, 0, 1)), "'h' asks for axes of 'bob'"),
+    (lambda b: b.universal("h", "bob", "bus", axis_a=(0, 0, 1), axis_b=(1, 0, 0)), "asks for axes"),
+    (lambda b: b.torque("bob", (0, 0, 1)), "A torque on 'bob', a point mass, turns nothing"),
+    (lambda b: b.point_mass("dot", mass=-1), "mass of 'dot' is -1.0; it must be above 0"),
+    (lambda b: b.point_mass("bob", mass=1), "'bob' is used twice"),
+    (lambda b: b.point_mass("dot", mass=1, position=(1, 2)), "position of 'dot' is"),
+    (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 1, 1), axis=(0, 0, 1), at=(0, 0, 0)),
+     "inertia of rotor 'w', about its axis and across it, is .*give 2 finite numbers"),
+    (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 0.1), axis=(0, 0, 1), at=(0, 0, 0)),
+     "inertia of 'w'"),
+    (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 0.6), axis=(0, 0, 0), at=(0, 0, 0)),
+     "axis of 'w' is zero"),
+    (lambda b: b.rotor("w", "bob", mass=1, inertia=(1, 0.6), axis=(0, 0, 1), at=(0, 0, 0)),
+     "asks for axes of 'bob'"),
+])
+def test_what_cannot_be_is_refused_in_a_sentence(call, words):
+    build = gs.Multibody("parts")
+    build.body("bus", mass=1, inertia=(1, 1, 1))
+    build.point_mass("bob", mass=1)
+    with pytest.raises(gs.InputError, match=words):
+        call(build)

@@ -1,0 +1,440 @@
+"""The paper's identities about q, L, R, T and H, proved as polynomial identities.
+
+An identity on the constraint manifold is proved by division through the Gröbner basis of
+|q|² − 1 and qᵀp: remainder zero. The inverses 1/I_i, 1/α, 1/γ are variables of their own, so every
+expression is a polynomial.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+import sympy as sp
+
+from gyrospark.core.errors import InputError
+from gyrospark.generator.multibody.rigid_body import (
+    alpha,
+    double_momentum,
+    free_body,
+    gamma,
+    gravity_potential,
+    heavy_top,
+    kinetic_energy,
+    left_matrix,
+    mgl,
+    moments,
+    p,
+    q,
+    rotation_matrix,
+)
+
+v = sp.symbols("v0:4", real=True)  # q̇, a free vector
+dq = sp.symbols("dq0:4", real=True)
+dp = sp.symbols("dp0:4", real=True)
+a = sp.symbols("a1:4", positive=True)  # other moments
+INVERSE = {1 / x: sp.Symbol(f"over_{x}") for x in (*moments, alpha, gamma)}
+Q, P, V, DQ, DP = (sp.Matrix(x) for x in (q, p, v, dq, dp))
+J = sp.diag(*moments)
+J_INVERSE = sp.diag(*[1 / x for x in moments])
+K = sp.diag(1, -1, -1, 1)
+L, R = left_matrix(q), rotation_matrix(q)
+LP = left_matrix(p)
+ONE3, ONE4 = sp.eye(3), sp.eye(4)
+
+UNIT = Q.dot(Q) - 1
+ORTHOGONAL = Q.dot(P)
+TANGENT = Q.dot(V)
+
+
+def polynomials(value, symbols=()):
+    """Return the entries as elements of one polynomial ring over ℚ."""
+    entries = [value] if isinstance(value, sp.Expr) else list(sp.Matrix(value))
+    entries = [entry.xreplace(INVERSE) for entry in entries]
+    used = set().union(*(entry.free_symbols for entry in entries), symbols)
+    names = sorted(used, key=lambda x: (x.name[0] not in "qp", x.name))
+    ring = sp.ring(names or [sp.Dummy()], sp.QQ, "grevlex")[0]
+    return ring, [ring.from_expr(entry) for entry in entries]
+
+
+def vanishes(value):
+    """Whether an expression or matrix is zero as a polynomial."""
+    return not any(polynomials(value)[1])
+
+
+@cache
+def basis_of(relations):
+    return sp.groebner(relations, order="grevlex").exprs
+
+
+def vanishes_on(relations, value):
+    """Whether an expression or matrix lies in the ideal of the relations."""
+    basis = basis_of(tuple(relations))
+    symbols = set().union(*(e.free_symbols for e in basis))
+    ring, entries = polynomials(value, symbols)
+    divisors = [ring.from_expr(e) for e in basis]
+    return not any(entry.rem(divisors) for entry in entries)
+
+
+def on_manifold(value):
+    return vanishes_on([UNIT, ORTHOGONAL], value)
+
+
+def hat(w):
+    """Return the matrix (6) of a vector."""
+    return sp.Matrix([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def along(matrix, direction):
+    """Return the derivative of a function of q along q̇."""
+    return matrix.applyfunc(lambda e: sum(sp.diff(e, x) * d for x, d in zip(q, direction,
+                                                                         strict=True)))
+
+
+
+def test_the_prover_itself_rejects_what_is_false():
+    assert not on_manifold(Q.dot(Q))
+    assert not on_manifold(q[0] * p[0])
+    assert not vanishes(Q.dot(Q))
+    assert on_manifold(q[0] * UNIT + 3 * ORTHOGONAL / moments[0])
+
+
+# ---------------------------------------------------------------- section 2: L and R
+
+
+def test_9_L_q_vanishes_and_L_is_antisymmetric_in_its_two_vectors():
+    assert vanishes(L * Q)
+    assert vanishes(L * V + left_matrix(v) * Q)
+    assert vanishes(left_matrix(v) * V)
+
+
+def test_10_L_LT_is_the_square_of_q_times_one_and_one_for_unit_q():
+    assert vanishes(L * L.T - Q.dot(Q) * ONE3)
+    assert not vanishes(L * L.T - ONE3)  # erratum 2: the printed form needs |q| = 1
+    assert vanishes_on([UNIT], L * L.T - ONE3)
+
+
+def test_11_LT_L_is_the_square_of_q_times_one_minus_q_qT_and_reduced_for_unit_q():
+    assert vanishes(L.T * L - Q.dot(Q) * ONE4 + Q * Q.T)
+    assert not vanishes(L.T * L - ONE4 + Q * Q.T)
+    assert vanishes_on([UNIT], L.T * L - ONE4 + Q * Q.T)
+
+
+def test_3_R_is_orthogonal_with_determinant_one_for_unit_q():
+    assert vanishes(R * R.T - Q.dot(Q) ** 2 * ONE3)
+    assert vanishes(R.T * R - Q.dot(Q) ** 2 * ONE3)
+    assert vanishes(R.det(method="berkowitz") - Q.dot(Q) ** 3)
+    assert vanishes_on([UNIT], R * R.T - ONE3)
+    assert vanishes_on([UNIT], R.det(method="berkowitz") - 1)
+
+
+def test_3_R_is_the_rotation_x_to_q_x_conjugate_q():
+    def product(s, t):
+        return [
+            s[0] * t[0] - s[1] * t[1] - s[2] * t[2] - s[3] * t[3],
+            s[0] * t[1] + s[1] * t[0] + s[2] * t[3] - s[3] * t[2],
+            s[0] * t[2] - s[1] * t[3] + s[2] * t[0] + s[3] * t[1],
+            s[0] * t[3] + s[1] * t[2] - s[2] * t[1] + s[3] * t[0],
+        ]
+
+    x = sp.symbols("x1:4")
+    turned = product(product(q, [0, *x]), [q[0], -q[1], -q[2], -q[3]])
+    assert vanishes(turned[0])
+    assert vanishes(sp.Matrix(turned[1:]) - R * sp.Matrix(x))
+
+
+def test_5_to_8_Rdot_is_R_Omega_hat_with_Omega_2_L_qdot_so_R_maps_body_to_space():
+    omega = 2 * L * V
+    rate = along(R, v)
+    # without |q| = 1 and qᵀq̇ = 0, exactly:
+    assert vanishes(R * hat(omega) + 2 * TANGENT * R - Q.dot(Q) * rate)
+    assert vanishes_on([UNIT, TANGENT], rate - R * hat(omega))
+
+
+def test_erratum_1_R_transposed_does_not_satisfy_5():
+    rate = along(R.T, v) - R.T * hat(2 * L * V)
+    assert not vanishes_on([UNIT, TANGENT], rate)
+
+
+def test_erratum_1_third_column_of_R_is_the_axis_of_the_body():
+    axis = R * sp.Matrix([0, 0, 1])
+    assert vanishes(axis - R[:, 2])
+    # it moves as a vector fixed in the body: ė = R (Ω × e₃)
+    spun = R * (2 * L * V).cross(sp.Matrix([0, 0, 1]))
+    assert vanishes_on([UNIT, TANGENT], along(axis, v) - spun)
+
+
+# ---------------------------------------------------------------- (14)-(21): momentum
+
+
+def test_15_16_momentum_is_the_derivative_of_14_with_M_4_LT_J_L():
+    T = (2 * V.T * L.T * J * L * V)[0]
+    assert vanishes(T - ((2 * L * V).T * J * (2 * L * V))[0] / 2)
+    M = 4 * L.T * J * L
+    assert vanishes(sp.Matrix([sp.diff(T, x) for x in v]) - M * V)
+    assert vanishes(M * Q)  # singular: why α and γ are introduced
+
+
+def test_17_qT_p_vanishes_for_every_velocity():
+    assert vanishes(Q.dot(4 * L.T * J * L * V))
+
+
+def test_18_L_p_is_4_J_L_qdot_for_unit_q():
+    momentum = 4 * L.T * J * L * V
+    assert vanishes(L * momentum - 4 * Q.dot(Q) * J * L * V)
+    assert vanishes_on([UNIT], L * momentum - 4 * J * L * V)
+
+
+def test_19_l_is_half_L_q_p_and_minus_half_L_p_q():
+    momentum = 4 * L.T * J * L * V
+    assert vanishes_on([UNIT], J * (2 * L * V) - L * momentum / 2)
+    assert vanishes(L * P + LP * Q)
+    assert vanishes(sp.Matrix(double_momentum(q, p)) - L * P)
+
+
+def test_20_is_the_legendre_transform_of_14():
+    momentum = 4 * L.T * J * L * V
+    T = (2 * V.T * L.T * J * L * V)[0]
+    assert vanishes(momentum.dot(V) - T - T)  # pᵀq̇ − T = T
+    # (20) depends on p through w = L(q)p alone, which at this p is 4|q|²JLq̇, by 18
+    assert vanishes(sp.Matrix(double_momentum(q, list(momentum))) - 4 * Q.dot(Q) * J * L * V)
+    assert kinetic_energy("original") == sum(
+        w**2 / Ii for w, Ii in zip(double_momentum(q, p), moments, strict=True)) / 8
+    u = sp.Matrix(sp.symbols("u1:4"))  # L(q)q̇
+    square = sp.Symbol("square")  # |q|²
+    w = 4 * square * J * u
+    hamiltonian = sum(x**2 / Ii for x, Ii in zip(w, moments, strict=True)) / 8
+    assert sp.expand(hamiltonian - square**2 * 2 * (u.T * J * u)[0]) == 0  # |q|⁴ T
+
+
+def test_20_original_kinetic_energy_in_matrix_form():
+    assert vanishes(kinetic_energy("original") - (P.T * L.T * J_INVERSE * L * P)[0] / 8)
+
+
+FORMS = {
+    "original": (J_INVERSE, sp.zeros(4), sp.zeros(4), sp.zeros(4)),
+    "alpha": (J_INVERSE, Q * Q.T / alpha, P * P.T / alpha, sp.zeros(4)),
+    "gamma": (J_INVERSE - ONE3 / gamma, sp.zeros(4), sp.zeros(4), ONE4 / gamma),
+}
+
+
+@pytest.mark.parametrize("rep", FORMS)
+def test_21_23_27_hamiltons_equations_are_the_derivatives_of_H(rep):
+    D, q_qT, p_pT, square = FORMS[rep]
+    top = heavy_top(rep)
+    H_p = (L.T * D * L * P + q_qT * P + square * P) / 4
+    H_q = (LP.T * D * LP * Q + p_pT * Q) / 4 + 2 * mgl * K * Q
+    assert vanishes(sp.Matrix(top.H_p) - H_p)
+    assert vanishes(sp.Matrix(top.H_q) - H_q)
+    assert [[2 * x for x in q]] == top.G  # the force −2λq
+
+
+@pytest.mark.parametrize("rep", FORMS)
+def test_second_derivatives_of_H_are_those_of_21_23_27(rep):
+    D, q_qT, p_pT, square = FORMS[rep]
+    top = heavy_top(rep)
+    assert vanishes(sp.Matrix(top.H_pp) - (L.T * D * L + q_qT + square) / 4)
+    assert vanishes(sp.Matrix(top.H_qq) - (LP.T * D * LP + p_pT) / 4 - 2 * mgl * K)
+    assert vanishes(sp.Matrix(top.H_pq) - sp.Matrix(top.H_p).jacobian(q))
+    assert vanishes(sp.Matrix(top.H_pq).T - sp.Matrix(top.H_q).jacobian(p))
+
+
+# ---------------------------------------------------------------- section 3.1: α and γ
+
+
+def test_22_alpha_type_in_matrix_form_and_equal_to_20_on_the_manifold():
+    extra = kinetic_energy("alpha") - kinetic_energy("original")
+    assert vanishes(extra - P.dot(Q) ** 2 / alpha / 8)
+    assert on_manifold(extra)
+
+
+def test_24_lT_l_is_a_quarter_pT_p_on_the_manifold():
+    angular = L * P / 2
+    square = angular.dot(angular)
+    assert vanishes(square - (Q.dot(Q) * P.dot(P) - ORTHOGONAL**2) / 4)
+    assert on_manifold(square - P.dot(P) / 4)
+    assert not vanishes_on([UNIT], square - P.dot(P) / 4)
+    assert not vanishes_on([ORTHOGONAL], square - P.dot(P) / 4)
+
+
+def test_25_split_of_the_kinetic_energy_is_exact():
+    angular = L * P / 2
+    split = angular.dot(angular) / gamma / 2
+    split += (angular.T * (J_INVERSE - ONE3 / gamma) * angular)[0] / 2
+    assert vanishes(kinetic_energy("original") - split)
+
+
+def test_26_gamma_type_in_matrix_form_and_equal_to_20_on_the_manifold():
+    D = J_INVERSE - ONE3 / gamma
+    assert vanishes(kinetic_energy("gamma") - P.dot(P) / gamma / 8
+                    - (P.T * L.T * D * L * P)[0] / 8)
+    assert on_manifold(kinetic_energy("gamma") - kinetic_energy("original"))
+
+
+def test_28_gamma_and_alpha_types_differ_by_a_multiple_of_the_constraint():
+    difference = kinetic_energy("gamma") - kinetic_energy("alpha").subs(alpha, gamma)
+    assert vanishes(difference + UNIT * P.dot(P) / gamma / 8)
+    assert vanishes_on([UNIT], difference)
+
+
+def test_erratum_23_the_gradients_of_both_types_differ_by_multiples_of_p_and_q():
+    other, one = heavy_top("alpha"), heavy_top("gamma")
+    in_p = sp.Matrix(one.H_p) - sp.Matrix(other.H_p).subs(alpha, gamma)
+    in_q = sp.Matrix(one.H_q) - sp.Matrix(other.H_q).subs(alpha, gamma)
+    assert vanishes(in_p + UNIT * P / gamma / 4)
+    assert vanishes(in_q + P.dot(P) * Q / gamma / 4)
+
+
+# ---------------------------------------------------------------- section 3.2: errors
+
+MOVED_Q = [x + d for x, d in zip(q, dq, strict=True)]
+MOVED_P = [x + d for x, d in zip(p, dp, strict=True)]
+QM, PM = Q + DQ, P + DP
+LM = left_matrix(MOVED_Q)
+L_NOW, L_NEXT = L * P / 2, LM * PM / 2
+DELTA_L = L_NEXT - L_NOW
+K_S = (PM.dot(PM) - 4 * L_NEXT.dot(L_NEXT)) / 8
+K_A = PM.dot(QM) ** 2 / 8
+
+
+def intercept():
+    """Return δT₀ of (36)."""
+    return (DELTA_L.T * J_INVERSE * L_NOW)[0] + (DELTA_L.T * J_INVERSE * DELTA_L)[0] / 2
+
+
+def test_31_error_of_the_angular_momentum():
+    dL = left_matrix(dq)
+    assert vanishes(DELTA_L - (dL * P + L * DP + dL * DP) / 2)
+
+
+def test_36_intercept_is_the_error_of_the_original_kinetic_energy():
+    error = kinetic_energy("original", MOVED_Q, MOVED_P) - kinetic_energy("original")
+    assert vanishes(error - intercept())
+
+
+def test_34_35_energy_error_of_gamma_type_is_k_s_over_gamma_plus_intercept():
+    moved = kinetic_energy("gamma", MOVED_Q, MOVED_P)
+    # exactly, with (20) in place of T on the manifold, which 26 proves equal:
+    assert vanishes(moved - kinetic_energy("original") - K_S / gamma - intercept())
+    assert on_manifold(kinetic_energy("gamma") - kinetic_energy("original"))
+
+
+def test_37_38_energy_error_of_alpha_type_is_k_a_over_alpha_plus_intercept():
+    moved = kinetic_energy("alpha", MOVED_Q, MOVED_P)
+    assert vanishes(moved - kinetic_energy("original") - K_A / alpha - intercept())
+    assert on_manifold(kinetic_energy("alpha") - kinetic_energy("original"))
+
+
+def test_39_k_a_is_of_second_order_in_the_errors():
+    first = Q.dot(DP) + P.dot(DQ) + DP.dot(DQ)
+    assert vanishes(PM.dot(QM) - first - ORTHOGONAL)
+    assert on_manifold(K_A - first**2 / 8)
+
+
+def test_40_expansion_of_k_s():
+    expansion = DP.dot(P) / 4 - DELTA_L.dot(L_NOW)
+    expansion += (DP.dot(DP) / 4 - DELTA_L.dot(DELTA_L)) / 2
+    start = (P.dot(P) - 4 * L_NOW.dot(L_NOW)) / 8  # k_s of the exact state
+    assert vanishes(K_S - start - expansion)
+    assert on_manifold(start)
+
+
+def test_41_first_order_part_of_k_s():
+    dL = left_matrix(dq)
+    first_order = DP.dot(P) / 4 - ((dL * P + L * DP) / 2).dot(L_NOW)
+    assert on_manifold(first_order + (P.T * dL.T * L * P)[0] / 4)
+
+
+def test_43_with_the_sign_of_erratum_2_is_exact_and_measures_the_constraint():
+    bracket = ONE4 - LM.T * LM - QM * QM.T
+    assert vanishes(K_S - K_A - (PM.T * bracket * PM)[0] / 8)
+    assert vanishes(bracket - (1 - QM.dot(QM)) * ONE4)
+    printed = ONE4 - LM.T * LM + QM * QM.T
+    assert not vanishes(printed - (1 - QM.dot(QM)) * ONE4)
+
+
+def test_44_LT_L_plus_q_qT_is_one_up_to_the_error_of_q():
+    excess = LM.T * LM + QM * QM.T - ONE4
+    assert vanishes(excess - (QM.dot(QM) - 1) * ONE4)
+    assert vanishes_on([UNIT], excess - (2 * Q.dot(DQ) + DQ.dot(DQ)) * ONE4)  # (32)
+
+
+# ---------------------------------------------------------------- systems
+
+
+def test_79_gravity_is_mgl_times_R33():
+    assert vanishes(gravity_potential() - mgl * R[2, 2])
+    assert vanishes(gravity_potential() - mgl * (Q.T * K * Q)[0])
+
+
+@pytest.mark.parametrize(("rep", "parameter"), [("alpha", alpha), ("gamma", gamma)])
+def test_17_hidden_constraint_is_qT_p_with_matrix_twice_the_square_of_q(rep, parameter):
+    for system in (heavy_top(rep), free_body(rep)):
+        assert vanishes(sp.Matrix(system.hidden) - sp.Matrix([ORTHOGONAL]))
+        assert vanishes(sp.Matrix(system.hidden_matrix) - sp.Matrix([[2 * Q.dot(Q)]]))
+        product = sp.Matrix(system.G) * sp.Matrix(system.H_p)
+        factor = Q.dot(Q) if rep == "alpha" else 1
+        assert vanishes(product[0] - factor * ORTHOGONAL / parameter / 2)
+
+
+def test_original_type_is_singular_so_that_no_multiplier_can_act_on_qT_p():
+    system = heavy_top("original")
+    assert vanishes(sp.Matrix(system.H_pp) * Q)
+    assert vanishes(sp.Matrix(system.G) * sp.Matrix(system.H_p))
+
+
+def test_hidden_constraint_that_vanishes_identically_is_zero():
+    assert heavy_top("original").hidden == [0]
+
+
+@pytest.mark.parametrize("rep", ["alpha", "gamma"])
+def test_hamiltons_equations_are_eulers_equations_with_the_moment_of_gravity(rep):
+    """l̇ = l × Ω + e₃ × (−mgl Rᵀe_z) for every multiplier, on the manifold."""
+    top = heavy_top(rep)
+    force = sp.Symbol("lam")
+    q_rate = sp.Matrix(top.H_p)
+    p_rate = -sp.Matrix(top.H_q) - force * sp.Matrix(top.G).T
+    angular = L * P / 2
+    rate = (left_matrix(list(q_rate)) * P + L * p_rate) / 2
+    moment = sp.Matrix([0, 0, 1]).cross(-mgl * R[2, :].T)
+    assert on_manifold(rate - angular.cross(J_INVERSE * angular) - moment)
+
+
+@pytest.mark.parametrize("rep", ["alpha", "gamma"])
+def test_velocity_of_both_types_is_tangent_and_gives_Omega_as_J_inverse_l(rep):
+    q_rate = sp.Matrix(heavy_top(rep).H_p)
+    assert on_manifold(Q.dot(q_rate))
+    assert on_manifold(2 * L * q_rate - J_INVERSE * L * P / 2)
+
+
+@pytest.mark.parametrize(
+    ("system", "parameters"),
+    [
+        (heavy_top("alpha"), (*moments, mgl, alpha)),
+        (heavy_top("gamma"), (*moments, mgl, gamma)),
+        (heavy_top("original"), (*moments, mgl)),
+        (free_body("alpha"), (*moments, alpha)),
+        (free_body("gamma"), (*moments, gamma)),
+    ],
+)
+def test_systems_are_unit_quaternions_with_the_parameters_of_their_energy(system, parameters):
+    assert system.parameters == parameters
+    assert (system.n, system.m, system.rigid_body) == (4, 1, True)
+    assert vanishes(system.constraints[0] - UNIT)
+    assert system.H.free_symbols == {*q, *p, *parameters}
+
+
+def test_free_body_is_the_heavy_top_without_weight():
+    for rep in ("alpha", "gamma"):
+        assert vanishes(heavy_top(rep).H.subs(mgl, 0) - free_body(rep).H)
+
+
+def test_kinetic_energy_takes_other_states_and_moments():
+    swapped = kinetic_energy("gamma", p, q, a)
+    there = dict(zip((*q, *p, *moments), (*p, *q, *a), strict=True))
+    assert vanishes(swapped - kinetic_energy("gamma").xreplace(there))
+
+
+def test_unknown_representation_is_refused_with_the_choices():
+    with pytest.raises(InputError, match="Unknown representation 'beta'; choose alpha or gamma"):
+        kinetic_energy("beta")

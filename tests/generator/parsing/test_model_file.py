@@ -1,0 +1,483 @@
+"""Model files: the numbers and formulas they give, and a sentence for each mistake."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.generator.models.start_attitude import from_euler
+from gyrospark.generator.multibody.rigid_body import left_matrix
+from gyrospark.runtime.rigid_body import quaternion
+from processes import ROOT
+
+EPS = float(np.finfo(float).eps)
+EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
+
+BODY = """
+name = "thing"
+potential = "a*R33**2 + b*q0"
+[body]
+inertia = [1, 2, "3/2"]
+mass = 2.5
+[parameters]
+a = 0.5
+b = "2*a"
+[start]
+euler = [0.1, "pi/6", 0.2]
+angular_velocity = [1, 2, 3]
+[run]
+dt = 0.01
+steps = 10
+[quantities]
+spin = "omega3*t"
+weight = "mass*9.81"
+"""
+
+SYSTEM = """
+name = "rod"
+[system]
+coordinates = ["x", "y"]
+momenta = ["px", "py"]
+hamiltonian = "(px**2 + py**2)/(2*m) + m*g*y"
+constraints = ["x**2 + y**2 - l**2"]
+[parameters]
+m = 1
+g = 0
+l = 0.5
+[start]
+q = ["l", 0]
+p = [0, 0]
+"""
+
+
+def read(text: str, rep: str | None = None) -> gs.Model:
+    return parse_model(text, "model.toml", rep)
+
+
+def changed(text: str, old: str, new: str) -> str:
+    assert text.count(old) == 1, old
+    return text.replace(old, new)
+
+
+# ---------------------------------------------------------------- what is read
+
+
+def test_body():
+    model = read(BODY)
+    q, R = gs.symbols.q, gs.symbols.R
+    a, b = (s for s in model.system.parameters if s.name in ("a", "b"))
+    V = model.system.H - gs.body_system("free", "gamma", sp.Integer(0)).H
+    assert sp.expand(V - (a * R[2, 2] ** 2 + b * q[0])) == 0
+    assert model.parameters == {"a": 0.5, "b": 1.0, "mass": 2.5, "I1": 1, "I2": 2, "I3": 1.5}
+    assert model.bodies == {"gamma": (1, 2, 1.5)}
+    assert (model.dt, model.steps, model.name) == (0.01, 10, "thing")
+    assert model.system.rigid_body
+    assert model.system.quantities["spin"] == gs.symbols.omega[2] * gs.symbols.t
+    assert set(read(BODY, "alpha").bodies) == {"alpha"}
+
+
+def test_start_of_a_body_is_the_runtimes():
+    """Two ways to q and p: 30 digits rounded once, and NumPy's."""
+    model = read(BODY)
+    q0 = quaternion.euler_quaternion(0.1, np.pi / 6, 0.2)
+    assert abs(model.q0 - q0).max() <= 2 * EPS
+    p0 = quaternion.momentum(model.q0, [1, 2, 3], (1, 2, 1.5))
+    assert abs(model.p0 - p0).max() <= 8 * EPS * abs(p0).max()
+    assert abs(model.q0 @ model.p0) <= 8 * EPS * abs(p0).max()
+
+
+@pytest.mark.filterwarnings("ignore::gyrospark.InputWarning")
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
+    lambda x: np.linalg.norm(x) > 0.1))
+@settings(max_examples=50, deadline=None)
+def test_rotation_matrix_and_quaternion_give_one_attitude(parts):
+    """R → q up to its sign, whichever entry of q is the largest."""
+    q = np.array(parts) / np.linalg.norm(parts)
+    rows = quaternion.rotation_matrix(q).tolist()
+    euler = 'euler = [0.1, "pi/6", 0.2]'
+    by_matrix = read(changed(BODY, euler, f"rotation = {rows}")).q0
+    by_quaternion = read(changed(BODY, euler, f"quaternion = {parts}")).q0
+    assert abs(by_quaternion - q).max() <= 2 * EPS
+    assert min(abs(by_matrix - q).max(), abs(by_matrix + q).max()) <= 8 * EPS
+
+
+def test_system():
+    model = read(SYSTEM)
+    x, y = model.system.q
+    m, g, length = model.system.parameters
+    px, py = model.system.p
+    assert (px**2 + py**2) / (2 * m) + m * g * y == model.system.H
+    assert model.system.constraints == (x**2 + y**2 - length**2,)
+    assert m.is_nonzero
+    assert not g.is_nonzero
+    assert model.q0.tolist() == [0.5, 0]
+    assert model.bodies == {}
+    assert (model.dt, model.steps) == (None, None)
+
+
+def test_forces_and_time():
+    text = changed(SYSTEM, "constraints =", 'forces = ["-px", "sin(s)"]\ntime = "s"\nconstraints =')
+    system = read(text).system
+    assert system.time == sp.Symbol("s", real=True)
+    assert system.forces == (-system.p[0], sp.sin(system.time))
+
+
+def test_torque_of_a_body_does_its_work():
+    """F·q̇ = τ·Ω on the sphere, and q·F = 0 everywhere."""
+    text = BODY + '[forces]\ntorque = ["-omega1", "a*t", "q0"]\n'
+    model = read(text)
+    F, q = sp.Matrix(model.system.forces), sp.Matrix(model.system.q)
+    omega = sp.Matrix(gs.symbols.omega)
+    a = next(s for s in model.system.parameters if s.name == "a")
+    tau = sp.Matrix([-omega[0], a * gs.symbols.t, q[0]])
+    assert sp.expand((q.T * F)[0]) == 0
+    values = dict(zip([*model.system.q, *model.system.p], [*model.q0, *model.p0], strict=True))
+    values |= {s: model.parameters[s.name] for s in model.system.parameters if s.name != "gamma"}
+    values |= {gs.symbols.t: 0.3}
+    L = left_matrix(model.system.q)
+    rate = L.T * omega / 2  # q̇ = ½ Lᵀ Ω where |q| = 1
+    power, wanted = ((side[0]).subs(values) for side in (F.T * rate, tau.T * omega))
+    assert abs(power - wanted) <= 16 * EPS * abs(wanted)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_examples_are_models(path):
+    model = gs.load_model(path)
+    assert model.name == path.stem
+    assert model.description
+    assert model.dt
+    assert model.steps
+    assert path.read_text(encoding="utf-8").startswith("# ")
+
+
+def test_example_is_found_from_any_folder(tmp_path, monkeypatch):
+    """As the help names it, wherever the package is installed; a file that is there comes first."""
+    monkeypatch.chdir(tmp_path)
+    assert gs.load_model("examples/pendulum.toml").name == "pendulum"
+    assert gs.tableau("examples/tableaux/gauss_lobatto_2.json").order == 4
+    for path in ("examples/none.toml", "examples/../examples/pendulum.toml", "pendulum.toml"):
+        with pytest.raises(InputError, match="there is no such file"):
+            gs.load_model(path)
+    (tmp_path / "examples").mkdir()
+    (tmp_path / "examples" / "pendulum.toml").write_text(SYSTEM, encoding="utf-8")
+    assert gs.load_model("examples/pendulum.toml").name == "rod"
+
+
+def test_satellite_is_what_python_makes(tmp_path):
+    mu, r = sp.symbols("mu r", real=True, nonzero=True)
+    V = 3 * mu / (2 * r**3) * sum(
+        moment * x**2 for moment, x in zip(gs.symbols.inertia, gs.symbols.R[2, :], strict=True))
+    made = gs.body_system("satellite", "gamma", V, (mu, r))
+    found = gs.load_model(ROOT / "examples" / "satellite.toml").system
+    to_same = {s: sp.Symbol(s.name) for system in (made, found) for s in system.parameters}
+    assert sp.expand((made.H - found.H).xreplace(to_same)) == 0
+
+
+# ---------------------------------------------------------------- mistakes
+
+MISTAKES: list[tuple[str, str, str, list[str]]] = [
+    # text, what is replaced, by what, what the message says
+    (BODY, 'name = "thing"', 'name = "Thing"', ["name", "'Thing'", "lower case"]),
+    (BODY, 'name = "thing"', 'name = "double"', ["name", "keyword"]),
+    (BODY, 'name = "thing"', 'name = "heavy_top"', ["name", "built-in"]),
+    (BODY, 'name = "thing"', "name = 3", ["name", "3", "text"]),
+    (BODY, 'name = "thing"', "", ["name", "missing"]),
+    (BODY, 'name = "thing"', 'name = "a\\u0000"', ["name"]),
+    (BODY, 'name = "thing"', 'name = "thing"\ncolour = "red"', ["'colour'", "allowed are name"]),
+    (BODY, 'name = "thing"', 'name = "thing"\ndescription = "a\\nb"', ["description", "one line"]),
+    (BODY, "a*R33**2", "a*R44**2", ["potential", "R44 is unknown", "R33"]),
+    (BODY, "a*R33**2", "a*p0**2", ["potential", "p0 is unknown"]),
+    (BODY, "a*R33**2", "a*s", ["potential", "s is unknown"]),
+    (BODY, "a*R33**2", "1/b + 1/(a - a)", ["potential", "divides by zero"]),
+    (BODY, "mass = 2.5", "mass = 0", ["[body] mass", "above 0"]),
+    (BODY, "mass = 2.5", "height = 0", ["'height'", "allowed are inertia, mass"]),
+    (BODY, "mass = 2.5", 'rep = "beta"', ["[body] rep", "alpha or gamma"]),
+    (BODY, "mass = 2.5", "mass = 1\ngamma = 0", ["[body] gamma", "is 0"]),
+    (BODY, 'inertia = [1, 2, "3/2"]', "inertia = [1, 2]", ["inertia", "2 entries", "3 numbers"]),
+    (BODY, 'inertia = [1, 2, "3/2"]', "inertia = [1, 2, -3]", ["inertia", "above 0"]),
+    (BODY, 'inertia = [1, 2, "3/2"]', "inertia = [1, 2, nan]", ["inertia, entry 3", "finite"]),
+    (BODY, 'inertia = [1, 2, "3/2"]', "inertia = [1, 2, 1e999]", ["inertia, entry 3", "finite"]),
+    (BODY, 'inertia = [1, 2, "3/2"]', "inertia = [1, 2, true]", ["inertia, entry 3", "true"]),
+    (BODY, 'inertia = [1, 2, "3/2"]', 'inertia = [1, 2, "x"]', ["entry 3", "x is unknown"]),
+    (BODY, 'inertia = [1, 2, "3/2"]', "", ["[body] inertia", "missing"]),
+    (BODY, "a = 0.5", "sin = 0.5", ["[parameters] sin", "something else"]),
+    (BODY, "a = 0.5", "q0 = 0.5\na = 1", ["[parameters] q0", "another name"]),
+    (BODY, "a = 0.5", "I1 = 0.5\na = 1", ["[parameters] I1", "another name"]),
+    (BODY, "a = 0.5", "mass = 1\na = 1", ["mass", "once"]),
+    (BODY, "a = 0.5", '"a b" = 1', ["[parameters] a b", "letters, digits"]),
+    (BODY, "a = 0.5", "a = inf", ["[parameters] a", "finite"]),
+    (BODY, "a = 0.5", "a = [1]", ["[parameters] a", "a list of 1"]),
+    (BODY, "a = 0.5", 'a = "b"', ["[parameters] a", "b is unknown"]),
+    (BODY, "a = 0.5", "a = 1979-05-27", ["[parameters] a", "number"]),
+    (BODY, "a = 0.5", "a = 0.5\na = 0.6", ["not TOML", "line"]),
+    (BODY, "euler = ", "quaternion = ", ["[start] quaternion", "3 entries", "4 numbers"]),
+    (BODY, 'euler = [0.1, "pi/6", 0.2]', "quaternion = [0, 0, 0, 0]", ["quaternion", "zero"]),
+    (BODY, 'euler = [0.1, "pi/6", 0.2]', "rotation = [[1,0,0],[0,1,0],[0,0,-1]]",
+     ["[start] rotation", "no rotation matrix"]),
+    (BODY, 'euler = [0.1, "pi/6", 0.2]', "rotation = [[1,0,0],[0,1,0],[0,0]]",
+     ["rotation, row 3", "2 entries"]),
+    (BODY, 'euler = [0.1, "pi/6", 0.2]', "", ["[start] attitude", "missing", "quaternion, euler"]),
+    (BODY, "angular_velocity = [1, 2, 3]", "", ["angular_velocity", "missing"]),
+    (BODY, "dt = 0.01", "dt = 0", ["[run] dt", "is 0"]),
+    (BODY, "dt = 0.01", 'dt = "fast"', ["[run] dt", "fast is unknown"]),
+    (BODY, "dt = 0.01", "stride = 1", ["[run] 'stride'", "dt, steps"]),
+    (BODY, "steps = 10", "steps = -1", ["[run] steps", "-1", "whole number"]),
+    (BODY, "steps = 10", "steps = 1.5", ["[run] steps", "1.5", "whole number"]),
+    (BODY, "steps = 10", f"steps = {10**40}", ["[run] steps", "huge"]),
+    (BODY, 'spin = "omega3*t"', 'spin = "omega4*t"', ["[quantities] spin", "omega4 is unknown"]),
+    (BODY, 'spin = "omega3*t"', "spin = [1]", ["[quantities] spin", "formula"]),
+    (BODY, 'spin = "omega3*t"', '"sp in" = "t"', ["[quantities] sp in", "letters"]),
+    (BODY, "[quantities]", '[forces]\ntorque = ["a"]\n[quantities]', ["torque", "1 entries"]),
+    (BODY, "[quantities]", '[forces]\nforce = ["a"]\n[quantities]', ["'force'", "torque"]),
+    (BODY, "[body]", "[system]\n[body]", ["[body] and [system]", "one"]),
+    (BODY, "[body]", "[corps]", ["[body], [system]", "neither"]),
+    (SYSTEM, '["x", "y"]', '["x"]', ["momenta", "2 names for 1 coord"]),
+    (SYSTEM, '["x", "y"]', "[]", ["coordinates", "0 names", "1 to 64"]),
+    (SYSTEM, '["x", "y"]', '["x", "x"]', ["coordinates", "'x' twice"]),
+    (SYSTEM, '["x", "y"]', '["x", "px"]', ["momenta", "'px'"]),
+    (SYSTEM, '["x", "y"]', '["x", 3]', ["coordinates, entry 2", "3"]),
+    (SYSTEM, '["x", "y"]', '["x", "m"]', ["[parameters] m", "another name"]),
+    (SYSTEM, '["x", "y"]', '["x", "__y"]', ["entry 2", "begins with a letter"]),
+    (SYSTEM, '["x", "y"]', '["x", "y\\u0000"]', ["entry 2"]),
+    (SYSTEM, "m*g*y", "m*g*z", ["hamiltonian", "z is unknown"]),
+    (SYSTEM, "m*g*y", "m*g*y**10**9", ["hamiltonian", "not within ±64"]),
+    (SYSTEM, "- l**2", "- px**2", ["constraints, entry 1", "px is unknown"]),
+    (SYSTEM, "constraints =", 'constraint_names = ["a", "b"]\nconstraints =',
+     ["1 constraints and 2 constraint_names"]),
+    (SYSTEM, "constraints =", 'time = "x"\nconstraints =', ["[system] time", "'x'"]),
+    (SYSTEM, "constraints =", 'forces = ["1"]\nconstraints =', ["forces", "1 entries"]),
+    (SYSTEM, "constraints =", "forces = 3\nconstraints =", ["forces", "list"]),
+    (SYSTEM, "m = 1", "m = 0", ["[parameters] m", "divides"]),
+    (SYSTEM, "m = 1", 'int = 1\nm = "int"', []),  # not used by the system: no name in C
+    (SYSTEM, "m = 1", 'long = 1\nm = "0*long + 1"', []),
+    (SYSTEM, 'q = ["l", 0]', "q = [1]", ["[start] q", "1 entries", "2 numbers"]),
+    (SYSTEM, 'q = ["l", 0]', "quaternion = [1]", ["'quaternion'", "allowed are q, p"]),
+    (SYSTEM, "p = [0, 0]", "", ["[start] p", "missing"]),
+    (SYSTEM, "[system]", "[body]\n[system]", ["[body] and [system]"]),
+]
+
+
+@pytest.mark.parametrize(("text", "old", "new", "fragments"), MISTAKES,
+                         ids=[f"{new[:30]}" for _, _, new, _ in MISTAKES])
+def test_mistake_is_named(text, old, new, fragments):
+    text = changed(text, old, new)
+    if not fragments:
+        read(text)
+        return
+    with pytest.raises(InputError) as caught:
+        read(text)
+    message = str(caught.value)
+    for fragment in ("The model file 'model.toml'", *fragments):
+        assert fragment in message, message
+    assert message.endswith(".")
+    assert len(message) < 1200
+    assert "\n" not in message
+
+
+BODIES = """
+name = "pair"
+potential = "c*(b_x - a_x)**2 + a_R33"
+without = []
+[[bodies]]
+name = "a"
+mass = 1
+inertia = [1, 2, 2.5]
+position = [0, 0, -1]
+[[bodies]]
+name = "b"
+mass = "m"
+inertia = [1, 1, 1]
+rep = "alpha"
+alpha = 3
+euler = [0, 0, "pi/2"]
+[[joints]]
+name = "top"
+type = "fixed_point"
+bodies = ["a"]
+at = [0, 0, 0]
+[[joints]]
+name = "hinge"
+type = "revolute"
+bodies = ["a", "b"]
+at = [0, 0, -2]
+axis = [0, 1, 0]
+on_b = [0, 0, 1]
+rate = 2
+[[forces]]
+name = "bow"
+type = "spring"
+bodies = ["ground", "b"]
+stiffness = 5
+length = 0.5
+[[forces]]
+type = "torque"
+bodies = ["b"]
+torque = ["-k*b_omega1", 0, "sin(t)"]
+[[forces]]
+type = "force"
+bodies = ["b"]
+force = [0, 0, "k*b_pz"]
+on_body = [0, 0, 1]
+[parameters]
+m = 2
+c = 4
+k = 0.1
+[quantities]
+bend = "b_z - a_z"
+"""
+
+
+def test_bodies_are_what_the_builder_makes():
+    """The same model by Python calls: H, constraints, forces, start, each the same to the bit."""
+    model = read(BODIES)
+    pair = gs.Multibody("pair")
+    a = pair.body("a", mass=1, inertia=(1, 2, 2.5), position=(0, 0, -1))
+    quarter = from_euler(0, 0, np.pi / 2)
+    b = pair.body("b", mass=2, inertia=(1, 1, 1), rep="alpha", weight=3,
+                  quaternion=quarter)
+    pair.fixed_point("top", a, at=(0, 0, 0))
+    pair.revolute("hinge", a, b, at=(0, 0, -2), axis=(0, 1, 0), on_b=(0, 0, 1), rate=2)
+    c, k = pair.parameter("c", 4), pair.parameter("k", 0.1)
+    pair.spring("bow", pair.ground, b, stiffness=5, length=0.5)
+    pair.torque(b, (-k * b.angular_velocity[0], 0, sp.sin(pair.time)))
+    pair.force(b, (0, 0, k * b.p_x[2]), on_body=(0, 0, 1))
+    pair.potential(c * (b.x[0] - a.x[0]) ** 2 + a.rotation[2, 2])
+    pair.quantity("bend", b.x[2] - a.x[2])
+    wanted = pair.model()
+    assert model.system.H == wanted.system.H
+    assert model.system.constraints == wanted.system.constraints
+    assert model.system.forces == wanted.system.forces
+    assert dict(model.system.quantities) == dict(wanted.system.quantities)
+    assert model.parameters == wanted.parameters
+    assert model.bodies == wanted.bodies == {"a_gamma": (1, 2, 2.5), "b_alpha": (1, 1, 1)}
+    assert abs(model.q0 - wanted.q0).max() <= 4 * EPS
+    assert abs(model.p0 - wanted.p0).max() <= 64 * EPS * abs(wanted.p0).max()
+
+
+@pytest.mark.parametrize(("old", "new", "fragments"), [
+    ('name = "b"', 'name = "a"', ["[[bodies]] 2", "'a'", "twice"]),
+    ('name = "b"', 'name = "b c"', ["[[bodies]] 2, name", "letters"]),
+    ("inertia = [1, 1, 1]", "inertia = [1, 1, 0]", ["[[bodies]] 2", "above 0"]),
+    ("inertia = [1, 1, 1]", "colour = 1", ["[[bodies]] 2, 'colour'", "allowed are name"]),
+    ("alpha = 3", "alpha = 0", ["[[bodies]] 2", "alpha", "divides"]),
+    ('euler = [0, 0, "pi/2"]', "quaternion = [0, 0, 0, 0]", ["[[bodies]] 2", "zero"]),
+    ('type = "revolute"', 'type = "weld"', ["[[joints]] 2, type", "'weld'", "revolute"]),
+    ('bodies = ["a", "b"]', 'bodies = ["a", "d"]', ["[[joints]] 2, bodies", "'d'", "ground"]),
+    ('bodies = ["a", "b"]', 'bodies = ["a"]', ["[[joints]] 2, bodies", "1 names", "write 2"]),
+    ('bodies = ["a", "b"]', 'bodies = ["a", "a"]', ["[[joints]] 2", "itself"]),
+    ("axis = [0, 1, 0]", "axis = [0, 0, 0]", ["[[joints]] 2", "axis"]),
+    ("axis = [0, 1, 0]", "", ["[[joints]] 2", "has no axis"]),
+    ("rate = 2", "length = 2", ["[[joints]] 2, 'length'", "rate"]),
+    ('"-k*b_omega1"', '"-k*c_omega1"', ["[[forces]] 2, torque, entry 1", "c_omega1 is unknown"]),
+    ("c*(b_x - a_x)**2", "c*b_px", ["potential", "b_px is unknown"]),
+    ("stiffness = 5", "", ["[[forces]] 1, stiffness", "missing"]),
+    ("m = 2", "m = -2", ["[[bodies]] 2", "mass"]),
+    ("k = 0.1", "k = 0.1\na_x = 1", ["[parameters] a_x", "another name"]),
+    ("without = []", 'without = ["hinge: q"]', ["'hinge: q'", "leave out"]),
+    ("without = []", 'start = 3', ["'start'", "allowed are"]),
+])
+def test_mistake_in_bodies_is_named(old, new, fragments):
+    with pytest.raises(InputError) as caught:
+        read(changed(BODIES, old, new.replace("\\n", "\n")))
+    for fragment in ("The model file 'model.toml'", *fragments):
+        assert fragment in str(caught.value), str(caught.value)
+
+
+def test_keywords_of_c_are_no_symbols():
+    with pytest.raises(InputError, match="'int', which is a keyword"):
+        read(SYSTEM.replace('"y"', '"int"').replace("g*y", "g*int").replace("y**2 -", "int**2 -"))
+
+
+def test_rep_belongs_to_bodies():
+    with pytest.raises(InputError, match="leave it out"):
+        read(SYSTEM, "gamma")
+
+
+@pytest.mark.parametrize("text", [
+    "", "[" * 100_000, "x = " + "[" * 100_000, "x = " + "{a=" * 50_000, "a." * 50_000 + "a = 1",
+    "\n".join(["a." * 60 + "a = 1"] * 2000), "x = " + "9" * 10_000, "x = 0x" + "f" * 10_000,
+    "x = '''" + "a" * 10_000, "[[body]]\n[system]", "body = 3", "\x00", "= 1", "[body\n",
+], ids=lambda text: repr(text[:12]))
+def test_text_that_is_no_model(text):
+    with pytest.raises(InputError, match=r"The model file 'model\.toml' is not usable: "):
+        read(text)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    def refused(path: Any, reason: str) -> None:
+        with pytest.raises(InputError, match=reason):
+            gs.load_model(path)
+
+    refused(tmp_path / "none.toml", "no such file")
+    refused(tmp_path, "no regular file")
+    refused("/dev/zero", "no regular file")
+    refused("a\0.toml", "is no file name")
+    (tmp_path / "latin.toml").write_bytes(b"name = '\xe9'")
+    refused(tmp_path / "latin.toml", "not UTF-8")
+    with (tmp_path / "large.toml").open("wb") as file:
+        file.truncate(50 * 2**20)
+    refused(tmp_path / "large.toml", "more than 262144 bytes")
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.toml")
+        refused(tmp_path / "pipe.toml", "no regular file")
+
+
+KEYS = ["name", "description", "potential", "body", "system", "parameters", "start", "run",
+        "quantities", "forces", "inertia", "mass", "rep", "gamma", "coordinates", "momenta",
+        "hamiltonian", "constraints", "q", "p", "dt", "steps", "euler", "x", "__class__"]
+VALUES = ["1", "-1", "0", "1e999", "nan", "true", "[]", "[1]", '["x"]', '["x", "y"]', "[0, 0]",
+          "[1, 2, 3]", "[1, 0, 0, 0]", "[[1]]", "{}", '""', '"x"', '"x**2"', '"alpha"', '"q0"',
+          '"1/0"', '"x y"', "1979-05-27", '"\\u0000"', '"gamma"', '"px**2"', '["px", "py"]']
+LINES = st.one_of(
+    st.sampled_from(KEYS).map("[{}]".format),
+    st.tuples(st.sampled_from(KEYS), st.sampled_from(VALUES)).map(" = ".join),
+)
+EDITS = st.lists(st.tuples(st.integers(0, 30), st.booleans(), LINES), max_size=4)
+
+
+@given(st.sampled_from([BODY, SYSTEM]), EDITS)
+@settings(max_examples=300, deadline=None)
+def test_any_lines_are_a_model_or_refused(text, edits):
+    lines = text.strip().splitlines()
+    for at, replaces, line in edits:
+        at %= len(lines)
+        lines[at : at + replaces] = [line]
+    try:
+        model = read("\n".join(lines))
+    except InputError as error:
+        assert str(error).startswith("The model file 'model.toml' is not usable: ")  # noqa: PT017
+        assert str(error).endswith(".")  # noqa: PT017
+        return
+    assert np.isfinite(model.q0.astype(float)).all()
+    assert np.isfinite(model.p0.astype(float)).all()
+
+
+@given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
+@settings(max_examples=200, deadline=None)
+def test_any_text_is_refused(text):
+    with pytest.raises(InputError, match="is not usable"):
+        read(text)
+
+
+def test_documented_forms_are_models():
+    """The two files in the module's docstring."""
+    from gyrospark.generator.models import model_file
+
+    blocks = (model_file.__doc__ or "").split("\n\n")
+    found = [block for block in blocks if block.lstrip().startswith("name =")]
+    assert len(found) == 2
+    for block in found:
+        text = "\n".join(line.strip() for line in block.splitlines())
+        assert tomllib.loads(text)
+        assert parse_model(text, Path("doc.toml")).name in ("satellite", "pendulum")

@@ -1,0 +1,136 @@
+"""Numbers with units in model files: angles and rates."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from gyrospark.generator.models.formulas import parse_number
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.generator.parsing.grammar import ANGLES, RATES, UNITS
+from gyrospark.generator.parsing.tokens import names_in
+
+
+@pytest.mark.parametrize(("text", "value"), [
+    ("30 deg", sp.pi / 6), ("30deg", sp.pi / 6), ("-90 deg", -sp.pi / 2), ("0.5 rad", 0.5),
+    ("10*3 deg", sp.pi / 6), ("1/3 deg", sp.pi / 540), ("(10 + 20) deg", sp.pi / 6),
+    ("90 deg - 0.1 rad", sp.pi / 2 - sp.Rational(1, 10)), ("pi/6 rad", sp.pi / 6),
+    ("2*tilt deg", sp.pi / 36), ("acos(0) rad", sp.pi / 2), ("1e1 deg", sp.pi / 18),
+    ("30 deg/s", sp.pi / 6), ("100 rpm", 10 * sp.pi / 3), ("2 rad/s", 2), ("30 deg / s", sp.pi / 6),
+    ("pi/6", sp.pi / 6), ("40*pi", 40 * sp.pi),
+])
+def test_units_are_what_they_are(text, value):
+    """Correctly rounded, as SymPy says at fifty digits."""
+    assert parse_number(text, {"tilt": 2.5}, UNITS) == float(sp.N(value, 50))
+
+
+def test_units_against_mpmath():
+    from mpmath import mp
+
+    with mp.workdps(50):
+        for degrees in range(-400, 401, 7):
+            assert parse_number(f"{degrees} deg", {}, ANGLES) == float(mp.radians(degrees))
+        assert parse_number("7 rpm", {}, RATES) == float(7 * 2 * mp.pi / 60)
+
+
+@pytest.mark.parametrize(("text", "units", "words"), [
+    ("10 + 20 deg", ANGLES, r"term has no unit.*\(10 \+ 20\) deg"),
+    ("20 deg + 10", ANGLES, "term has no unit"),
+    ("30 deg/2", ANGLES, "unit deg/2 has no place here.*deg, rad"),
+    ("30 deg/s", ANGLES, "unit deg/s has no place here.*write deg, rad, or none"),
+    ("30 deg", RATES, "unit deg has no place here.*deg/s, rad/s, rpm"),
+    ("30 rpm", ANGLES, "unit rpm has no place"),
+    ("30 deg", {}, "unit deg has no place here.*leave it out"),
+    ("30 deg deg", ANGLES, "deg cannot follow"), ("deg", ANGLES, "name deg is unknown"),
+    ("30 degrees", ANGLES, "degrees cannot follow"), ("deg 30", ANGLES, "name deg is unknown"),
+    ("30 deg*2", ANGLES, "cannot follow"), ("2**30 deg/", ANGLES, "unit deg/ has no place"),
+    ("sin(30 deg)", ANGLES, "not closed"), ("1" * 5000 + " deg", ANGLES, "characters"),
+    ("30 deg $", ANGLES, "no meaning"), ("(1", ANGLES, "not closed"),
+])
+def test_units_out_of_place_are_told(text, units, words):
+    with pytest.raises(InputError, match=words):
+        parse_number(text, {}, units)
+
+
+def test_names_of_units_are_free_for_parameters():
+    """A unit stands behind a number only; no formula loses a name."""
+    assert parse_number("2*rad + deg", {"rad": 3.0, "deg": 1.0}) == 7
+    assert parse_number("rad*s deg/s", {"rad": 3.0, "s": 2.0}, RATES) == float(sp.pi / 30)
+    assert names_in("2*rad + sin(x) 30 deg/s") == {"rad", "sin", "x", "deg", "s"}
+
+
+MODEL = """
+name = "tilted"
+potential = "k*R33"
+[body]
+inertia = [1, 2, 2.5]
+[parameters]
+k = 0.3
+[start]
+euler = [{a}, {b}, {c}]
+angular_velocity = [{d}, 0, {e}]
+"""
+
+
+def test_a_model_with_units_is_the_one_in_radians():
+    with_units = MODEL.format(a='"90 deg"', b='"10*3 deg"', c=0, d='"30 deg/s"', e='"60 rpm"')
+    plain = MODEL.format(a='"pi/2"', b='"pi/6"', c=0, d='"pi/6"', e='"2*pi"')
+    one, other = (parse_model(text, "m.toml") for text in (with_units, plain))
+    assert list(one.q0) == list(other.q0)
+    assert list(one.p0) == list(other.p0)
+
+
+def test_units_in_bodies_joints_parameters_and_coordinates():
+    text = """
+name = "hinged"
+gravity = [0, 0, 0]
+[[bodies]]
+name = "door"
+mass = 1
+inertia = [1, 1, 1]
+euler = ["90 deg", 0, 0]
+[[joints]]
+name = "hinge"
+type = "revolute"
+bodies = ["ground", "door"]
+axis = [0, 0, 1]
+at = [0, 0, 0]
+rate = "120 rpm"
+"""
+    model = parse_model(text, "m.toml")
+    assert model.q0[0] == pytest.approx(math.sqrt(0.5), abs=1e-15)
+    step_q = 0.5 * 4 * math.pi * math.sqrt(0.5)  # q̇ = ½ q ∘ (0, Ω)
+    assert gs.consistent(model.system, model.q0, model.p0, model.parameters).p == pytest.approx(
+        model.p0)
+    assert model.p0[3] / 4 == pytest.approx(step_q, rel=1e-14)  # p = 4 J q̇ for J = 1
+    pendulum = """
+name = "angle"
+[system]
+coordinates = ["phi"]
+momenta = ["l"]
+hamiltonian = "l**2/2 - cos(phi - phi0)"
+[parameters]
+phi0 = "15 deg"
+[start]
+q = ["30 deg"]
+p = [0]
+"""
+    model = parse_model(pendulum, "m.toml")
+    assert (model.q0[0], model.parameters["phi0"]) == (
+        float(sp.N(sp.pi / 6, 50)), float(sp.N(sp.pi / 12, 50)))
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("inertia = [1, 2, 2.5]", 'inertia = ["1 deg", 2, 2.5]', "inertia, entry 1.*unit deg has no"),
+    ("euler = [0, 0, 0]", 'euler = ["3 deg/s", 0, 0]', "euler, entry 1.*unit deg/s has no"),
+    ("angular_velocity = [0, 0, 0]", 'angular_velocity = ["3 deg", 0, 0]', "unit deg has no"),
+])
+def test_units_where_none_belong_are_refused(old, new, words):
+    text = MODEL.format(a=0, b=0, c=0, d=0, e=0)
+    assert old in text
+    with pytest.raises(InputError, match=words):
+        parse_model(text.replace(old, new), "m.toml")

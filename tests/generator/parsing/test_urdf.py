@@ -1,0 +1,360 @@
+"""URDF: what it describes, against Pinocchio and against bodies put together by hand; bad files."""
+
+from __future__ import annotations
+
+import math
+from importlib import metadata
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.generator.models.urdf import plain_name
+from robots import ARM, Motion
+
+START = {"angles": {"shoulder": 0.4, "slide-1": -0.15, "wheel": 2.0},
+         "rates": {"shoulder": -1.1, "slide-1": 0.7, "wheel": 9.0}}
+EPS = np.finfo(float).eps
+
+
+HINGE = """<robot name="hinge"><link name="base"/>
+  <link name="arm"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.2"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/>
+  <axis xyz="0 1 0"/></joint></robot>
+"""
+
+
+@pytest.fixture
+def arm(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM, encoding="utf-8")
+    return path
+
+
+def changed(tmp_path, *pairs):
+    text = ARM
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / "changed.urdf"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_links_that_are_fixed_are_one_body(arm):
+    """Mass, centre and inertia of the upper arm with its plate, by sums over both."""
+    model = gs.load_urdf(arm, ignore="limits", **START)
+    assert (model.system.n, model.system.m) == (21, 18)
+    assert model.parameters["upper_arm_m"] == pytest.approx(2.9, abs=4 * EPS)
+    assert [body.name for body in model.system.bodies] == ["upper_arm", "slider", "wheel"]
+    motion = Motion(model)
+    for name, value in (("shoulder_angle", 0.4), ("slide_1_travel", -0.15), ("wheel_angle", 2.0),
+                        ("shoulder_rate", -1.1), ("slide_1_speed", 0.7), ("wheel_rate", 9.0)):
+        assert abs(motion.value(name) - value) <= 64 * EPS * max(1, abs(value)), name
+
+
+def test_accelerations_are_pinocchios(arm):
+    """Joint accelerations of a tree with hinge, slide, wheel, damper and a fixed link to 1e-12."""
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[robots]")
+    other = pin.buildModelFromUrdf(str(arm))
+    data = other.createData()
+    rng = np.random.default_rng(4)
+    for _ in range(5):
+        angles, rates = ({name: float(x) for name, x in zip(START["angles"], row, strict=True)}
+                         for row in rng.uniform(-1, 1, (2, 3)) * [2, 0.5, 3])
+        motion = Motion(gs.load_urdf(arm, ignore="limits", angles=angles, rates=rates))
+        a, s, w = angles.values()
+        q, v = np.array([a, s, math.cos(w), math.sin(w)]), np.array([*rates.values()])
+        wanted = pin.aba(other, data, q, v, np.array([-0.3 * v[0], 0, 0]))
+        found = [motion.acceleration(name)
+                 for name in ("shoulder_rate", "slide_1_speed", "wheel_rate")]
+        assert np.abs(found - wanted).max() <= 1e-12 * np.abs(wanted).max()
+
+
+def files_of_robots():
+    """Return name → path of the robots of PyPI's example-robot-data; none where it is not."""
+    try:
+        files = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError:
+        return {}
+    return {file.name: Path(str(file.locate())) for file in files if file.name.endswith(".urdf")}
+
+
+@pytest.mark.parametrize("name", ["ur5_robot", "xarm7", "go2", "solo12", "allegro_right_hand"])
+def test_robots_from_pypi_move_as_pinocchio_has_it(name):
+    """An arm, legs, a hand: accelerations of all joints at random angles and rates."""
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[robots]")
+    path = files_of_robots().get(f"{name}.urdf")
+    if path is None:
+        pytest.skip("pip install example-robot-data (131 MB) to test real robots")
+    other = pin.buildModelFromUrdf(str(path))
+    rng = np.random.default_rng(7)
+    q, v, tau = pin.neutral(other), rng.uniform(-1, 1, other.nv), np.zeros(other.nv)
+    damping = {joint.attrib["name"]: float(part.attrib.get("damping", 0))
+               for joint in ElementTree.parse(path).getroot().iter("joint")
+               for part in joint.iter("dynamics")}
+    angles, rates = {}, {}
+    for joint, key in zip([*other.joints][1:], [*other.names][1:], strict=True):
+        angles[key], rates[key] = float(rng.uniform(-1, 1)), float(v[joint.idx_v])
+        q[joint.idx_q:joint.idx_q + joint.nq] = (
+            angles[key] if joint.nq == 1 else (math.cos(angles[key]), math.sin(angles[key])))
+        tau[joint.idx_v] = -damping.get(key, 0) * rates[key]
+    motion = Motion(gs.load_urdf(path, ignore="all", angles=angles, rates=rates))
+    wanted = pin.aba(other, other.createData(), q, v, tau)
+    found = np.array([motion.acceleration(f"{plain_name(key)}_rate") for key in angles])
+    order = [joint.idx_v for joint in [*other.joints][1:]]
+    assert np.abs(found - wanted[order]).max() <= 1e-12 * np.abs(wanted).max()
+
+
+FLOATING = (('<link name="base"/>', '<link name="base"><inertial><mass value="3"/>'
+             '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.12" iyz="0" izz="0.08"/></inertial>'
+             '</link>'),
+            ('<dynamics damping="0.3"/>', ""))
+
+
+def test_a_floating_base_moves_as_pinocchio_has_it(tmp_path):
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[robots]")
+    path = changed(tmp_path, *FLOATING)
+    other = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    v = [0.5, 0.1, 2.0, 0.3, 1.0, -0.4]  # of the base, whose centre of mass is its origin
+    model = gs.load_urdf(path, base="floating", ignore="limits", velocity=v[:3],
+                         angular_velocity=v[3:], **START)
+    a, s, w = START["angles"].values()
+    q = np.array([0, 0, 0, 0, 0, 0, 1, a, s, math.cos(w), math.sin(w)])
+    wanted = pin.aba(other, other.createData(), q, np.array([*v, *START["rates"].values()]),
+                     np.zeros(9))
+    motion = Motion(model)
+    found = [motion.acceleration(name)
+             for name in ("shoulder_rate", "slide_1_speed", "wheel_rate")]
+    assert np.abs(found - wanted[6:]).max() <= 1e-12 * np.abs(wanted).max()
+
+
+def test_a_floating_base_falls_and_turns(arm):
+    """Without a force but weight: the centre of mass on a parabola, angular momentum kept."""
+    model = gs.load_urdf(
+        changed(arm.parent, *FLOATING), base="floating", ignore=["limits"],
+        velocity=(0.5, 0, 2), angular_velocity=(0.3, 1, -0.4), **START)
+    step = gs.stepper("G-L", 3, system=model.system)
+    done = step.integrate(model.q0, model.p0, dt=0.005, steps=200, parameters=model.parameters)
+    masses = [model.parameters[f"{body.name}_m"] for body in model.system.bodies]
+    x = sum(m * done.q[:, 7 * i + 4:7 * i + 7] for i, m in enumerate(masses)) / sum(masses)
+    v = sum(done.p[0, 7 * i + 4:7 * i + 7] for i in range(len(masses))) / sum(masses)
+    fall = x[0] + v * done.t[:, None] + [0, 0, -9.81 / 2] * done.t[:, None] ** 2
+    assert np.abs(x - fall).max() <= 1e-12
+    assert np.abs(done.energies - done.energies[0]).max() <= 1e-9 * np.abs(done.energies).max()
+
+
+def test_followers_follow(tmp_path):
+    """<mimic>: half the angle, and a sixth of a metre, of another joint."""
+    path = changed(
+        tmp_path, ('<axis xyz="0 0.6 0.8"/>', '<axis xyz="0 0.6 0.8"/>'
+                   '<mimic joint="shoulder" multiplier="-0.2" offset="0.05"/>'),
+        ('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="shoulder" multiplier="3"/>'))
+    model = gs.load_urdf(path, ignore="limits", angles={"shoulder": 0.5}, rates={"shoulder": 2.0})
+    assert model.system.m == 20
+    step = gs.stepper("G-L", 2, system=model.system)
+    done = step.integrate(model.q0, model.p0, dt=0.005, steps=100, parameters=model.parameters)
+    a, s, w = (done.quantity(name)
+               for name in ("shoulder_angle", "slide_1_travel", "wheel_angle"))
+    assert np.ptp(a) > 0.3
+    assert np.abs(s + 0.2 * a - 0.05).max() <= 1e-14
+    assert np.abs(np.sin(w / 2 - 3 * a / 2)).max() <= 1e-14
+    with pytest.raises(gs.InputError, match=r"'wheel', which follows 'shoulder'; set that one"):
+        gs.load_urdf(path, ignore="limits", angles={"wheel": 1.0})
+
+
+def test_more_can_be_added(arm):
+    """A motor and a loop: the wheel's centre is held on a rod to the ground."""
+    build = gs.read_urdf(arm, ignore="limits", **START)
+    build.motor("drive", "shoulder", torque=2.0 - build.rate("shoulder"))
+    build.rod("tie", "ground", "wheel", on_a=(2, 0, 0))
+    model = build.model()
+    assert model.system.m == 19
+    assert build.start.after["tie: length"] <= 64 * EPS
+
+
+@pytest.mark.parametrize(("told", "radians"), [
+    ("45 deg", math.pi / 4), ("45 rad", 45.0), ("pi/4", math.pi / 4), (0.25, 0.25),
+    ("90 deg - 0.1 rad", math.pi / 2 - 0.1)])
+def test_angles_and_rates_have_units(arm, told, radians):
+    """In Python as in a model file; what says its unit needs no warning."""
+    angle, rate = "shoulder_angle", "shoulder_rate"
+    motion = Motion(gs.load_urdf(arm, ignore="limits", angles={"shoulder": told},
+                                 rates={"shoulder": "10 rpm", "slide-1": "1/2"}))
+    turned = motion.value(angle) - radians
+    assert abs(turned - 2 * math.pi * round(turned / (2 * math.pi))) < 1e-13
+    assert motion.value(rate) == pytest.approx(math.pi / 3, rel=1e-14)
+    assert motion.value("slide_1_speed") == pytest.approx(0.5, rel=1e-14)
+
+
+def test_angles_beyond_a_turn_warn(arm, gyrospark):
+    """Of hinges; a travel of 45 m is one, and a rate of 45 rad/s."""
+    with pytest.warns(gs.InputWarning, match="shoulder.*radians.*45 deg"):
+        gs.load_urdf(arm, ignore="limits", angles={"shoulder": 45})
+    gs.load_urdf(arm, ignore="limits", angles={"slide-1": 45}, rates={"wheel": 45})
+    with pytest.raises(gs.InputError, match="unit deg"):
+        gs.load_urdf(arm, ignore="limits", angles={"slide-1": "45 deg"})
+    arm.write_text(HINGE, encoding="utf-8")  # which is derived in a second
+    command = ("run", arm, "--dt", "1e-3", "--steps", "2", "--json")
+    assert "shoulder" in gyrospark(*command, "--set", "shoulder=45").stderr
+    assert gyrospark(*command, "--set", "shoulder=45 deg").stderr == ""
+
+
+def test_the_command_runs_it(arm, gyrospark):
+    """By name, with settings; what is there and not ignored is told in a sentence."""
+    def run(*settings):
+        options = [part for setting in settings for part in ("--set", setting)]
+        return gyrospark("run", arm, "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
+                         "20", "--json", *options)
+
+    done = run("ignore=limits", "shoulder=0.4", "wheel.rate=3")
+    assert done.code == 0, done.stderr
+    assert done.document["steps"] == 20
+    for settings, said in [
+        ((), "has limits (ends of a joint's range, 2 of them)"),
+        (("ignore=limit",), "'limit'; choose limits"),
+        (("ignore=limits", "elbow=1"), "angles names 'elbow', which is no joint that moves"),
+        (("ignore=limits", "shoulder=x"), "'shoulder' is 'x'"),
+        (("ignore=limits", "base=flying"), "'flying'"),
+    ]:
+        failed = run(*settings)
+        assert failed.code == 2
+        assert failed.stderr.count("\n") == 1
+        assert said in failed.stderr, failed.stderr
+
+
+BOMB = """<?xml version="1.0"?>
+<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>
+<robot name="&b;"/>
+"""
+DEEP = "<robot>" + "<link>" * 100_000
+MASS = '<mass value="1.2"/>'
+BAD = [
+    ([('child link="slider"', 'child link="base"')], "form a cycle|roots"),
+    ([('parent link="base"', 'parent link="wheel"')], r"link 'base'.*|form a cycle|2 roots"),
+    ([(MASS, '<mass value="0"/>')], "link 'slider' moves and has no mass"),
+    ([(MASS, '<mass value="-1"/>')], "link 'slider': its mass is -1"),
+    ([(MASS, '<mass value="1,2"/>')], "value='1,2'; write 1 finite number"),
+    ([(MASS, '<mass value="nan"/>')], "value='nan'"),
+    ([(MASS, "")], "link 'slider': its <inertial> has no <mass>"),
+    ([('ixx="0.01"', 'ixx="-0.01"')], "link 'slider': its inertia has the principal moment -0.01"),
+    ([('<axis xyz="0 0.6 0.8"/>', "")], "joint 'slide-1': it is prismatic and has no <axis>"),
+    ([('<axis xyz="0 0.6 0.8"/>', '<axis xyz="0 0 0"/>')], "its <axis> is zero"),
+    ([('type="continuous"', 'type="continous"')],
+     r"joint 'wheel': its type is 'continous'.*did you mean continuous"),
+    ([('child link="plate"', 'child link="plat"')], "joins 'plat', which is no link"),
+    ([('<link name="plate">', '<link name="slider">')], "link 'slider' is there twice"),
+    ([('<link name="base"/>', '<link name="base"/><link name="lost"/>')],
+     "2 roots, 'base', 'lost'"),
+    ([('child link="wheel"', 'child link="slider"')],
+     "link 'slider' is the child of the joints 'slide-1' and 'wheel'"),
+    ([("</robot>", "")], "no element found"),
+    ([('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://x"><xacro:include/>')],
+     "expand the file with xacro"),
+    ([("<robot", "<sdf"), ("</robot", "</sdf")], "outermost element is <sdf>"),
+]
+
+
+@pytest.mark.parametrize(("pairs", "said"), BAD, ids=lambda x: x if isinstance(x, str) else "")
+def test_bad_files_are_told_in_a_sentence(tmp_path, pairs, said):
+    with pytest.raises(gs.InputError, match=said) as caught:
+        gs.load_urdf(changed(tmp_path, *pairs), ignore="all")
+    assert str(caught.value).startswith("The model file")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    (BOMB, "line 2: it declares a document type"), (DEEP, "nested more than 32 deep"),
+    ("<robot>" + "<a/>" * 60_000 + "</robot>", "more than 50000 elements"),
+    (" " * 10_000_000, "has more than 1048576 bytes"), ("", "no element found"),
+    ("<robot/>", "it has no <link>"), ('<robot><link name="one"/></robot>', "no link that moves"),
+], ids=["bomb", "deep", "many", "ten megabytes", "empty", "no link", "no joint"])
+def test_files_cannot_grow(tmp_path, text, said):
+    path = tmp_path / "bad.urdf"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(gs.InputError, match=said):
+        gs.load_urdf(path)
+    with pytest.raises(gs.InputError, match=said):
+        gs.load_model(path)
+
+
+# ---------------------------------------------------------------- loops
+
+FOUR_BAR = """<robot name="four_bar">
+  <link name="base"/>
+  <link name="frame"/>
+  <joint name="bolt" type="fixed"><origin xyz="0 0 0.5"/><parent link="base"/>
+  <child link="frame"/></joint>
+""" + "".join(f"""<link name="{name}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="1"/>
+  <inertia ixx="0.001" ixy="0" ixz="0" iyy="{length**2 / 12}" iyz="0" izz="{length**2 / 12}"/>
+  </inertial></link>
+  <joint name="{name}_pin" type="revolute"><origin xyz="{x} 0 0"/><parent link="{parent}"/>
+  <child link="{name}"/><axis xyz="0 -1 0"/></joint>""" for name, parent, x, length in (
+    ("crank", "frame", 0, 0.4), ("coupler", "crank", 0.4, 1.0), ("rocker", "coupler", 1.0, 0.7))
+) + "</robot>"
+CLOSING = """
+redundant = "leave out"
+[[joints]]
+name = "closing"
+type = "revolute"
+bodies = ["rocker", "frame"]
+on_a = [0.7, 0, 0]
+on_b = [1.1, 0, 0]
+axis = [0, 1, 0]
+"""
+
+
+ANGLES = {"crank_pin": 1.2, "coupler_pin": -0.9, "rocker_pin": -1.9}
+
+
+def closed(q1, q2, q3):
+    """Return the end of the last bar less the pin that it belongs to, in the plane."""
+    a, b, c = q1, q1 + q2, q1 + q2 + q3
+    return (0.4 * np.cos(a) + np.cos(b) + 0.7 * np.cos(c) - 1.1,
+            0.4 * np.sin(a) + np.sin(b) + 0.7 * np.sin(c))
+
+
+def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
+    """A four-bar: one freedom is left, its energy is kept, and the loop by its own equations."""
+    robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
+    robot.write_text(FOUR_BAR)
+    loops.write_text(CLOSING)
+    with pytest.warns(gs.InputWarning, match="They are left out, as the file asks"):
+        model = gs.load_urdf(robot, loops=loops, angles=ANGLES)
+    assert model.system.n - model.system.m == 1
+    done = gs.stepper("G-L", 3, system=model.system).integrate(
+        model.q0, model.p0, dt=0.005, steps=200, parameters=model.parameters)
+    found = [done.quantity(f"{name}_pin_angle") for name in ("crank", "coupler", "rocker")]
+    assert np.abs(closed(*found)).max() < 1e-13
+    assert np.ptp(found[0]) > 0.5
+    assert done.report.energy_error_max < 1e-8
+    run = ["run", robot, "--set", f"loops={loops}", "--dt", "5e-3", "--steps", "200", "--json",
+           *(part for name, value in ANGLES.items() for part in ("--set", f"{name}={value}"))]
+    answer = gyrospark(*run)
+    assert answer.code == 0, answer.stderr
+    loops.write_text(CLOSING.replace("1.1", "1.0"))  # what is kept belongs to the file as it was
+    assert gyrospark(*run).document != answer.document
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("", "it closes no loop; write [[joints]]."),
+    (CLOSING.replace("rocker", "rockr"), "names 'rockr', which is none of ground, base, frame"),
+    (CLOSING.replace("on_a", "onn"), "onn"), (CLOSING.replace("revolute", "hinge"), "'hinge'"),
+    (CLOSING.replace('"frame"]', '"rocker"]'), "joins a body to itself"),
+    (CLOSING.replace("[0, 1, 0]", "[0, 0, 0]"), "axis of 'closing' is zero"),
+    (CLOSING.replace('redundant = "leave out"', ""), "are redundant"),
+    (CLOSING.replace("bodies =", "links ="), "bodies"), ("joints = 3", "joints"),
+    (CLOSING + "\n[run]\ndt = 1", "run"),
+])
+def test_bad_loops_are_told_in_a_sentence(tmp_path, text, said):
+    robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
+    robot.write_text(FOUR_BAR)
+    loops.write_text(text)
+    with pytest.raises(gs.InputError) as told:
+        gs.load_urdf(robot, loops=loops, angles=ANGLES)
+    assert said in str(told.value)
+    assert "\n" not in str(told.value)
+    assert "loops.toml" in str(told.value)

@@ -1,0 +1,291 @@
+"""Radau-L: coefficients, order, what it does not keep, and stiff dampers that do not ring."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.generator.spec import Spec
+from gyrospark.generator.tableaux.conditions import check_tableau, counts
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab, radau_lobatto
+from gyrospark.generator.tableaux.nodes import radau_polynomial
+from gyrospark.generator.tableaux.observed_order import observed_order
+from gyrospark.generator.tableaux.stability import _without, stability, z
+from gyrospark.generator.tableaux.tableau import FIELDS
+from gyrospark.generator.tableaux.tableau_file import read_tableau
+from own_tableaux import FOLDER, in_decimals, make
+from reference import doubles, reference
+from strategies import EPS, make_case
+
+X = sp.Symbol("x")
+SIX = sp.sqrt(6)
+STAGES = range(1, 10)
+
+
+# ---------------------------------------------------------------- coefficients
+
+
+@pytest.mark.parametrize("s", STAGES)
+def test_nodes_are_those_of_radau(s):
+    """The right Radau nodes are the roots of P_(s−1) − P_s on [−1, 1]."""
+    legendre = sp.legendre(s - 1, 2 * X - 1) - sp.legendre(s, 2 * X - 1)
+    assert sp.Poly(legendre, X, domain="QQ").monic() == radau_polynomial(s)
+
+
+def test_coefficients_are_those_of_ehle_and_axelsson():
+    two, three = radau_lobatto(2), radau_lobatto(3)
+    assert two.A == two.A_hat == ((sp.Rational(5, 12), -sp.Rational(1, 12)),
+                                  (sp.Rational(3, 4), sp.Rational(1, 4)))
+    first = (88 - 7 * SIX) / 360, (296 - 169 * SIX) / 1800, (-2 + 3 * SIX) / 225
+    weights = (16 - SIX) / 36, (16 + SIX) / 36, sp.Rational(1, 9)
+    for found, known in ((three.A[0], first), (three.A[-1], weights), (three.b, weights)):
+        assert all(sp.expand(a - b) == 0 for a, b in zip(found, known, strict=True))
+
+
+@pytest.mark.parametrize("s", STAGES)
+def test_conditions_hold_as_far_as_claimed_and_fail_at_the_next_k(s):
+    tableau = radau_lobatto(s)
+    exact = {label: tableau.claims[label] for label in
+             ("B", "B_hat", "B_tilde", "C", "C_hat", "C_tilde", "C_bar")}
+    assert counts(tableau) == exact | {"D": s - 1, "D_hat": s - 1, "D_tilde": s, "D_bar": s - 1}
+    assert tableau.order == 2 * s - 1
+    report = {line.name: line for line in check_tableau(tableau)}
+    assert all(line.holds for line in report.values())
+    assert report["stability"].found == "L-stable, |R(∞)| = 0"
+    assert report["symplectic, constraints"].found == "yes"
+    assert report["symplectic, forces"].found == report["symmetric"].found == "no"
+
+
+@pytest.mark.parametrize("s", [1, 2, 3, 4])
+def test_order_is_measured(s):
+    assert observed_order(radau_lobatto(s)) == pytest.approx(2 * s - 1, abs=0.1)
+
+
+# ---------------------------------------------------------------- stability
+
+
+def pade(k, j):
+    """Return numerator and denominator of Padé's approximant (k, j) of exp(z)."""
+    z = sp.Symbol("z")
+
+    def part(a, b, sign):
+        return sp.Poly(sum(sp.Rational(sp.binomial(a, i), sp.ff(a + b, i)) * (sign * z) ** i
+                           for i in range(a + 1)), z, domain="QQ")
+
+    return part(k, j, 1), part(j, k, -1)
+
+
+@pytest.mark.parametrize("s", range(1, 7))
+def test_R_is_the_approximant_of_pade(s):
+    """(s − 1, s) of Radau IIA, (s, s) of Gauss: the highest order that their degrees allow."""
+    radau, gauss = stability(radau_lobatto(s)), stability(gauss_lobatto(s))
+    assert (radau.numerator, radau.denominator) == pade(s - 1, s)
+    assert (gauss.numerator, gauss.denominator) == pade(s, s)
+    assert radau.l_stable
+    assert gauss.kind == "A-stable"
+    assert abs(gauss.at_infinity) == 1
+    assert gauss.damping is None
+    share, power = radau.damping  # |R(iy)|² = 1 − 2Cy^2k + …
+    less, whole = (sp.expand(part.as_expr().subs("z", sp.I * X) * part.as_expr().subs(
+        "z", -sp.I * X)) for part in (radau.numerator, radau.denominator))
+    left = sp.Poly(less - whole * (1 - 2 * share * X**power), X)
+    assert min(k for (k,), c in left.terms()) > power
+    assert radau.constrained
+    assert gauss.constrained
+
+
+def test_R_of_given_tableaux_and_of_those_that_have_none(tmp_path):
+    assert stability(lobatto_iiiab(3)) is None
+    assert stability(read_tableau(FOLDER / "radau_iia_2.json")) is None
+    plain = stability(read_tableau(FOLDER / "radau_plain_2.json"))
+    assert str(plain) == "L-stable, |R(∞)| = 0"
+    assert plain.damping == (sp.Rational(1, 72), 4)
+    few = stability(read_tableau(FOLDER / "gauss_3_2.json"))
+    assert str(few) == "A-stable, |R(∞)| = 1"
+    assert not few.constrained  # three stages, two constraint nodes
+    for entry, kind, size in (("1/3", "not A-stable", 2), ("2/3", "A-stable", sp.S.Half),
+                              ("0", "not A-stable", None), ("-1", "not A-stable", 2)):
+        table = make().collocation("theta", [sp.S(1) / 3], [sp.S(0), sp.S(1)], 1)
+        path = tmp_path / "theta.json"
+        path.write_text(make().text(table | {"A": [[sp.S(entry)]], "A_hat": [[sp.S(entry)]]}))
+        found = stability(read_tableau(path))
+        assert found.kind == kind
+        assert found.at_infinity is None if size is None else abs(found.at_infinity) == size
+
+
+@pytest.mark.parametrize("digits", [10, 16])
+def test_decimals_are_judged_to_their_digits(tmp_path, digits):
+    rounded = in_decimals({key: getattr(radau_lobatto(3), key) for key in FIELDS}, digits)
+    path = tmp_path / "radau_3.json"
+    path.write_text(json.dumps({"name": "radau_3"} | rounded), encoding="utf-8")
+    found = stability(read_tableau(path))
+    assert found.kind == "L-stable"
+    assert found.damping[1] == 6
+
+
+# ---------------------------------------------------------------- compiled steps
+
+
+@pytest.mark.parametrize("s", [1, 2, 3])
+def test_a_step_is_the_root_that_fifty_digits_find(s):
+    case = make_case("gamma", (1.0, 1.7, 0.6), 0.2, 0.9, (0.5, -0.3, 0.7, 0.4), (0.9, -1.4, 1.1),
+                     0.05)
+    exact = reference(Spec("Radau-L", s), case).step()
+    for solver in ("auto", "newton", "fixed-point", "python"):
+        q, p = gs.stepper("Radau-L", s).step(case.q, case.p, solver=solver, **case.run)
+        assert np.abs(q - doubles(exact.q)).max() < 16 * EPS
+        assert np.abs(p - doubles(exact.p)).max() < 64 * EPS
+
+
+@pytest.mark.parametrize("s", [1, 2, 3])
+def test_order_of_compiled_steps_on_a_constrained_system(s):
+    """An asymmetric top: orders 1, 3, 5, and the constraints at round-off."""
+    case = make_case("gamma", (1.0, 1.7, 0.6), 0.2, 0.9, (0.5, -0.3, 0.7, 0.4), (0.9, -1.4, 1.1),
+                     1.0)
+    step, errors = gs.stepper("Radau-L", s), []
+    exact = gs.stepper("G-L", 6).integrate(case.q, case.p, dt=0.02, steps=100,
+                                           parameters=case.parameters).q[-1]
+    for steps in (100, 200, 400):
+        run = step.integrate(case.q, case.p, dt=2 / steps, steps=steps, parameters=case.parameters)
+        errors.append(np.abs(run.q[-1] - exact).max())
+        assert run.report.constraint_max < 4 * EPS
+        assert run.report.momentum_constraint_max < 4 * EPS * np.linalg.norm(case.p)
+    assert step.order == 2 * s - 1
+    assert np.log2(errors[-2] / errors[-1]) == pytest.approx(step.order, abs=0.1)
+
+
+# ---------------------------------------------------------------- dampers
+
+
+@cache
+def held() -> gs.System:
+    """A particle on a line in space, 2x + y − 2z = 0 and x = y, damped along z."""
+    q, p, c = sp.symbols("x y z", real=True), sp.symbols("u v w", real=True), sp.Symbol("c")
+    return gs.System(q, p, (c,), (p[0]**2 + p[1]**2 / 2 + p[2]**2 / 3) / 2,
+                     (2 * q[0] + q[1] - 2 * q[2], q[0] - q[1]), name="held",
+                     forces=(0, 0, -c * p[2]))
+
+
+@pytest.mark.parametrize("scheme", [("Radau-L", 1), ("Radau-L", 2), ("Radau-L", 3), ("G-L", 2)])
+def test_a_constrained_damper_falls_by_R(scheme):
+    """q = (2, 2, 3) r: T = ½ (4 + 8 + 27) ṙ², and the damper takes 3c · 9ṙ: λ = 27c/39."""
+    step, found = gs.stepper(*scheme, system=held()), stability(gs.tableau(*scheme))
+    start = np.array([2.0, 4.0, 9.0])  # M (2, 2, 3)
+    for size in (0.1, 10.0, 1e3, 1e6):
+        run = step.integrate(np.zeros(3), start, dt=0.01, steps=1,
+                             parameters={"c": size * 39 / 27 / 0.01})
+        R = float(found.numerator.eval(-sp.Rational(size)) / found.denominator.eval(
+            -sp.Rational(size)))
+        assert run.p[1] == pytest.approx(R * start, abs=64 * EPS * 9)
+
+
+def test_an_oscillation_loses_what_the_certificate_says():
+    q, p = sp.symbols("x u", real=True)
+    system = gs.System((q,), (p,), (), (p**2 + q**2) / 2, (), name="oscillator_radau")
+    for s in (1, 2, 3):
+        share, power = stability(radau_lobatto(s)).damping
+        h = 0.1
+        run = gs.stepper("Radau-L", s, system=system).integrate(
+            [1.0], [0.0], dt=h, steps=1, parameters={})
+        lost = 1 - float(np.hypot(run.q[1, 0], run.p[1, 0]))
+        # the next term of E and of the root of it, each about h² of this one
+        assert lost == pytest.approx(float(share) * h**power, rel=2 * h**2 + EPS / lost)
+
+
+def test_the_certificate_tells_what_is_given_up():
+    lines = {line.quantity.split(",")[0]: line for line in gs.certify(
+        gs.problems.fast_top(), "Radau-L", 2, dt=1e-3, steps=50).lines}
+    assert lines["loop invariant ∮p·dq"].expected == "not promised"
+    assert "b_i â_ij + b̂_j a_ji = b_i b̂_j is off by" in lines["loop invariant ∮p·dq"].why
+    assert lines["reversal"].expected == "not promised"
+    assert lines["numerical damping"].found == "0.014 (ωΔt)^4 of an oscillation ω a step"
+    assert "dampers" not in lines
+    assert lines["order"].holds
+
+
+@cache
+def wheel() -> gs.System:
+    """A particle on the unit circle, slowed by a damper to (2, 0): F = −c d (d·ẋ)/d²."""
+    q, p, c = sp.symbols("x y", real=True), sp.symbols("u v", real=True), sp.Symbol("c")
+    d = (q[0] - 2, q[1])
+    pull = c * (d[0] * p[0] + d[1] * p[1]) / (d[0]**2 + d[1]**2)
+    return gs.System(q, p, (c,), (p[0]**2 + p[1]**2) / 2 + q[1], (q[0]**2 + q[1]**2 - 1,),
+                     name="damped_wheel", forces=(-pull * d[0], -pull * d[1]))
+
+
+@pytest.mark.parametrize("s", [2, 3])
+def test_a_stiff_damper_on_a_circle_rings_with_gauss_and_not_with_radau(s):
+    """λΔt = 300 at the top, where the damper asks for 1 − (x·d)²/d² = 4/5 of it."""
+    speeds = {}
+    for scheme in ("Radau-L", "G-L"):
+        run = gs.stepper(scheme, s, system=wheel()).integrate(
+            [0.0, 1.0], [0.05, 0.0], dt=0.05, steps=6, parameters={"c": 300 / 0.8 / 0.05})
+        assert run.report.constraint_max < 4 * EPS
+        speeds[scheme] = run.p[:, 0]
+    assert np.abs(speeds["Radau-L"][2:]).max() < 0.05 * 0.05
+    assert np.abs(speeds["G-L"][1:]).min() > 0.05 * 0.5  # |R(−300)|⁶ is 0.79, and 0.62
+
+
+def damped_rod():
+    """A rod on a hinge, struck, with a damper from its end to the ground: λ = 3/4 C 1/s."""
+    build = gs.Multibody("damped_rod", gravity=(0, 0, -9.81), dt=0.05, steps=4)
+    rod = build.body("rod", mass=1, inertia=(1 / 12, 1 / 12, 1e-3), position=(0, 0, -0.5))
+    build.revolute("hinge", "ground", rod, axis=(0, 1, 0), at=(0, 0, 0), rate=5.0)
+    build.spring("damper", "ground", rod, stiffness=10, length=0.5, damping=1, on_a=(1, 0, -0.5),
+                 on_b=(0, 0, 0))
+    return build.model()
+
+
+@pytest.mark.parametrize("solver", ["newton", "auto", "python"])
+def test_newton_begins_again_where_a_stiff_force_led_it_astray(solver):
+    """λΔt times the momentum at the start is no guess of that at the stages; one that stays is.
+
+    Both times iterations are counted, and there are no more than were allowed.
+    """
+    model = damped_rod()
+    step = gs.stepper("Radau-L", 2, system=model)
+    for stiffness in (300, 1000, 3000):
+        what = {"dt": 0.05, "parameters": model.parameters | {
+            "damper_damping": stiffness / 0.05 / 0.75}}
+        run = step.integrate(model.q0, model.p0, steps=4, solver=solver, **what)
+        assert run.report.constraint_max < 8 * EPS
+        assert run.iterations[0] > 8 > run.iterations[1:].min()
+        rates = np.linalg.norm(run.body("rod").angular_velocity(), axis=1)
+        assert rates[0] == pytest.approx(5)
+        assert rates[2:].max() < 0.02
+    with pytest.raises(gs.StepFailed):
+        step.integrate(model.q0, model.p0, steps=1, solver=solver, max_iterations=6, **what)
+
+
+@pytest.mark.slow
+def test_the_flyball_governor_of_iftomm():
+    """28 coordinates against three: Radau of SciPy on the symmetric motion, 1e-12 and 3e-13.
+
+    Where the damper is stiff, speeds converge at order s or a little more.
+    """
+    governor = runpy.run_path(str(FOLDER.parent / "flyball_governor.py"))["governor"]
+    model = governor()
+    for stages, height, speed in ((2, 1e-9, 4e-7), (3, 1e-12, 1e-8)):
+        step, errors = gs.stepper("Radau-L", stages, system=model), []
+        for steps in (1000, 2000):
+            run = step.integrate(model.q0, model.p0, dt=1 / steps, steps=steps,
+                                 parameters=model.parameters)
+            assert run.quantity("height")[-1] == pytest.approx(0.5014209223796, rel=0, abs=height)
+            errors.append(abs(run.quantity("speed")[-1] + 0.122151492898))
+        assert errors[1] < errors[0] / 2**stages
+        assert errors[0] < speed
+
+
+def test_what_rounding_left_is_told_from_small_coefficients():
+    """A coefficient of z^k counts (2s)^k: one that is small and decides |R| far out is kept."""
+    unit = sp.Rational(1, 100)
+    small = sp.Poly(1 + sp.Rational(1, 10_000) * z**4, z, domain="QQ")
+    assert _without(small, unit) == small  # 8^4/10^4 is no rounding beside 1
+    rest = sp.Poly(1 + sp.Rational(1, 10**7) * z**4, z, domain="QQ")
+    assert _without(rest, unit) == sp.Poly(1, z, domain="QQ")

@@ -1,0 +1,251 @@
+"""Systems that are no quaternion: two constraints, a quartic one, none, redundant ones.
+
+    pendulum   n = 4, m = 2: a planar double pendulum in Cartesian coordinates
+    runner     n = 3, m = 1: H = √(M² + p²)(1 + x²/4) + k/(2 + z), not separable and not quadratic
+               in p, on x⁴ + y⁴ + z² = 1
+    Hénon      n = 2, m = 0: the Hénon-Heiles oscillator
+
+Each is written twice: in SymPy for ``gyrospark.System``, and by hand for the reference, with the
+discrete gradients that follow from Δ(uv) = ūΔv + v̄Δu, Δ√u = Δu/(√u₁ + √u₀), Δ(1/u) = −Δu/(u₀u₁).
+"""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from generic_systems import EXAMPLES, stepper_for
+from gyrospark.generator.systems.system import System
+from gyrospark.runtime.bindings.binding import REASONS
+from reference import WORKING_DIGITS, Method, doubles, numbers
+from strategies import EPS
+
+METHODS = [("IMS", None), ("EMS", None), ("G-L", 2), ("LIIIA-B", 3)]
+
+
+CONSTRAINED = ["pendulum", "runner"]
+
+
+def states(name, count, step):
+    """Return consistent states near the example's, made so by ``project``."""
+    example, rng = EXAMPLES[name], np.random.default_rng(41)
+    for _ in range(count):
+        q, p = (np.array(x) * (1 + 0.1 * rng.standard_normal(len(x)))
+                for x in (example.q, example.p))
+        yield step.project(q, p, parameters=example.parameters)
+
+
+def method_for(name, scheme, stages, q, p, dt):
+    return Method(EXAMPLES[name].by_hand, scheme, stages, q, p, dt)
+
+
+def largest(x):
+    return float(np.abs(x).max(initial=0.0))
+
+
+every_method = pytest.mark.parametrize(("scheme", "stages"), METHODS)
+every_system = pytest.mark.parametrize("name", EXAMPLES)
+constrained = pytest.mark.parametrize("name", CONSTRAINED)
+
+
+@every_method
+@every_system
+def test_step_agrees_with_the_reference(name, scheme, stages):
+    """64 ε of q and p; IMS and EMS carry along g_q what rounding g costs, δg/(Δt g_q H_pp g_qᵀ).
+
+    That is 4γ/Δt · ε for a quaternion (test_step_reference.py); here masses of order one play the
+    part of γ, and g has terms up to 4. The multipliers hold it once more by Δt.
+    """
+    step, dt = stepper_for(name, scheme, stages), 0.03125
+    for q, p in states(name, 4, step):
+        exact = method_for(name, scheme, stages, q, p, dt).step()
+        made = step.integrate(q, p, dt=dt, steps=1, parameters=EXAMPLES[name].parameters)
+        size = largest(doubles(exact.p))
+        rounding = 0.0 if stages or not step.m else 8 * EPS / dt
+        assert largest(doubles(made.q[1] - exact.q)) <= 64 * EPS * max(1.0, largest(q))
+        assert largest(doubles(made.p[1] - exact.p)) <= 64 * EPS * size + rounding
+        if step.m:
+            found = made.multipliers[0].reshape(exact.multipliers.shape)
+            bound = 64 * EPS * (largest(doubles(exact.multipliers)) + 1 / dt**2)
+            assert largest(doubles(found - exact.multipliers)) <= bound
+
+
+@every_method
+@every_system
+def test_jacobian_agrees_with_the_reference(name, scheme, stages):
+    step, dt, rng = stepper_for(name, scheme, stages), 0.03125, np.random.default_rng(42)
+    example = EXAMPLES[name]
+    for q, p in states(name, 2, step):
+        method = method_for(name, scheme, stages, q, p, dt)
+        x = step.guess(q, p, dt=dt, parameters=example.parameters)
+        x += 0.05 * rng.standard_normal(step.unknowns)
+        run = {"dt": dt, "parameters": example.parameters}
+        exact = method.jacobian(x)
+        error = np.abs(step.jacobian(x, q, p, **run) - exact)
+        assert np.all(error.max(axis=1) <= 1e-12 * np.abs(exact).max(axis=1))
+        with mp.workdps(WORKING_DIGITS):
+            r = doubles(step.residual(x, q, p, **run)
+                        - method.residual(mp.mpf)(numbers(x, mp.mpf)))
+        # Gravity of 15 in H_q, forces of a few times 0.05, and x/Δt are what is added up.
+        assert largest(r) <= 64 * EPS * (16 + largest(x) + 0.1 / dt)
+
+
+@every_method
+@constrained
+def test_constraints_and_energy(name, scheme, stages):
+    """g on every step by every scheme, the momentum constraint by SPARK, H by EMS."""
+    step, steps, example = stepper_for(name, scheme, stages), 1000, EXAMPLES[name]
+    q, p = next(states(name, 1, step))
+    run = step.integrate(q, p, dt=0.02, steps=steps, parameters=example.parameters)
+    # Sums of six products up to 4, of coordinates rounded by ε/2; quartic g has slopes up to 4.
+    assert run.report.constraint_max <= 16 * EPS
+    momenta = np.abs(run.p).max()
+    if stages:
+        assert run.report.momentum_constraint_max <= 32 * EPS * momenta
+    error = np.abs(run.energy() - run.energy()[0]).max()
+    # Energies of up to 40: the kinetic and the potential part cancel in H.
+    rounding = 4 * EPS * np.sqrt(steps) * 40
+    # Where H and g are quadratic, IMS and EMS are one scheme.
+    exact = scheme == "EMS" or (scheme == "IMS" and name == "pendulum")
+    assert error <= rounding if exact else error > 100 * rounding
+
+
+@every_method
+def test_shapes(scheme, stages):
+    counts = {"IMS": 1, "EMS": 1, "G-L": 3, "LIIIA-B": 3}
+    for name, example in EXAMPLES.items():
+        step = stepper_for(name, scheme, stages)
+        n, m = len(example.q), len(example.symbolic.constraints)
+        assert (step.n, step.m) == (n, m)
+        q, p = next(states(name, 1, step))
+        run = step.integrate(q, p, dt=0.01, steps=5, parameters=example.parameters)
+        assert run.q.shape == run.p.shape == (6, n)
+        shapes = {0: (5, 0), 1: (5, counts[scheme]), 2: (5, counts[scheme], 2)}
+        assert run.multipliers.shape == shapes[m]
+        nodes = counts[scheme] - 1
+        assert step.unknowns == (2 * n * stages + m * nodes if stages else 2 * n + m)
+        with pytest.raises(gs.GyrosparkError, match="rigid"):
+            run.axis()
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize(("scheme", "stages"), METHODS)
+def test_order(name, scheme, stages):
+    """Halved steps against 4096 of another scheme: 2, 2, 4 and 4, on every system."""
+    step, example = stepper_for(name, scheme, stages), EXAMPLES[name]
+    q, p = next(states(name, 1, step))
+    run = {"parameters": example.parameters}
+    other = stepper_for(name, *(("LIIIA-B", 3) if scheme == "G-L" else ("G-L", 2)))
+    exact = other.integrate(q, p, dt=0.5 / 4096, steps=4096, every=4096, **run)
+    counts = np.array([32, 64, 128])
+    errors = [np.abs(step.integrate(q, p, dt=0.5 / n, steps=int(n), **run).q[-1]
+                     - exact.q[-1]).max() for n in counts]
+    slope = np.polyfit(np.log(0.5 / counts), np.log(errors), 1)[0]
+    assert step.order == (4 if stages else 2)
+    # Errors from 1e-3 down to 1e-9 and above: no plateau, but the next term is not small.
+    assert abs(slope - step.order) < 0.25
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize(("scheme", "stages"), METHODS)
+def test_reversal_and_python(name, scheme, stages):
+    step, example, dt = stepper_for(name, scheme, stages), EXAMPLES[name], 0.03125
+    for q, p in states(name, 3, step):
+        there = step.step(q, p, dt=dt, parameters=example.parameters)
+        back = step.step(*there, dt=-dt, parameters=example.parameters)
+        slow = step.step(q, p, dt=dt, parameters=example.parameters, solver="python")
+        rounding = 0.0 if stages or not step.m else 16 * EPS / dt
+        for first, second in ((back, (q, p)), (slow, there)):
+            assert largest(first[0] - second[0]) <= 64 * EPS
+            assert largest(first[1] - second[1]) <= 64 * EPS * largest(p) + rounding
+
+
+@constrained
+def test_project(name):
+    """A state off the constraints is refused, and accepted once projected."""
+    step, example = stepper_for(name, "G-L", 2), EXAMPLES[name]
+    run = {"dt": 0.01, "parameters": example.parameters}
+    with pytest.raises(gs.InputError, match="constraints"):
+        step.step(example.q, example.p, **run)
+    q, p = step.project(example.q, example.p, parameters=example.parameters)
+    equations = example.by_hand(float)
+    assert largest(equations.g(q)) <= 16 * EPS
+    assert largest(equations.G(q) @ equations.H_p(q, p)) <= 32 * EPS * largest(p)
+    step.step(q, p, **run)
+
+
+@pytest.mark.parametrize(("scheme", "stages", "factor"), [
+    ("EMS", None, 3), ("G-L", 2, 1), *(
+        pytest.param(*method, factor, marks=pytest.mark.slow)
+        for method in METHODS for factor in (1, 3)
+        if (*method, factor) not in (("EMS", None, 3), ("G-L", 2, 1)))])
+@pytest.mark.parametrize("dt", [0.1, 0.01])
+def test_redundant_constraints_fail_clearly(scheme, stages, factor, dt):
+    """A constraint given twice leaves its multipliers undetermined: a clear failure, or the step.
+
+    It is refused before; who asks for it all the same gets this. Elimination meets a pivot that is
+    zero up to rounding only. Newton may then still find q and p, which are determined, with
+    multipliers of the right sum; it must not hand over other states.
+    """
+    x, y, z, a, b, c = sp.symbols("x y z a b c", real=True)
+    sphere = x**2 + y**2 + z**2 - 1
+    system = System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2 + z,
+                    (sphere, factor * sphere), name="twice")
+    with pytest.raises(gs.InputError, match="g1"):
+        gs.stepper(scheme, stages, system=system)
+    step = gs.stepper(scheme, stages, system=system, allow_invalid=True)
+    for q, p in (([0.6, 0.0, 0.8], [0.0, 1.0, 0.0]), ([0.48, 0.6, 0.64], [0.8, 0.0, -0.6])):
+        failure = None
+        try:
+            found, _ = step.step(q, p, dt=dt, parameters={})
+        except gs.StepFailed as caught:
+            failure = caught
+        if failure is None:
+            assert abs(found @ found - 1) < 1e-12
+            continue
+        assert failure.step == 1
+        assert failure.reason in REASONS.values()
+        assert failure.trajectory.q.shape == (1, 3)
+        assert len(failure.trajectory.multipliers) == 0
+
+
+@constrained
+def test_no_steps(name):
+    """An integration of no steps keeps the shapes, for two constraints as well."""
+    step = stepper_for(name, "G-L", 2)
+    q, p = next(states(name, 1, step))
+    run = step.integrate(q, p, dt=0.1, steps=0, parameters=EXAMPLES[name].parameters)
+    assert run.multipliers.shape == ((0, 3, 2) if name == "pendulum" else (0, 3))
+
+
+@every_method
+@pytest.mark.parametrize("masses", [(1e-4, 1e-5), (1e3, 1e4), (1e-3, 1.0)])
+def test_consistency_is_judged_in_any_units(scheme, stages, masses):
+    """What ``project`` returns is a start, whatever the size of the masses."""
+    step, rng = stepper_for("pendulum", scheme, stages), np.random.default_rng(43)
+    m1, m2 = masses
+    parameters = EXAMPLES["pendulum"].parameters | {"m1": m1, "m2": m2}
+    for _ in range(10):
+        q = np.array(EXAMPLES["pendulum"].q) * (1 + 0.1 * rng.standard_normal(4))
+        p = rng.standard_normal(4) * [m1, m1, m2, m2]
+        step.step(*step.project(q, p, parameters=parameters), dt=1e-3, parameters=parameters)
+
+
+@pytest.mark.parametrize("scheme", ["IMS", "EMS"])
+@constrained
+def test_states_of_ims_and_ems_are_starts(name, scheme):
+    """Every state of a run is accepted as a start, and goes on as the run did."""
+    step, example = stepper_for(name, scheme, None), EXAMPLES[name]
+    q, p = next(states(name, 1, step))
+    how = {"dt": 0.02, "parameters": example.parameters}
+    run = step.integrate(q, p, steps=50, solver="newton", **how)
+    for k in range(50):
+        q, p = step.step(run.q[k], run.p[k], solver="newton", **how)
+        assert np.array_equal(q, run.q[k + 1])
+        assert np.array_equal(p, run.p[k + 1])
+        q, p = step.step(run.q[k], run.p[k], **how)
+        for new, old in ((q, run.q[k + 1]), (p, run.p[k + 1])):
+            assert np.abs(new - old).max() < 1e-13 * (1 + np.abs(old).max())

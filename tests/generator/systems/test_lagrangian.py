@@ -1,0 +1,339 @@
+"""Systems from a Lagrangian: the C factorises M(q), the second way inverts it in symbols.
+
+    double   two links on a plane: M is full, n = 2, m = 0
+    bead     in cylindrical coordinates (r, z, φ) that turn with w: b ≠ 0, r and z coupled in M, φ
+             not, on r² + z² = l², damped and driven: n = 3, m = 1
+"""
+
+from __future__ import annotations
+
+import pickle
+import re
+import runpy
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy.core.cache import clear_cache
+
+import gyrospark as gs
+from calls import refused
+from compilers import MAIN, compiler
+from gyrospark.generator.kernels.numpy_kernels import carry_out
+from gyrospark.generator.kernels.statements import Kernel
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.schemes.lagrangian_kernels import (
+    motion_kernels,
+    newton_kernels,
+    state_kernels,
+)
+from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.spec import Spec
+from gyrospark.generator.symbolic.shared_subexpressions import Shared, share
+from gyrospark.runtime.compilation.object_files import objects_of
+from lagrangians import bead, case, double
+from processes import ROOT, call
+from strategies import EPS
+
+SCHEMES = [("G-L", 3), ("IMS", None)]
+TINY = 1e-100
+
+
+@cache
+def andrews():
+    """What ``examples/andrews.py`` defines."""
+    return runpy.run_path(str(ROOT / "examples" / "andrews.py"))
+
+
+SYSTEMS = [double, bead]
+
+
+# ---------------------------------------------------------------- motion, the second way
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("make", SYSTEMS)
+def test_motion_is_that_of_the_hamiltonian_written_out(make, scheme):
+    """M⁻¹ in symbols gives the same states: what differs is the rounding of a hundred steps.
+
+    The momenta of IMS are not on G v = 0, and g = 0 is met by their jumps: rounding by Δt in each.
+    """
+    system, parameters, q, v = case(make)
+    step, other = (gs.stepper(*scheme, system=s) for s in (system, system.legendre()))
+    p = step.momenta(q, v, parameters=parameters)
+    for solver in ("auto", "newton", "fixed-point"):
+        run, second = (one.integrate(q, p, dt=0.01, steps=100, parameters=parameters, t0=0.3,
+                                     solver=solver) for one in (step, other))
+        size = np.abs(run.p).max()
+        np.testing.assert_allclose(run.q, second.q, rtol=0, atol=500 * EPS)
+        np.testing.assert_allclose(run.p, second.p, rtol=0, atol=5000 * EPS * size)
+        np.testing.assert_allclose(run.energies, second.energies, rtol=0,
+                                   atol=5000 * EPS * np.abs(run.energies).max())
+        np.testing.assert_allclose(run.work, second.work, rtol=0, atol=500 * EPS * size)
+        np.testing.assert_allclose(run.f_errors, 0, atol=64 * EPS if scheme[1] else 1.0)
+        assert run.velocities.shape == run.q.shape
+        assert second.velocities.shape == (101, 0)
+
+
+@pytest.mark.parametrize("make", SYSTEMS)
+def test_lanes_move_each_member_as_it_moves_alone(make):
+    system, parameters, q, v = case(make)
+    step = gs.stepper("G-L", 3, system=system)
+    masses = np.linspace(1.0, 2.0, 5)
+    sets = [parameters | {"m": m} for m in masses]
+    p = np.array([step.momenta(q, v, parameters=one) for one in sets])
+    many = step.integrate_ensemble(np.tile(q, (5, 1)), p, dt=0.01, steps=30,
+                                   parameters=parameters | {"m": masses})
+    for i, one in enumerate(sets):
+        alone = step.integrate(q, p[i], dt=0.01, steps=30, parameters=one)
+        np.testing.assert_allclose(many.q[i], alone.q, rtol=0, atol=200 * EPS)
+        np.testing.assert_allclose(many.p[i], alone.p, rtol=0, atol=2000 * EPS)
+
+
+@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
+def test_all_types_of_numbers(real):
+    """The errors of a few steps shrink with the rounding of the type, order being the same."""
+    system, parameters, q, v = case(bead)
+    step, exact = (gs.stepper("G-L", 2, system=s, real=real)
+                   for s in (system, system.legendre()))
+    p = step.momenta(q, v, parameters=parameters)
+    q, p = step.project(q, p, parameters=parameters)
+    run, second = (one.integrate(q, p, dt=0.01, steps=5, parameters=parameters)
+                   for one in (step, exact))
+    eps = float(step.binding.epsilon)
+    assert float(abs(run.q - second.q).max()) < 100 * eps
+    assert float(abs(run.p - second.p).max()) < 1000 * eps
+    assert float(abs(run.velocities[0] - v).max()) < 100 * eps + 1e-15
+
+
+# ---------------------------------------------------------------- kernels, one by one
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("make", SYSTEMS)
+def test_what_a_step_solves_and_its_jacobian(make, scheme):
+    """Residual and Jacobian, entry by entry, against those of H written out."""
+    system, parameters, q, v = case(make)
+    step, other = (gs.stepper(*scheme, system=s) for s in (system, system.legendre()))
+    p = step.momenta(q, v, parameters=parameters)
+    rng = np.random.default_rng(5)
+    x = step.guess(q, p, dt=0.02, parameters=parameters)
+    x = x + 0.05 * rng.standard_normal(len(x))
+    for what in ("residual", "jacobian"):
+        values = [getattr(one, what)(x, q, p, dt=0.02, parameters=parameters, t=0.7)
+                  for one in (step, other)]
+        np.testing.assert_allclose(*values, rtol=0, atol=256 * EPS * np.abs(values[1]).max())
+
+
+@pytest.mark.parametrize("make", SYSTEMS)
+def test_derivatives_along_directions_are_those_of_the_complex_step(make):
+    system, parameters, q, v = case(make)
+    reduced, constants = hoisted(system)
+    kernels = {k.name: k for made in (state_kernels, motion_kernels, newton_kernels)
+               for k in made(reduced)}
+
+    def numbers(name, **inputs):
+        (value,) = carry_out(kernels[name], constants, parameters, inputs).values()
+        return value
+
+    def momenta(q, v):
+        M, slots = numbers("mass_matrix", q=q), reduced.elimination.slot_of
+        entries = np.zeros((system.n, system.n), dtype=M.dtype)
+        for place, slot in slots.items():
+            entries[place] = M[slot]
+        return entries @ v + numbers("rest_momentum", q=q)
+
+    rng = np.random.default_rng(7)
+    dq, dv = rng.standard_normal((2, system.n))
+    at = [0.4]
+    changed = numbers("slope_change", q=q, v=v, dq=dq, dv=dv)
+    if system.forces:
+        changed = changed + numbers("force_change", q=q, v=v, t=at, dq=dq, dv=dv)
+    along = numbers("push", q=q + 1j * TINY * dq, v=v + 1j * TINY * dv, t=at).imag / TINY
+    np.testing.assert_allclose(changed, along, rtol=64 * EPS, atol=64 * EPS)
+    by_v = [numbers("slope_change", q=q, v=v, dq=0 * dq, dv=e) for e in np.eye(system.n)]
+    np.testing.assert_allclose(by_v @ dq, momenta(q + 1j * TINY * dq, v).imag / TINY,
+                               rtol=64 * EPS, atol=64 * EPS)
+    if not system.forces:  # R = dL/dq, with L = ½ v·(p + b) − V
+        def L(q):
+            b = numbers("rest_momentum", q=q)
+            return v @ (momenta(q, v) + b) / 2 - numbers("potential", q=q)
+        slopes = [L(q + 1j * TINY * e).imag / TINY for e in np.eye(system.n)]
+        np.testing.assert_allclose(numbers("push", q=q, v=v, t=at), slopes, rtol=64 * EPS)
+
+
+@pytest.mark.parametrize("make", SYSTEMS)
+def test_velocities_are_the_way_back_of_momenta(make):
+    system, parameters, q, _ = case(make)
+    step = gs.stepper("G-L", 3, system=system)
+    rng = np.random.default_rng(3)
+    rows_q, rows_v = q + 0.1 * rng.standard_normal((2, 3, 4, system.n))
+    p = step.momenta(rows_q, rows_v, parameters=parameters)
+    assert p.shape == rows_q.shape
+    back = step.velocities(rows_q, p, parameters=parameters)
+    np.testing.assert_allclose(back, rows_v, rtol=0, atol=64 * EPS * np.abs(rows_v).max())
+
+
+def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
+    system, parameters, q, v = case(double)
+    step = gs.stepper("G-L", 3, system=system)
+    p = step.momenta(q, v, parameters=parameters)
+    run = step.integrate(q, p, dt=0.01, steps=4, parameters=parameters)
+    np.testing.assert_allclose(run.velocities[0], v, rtol=0, atol=16 * EPS)
+    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    assert np.array_equal(again.velocities, run.velocities)
+    heading = run.save(tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert heading.endswith("v1,v2")
+
+
+def test_long_kernels_are_compiled_once(tmp_path):
+    """Of the objects of a module one has the text of a kernel, what else calls it a declaration."""
+    files = generate(Spec.checked("G-L", 2), system=andrews()["system"]).source.files()
+    (tmp_path / "andrews_gl2.c").write_text(files["andrews_gl2.c"])
+    kernel = re.compile(r"^(?!.*static).*\bvoid (\w*constraint_increment)\([^;{]*\)\s*{",
+                        re.MULTILINE)
+    texts = {}
+    for made in (made for part in ("runs", "lanes")
+                 for made in objects_of("andrews_gl2", files, part)):
+        (tmp_path / "andrews_gl2.h").write_text(made.header)
+        command = [*compiler(MAIN), "-E", "-P", *made.flags, "andrews_gl2.c"]
+        texts[made.name] = kernel.findall(call(command, cwd=tmp_path).stdout)
+    assert texts == {"object1": ["constraint_increment"], "object2": [],
+                     "object4": ["lanes_constraint_increment"], "object3": []}
+
+
+def test_equal_shared_parts_are_the_same():
+    """However they came about: what is made of them is compared at once."""
+    x, y = sp.symbols("x y", real=True)
+    part = Shared(x * (1 + y))
+    clear_cache()  # SymPy's own keeps the last thousand
+    assert Shared((y + 1) * x) is part
+    assert Shared(sp.Integer(2)) == 2
+    assert pickle.loads(pickle.dumps(part)) is part
+
+
+@pytest.mark.parametrize("factors", [True, False])
+def test_what_cancels_is_not_written_and_nothing_has_two_names(factors):
+    x, y, z = sp.symbols("x y z", real=True)
+    one, same = share(x * y + z), Shared(Shared(z) + x * y)
+    lost = share(one * sp.sin(x))
+    made = Kernel("k", "", {"v": [x, y, z]}, {"out": [lost * (one - same) + one, same * x]},
+                  factors=factors).statements
+    used = {s for _, e in (*made.shared, *made.outputs) for s in e.free_symbols}
+    assert {symbol for symbol, _ in made.shared} <= used
+    assert not any(e.is_Symbol for _, e in made.shared)
+    assert not any(e.has(sp.sin) for _, e in made.shared)
+
+
+def test_an_l_that_is_quadratic_though_it_is_no_polynomial():
+    """Its degree is not seen from the outside: its derivatives are looked at."""
+    v, w = sp.symbols("v w", real=True)
+    x, y = sp.symbols("x y", real=True)
+    L = sp.exp(2 * sp.log(1 + v**2) / 2) + w**2 * (1 + x**2) / 2
+    system = gs.System.from_lagrangian(L, [x, y], [v, w], [])
+    assert system.mass[0, 0].subs(v, 0) == 2
+
+
+def test_zeros_of_the_mass_matrix_are_not_touched():
+    system = bead()
+    assert system.elimination.entries == 4  # three on the diagonal, r with z
+    assert system.elimination.products == 1
+
+
+# ---------------------------------------------------------------- bad input
+
+X, Y, VX, VY, M = sp.symbols("x y vx vy m", real=True)
+FREE = M * (VX**2 + VY**2) / 2
+
+
+def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
+    return gs.System.from_lagrangian(L, q, v, parameters, *more, **named)
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    ({"L": M * sp.sqrt(1 + VX**2) + VY**2}, "quadratic"),
+    ({"L": FREE + VX**3}, "quadratic"),
+    ({"L": M * VX**2 / 2}, r"singular.*\bvy\b"),
+    ({"L": M * (VX + X * VY) ** 2 / 2}, "singular.*vx, vy"),
+    ({"L": FREE * sp.Abs(X)}, "switches"),
+    ({"v": (VX,)}, "2 coordinates.*1 velocities"),
+    ({"v": (VX, sp.Integer(1))}, "velocities.*symbol"),
+    ({"L": M * (VX**2 + X**2) / 2, "v": (VX, X)}, "'x'.*twice"),
+    ({"q": X}, "q = x"),
+    ({"L": "x"}, "SymPy"),
+    ({"L": FREE + sp.Symbol("k")}, "unknown symbol 'k'"),
+    ({"forces": (VX, sp.Symbol("k"))}, "Force 1.*unknown symbol"),
+    ({"forces": (VX,)}, "1 forces.*2 coordinates"),
+    ({"constraints": (X * VX,)}, "holonomic"),
+])
+def test_bad_input_is_told_in_a_sentence(arguments, said):
+    with refused(said):
+        lagrangian(**arguments)
+
+
+def test_velocities_of_a_hamiltonian_system_are_refused(gl3):
+    with refused("heavy_top_gl3_gamma.*Hamiltonian"):
+        gl3.momenta([1, 0, 0, 0], [0, 0, 0, 0], parameters={})
+
+
+def test_velocities_of_another_shape_are_refused():
+    system, parameters, q, v = case(double)
+    step = gs.stepper("G-L", 3, system=system)
+    with refused(r"\(2,\).*\(3,\)"):
+        step.momenta(q, [*v, 0], parameters=parameters)
+
+
+# ---------------------------------------------------------------- Andrews' mechanism
+
+#: At t = 0.03 s, by mpmath with 32 digits, 240 and 340 steps of another method.
+ANDREWS = {
+    "beta": (15.8107711951537071, 1139.920302259106064),
+    "theta": (-15.75637105841183947, -1424.379295177540073),
+    "gamma": (0.04082224011964580486, 11.03291191061859375),
+    "phi": (-0.5347301163420795938, 19.29337410503204083),
+    "delta": (0.5244099658799540694, 0.5735699148295024538),
+    "omega": (0.5347301163420795938, -19.29337410503204083),
+    "epsilon": (1.048080741041937873, 0.323179149249130875),
+}
+
+
+def test_andrews_mechanism_is_its_lagrangian_typed_in():
+    path = ROOT / "examples" / "andrews.py"
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
+    made = andrews()
+    step = gs.stepper("G-L", 4, system=made["system"])
+    rest = step.momenta(made["start"], np.zeros(7), parameters=made["values"])
+    energy = step.energy(made["start"], rest, parameters=made["values"])
+    assert abs(energy - 1.4378329575321398726) < 8 * EPS
+    run = step.integrate(made["start"], rest, dt=0.03 / 400, steps=400,
+                         parameters=made["values"])
+    places, rates = np.array([ANDREWS[name] for name in run.coordinates]).T
+    np.testing.assert_allclose(run.q[-1], places, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(run.velocities[-1], rates, rtol=2e-12)
+
+
+# ---------------------------------------------------------------- what is not made of it
+
+
+def test_what_needs_h_written_out_says_so():
+    """Profile control and certificates."""
+    control = Spec.checked("G-L", 2).with_profile("control")
+    with refused("control.*Lagrangian"):
+        generate(control, system=double())
+    system, parameters, q, v = case(double)
+    p = gs.stepper("G-L", 3, system=system).momenta(q, v, parameters=parameters)
+    model = gs.Model(system, parameters, q, p, dt=0.01, steps=5)
+    with refused("Lagrangian.*promises"):
+        gs.certify(model, "G-L", 3)
+
+
+def test_consistent_starts_without_a_compiler():
+    """Those of the compiled projection."""
+    system, parameters, q, v = case(bead)
+    step = gs.stepper("G-L", 3, system=system)
+    p = step.momenta(q + 0.01, v, parameters=parameters)
+    found = gs.consistent(system, q + 0.01, p, parameters)
+    again = step.project(q + 0.01, p, parameters=parameters)
+    np.testing.assert_allclose(found.q, again[0], rtol=0, atol=16 * EPS)
+    np.testing.assert_allclose(found.p, again[1], rtol=0, atol=64 * EPS)

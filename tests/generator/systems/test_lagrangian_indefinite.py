@@ -1,0 +1,96 @@
+"""Lagrangians whose M is regular and not positive definite, and starts where it has no inverse."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.linalg import expm
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from strategies import EPS
+
+Q, V = sp.symbols("x y", real=True), sp.symbols("vx vy", real=True)
+START, RATES = np.array([0.3, 0.4]), np.array([0.1, -0.2])
+K = np.array([[1.3, 1 / 3], [1 / 3, 1.3]])
+
+
+@cache
+def coupled():
+    """M = [[e, 1], [1, e]] and a spring."""
+    e = sp.Symbol("e", positive=True)
+    x, y = Q
+    L = e * (V[0] ** 2 + V[1] ** 2) / 2 + V[0] * V[1]
+    L -= sp.Rational(13, 20) * (x**2 + y**2) + x * y / 3
+    return gs.System.from_lagrangian(L, Q, V, [e], name="coupled")
+
+
+@cache
+def stepper(*scheme):
+    return gs.stepper(*scheme, system=coupled())
+
+
+def closed(e, t):
+    """(x, y, p) at t: M q'' = −K q."""
+    M = np.array([[e, 1], [1, e]])
+    zero = np.zeros((2, 2))
+    A = np.block([[zero, np.linalg.inv(M)], [-K, zero]])
+    return expm(A * t) @ np.concatenate([START, M @ RATES])
+
+
+@pytest.mark.parametrize("e", [1e-9, 1e-15, 0.5, 3.0])
+def test_any_sign_of_the_mass_matrix(e):
+    parameters = {"e": e}
+    step = stepper("G-L", 3)
+    p = step.momenta(START, RATES, parameters=parameters)
+    np.testing.assert_allclose(step.velocities(START, p, parameters=parameters), RATES,
+                               rtol=0, atol=4 * EPS)
+    what = {"dt": 0.02, "steps": 50, "parameters": parameters}
+    run = step.integrate(START, p, **what)
+    newton = step.integrate(START, p, solver="newton", **what)
+    many = step.integrate_ensemble(np.tile(START, (5, 1)), np.tile(p, (5, 1)), **what)
+    for q, momenta in ((run.q[-1], run.p[-1]), (newton.q[-1], newton.p[-1]),
+                       (many.q[3][-1], many.p[3][-1])):
+        np.testing.assert_allclose([*q, *momenta], closed(e, 1.0), rtol=0, atol=2e-13)
+
+
+def test_energy_is_kept_by_ems():
+    step = stepper("EMS")
+    p = step.momenta(START, RATES, parameters={"e": 1e-12})
+    run = step.integrate(START, p, dt=0.01, steps=100, parameters={"e": 1e-12})
+    assert np.abs(run.energy_error()).max() <= 8 * EPS
+    assert np.abs(np.array([*run.q[-1], *run.p[-1]]) - closed(1e-12, 1.0)).max() <= 1e-5
+
+
+def test_masses_of_bodies_need_no_pivots():
+    x = Q[0]
+    L = (2 * V[0] ** 2 + V[1] ** 2 + 2 * V[0] * V[1] * sp.cos(x)) / 2
+    assert gs.System.from_lagrangian(L, Q, V, []).is_definite
+    assert not coupled().is_definite
+
+
+@cache
+def rotating():
+    return gs.stepper("G-L", 2, system=gs.System.from_lagrangian(
+        (V[0] ** 2 + sp.sin(Q[0]) ** 2 * V[1] ** 2) / 2 - sp.cos(Q[0]), Q, V, [], name="polar"))
+
+
+def test_a_start_where_the_mass_matrix_has_no_inverse():
+    step = rotating()
+    with pytest.raises(InputError, match="vy"):
+        step.integrate([0, 0.4], [0, 0], dt=0.01, steps=1, parameters={})
+    step.integrate([0.1, 0.4], [0, 0], dt=0.01, steps=1, parameters={})
+    step = stepper("G-L", 3)
+    with pytest.raises(InputError, match="no inverse"):
+        step.integrate(START, RATES, dt=0.01, steps=1, parameters={"e": 1.0})
+
+
+def test_a_mass_matrix_that_was_seen_to_be_definite_and_is_not():
+    c = sp.Symbol("c", real=True)
+    L = (V[0] ** 2 + V[1] ** 2 * (1 + c)) / 2
+    step = gs.stepper("IMS", system=gs.System.from_lagrangian(L, Q, V, [c], name="turned"))
+    with pytest.raises(InputError, match="positive definite"):
+        step.integrate(START, RATES, dt=0.01, steps=1, parameters={"c": -3})

@@ -1,0 +1,370 @@
+"""Systems of sympy.physics.mechanics, against the equations of motion that it derives itself.
+
+M q̈ = L_q + F − (L_v)_q q̇ − (L_v)_t: both sides at random states, without a step taken.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+import sympy.physics.mechanics as me
+
+import gyrospark as gs
+from calls import refused
+from gyrospark.generator.symbolic.derivatives import along
+from gyrospark.generator.symbolic.finite_fields import vanish
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
+from gyrospark.generator.symbolic.shared_subexpressions import parts_of
+from gyrospark.generator.systems.sympy_motion import Motion
+from mechanics_systems import T, joints
+from strategies import EPS
+
+
+def sides(system, values, q, v, t=0.0):
+    """Return M and L_q + F − (L_v)_q v − (L_v)_t of a system in numbers."""
+    at = {s: values[str(s)] for s in system.parameters}
+    at |= dict(zip((*system.q, *system.velocities), (*q, *v), strict=True)) | {T: t}
+    entries = evaluate(system.mass_entries, at)
+    M = np.zeros((system.n, system.n))
+    for place, slot in system.elimination.slot_of.items():
+        M[place] = entries[slot]
+    time = [] if system.clock is None else [system.clock]
+    moved = along(system.L_v, [*system.q, *time], [*system.velocities, *(sp.S.One for _ in time)])
+    return M, evaluate(system.push, at) - evaluate(moved, at)
+
+
+def numbers(matrix, q, u, values, t=0.0):
+    """Return a matrix of SymPy's in numbers, at coordinates and speeds that are functions of t."""
+    rates = [x.diff(T) for x in q[0]]
+    at = dict(zip(q[0], q[1], strict=True))
+    names = {**at, **dict(zip(u[0], u[1], strict=True))}
+    matrix = me.msubs(matrix, dict(zip(rates, u[1], strict=True)), names)
+    return np.array(matrix.subs({**{s: values[str(s)] for s in matrix.free_symbols - {T}}, T: t})
+                    ).astype(float)
+
+
+def state(n, seed=1):
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((2, n))
+
+
+def particles(lift=sp.S.Zero):
+    """Two particles on massless rods in a plane, on a pivot that may be lifted by a law.
+
+    Frame, coordinates, points with velocities, bodies.
+    """
+    q = me.dynamicsymbols("q1 q2")
+    m, length = sp.symbols("m l", positive=True)
+    N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
+    O.set_vel(N, 0)
+    pivot = O.locatenew("pivot", lift * N.y)
+    pivot.set_vel(N, lift.diff(T) * N.y)
+    points = [pivot]
+    for i, x in enumerate(q):
+        arm = N.orientnew(f"A{i}", "Axis", [x, N.z])
+        points.append(points[-1].locatenew(f"P{i}", length * arm.x))
+        points[-1].v2pt_theory(points[-2], N, arm)
+    bodies = [me.Particle(f"b{i}", P, m) for i, P in enumerate(points[1:])]
+    return N, q, points[1:], bodies
+
+
+VALUES = {"m": 1.3, "l": 0.7, "g": 9.81, "k": 0.4, "I1": 0.3, "I2": 0.2, "c": 0.6}
+
+
+def test_lagranges_method():
+    """With a force that has no potential, one that has, and one that depends on time."""
+    N, q, points, bodies = particles()
+    g, k, m, c = sp.symbols("g k m c", positive=True)
+    loads = [(points[1], -k * points[1].vel(N)), (points[0], -m * g * N.y),
+             (points[0], c * sp.cos(3 * T) * N.x)]
+    method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, loads, bodies, N)
+    method.form_lagranges_equations()
+    system = gs.from_mechanics(method, name="double")
+    assert [str(x) for x in (*system.q, *system.p, *system.velocities)] == [
+        "q1", "q2", "p_q1", "p_q2", "q1_t", "q2_t"]
+    assert [str(x) for x in system.parameters] == ["c", "g", "k", "l", "m"]
+    assert system.potential.has(g)  # a constant force has a potential
+    assert not any(f.has(g) for f in system.forces)
+    values, v = state(2)
+    M, right = sides(system, VALUES, values, v, 0.3)
+    at = (q, values), (q, v)
+    rates = [x.diff(T) for x in q]
+    np.testing.assert_allclose(M, numbers(method.mass_matrix, (q, values), (rates, v), VALUES),
+                               rtol=64 * EPS)
+    np.testing.assert_allclose(
+        right, numbers(method.forcing, at[0], (rates, v), VALUES, 0.3).ravel(), rtol=256 * EPS)
+
+
+def test_holonomic_constraints_of_lagranges_method():
+    N, q, points, bodies = particles()
+    place = points[1].pos_from(points[0]).dot(N.x)
+    method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, None, bodies, N, [place])
+    system = gs.from_mechanics(method)
+    assert system.m == 1
+    assert not system.forces
+    assert sp.simplify(system.constraints[0] - sp.Symbol("l", positive=True)
+                       * sp.cos(system.q[1])) == 0
+
+
+def spinning():
+    """A body on a point, turned by space angles, in speeds Ω of the body: KanesMethod."""
+    q, u = me.dynamicsymbols("q1:4"), me.dynamicsymbols("u1:4")
+    m, g, c, I1, I2 = sp.symbols("m g c I1 I2", positive=True)
+    N = me.ReferenceFrame("N")
+    B = N.orientnew("B", "Body", q, "ZXZ")
+    given = B.ang_vel_in(N)
+    B.set_ang_vel(N, sum((x * axis for x, axis in zip(u, (B.x, B.y, B.z), strict=True)), 0 * B.x))
+    O = me.Point("O")  # noqa: E741
+    O.set_vel(N, 0)
+    C = O.locatenew("C", c * B.z)
+    C.v2pt_theory(O, N, B)
+    body = me.RigidBody("top", C, B, m, (me.inertia(B, I1, I1, I2), C))
+    kinematics = [x - given.dot(axis) for x, axis in zip(u, (B.x, B.y, B.z), strict=True)]
+    return me.KanesMethod(N, q, u, kinematics, bodies=[body], forcelist=[(C, -m * g * N.z)]), q, u
+
+
+def test_kanes_method_with_speeds_that_are_no_rates():
+    """q̈ of both: Kane's from u̇, with q̇ = A(q) u."""
+    method, q, u = spinning()
+    method.kanes_equations()
+    system = gs.from_mechanics(method, name="top")
+    assert [str(x) for x in system.velocities] == ["q1_t", "q2_t", "q3_t"]
+    assert not system.forces  # gravity at a point that is placed from O
+    values, speeds = state(3, 4)
+    rates = sp.Matrix([method.kindiffdict()[x.diff(T)] for x in q])
+    at = (q, values), (u, speeds)
+    v = numbers(rates, *at, VALUES).ravel()
+    udot = np.linalg.solve(numbers(method.mass_matrix, *at, VALUES),
+                           numbers(method.forcing, *at, VALUES)).ravel()
+    accelerations = (numbers(rates.jacobian(q), *at, VALUES) @ v
+                     + numbers(rates.jacobian(u), *at, VALUES) @ udot)
+    M, right = sides(system, VALUES, values, v)
+    np.testing.assert_allclose(np.linalg.solve(M, right), accelerations, rtol=1e4 * EPS)
+
+
+def test_a_system_of_joints_and_actuators():
+    method = joints(3)
+    system = gs.from_mechanics(method, name="arm")
+    assert [str(x) for x in system.velocities] == ["u0", "u1", "u2"]
+    assert system.potential.has(sp.Symbol("g", positive=True))
+    method.form_eoms()
+    values, v = state(3, 2)
+    M, right = sides(system, VALUES, values, v)
+    at = (list(method.q), values), (list(method.u), v)
+    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, VALUES), rtol=1e3 * EPS,
+                               atol=64 * EPS)
+    np.testing.assert_allclose(right, numbers(method.forcing, *at, VALUES).ravel(), rtol=1e4 * EPS)
+
+
+def test_long_lagrangians_share_what_recurs():
+    """A chain of five: what is shared changes no value."""
+    method = joints(5)
+    system = gs.from_mechanics(method, name="arm")
+    assert system.is_long
+    assert "M(q)" in system.texts()[0]
+    method.form_eoms()
+    values, v = state(5, 3)
+    M, _ = sides(system, VALUES, values, v)
+    at = (list(method.q), values), (list(method.u), v)
+    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, VALUES), rtol=0,
+                               atol=1e3 * EPS * np.abs(M).max())
+
+
+# ---------------------------------------------------------------- bases that are driven
+
+A, W = sp.symbols("a w", positive=True)
+#: How high a base is that goes up and down.
+LIFT = A * sp.cos(W * T)
+DRIVEN = {**VALUES, "a": 0.2, "w": 3.0}
+
+
+def check_forcing(method, system, values, v, t, speeds):
+    """Compare M and the right side with those of the method, at a time."""
+    M, right = sides(system, DRIVEN, values, v, t)
+    at = (list(method.q), values), (speeds, v)
+    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, DRIVEN, t), rtol=1e3 * EPS,
+                               atol=64 * EPS)
+    np.testing.assert_allclose(right, numbers(method.forcing, *at, DRIVEN, t).ravel(),
+                               rtol=1e4 * EPS, atol=64 * EPS)
+
+
+def test_a_driven_base_of_lagranges_method():
+    N, q, points, bodies = particles(LIFT)
+    g, m = sp.symbols("g m", positive=True)
+    loads = [(P, -m * g * N.y) for P in points]
+    method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, loads, bodies, N)
+    method.form_lagranges_equations()
+    system = gs.from_mechanics(method, name="driven")
+    assert system.clock == T
+    assert [str(x) for x in (*system.q, *system.velocities, *system.parameters)] == [
+        "q1", "q2", "q1_t", "q2_t", "a", "g", "l", "m", "w"]
+    assert not system.forces  # weights have a potential, from a point at rest
+    check_forcing(method, system, *state(2), 0.7, [x.diff(T) for x in q])
+
+
+def test_a_driven_base_of_kanes_method():
+    N, q, points, bodies = particles(LIFT)
+    u = me.dynamicsymbols("u1 u2")
+    method = me.KanesMethod(N, q, u, [a.diff(T) - b for a, b in zip(q, u, strict=True)],
+                            bodies=bodies, forcelist=[(points[1], -VALUES["g"] * N.y)])
+    method.kanes_equations()
+    system = gs.from_mechanics(method, name="driven")
+    assert [str(v) for v in system.velocities] == ["u1", "u2"]
+    values, v = state(2)
+    M, right = sides(system, DRIVEN, values, v, 0.7)
+    rates = (q, values), ([x.diff(T) for x in q], v)
+    found = [numbers(me.msubs(e, dict(zip(u, rates[1][0], strict=True))), *rates, DRIVEN, 0.7)
+             for e in (method.mass_matrix, method.forcing)]
+    np.testing.assert_allclose(np.linalg.solve(M, right),
+                               np.linalg.solve(found[0], found[1]).ravel(), rtol=1e3 * EPS)
+
+
+def test_a_chain_on_a_driven_base_is_long_and_has_its_time():
+    method = joints(5, LIFT)
+    system = gs.from_mechanics(method, name="arm")
+    assert system.is_long
+    assert system.clock == T
+    method.form_eoms()
+    check_forcing(method, system, *state(5, 3), 0.7, list(method.u))
+    angle, rate = state(5, 4)
+    at = dict(zip((*system.q, *system.velocities), (*angle, *rate), strict=True)) | {
+        s: DRIVEN[str(s)] for s in system.parameters}
+    (power,) = evaluate([system.H_t], at | {T: 0.7})
+    (slope,) = evaluate([system.L], at | {T: 0.7 + 1e-100j}).imag / 1e-100
+    assert abs(power + slope) <= 256 * EPS * abs(slope)
+
+
+def test_constraints_that_move():
+    """x = a cos wt along an axis, once as such and beside its rate; another rate is refused."""
+    def made(speed):
+        return particle(lambda q, u: u[1] - speed, places=lambda q: q[1] - LIFT)
+
+    system = gs.from_mechanics(made(LIFT.diff(T)))
+    assert system.clock == T
+    assert system.g_t == [(-LIFT).diff(T)]
+    with refused("nonholonomic constraint"):
+        gs.from_mechanics(made(sp.Integer(0)))
+    with refused("nonholonomic constraint"):
+        gs.from_mechanics(made(LIFT.diff(T) + 1))
+
+
+def test_an_arm_moves_and_keeps_its_energy():
+    """Without its friction H is kept to the order of the method."""
+    method = joints(3)
+    system = gs.from_mechanics(method, name="arm")
+    step = gs.stepper("G-L", 3, system=system)
+    parameters = {str(s): VALUES[str(s)] for s in system.parameters} | {"k": 0.0}
+    p = step.momenta([0.3, -0.2, 0.5], [0.1, 0.4, -0.3], parameters=parameters)
+    errors = [step.integrate([0.3, -0.2, 0.5], p, dt=0.2 / n, steps=n, parameters=parameters
+                             ).report.energy_error_max for n in (5, 10)]
+    assert errors[1] < 2e-11
+    assert errors[0] / errors[1] > 2**5.5  # order 6
+
+
+def length_of_energy(count):
+    """Return of how many different parts T of a chain is made."""
+    method = joints(count)
+    return len(list(parts_of([Motion(method.frame).energy(method.bodies)])))
+
+
+def test_kinetic_energy_grows_with_the_links():
+    """As many parts for each two links more: it was the square of their number."""
+    four, eight, twelve = map(length_of_energy, (4, 8, 12))
+    assert eight - four == twelve - eight
+    assert twelve < 60 * 12
+
+
+def test_velocities_that_were_given_are_the_rates_of_places():
+    """Of v2pt_theory the place's rate remains, which is shorter; its values are SymPy's."""
+    N, P = me.ReferenceFrame("N"), me.Point("O")
+    P.set_vel(N, 0)
+    before = N
+    for i, x in enumerate(me.dynamicsymbols("q1:8")):
+        arm = before.orientnew(f"A{i}", "Axis", [x, (before.x, before.z)[i % 2]])
+        P, fixed = P.locatenew(f"P{i}", arm.y), P
+        P.v2pt_theory(fixed, N, arm)
+        before = arm
+    motion = Motion(N)
+    short, axes = motion.velocity(P)
+    given = motion.components(P.vel(N), axes)
+    assert vanish([a - b for a, b in zip(short, given, strict=True)])
+    assert len(list(parts_of(short))) < len(list(parts_of(given)))
+
+
+def test_a_velocity_that_is_no_rate_of_the_place_is_taken_as_given():
+    """A belt moves what rests on it: the user's word holds."""
+    N, _, points, _ = particles()
+    u = me.dynamicsymbols("u")
+    points[1].set_vel(N, u * N.x)
+    motion = Motion(N)
+    found, axes = motion.velocity(points[1])
+    assert found == motion.components(u * N.x, axes)
+
+
+def test_a_point_of_unknown_velocity_is_refused():
+    with refused("P in N"):
+        Motion(me.ReferenceFrame("N")).velocity(me.Point("P"))
+
+
+def particle(constraint=None, **more):
+    """A particle on a plane in KanesMethod, by default with a rate bound."""
+    q, u = me.dynamicsymbols("x y"), me.dynamicsymbols("vx vy")
+    N, P = me.ReferenceFrame("N"), me.Point("P")
+    P.set_vel(N, u[0] * N.x + u[1] * N.y)
+    body = me.Particle("b", P, sp.Symbol("m"))
+    bound = {"velocity_constraints": [constraint(q, u)], "u_dependent": u[1:]} if constraint else {}
+    places = more.pop("places", None)
+    if places:
+        bound |= {"configuration_constraints": [places(q)], "q_dependent": q[1:]}
+    ends = 1 if places else 2
+    return me.KanesMethod(N, q[:ends], u[: 1 if constraint else 2],
+                          [a.diff(T) - b for a, b in zip(q, u, strict=True)],
+                          bodies=[body], **bound, **more)
+
+
+def test_configuration_constraints_of_kanes_method():
+    method = particle(lambda q, u: 2 * q[0] * u[0] + 2 * q[1] * u[1],
+                      places=lambda q: q[0] ** 2 + q[1] ** 2 - 1)
+    system = gs.from_mechanics(method)
+    x, y = system.q
+    assert system.constraints == (x**2 + y**2 - 1,)
+    assert [str(v) for v in system.velocities] == ["vx", "vy"]
+
+
+def not_integrable():
+    N, q, _, bodies = particles()
+    return me.LagrangesMethod(me.Lagrangian(N, *bodies), q, None, bodies, N,
+                              nonhol_coneqs=[q[0].diff(T) - q[1] * q[1].diff(T)])
+
+
+def bound_system():
+    system = joints(2)
+    system.add_nonholonomic_constraints(system.u[0] - system.u[1])
+    return system
+
+
+def with_function():
+    N, q, points, bodies = particles()
+    f = me.dynamicsymbols("f")
+    return me.LagrangesMethod(me.Lagrangian(N, *bodies), q, [(points[0], f * N.x)], bodies, N)
+
+
+def without_bodies():
+    q, u = me.dynamicsymbols("q u")
+    return me.KanesMethod(me.ReferenceFrame("N"), [q], [u], [q.diff(T) - u])
+
+
+@pytest.mark.parametrize(("make", "said"), [
+    (lambda: particle(lambda q, u: u[1] - q[0] * u[0]), "nonholonomic.*integral"),
+    (lambda: particle(lambda q, u: u[1] - u[0], places=lambda q: q[0] ** 2 + q[1] ** 2 - 1),
+     "nonholonomic constraint"),
+    (not_integrable, "LagrangesMethod.*nonholonomic"),
+    (bound_system, "System.*nonholonomic"),
+    (with_function, r"f\(t\)"),
+    (without_bodies, "KanesMethod.*bodies"),
+    (lambda: 3, "method = 3.*LagrangesMethod, KanesMethod or System"),
+])
+def test_what_is_no_holonomic_system_is_told_in_a_sentence(make, said):
+    with refused(said):
+        gs.from_mechanics(make())

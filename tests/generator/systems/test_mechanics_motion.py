@@ -1,0 +1,343 @@
+"""Motions of systems of sympy.physics.mechanics against ``form_eoms``, integrated by DOP853.
+
+Ten systems with bases that move, joints of all kinds, actuators, and loads of every kind.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+import sympy as sp
+import sympy.physics.mechanics as me
+from scipy.integrate import solve_ivp
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError, InputWarning
+
+T = me.dynamicsymbols._t
+M, I, LENGTH, K, C, G = sp.symbols("m I l k c g", positive=True)  # noqa: E741
+VALUES = {"m": 1.3, "I": 0.1, "l": 0.6, "k": 2.0, "c": 0.3, "g": 9.81, "base_mass": 1.7}
+FIFTH = sp.Rational(1, 5)
+
+
+def number(name):
+    return me.dynamicsymbols(f"q{name} u{name}")
+
+
+def ground():
+    """A system, its frame, its fixed point, and a body that stands there."""
+    N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
+    return me.System(N, O), N, O, me.RigidBody("ground", O, N)
+
+
+def moving(N, O, path, axes):  # noqa: E741
+    """A base that moves by a law of t."""
+    B = O.locatenew("B", path)
+    B.set_vel(N, path.dt(N))
+    return me.RigidBody("base", B, axes)
+
+
+def body(name):
+    """A body with three different moments."""
+    A, P = me.ReferenceFrame(f"A_{name}"), me.Point(f"P_{name}")
+    return me.RigidBody(name, P, A, M, (me.inertia(A, I, 2 * I, sp.Rational(5, 2) * I), P))
+
+
+def cart():
+    """A cart with a pendulum: gravity, a spring and a damper to the ground, a torque in the pin."""
+    system, N, O, earth = ground()  # noqa: E741
+    wagon, bob = body("wagon"), body("bob")
+    slide = me.PrismaticJoint("slide", earth, wagon, *number(1), joint_axis=N.x)
+    pin = me.PinJoint("pin", wagon, bob, *number(2), child_point=LENGTH * bob.frame.y,
+                      joint_axis=wagon.frame.z)
+    system.add_joints(slide, pin)
+    side = O.locatenew("side", -2 * N.x)
+    path = me.LinearPathway(side, wagon.masscenter)
+    system.add_actuators(me.LinearSpring(K, path, LENGTH), me.LinearDamper(C, path),
+                         me.TorqueActuator.at_pin_joint(-C * pin.speeds[0], pin))
+    system.apply_uniform_gravity(-G * N.y)
+    return system
+
+
+def bead_on_a_bar_on_a_moving_base():
+    """A pin on a base that moves, an oblique slide, an actuator, a torque, a timed force."""
+    system, N, O, _ = ground()  # noqa: E741
+    base = moving(N, O, FIFTH * (sp.sin(3 * T) * N.x + T**2 * N.y), N.orientnew(
+        "F", "Axis", [0, N.z]))
+    bar, bead = body("bar"), body("bead")
+    system.add_joints(
+        me.PinJoint("pin", base, bar, *number(1), child_point=LENGTH * bar.frame.y,
+                    joint_axis=N.z),
+        me.PrismaticJoint("slide", bar, bead, *number(2),
+                          joint_axis=(3 * bar.frame.x + 4 * bar.frame.y) / 5))
+    off = bar.masscenter.locatenew("off", LENGTH * bar.frame.z)
+    q, u = number(2)
+    system.add_actuators(me.ForceActuator(-K * sp.sin(q) - C * u, me.LinearPathway(
+        off, bead.masscenter)))
+    system.add_loads(me.Torque(bar, C * sp.cos(number(1)[0]) * N.z),
+                     me.Force(bead, K * sp.sin(2 * T) * N.x),
+                     me.Force(bar.masscenter, -M * G * N.y), me.Force(bead, -M * G * N.y))
+    return system
+
+
+def slide_on_a_turning_base():
+    """A base that turns by a law, a slide on it that carries a pin, a damper from space."""
+    system, N, O, _ = ground()  # noqa: E741
+    base = moving(N, O, FIFTH * sp.cos(2 * T) * N.x, N.orientnew("F", "Axis", [sp.sin(2 * T), N.z]))
+    sledge, arm = body("sledge"), body("arm")
+    system.add_joints(
+        me.PrismaticJoint("slide", base, sledge, *number(1), joint_axis=base.frame.x),
+        me.PinJoint("pin", sledge, arm, *number(2), child_point=LENGTH * (
+            arm.frame.x + arm.frame.y), joint_axis=sledge.frame.y))
+    system.add_actuators(me.LinearDamper(C, me.LinearPathway(
+        O.locatenew("far", 3 * N.y), arm.masscenter)))
+    system.apply_uniform_gravity(-G * N.z)
+    return system
+
+
+def on_a_moving_base_with_the_axes_of_space():
+    """Joints set the velocity of their base to 0 in its own axes, which are those of space."""
+    system, N, O, _ = ground()  # noqa: E741
+    base, arm = moving(N, O, FIFTH * sp.sin(3 * T) * N.x, N), body("arm")
+    system.add_joints(me.PinJoint("pin", base, arm, *number(1), child_point=LENGTH * arm.frame.y,
+                                  joint_axis=N.z))
+    system.add_loads(me.Force(arm, -M * G * N.y), me.Force(arm, K * sp.cos(T) * arm.frame.x))
+    return system
+
+
+def drum():
+    """A cylindrical joint with a slide across it; a constant and a timed force in one load."""
+    system, N, _, earth = ground()
+    drum, pin = body("drum"), body("pin")
+    (q, z), (u, w) = number(1), number(3)
+    system.add_joints(
+        me.CylindricalJoint("axle", earth, drum, q, u, z, w, joint_axis=N.z),
+        me.PrismaticJoint("slide", drum, pin, *number(2), joint_axis=drum.frame.x,
+                          parent_point=LENGTH * drum.frame.y))
+    system.add_loads(me.Force(pin, K * sp.sin(T) * N.x - M * G * N.z),
+                     me.Force(drum, (K - M * G) * N.z))
+    return system
+
+
+def plate():
+    """A planar joint, and a force that turns with the body."""
+    system, N, _, earth = ground()
+    plate = body("plate")
+    system.add_joints(me.PlanarJoint(
+        "plane", earth, plate, *(me.dynamicsymbols(x) for x in ("q1", "q2 q3", "u1", "u2 u3"))))
+    system.add_loads(me.Force(plate.masscenter.locatenew("edge", LENGTH * plate.frame.y),
+                              K * plate.frame.x + C * N.y), me.Torque(plate, C * sp.sin(T) * N.x))
+    return system
+
+
+def ball():
+    """A spherical joint about body angles, a spring to a point above and a torque in body axes."""
+    system, N, O, earth = ground()  # noqa: E741
+    bob = body("bob")
+    system.add_joints(me.SphericalJoint(
+        "ball", earth, bob, me.dynamicsymbols("q1:4"), me.dynamicsymbols("u1:4"),
+        child_point=-LENGTH * bob.frame.z, rot_order="ZXZ"))
+    system.add_actuators(me.LinearSpring(K, me.LinearPathway(
+        O.locatenew("above", 2 * N.x + N.z), bob.masscenter), LENGTH))
+    system.add_loads(me.Torque(bob, C * bob.frame.x))
+    system.apply_uniform_gravity(-G * N.z)
+    return system
+
+
+def two_arms():
+    """Frames of joints that are none of the bodies', and a torque between two arms."""
+    system, N, _, earth = ground()
+    upper, lower = body("upper"), body("lower")
+    first = me.PinJoint("first", earth, upper, *number(1), child_point=LENGTH * upper.frame.x,
+                        joint_axis=N.x + N.y)
+    second = me.PinJoint("second", upper, lower, *number(2), parent_point=-LENGTH * upper.frame.x,
+                         child_point=LENGTH * lower.frame.z,
+                         parent_interframe=upper.frame.x - upper.frame.z)
+    system.add_joints(first, second)
+    (q, _), (_, u) = number(1), number(2)
+    system.add_actuators(me.TorqueActuator(
+        -K * sp.sin(q) - C * u + sp.cos(3 * T), second.joint_axis, lower.frame, upper.frame))
+    system.apply_uniform_gravity(-G * N.z)
+    return system
+
+
+def potential():
+    """A point on a hoop that turns, in speeds that are no rates, with a spring's potential."""
+    N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
+    q, u = number(1)
+    hoop = N.orientnew("H", "Axis", [2 * T, N.z])
+    arm = hoop.orientnew("A", "Axis", [q, hoop.y])
+    P = O.locatenew("P", LENGTH * arm.x)
+    O.set_vel(N, 0)
+    bead = me.Particle("bead", P, M)
+    system = me.System(N, O)
+    system.add_bodies(bead)
+    system.q_ind, system.u_ind = [q], [u]
+    system.add_kdes(u - 2 * q.diff(T) - sp.cos(T))
+    system.add_loads(me.Force(P, -M * G * N.z), me.Force(P, -C * P.vel(N)))
+    return system
+
+
+def moved_load():
+    """A force between a point that moves by a law and a bead that is free in a plane."""
+    system, N, O, earth = ground()  # noqa: E741
+    one, two = body("one"), body("two")
+    system.add_joints(me.PrismaticJoint("x", earth, one, *number(1), joint_axis=N.x),
+                      me.PrismaticJoint("y", one, two, *number(2), joint_axis=N.y + N.z))
+    hand = O.locatenew("hand", (2 + sp.sin(3 * T)) * N.z + 2 * N.y)
+    hand.set_vel(N, 3 * sp.cos(3 * T) * N.z)
+    path = me.LinearPathway(hand, two.masscenter)
+    system.add_actuators(me.ForceActuator(-K * (path.length - LENGTH) + C * sp.cos(T), path),
+                         me.LinearDamper(C, path))
+    return system
+
+
+SYSTEMS = (cart, bead_on_a_bar_on_a_moving_base, slide_on_a_turning_base,
+           on_a_moving_base_with_the_axes_of_space, drum, plate, ball, two_arms, potential,
+           moved_load)
+SHORT = (bead_on_a_bar_on_a_moving_base, drum)
+
+
+def reference(method, q, v, t_end):
+    """Return q and q̇ at the end, of u̇ = forcing of ``form_eoms``."""
+    method.form_eoms()
+    state = [*method.q, *method.u]
+    places = sp.symbols(f"s:{len(state)}")
+    mass, forcing = method.mass_matrix_full, method.forcing_full
+    rates = [x.diff(T) for x in method.q]
+    speeds = sp.solve(list(method.kdes), list(method.u), dict=True)[0]
+    qdot = sp.solve(list(method.kdes), rates, dict=True)[0]
+    constants = sorted((mass.free_symbols | forcing.free_symbols) - {T}, key=str)
+    put_in = dict(zip(state, places, strict=True))
+    numbers = [VALUES[str(x)] for x in constants]
+    f = sp.lambdify([T, places, constants], [me.msubs(e, put_in) for e in (mass, forcing)],
+                    cse=True)
+
+    def slope(t, y):
+        left, right = f(t, y, numbers)
+        return np.linalg.solve(left, np.ravel(right))
+
+    start = dict(zip([*method.q, *rates], [*q, *v], strict=True))
+    u = [float(sp.sympify(me.msubs(speeds[x], start)).subs(T, 0)) for x in method.u]
+    y = solve_ivp(slope, (0, t_end), [*q, *u], method="DOP853", rtol=1e-12,
+                  atol=1e-13).y[:, -1]
+    end = dict(zip(state, y, strict=True))
+    return y[: len(q)], [float(sp.sympify(me.msubs(qdot[x], end)).subs(T, t_end)) for x in rates]
+
+
+def check(make):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # SymPy's, of velocities it knows twice
+        method = make()
+        system = gs.from_mechanics(method, name=make.__name__)
+        q, v = np.linspace(0.4, 0.9, system.n), np.linspace(0.5, -0.3, system.n)
+        ends = reference(method, q, v, 0.75)
+    step = gs.stepper("G-L", 3, system=system)
+    parameters = {str(x): VALUES[str(x)] for x in system.parameters}
+    run = step.integrate(q, step.momenta(q, v, parameters=parameters), dt=0.005, steps=150,
+                         parameters=parameters)
+    np.testing.assert_allclose(run.q[-1], ends[0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(run.velocities[-1], ends[1], rtol=1e-9, atol=1e-9)
+    assert np.abs(run.energy_error()).max() <= 2e-9  # of the ball, whose angles come near a pole
+
+
+@pytest.mark.parametrize("make", SHORT)
+def test_motions_are_those_of_form_eoms(make):
+    check(make)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [make for make in SYSTEMS if make not in SHORT])
+def test_motions_of_all_systems_are_those_of_form_eoms(make):
+    check(make)
+
+
+def test_a_base_that_a_joint_put_at_rest_is_told():
+    """SymPy's own equations leave its motion out as well: nothing else would tell."""
+    method = on_a_moving_base_with_the_axes_of_space()
+    with pytest.warns(InputWarning, match="frame of its own"):
+        system = gs.from_mechanics(method)
+    assert T not in {x for e in (system.L,) for x in e.free_symbols}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", category=InputWarning)
+        warnings.filterwarnings("ignore", "\nVelocity")  # SymPy's, of velocities it knows twice
+        for make in (bead_on_a_bar_on_a_moving_base, slide_on_a_turning_base, drum, moved_load):
+            gs.from_mechanics(make())
+
+
+def test_a_force_with_a_constant_and_a_timed_part_compiles():
+    """In one load, along different axes: the constant part is computed once a run."""
+    system = gs.from_mechanics(drum(), name="parts")
+    gs.stepper("IMS", system=system)
+
+
+@pytest.mark.parametrize("made", [sp.Symbol("F"), me.dynamicsymbols("F")])
+def test_inputs_of_loads_are_held_over_a_step(made):
+    """A cart on a spring, pushed by what a controller says: against the closed form."""
+    N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
+    O.set_vel(N, 0)
+    x = me.dynamicsymbols("x")
+    P = O.locatenew("P", x * N.x)
+    P.set_vel(N, x.diff(T) * N.x)
+    cart = me.Particle("cart", P, M)
+    method = me.LagrangesMethod(me.Lagrangian(N, cart) - K * x**2 / 2, [x], [(P, made * N.x)],
+                                [cart], N)
+    system = gs.from_mechanics(method, name="pushed", inputs=[made])
+    assert [str(u) for u in system.inputs] == ["F"]
+    step = gs.stepper("G-L", 3, system=system)
+    pushes = np.sin(np.arange(50.0))
+    run = step.integrate([0.0], [0.0], dt=0.1, steps=50, parameters={"m": 2.0, "k": 3.0},
+                         inputs={"F": pushes})
+    y, w = np.zeros(2), np.sqrt(1.5)
+    c, s = np.cos(0.1 * w), np.sin(0.1 * w)
+    for push in pushes:
+        middle = np.array([push / 3, 0])
+        y = middle + np.array([[c, s / w], [-s * w, c]]) @ (y - middle)
+    np.testing.assert_allclose([run.q[-1, 0], run.velocities[-1, 0]], y, rtol=0, atol=1e-11)
+
+
+def test_inputs_stand_in_loads_alone():
+    system, _, _, earth = ground()
+    arm = body("arm")
+    system.add_joints(me.PinJoint("pin", earth, arm, *number(1), child_point=K * arm.frame.y))
+    with pytest.raises(InputError, match="input"):
+        gs.from_mechanics(system, inputs=[K])
+
+
+def test_a_constant_of_the_name_of_a_coordinate_is_refused():
+    q = me.dynamicsymbols("q1")
+    system, _, _, earth = ground()
+    arm = body("arm")
+    system.add_joints(me.PinJoint("pin", earth, arm, q, me.dynamicsymbols("u1")))
+    system.add_loads(me.Torque(arm, sp.Symbol("q1", real=True) * arm.frame.x))
+    with pytest.raises(InputError, match="another name"):
+        gs.from_mechanics(system)
+
+
+def test_bodies_are_placed(tmp_path):
+    """Places and attitudes of a run are those of points and frames; a page shows them."""
+    system = gs.from_mechanics(two_arms(), name="arms", bodies=True)
+    step = gs.stepper("IMS", system=system)
+    parameters = {str(x): VALUES[str(x)] for x in system.parameters}
+    q = np.array([0.3, 2.0])
+    run = step.integrate(q, [0.0, 0.0], dt=0.01, steps=100, parameters=parameters)
+    assert {"upper", "lower"} <= {*run.bodies}
+    method = two_arms()
+    N, last = method.frame, run.q[-1]
+    lower = next(b for b in method.bodies if b.name == "lower")
+    at = dict(zip(method.q, last, strict=True)) | {LENGTH: VALUES["l"]}
+    place = lower.masscenter.pos_from(method.fixed_point).to_matrix(N).subs(at)
+    R = N.dcm(lower.frame).subs(at)
+    found = run.body("lower")
+    np.testing.assert_allclose(found.position()[-1], np.array(place, float).ravel(), atol=1e-14)
+    np.testing.assert_allclose(found.rotation_matrix()[-1], np.array(R, float), atol=1e-14)
+    jumps = np.abs(np.diff(found.attitude, axis=0)).max()
+    assert jumps < 0.2
+    np.testing.assert_allclose(found.position((0, 0, 1))[-1],
+                               found.position()[-1] + np.array(R, float)[:, 2], atol=1e-14)
+    with pytest.raises(InputError):
+        found.angular_velocity()
+    run.view(tmp_path / "arms.html")
+    assert "lower" in (tmp_path / "arms.html").read_text(encoding="utf-8")

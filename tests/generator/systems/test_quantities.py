@@ -1,0 +1,182 @@
+"""Quantities of a user: names and expressions, evaluated in compiled code."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from compilers import COMPILERS
+from gyrospark.commands.run.outputs import Done
+from gyrospark.commands.run.report import as_text, result_of
+from gyrospark.core.errors import InputError
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from processes import call
+from strategies import EPS
+
+x, y, u, v, t = sp.symbols("x y u v t", real=True)
+k, unused = sp.symbols("k unused", positive=True)
+QUANTITIES = {
+    "height": y,
+    "spin": x * v - y * u,
+    "phase": sp.sin(k * t) * sp.exp(-x),
+    "ratio": unused / (1 + x**2 + sp.sqrt(1 + u**2)),
+    "three": sp.Integer(3),
+    "of_parameters": k**2 * unused,
+}
+PARAMETERS = {"k": 1.3, "unused": 0.7}
+
+
+def system(name="watched", **more):
+    return gs.System((x, y), (u, v), (k, unused), (u**2 + v**2) / 2 + k * y, (x**2 + y**2 - 1,),
+                     name=name, **{"time": t, "quantities": QUANTITIES, **more})
+
+
+@pytest.fixture(scope="module", params=[("IMS", None), ("G-L", 2)])
+def step(request):
+    return gs.stepper(*request.param, system=system())
+
+
+def exact(name, values):
+    """Return a quantity in 50 digits by SymPy's own evaluation."""
+    numbers = {s: sp.Rational(value) for s, value in values.items()}
+    return mp.mpf(str(sp.N(QUANTITIES[name].subs(numbers), 50)))
+
+
+def test_every_quantity_at_every_stored_state(step):
+    """16 ε of the value: a dozen operations of numbers of order one."""
+    run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.05, steps=7, parameters=PARAMETERS, every=3,
+                         t0=0.4)
+    assert run.quantities == tuple(QUANTITIES)
+    for row, time in enumerate(run.t.tolist()):
+        values = dict(zip((x, y, u, v), [*run.q[row].tolist(), *run.p[row].tolist()], strict=True))
+        values |= {t: time, k: PARAMETERS["k"], unused: PARAMETERS["unused"]}
+        for name in QUANTITIES:
+            right = float(exact(name, values))
+            assert abs(run.quantity(name)[row] - right) <= 16 * EPS * max(1, abs(right))
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.floats(-4, 4, allow_subnormal=False), min_size=5, max_size=5))
+def test_states_of_any_size(numbers):
+    step = gs.stepper("IMS", system=system())
+    q, p, time = numbers[:2], numbers[2:4], numbers[4]
+    found = step.quantities(q, p, parameters=PARAMETERS, t=time)
+    values = dict(zip((x, y, u, v, t), numbers, strict=True))
+    values |= {k: PARAMETERS["k"], unused: PARAMETERS["unused"]}
+    for name, value in found.items():
+        right = float(exact(name, values))
+        # exp and sin lose |argument| ε; products of two numbers up to 4 add up to 32.
+        assert abs(value - right) <= 32 * EPS * max(1, abs(right), 32 * (name == "spin"),
+                                                    60 * (name == "phase"))
+
+
+def test_leading_axes(step):
+    rng = np.random.default_rng(5)
+    q, p, times = rng.standard_normal((3, 2, 2)), rng.standard_normal((3, 2, 2)), np.ones((3, 2))
+    found = step.quantities(q, p, parameters=PARAMETERS, t=times)
+    assert list(found) == list(QUANTITIES)
+    assert found["spin"] == pytest.approx(q[..., 0] * p[..., 1] - q[..., 1] * p[..., 0])
+    assert found["three"].tolist() == [[3.0] * 2] * 3
+    one = step.quantities(q[1, 1], p[1, 1], parameters=PARAMETERS, t=1.0)
+    assert all(one[name] == found[name][1, 1] for name in QUANTITIES)
+    with pytest.raises(InputError, match="t has shape"):
+        step.quantities(q, p, parameters=PARAMETERS, t=[1.0, 2.0])
+
+
+def test_unknown_names_are_refused(step):
+    run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.05, steps=1, parameters=PARAMETERS)
+    with pytest.raises(InputError, match="no quantity 'hight'; it has height, spin"):
+        run.quantity("hight")
+    top = gs.problems.fast_top()
+    plain = gs.stepper("EMS").integrate(
+        top.q0, top.p0, dt=1e-3, steps=1,
+        parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
+    assert plain.quantities == ()
+    assert plain.work.tolist() == [0.0, 0.0]
+    with pytest.raises(InputError, match="it has none"):
+        plain.quantity("height")
+
+
+@pytest.mark.parametrize("real", [
+    "double", "float128", *(pytest.param(real, marks=pytest.mark.slow)
+                            for real in ("float", "long-double"))])
+def test_kept_in_the_file(real, tmp_path):
+    step = gs.stepper("EMS", system=system(forces=(-u * t, 0)), real=real)
+    q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=PARAMETERS)
+    run = step.integrate(q, p, dt=0.125, steps=4, parameters=PARAMETERS, t0=0.5)
+    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    assert again.quantities == run.quantities
+    for name in QUANTITIES:
+        assert np.array_equal(again.quantity(name), run.quantity(name))
+    assert np.array_equal(again.work, run.work)
+    assert np.array_equal(again.t, run.t)
+    assert again.report == run.report
+    assert run.report.work == float(run.work[-1]) != 0
+    members = step.integrate_ensemble([q] * 2, [p] * 2, dt=0.125, steps=4, parameters=PARAMETERS,
+                                      t0=0.5).members
+    difference = (members[1].quantity_values - run.quantity_values).astype(float)
+    assert np.abs(difference).max() <= 256 * max(step.binding.epsilon, EPS * EPS)
+
+
+def test_reported_by_run():
+    step = gs.stepper("EMS", system=system(forces=(-u * t, 0)))
+    run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.125, steps=5, every=2,
+                         parameters=PARAMETERS)
+    problem: Any = SimpleNamespace(name="watched")
+    result = json.loads(json.dumps(result_of(problem, step, Done(run, run, 1.0, 5, None, None))))
+    assert result["work"] == run.report.work
+    assert result["quantities"] == {name: run.quantity(name)[-1] for name in QUANTITIES}
+    assert result["quantities"]["height"] == result["q"][1]
+    text = as_text(result, step.manifest["system"])
+    assert "|H − H₀ − W|" in text
+    assert "work of the forces" in text
+    assert "height" in text
+
+
+# ---------------------------------------------------------------- generated text
+
+
+def test_quantities_do_not_touch_the_steps():
+    """Beside one without them, a stepper with quantities has more lines, and no other ones."""
+    spec = Spec.checked("G-L", 2)
+    plain = generate(spec, system=system(quantities={}, time=None)).source
+    watched = generate(spec, system=system()).source
+    for without, having in ((plain.source, watched.source), (plain.header, watched.header)):
+        changes = [line for line in difflib.ndiff(without.splitlines(), having.splitlines())
+                   if line[0] in "-+"]
+        assert any("watched_gl2_quantities" in line for line in changes)
+        assert not any(line.startswith("-") or "work_done" in line for line in changes)
+    assert "quantities" not in json.loads(plain.manifest)["system"]
+
+
+@pytest.mark.parametrize("scheme", [("IMS", None), ("EMS", None), ("G-L", 2), ("LIIIA-B", 2)])
+def test_names_and_warnings(scheme, tmp_path):
+    """Names that the C uses itself, as symbols, time and quantities: pedantic-clean C."""
+    names = ["t", "work", "out", "w", "W", "late", "i", "count", "report", "t0", "F", "start"]
+    q0, p0, *free = (sp.Symbol(name, real=True) for name in names)
+    time = sp.Symbol("power", real=True)
+    for clock in (None, time):
+        drive = sum(free) * (1 if clock is None else sp.cos(clock))
+        odd = gs.System((q0,), (p0,), free, p0**2 / 2, forces=(drive * q0 - p0,), time=clock,
+                        name="odd", quantities={"int": drive, "q": q0, "H_q": p0 * drive})
+        files = generate(Spec.checked(*scheme), system=odd).source.files()
+        for name, text in files.items():
+            (tmp_path / name).write_text(text, encoding="utf-8")
+        source = next(name for name in files if name.endswith(".c"))
+        for compiler in COMPILERS.values():
+            for macro in ("-DGYROSPARK_PLAIN", "-UGYROSPARK_PLAIN"):
+                built = call([*compiler, "-std=c11", "-Wall", "-Wextra", "-Wpedantic",
+                              "-Wconversion", "-Werror", macro, "-fsyntax-only", source],
+                             cwd=tmp_path)
+                assert built.returncode == 0, built.stderr

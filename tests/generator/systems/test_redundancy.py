@@ -1,0 +1,133 @@
+"""Redundant, contradicting and empty constraints are refused by name; others pass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.generator.systems import redundant_constraints
+from gyrospark.generator.systems.redundant_constraints import refuse_redundant_anywhere
+
+x, y, z, w, a, b, c, d = sp.symbols("x y z w a b c d", real=True)
+k = sp.Symbol("k", positive=True)
+SPHERE = x**2 + y**2 + z**2 - 1
+
+
+def system(*constraints, parameters=(), names=()):
+    H = (a**2 + b**2 + c**2 + d**2) / 2
+    return gs.System((x, y, z, w), (a, b, c, d), parameters, H, constraints, name="plain",
+                     constraint_names=names)
+
+
+def four_bar(points, closed=True):
+    """Return the builder of a linkage through four points of the plane z = 0."""
+    build = gs.Multibody("linkage", gravity=(0, -9.81, 0))
+    points = [np.array([*point, 0.0]) for point in points]
+    bars = [build.body(f"bar{i}", mass=1.0, inertia=(0.01, 0.02, 0.02),
+                       position=(points[i] + points[i + 1]) / 2) for i in range(3)]
+    frames = [build.ground, *bars, build.ground]
+    for i, point in enumerate(points if closed else points[:3]):
+        build.revolute(f"hinge{i}", frames[i], frames[i + 1], axis=(0, 0, 1), at=point)
+    return build
+
+
+SQUARE = [(0, 0), (0.1, 0.4), (0.9, 0.8), (1.0, 0.0)]
+
+
+def test_closed_loop_names_three_to_leave_out():
+    """Grübler: 4·5 equations on 3·6 freedoms, mobility 1, hence 20 − 17 = 3 too many."""
+    with pytest.raises(gs.InputError, match="3 of the 23 constraints of 'linkage' are") as caught:
+        four_bar(SQUARE).model()
+    message = str(caught.value)
+    to_remove = message.split("Leave out ")[1].split(";")[0].replace("'", "").split(", ")
+    assert to_remove == ["hinge3: z", "hinge3: axis 1", "hinge3: axis 2"]
+    assert "'hinge0: x'" not in message  # what lies in the plane is no part of it
+    assert "'hinge1: axis 2'" in message
+    model = four_bar(SQUARE).model(without=to_remove)
+    assert (model.system.n, model.system.m) == (21, 20)
+    with pytest.raises(gs.InputError, match="1 of the 21 constraints"):
+        four_bar(SQUARE).model(without=to_remove[:2])
+
+
+def test_open_chain_passes():
+    assert four_bar(SQUARE, closed=False).model().system.m == 18
+
+
+def test_singular_position_is_told_from_redundancy():
+    """Stretched out, the bars' closing equations agree; in any other position they do not."""
+    stretched = [(0, 0), (0.5, 0), (1.5, 0), (1.0, 0)]
+    with pytest.raises(gs.InputError, match="singular position"):
+        four_bar(stretched).model(without=["hinge3: z", "hinge3: axis 1", "hinge3: axis 2"])
+
+
+def test_what_is_redundant_is_left_out_when_asked():
+    """The same as by name; and a singular position is told although equations are redundant too."""
+    build = four_bar(SQUARE)
+    model = build.model(redundant="leave out")
+    assert (model.system.n, model.system.m) == (21, 20)
+    assert build.redundancy.left_out == ("hinge3: z", "hinge3: axis 1", "hinge3: axis 2")
+    assert "hinge0: x" not in build.redundancy.involved
+    again = four_bar(SQUARE, closed=False)
+    assert again.model(redundant="leave out").system.m == 18
+    assert str(again.redundancy) == "The 18 constraints of 'linkage' are independent."
+    stretched = four_bar([(0, 0), (0.5, 0), (1.5, 0), (1.0, 0)])
+    for redundant in ("refuse", "leave out"):
+        with pytest.raises(gs.InputError, match="singular position"):
+            stretched.model(redundant=redundant)
+
+
+@pytest.mark.parametrize("factor", [1, -3, k])
+def test_a_constraint_twice(factor):
+    twice = system(SPHERE, factor * SPHERE, parameters=(k,), names=("ball", "again"))
+    with pytest.raises(gs.InputError, match=r"1 of the 2.*Leave out 'again'.*'ball', 'again'"):
+        refuse_redundant_anywhere(twice)
+    with pytest.raises(gs.InputError, match="Leave out 'again'"):
+        gs.stepper("IMS", system=twice)
+
+
+def test_dependence_on_the_manifold_only():
+    """(g₁, g₂, g₁g₂ + g₁): the third has another gradient everywhere but where g = 0."""
+    plane = x + 2 * y - z + w
+    with pytest.raises(gs.InputError, match=r"redundant.*'g2'"):
+        refuse_redundant_anywhere(system(SPHERE, plane, SPHERE * plane + SPHERE))
+
+
+def test_contradiction_and_constants():
+    with pytest.raises(gs.InputError, match=r"'g0', 'g1'.*contradict each other"):
+        refuse_redundant_anywhere(system(SPHERE, SPHERE - 1))
+    with pytest.raises(gs.InputError, match=r"'g1'.*no coordinate and always holds"):
+        refuse_redundant_anywhere(system(SPHERE, sp.Integer(0)))
+    with pytest.raises(gs.InputError, match=r"'g1'.*reads 2 = 0"):
+        refuse_redundant_anywhere(system(SPHERE, (x + 1) ** 2 - x**2 - 2 * x + 1))
+
+
+def test_independent_ones_pass():
+    for constraints in ((SPHERE,), (SPHERE, x - k * y), (SPHERE, x * y * z - k / 9, w - z**2), ()):
+        refuse_redundant_anywhere(system(*constraints, parameters=(k,)))
+    refuse_redundant_anywhere(gs.models.four_bar().system)
+
+
+def test_a_body_held_twice():
+    """Two ball joints to the ground leave a turn; a third one holds it and says two too much."""
+    build = gs.Multibody("door", gravity=(0, 0, 0))
+    door = build.body("door", mass=1, inertia=(1, 1, 1))
+    for i, at in enumerate([(0, 0, 1), (0, 0, -1), (1, 0, 0)]):
+        build.fixed_point(f"pin{i}", door, at=at)
+        if i == 1:
+            with pytest.raises(gs.InputError, match=r"1 of the 7.*Leave out 'pin1: z'"):
+                build.model()
+    with pytest.raises(gs.InputError, match="3 of the 10"):
+        build.model()
+
+
+def test_what_varies_is_not_multiplied_out(monkeypatch):
+    """Fifteen products of twelve sums would take a minute; constants are still found."""
+    x = sp.symbols("x0:12", real=True)
+    long = sp.prod(a + b**2 for a, b in zip(x, x[1:] + x[:1], strict=True)) - 3
+    hidden = (x[0] + 1)**2 - x[0]**2 - 2 * x[0] - 1
+    with pytest.raises(gs.InputError, match="g1"):
+        redundant_constraints.refuse_constant("s", [long, hidden], ["g0", "g1"])
+    monkeypatch.setattr(redundant_constraints.sp, "expand", lambda e: pytest.fail("multiplied out"))
+    redundant_constraints.refuse_constant("s", [long], ["g0"])

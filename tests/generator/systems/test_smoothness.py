@@ -1,0 +1,216 @@
+"""What a system that switches sides cannot promise, and how it is said.
+
+Constraints need a tangent; a force that jumps may leave a step without a solution; a momentum map
+must be one on every side; and what a certificate judges is what smooth motion keeps.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.generator.symbolic.switching_functions import as_switches, switches_of
+from gyrospark.generator.symmetry.momentum_maps import momentum_maps
+from gyrospark.generator.systems.smoothness import Meeting, Switching, meeting
+from processes import cli
+from strategies import EPS
+
+x, y, u, v, t = sp.symbols("x y u v t", real=True)
+k, a = sp.symbols("k a", positive=True)
+P, H = sp.Piecewise, sp.Heaviside
+LENGTH, T = sp.sqrt(x**2 + y**2), (u**2 + v**2) / 2
+JUMP, KINK, SMOOTH = Meeting.JUMP, Meeting.KINK, Meeting.SMOOTH
+
+
+@pytest.mark.parametrize(("e", "wanted"), [
+    (sp.Abs(x), [KINK]), (sp.Abs(x) ** 3, [SMOOTH]), (sp.Max(x, y), [KINK]),
+    (sp.Max(0, LENGTH - a) ** 2, [SMOOTH]), (H(x), [JUMP]), (x * H(x), [KINK]),
+    (P((x**2, x < 0), (2 * x**2, True)), [SMOOTH]), (sp.sqrt(sp.Max(x, 0)), [KINK]),
+    (sp.floor(x) * x, [JUMP]), (sp.sign(x) * sp.sin(x), [KINK]), (P((0, x < a), (x, True)), [JUMP]),
+    (P((0, (x > -1) & (x < 1)), ((x**2 - 1) ** 2, True)), [SMOOTH, SMOOTH]),
+    (sp.Abs(x - 1) + sp.sign(y) * y**2, [KINK, SMOOTH]),
+])
+def test_how_sides_meet(e, wanted):
+    e = as_switches(e)
+    assert [meeting(e, w, (x, y)) for w in switches_of([e])] == wanted
+
+
+# ---------------------------------------------------------------- constraints
+
+
+def on_curve(profile, **more):
+    """Return a bead that slides on the curve y = profile(x)."""
+    return gs.System((x, y), (u, v), (k, a), T + k * y, (y - profile,), name="bead", **more)
+
+
+@pytest.mark.parametrize(("profile", "reason"), [
+    (sp.Abs(x), "'g0' of 'bead' has a kink where x = 0"),
+    (P((0, x < 0), (1, True)), "'g0' of 'bead' jumps where x = 0"),
+    (sp.Max(x, a * x + 1), "has a kink where"),
+    (sp.floor(x), "jumps where x = 0"),
+])
+def test_constraints_without_a_tangent_are_refused(profile, reason):
+    with pytest.raises(gs.InputError, match=reason) as caught:
+        gs.stepper("G-L", 2, system=on_curve(profile))
+    assert "Write it with a continuous derivative, or as a stiff force." in str(caught.value)
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
+def test_a_bead_on_a_cam(scheme, stages):
+    """A ramp that begins and ends with a tangent: on it to round-off, energy as it should be."""
+    ramp = P((0, x < 0), (3 * x**2 - 2 * x**3, x < 1), (1, True)) / 4 + sp.Max(0, -x) ** 3
+    step = gs.stepper(scheme, stages, system=on_curve(ramp))
+    q, p = step.project([-0.5, 0.1], [1.6, 0.0], parameters={"k": 3.0, "a": 1.0})
+    run = step.integrate(q, p, dt=0.01, steps=200, parameters={"k": 3.0, "a": 1.0})
+    assert run.q[0, 0] < 0 < 1 < run.q[-1, 0]
+    assert run.q[-1, 1] == pytest.approx(0.25, abs=4 * EPS)
+    assert run.report.constraint_max <= 8 * EPS
+    assert run.report.energy_error_max <= (64 * EPS if scheme == "EMS" else 1e-4)
+    flat = run.q[:, 0] > 1.05
+    assert run.p[flat, 0] == pytest.approx(np.sqrt(2 * (run.energy()[0] - 0.75)), rel=1e-4)
+
+
+# ---------------------------------------------------------------- what is said
+
+
+def test_remarks():
+    system = gs.System(
+        (x, y), (u, v), (k,), T + k * sp.Max(0, LENGTH - 1) ** 2 + sp.Abs(x) + k * H(y), time=t,
+        forces=(-sp.Abs(u) * u, -sp.sign(v) + P((1, (t > 0.5) & (t < 1)), (0, True))))
+    places = "y = 0, t - 0.5 = 0, sqrt(x**2 + y**2) - 1 = 0 and 4 more such places"
+    assert Switching(system).said(4, discrete=False) == {
+        "remarks": [f"order 4 holds for steps that do not cross {places}",
+                    "H jumps at y = 0: no step feels a force there",
+                    "forces jump at v = 0, x = 0: a step to there may have no solution"],
+        "jumps": "v = 0, x = 0"}
+    assert Switching(system).said(2, discrete=True)["jumps"] == "v = 0"
+    assert Switching(gs.System((x, y), (u, v), (k,), T + k * LENGTH)).said(2, discrete=True) == {}
+
+
+def test_a_stepper_says_where_its_order_does_not_hold():
+    """In the manifest and by ``remarks``; nothing is said of smooth systems."""
+    step = gs.stepper("G-L", 2, system=gs.System((x,), (u,), (), u**2 / 2 + sp.Max(0, x) ** 2,
+                                                 name="half"))
+    assert step.remarks == step.manifest["system"]["remarks"] == [
+        "order 4 holds for steps that do not cross x = 0"]
+    assert gs.stepper("G-L", 3).remarks == []
+
+
+def rubbing(friction, name):
+    return gs.System((x,), (u,), (), u**2 / 2 + x**2 / 2, forces=(-friction,), name=name)
+
+
+@pytest.mark.parametrize("solver", ["auto", "newton", "fixed-point", "python"])
+def test_a_step_without_a_solution_says_so(solver):
+    """A body that dry friction stops: no velocity is that of its own force. 50 iterations, no more.
+
+    Everything before it is there, and is the sliding motion: x − 1 is a half cosine.
+    """
+    step = gs.stepper("G-L", 2, system=rubbing(sp.sign(u), "rubbing"))
+    said = "Forces jump at u = 0: a step to there may have no solution; write them smooth, as tanh"
+    with pytest.raises(gs.StepFailed, match=said) as end:
+        step.integrate([3.0], [0.0], dt=0.01, steps=1000, parameters={}, solver=solver)
+    assert end.value.step in (314, 315)
+    found = end.value.trajectory
+    assert np.abs(found.q[1:, 0] - 1 - 2 * np.cos(found.t[1:])).max() < 1e-4  # less half a step
+    again = pickle.loads(pickle.dumps(end.value))
+    assert str(again) == str(end.value)
+
+
+def test_what_it_says_to_write_works():
+    step = gs.stepper("G-L", 2, system=rubbing(sp.tanh(1000 * u), "rubbing_smoothly"))
+    run = step.integrate([3.0], [0.0], dt=0.01, steps=1000, parameters={})
+    assert run.q[-1, 0] == pytest.approx(-0.99, abs=0.02)  # at rest, creeping
+    assert abs(run.p[-1, 0]) < 1e-2
+    assert step.remarks == []
+
+
+def test_IMS_may_have_no_step_across_a_kink_of_H_and_EMS_has():
+    """H = |x| + p²/2: midpoints on either side disagree; the discrete gradient is continuous."""
+    system = gs.System((x,), (u,), (), u**2 / 2 + sp.Abs(x), name="vee")
+    start, options = ([0.3], [0.0]), {"dt": 0.05, "steps": 2000, "parameters": {}}
+    with pytest.raises(gs.StepFailed, match="Forces jump at x = 0"):
+        gs.stepper("IMS", system=system).integrate(*start, **options)
+    run = gs.stepper("EMS", system=system).integrate(*start, **options)
+    assert run.report.energy_error_max <= 64 * EPS
+    assert "jumps" not in run.manifest["system"]
+
+
+# ---------------------------------------------------------------- momentum maps
+
+
+@pytest.mark.parametrize(("H_0", "forces", "kept"), [
+    (k * sp.Max(0, LENGTH - a) ** 2 / 2, (), ["-u*y + v*x"]),
+    (P((LENGTH**2, x < 5), (y, True)), (), []),
+    (P((LENGTH**2, LENGTH < 5), (LENGTH**3 / 5, True)), (), ["-u*y + v*x"]),
+    (sp.Abs(x), (), ["v"]),
+    (sp.Max(x, y), (), []),
+    (sp.Max(x, y, evaluate=False) + sp.Abs(x - y), (), []),
+    (LENGTH**2, (P((0, x < 50), (1, True)), 0), []),
+    (LENGTH**2, (P((0, LENGTH < 50), (-y, True)), P((0, LENGTH < 50), (x, True))), []),
+])
+def test_momentum_maps_of_every_side(H_0, forces, kept):
+    """Also of sides far from the start: a potential that is round near it only keeps nothing."""
+    system = gs.System((x, y), (u, v), (k, a), T + H_0, forces=forces)
+    found = momentum_maps(system, {"k": 3.0, "a": 0.5}, [1, 0.2], [0.3, 0.1])
+    assert [str(J.J) for J in found] == kept
+    assert all(J.any_parameters and J.everywhere and J.proof == "expanded" for J in found)
+
+
+def test_constraints_that_switch_are_not_searched():
+    system = on_curve(sp.Max(0, x) ** 2)
+    with pytest.raises(gs.InputError, match="switches at x = 0"):
+        momentum_maps(system, {"k": 3.0, "a": 0.5}, [1, 1], [0, 0])
+
+
+# ---------------------------------------------------------------- the certificate
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
+def test_certificate_judges_what_kinks_leave(scheme, stages):
+    system = gs.System((x, y), (u, v), (k, a), T + k * sp.Max(0, LENGTH - a) ** 2 / 2, name="rope")
+    model = gs.Model(system, {"k": 3.0, "a": 0.5}, [1.0, 0.2], [0.3, 0.1], dt=0.01, steps=400)
+    found = gs.certify(model, scheme, stages)
+    place = "a - sqrt(x**2 + y**2) = 0"
+    assert found.holds
+    assert found.line("order").holds is None
+    assert found.line("order").expected == f"{2 if scheme == 'EMS' else 4} between crossings"
+    assert place in found.line("order").why
+    assert found.line("loop").holds is None
+    assert found.line("reversal").holds is True
+    assert found.line("energy H").holds is (True if scheme == "EMS" else None)
+    assert found.line("angular momentum").holds is (None if scheme == "EMS" else True)
+    json.dumps(found.as_dict())
+
+
+def test_certificate_of_a_force_that_jumps():
+    """Reversal is told, not judged: a step across may have several ends."""
+    system = gs.System((x,), (u,), (), u**2 / 2 + x**2 / 2 + sp.Abs(x) / 8, name="dent")
+    model = gs.Model(system, {}, [1.0], [0.0], dt=0.01, steps=200)
+    found = gs.certify(model, "G-L", 2)
+    assert found.line("reversal").holds is None
+    assert "forces jump at x = 0" in found.line("reversal").why
+    assert found.holds
+
+
+# ---------------------------------------------------------------- on the command line
+
+
+def test_run_says_it_before_a_step(tmp_path):
+    path = tmp_path / "dry.toml"
+    path.write_text('name = "dry"\n[system]\ncoordinates = ["x"]\nmomenta = ["p"]\n'
+                    'hamiltonian = "p**2/2 + x**2/2"\nforces = ["-sign(p)"]\n'
+                    '[start]\nq = [3]\np = [0]\n[run]\ndt = 0.01\nsteps = 400\n', encoding="utf-8")
+    done = cli("run", path, "--scheme", "IMS", cwd=tmp_path)
+    lines = done.stdout.splitlines()
+    assert done.returncode == 1
+    assert lines[0] == "system: order 2 holds for steps that do not cross p = 0"
+    assert lines[1] == "system: forces jump at p = 0: a step to there may have no solution"
+    assert "314 steps of 0.01 s" in done.stdout
+    assert "Traceback" not in done.stderr
+    assert "Forces jump at p = 0" in done.stderr

@@ -1,0 +1,287 @@
+"""Structured systems: forms found, sparse factors, and the same numbers as from dense code."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gyrospark.generator.multibody.rigid_body import kinetic_energy, rotation_matrix
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.spec import Spec
+from gyrospark.generator.systems.elimination_order import (
+    connected,
+    eliminate,
+    reverse_cuthill_mckee,
+)
+from gyrospark.generator.systems.repeated_structure import Structure
+from gyrospark.generator.systems.system import System
+from gyrospark.runtime.steppers.stepper import Stepper
+from structured_systems import made, start
+
+EPS = 2.0**-52
+
+
+def chain(links: int) -> System:
+    """Return bodies hanging from each other by ball joints."""
+    gamma = sp.Symbol("gamma", real=True, nonzero=True)
+    grav = sp.Symbol("grav", real=True)
+    q, p, g, names, parameters = [], [], [], [], [grav]
+    H, end = sp.Integer(0), [sp.Integer(0)] * 3
+    for link in range(links):
+        a, b = sp.symbols(f"b{link}_q0:4", real=True), sp.symbols(f"b{link}_p0:4", real=True)
+        x = sp.symbols(f"b{link}_x b{link}_y b{link}_z", real=True)
+        px = sp.symbols(f"b{link}_px b{link}_py b{link}_pz", real=True)
+        inertia = sp.symbols(f"b{link}_I1:4", positive=True)
+        mass = sp.Symbol(f"b{link}_m", positive=True)
+        own = sp.Symbol(f"b{link}_gamma", real=True, nonzero=True)
+        arm = sp.Symbol(f"b{link}_l", real=True)
+        q += [*a, *x]
+        p += [*b, *px]
+        parameters += [*inertia, mass, own, arm]
+        H += kinetic_energy("gamma", a, b, inertia).xreplace({gamma: own})
+        H += sum(e**2 for e in px) / (2 * mass) + mass * grav * x[2]
+        axis = rotation_matrix(a)[:, 2]
+        g += [sum(e**2 for e in a) - 1, *(x[k] + axis[k] * arm - end[k] for k in range(3))]
+        names += [f"b{link}: unit quaternion", *(f"joint {link}: {k}" for k in "xyz")]
+        end = [x[k] - axis[k] * arm for k in range(3)]
+    return System(q, p, parameters, H, g, name=f"chain{links}", constraint_names=names)
+
+
+# ---------------------------------------------------------------- the same numbers
+
+
+@pytest.mark.parametrize(("scheme", "stages", "driven"),
+                         [("G-L", 2, True), ("EMS", None, True),
+                          pytest.param("G-L", 2, False, marks=pytest.mark.slow),
+                          pytest.param("LIIIA-B", 3, True, marks=pytest.mark.slow),
+                          pytest.param("IMS", None, True, marks=pytest.mark.slow)])
+def test_structured_code_computes_what_dense_code_does(scheme, stages, driven):
+    """Residual, Jacobian and projection to round-off of their largest entries; so trajectories."""
+    loops, dense = (made(scheme, stages, kind, driven) for kind in (True, False))
+    q, p, parameters = start(driven)
+    q, p = dense.project(q, p + 0.1, parameters=parameters)
+    at = {"dt": 1e-2, "parameters": parameters} | ({"t": 0.4} if driven else {})
+    noise = np.random.default_rng(1).normal(size=dense.unknowns)
+    x = dense.guess(q, p, dt=1e-2, parameters=parameters) + 0.01 * noise
+    for name in ("residual", "jacobian"):
+        a, b = (getattr(step, name)(x, q, p, **at) for step in (loops, dense))
+        # sums of a dozen products in another order
+        assert np.abs(a - b).max() <= 64 * EPS * np.abs(b).max(), name
+    for shift in (0, 1e-3):
+        a, b = (step.project(q + shift, p, parameters=parameters) for step in (loops, dense))
+        assert np.abs(np.array(a) - np.array(b)).max() <= 64 * EPS * np.abs(b).max()
+    for solver in ("auto", "newton"):
+        a, b = (step.integrate(q, p, dt=4e-3, steps=40, parameters=parameters, solver=solver)
+                for step in (loops, dense))
+        # 40 steps of round-off, each of some ε: sweeps stop where theirs stops them
+        assert np.abs(a.q - b.q).max() <= 256 * EPS
+        assert np.abs(a.p - b.p).max() <= 256 * EPS * np.abs(b.p).max()
+        if driven:
+            assert np.abs(a.work - b.work).max() <= 256 * EPS * np.abs(b.work).max()
+
+
+@pytest.mark.parametrize("real", [
+    "float", "float128", pytest.param("long-double", marks=pytest.mark.slow)])
+def test_structured_code_in_every_real(real):
+    step, double = made("G-L", 2, True, False, real), made("G-L", 2, True, False)
+    q, p, parameters = start(False)
+    q_own, p_own = step.project(q, p, parameters=parameters)
+    found = step.integrate(q_own, p_own, dt=4e-3, steps=20, parameters=parameters)
+    wanted = double.integrate(q, p, dt=4e-3, steps=20, parameters=parameters)
+    bound = 2e-5 if real == "float" else 1e-13  # some round-off of the coarser one
+    assert np.abs(found.q.astype(float) - wanted.q).max() < bound
+    assert found.report.constraint_max < (1e-6 if real == "float" else 1e-17)
+
+
+def test_ensemble_of_a_structured_system():
+    """Trajectories in lanes, one of them alone: the same to round-off."""
+    step = made("G-L", 2, True, False)
+    q, p, parameters = start(False)
+    many = [parameters | {"gamma": 0.14 + 0.01 * k} for k in range(5)]
+    ensemble = step.integrate_ensemble([q] * 5, [p] * 5, dt=4e-3, steps=50, parameters=many)
+    for k in (0, 4):
+        alone = step.integrate(q, p, dt=4e-3, steps=50, parameters=many[k])
+        assert np.abs(ensemble.q[k] - alone.q).max() <= 64 * EPS
+
+
+def test_oscillators_without_constraints():
+    n = 6
+    q, p = sp.symbols(f"u0:{n}", real=True), sp.symbols(f"v0:{n}", real=True)
+    a = sp.Symbol("a", real=True)
+    H = sum((x**2 / 2 for x in p), sp.Integer(0)) + sum(
+        ((y - x) ** 2 / 2 + a * (y - x) ** 4 / 4 for x, y in pairwise(q)),
+        sp.Integer(0))
+    system = System(q, p, (a,), H, name="springs")
+    for scheme, stages in (("G-L", 2), ("EMS", None)):
+        ends = []
+        for structured in (True, False):
+            found = generate(Spec.checked(scheme, stages), system=system, structured=structured)
+            step = Stepper(found.source.name, found.source.files())
+            ends.append(step.integrate(np.sin(np.arange(n)), np.zeros(n), dt=0.05, steps=100,
+                                       parameters={"a": 0.3}).q)
+        assert np.abs(ends[0] - ends[1]).max() <= 256 * EPS, scheme
+
+
+# ---------------------------------------------------------------- size and cost
+
+
+@pytest.mark.parametrize("links", [2, 5, 20])
+def test_forms_of_a_chain(links):
+    """Rotation and translation; norm, first joint and inner joint: whatever the length."""
+    structure = Structure(hoisted(chain(links))[0])
+    assert [len(form.instances) for form in structure.forms] == [links, links]
+    assert sorted(len(form.instances) for form in structure.constraint_forms) == sorted(
+        [links, 1, links - 1])
+    assert structure.is_worthwhile
+
+
+def test_factors_of_a_chain_grow_linearly():
+    """Half-bandwidth 7 and no fill: 22 entries and some 60 products for a further body."""
+    entries, products = zip(*(
+        (s.elimination.entries, s.elimination.products)
+        for s in (Structure(hoisted(chain(links))[0]) for links in (5, 6, 7, 20))), strict=True)
+    assert entries[1] - entries[0] == entries[2] - entries[1]
+    assert products[1] - products[0] == products[2] - products[1]
+    assert entries[3] - entries[2] == 13 * (entries[1] - entries[0])
+    assert products[3] - products[2] == 13 * (products[1] - products[0])
+    pattern = sum(len(set(rows)) for rows in _joined(20))
+    assert entries[3] == pattern, "fill"
+
+
+def _joined(links: int) -> list[list[int]]:
+    """Return for each row of W of a chain the rows up to it that share a body with it."""
+    of_body = [[4 * b, 4 * b + 1, 4 * b + 2, 4 * b + 3]
+               + ([4 * b + 5, 4 * b + 6, 4 * b + 7] if b + 1 < links else [])
+               for b in range(links)]
+    # x-, y- and z-rows of a joint meet in the attitude of a body, all of them
+    return [sorted({b for rows in of_body if a in rows for b in rows if b <= a})
+            for a in range(4 * links)]
+
+
+@settings(max_examples=100, deadline=None)
+@given(parents=st.integers(2, 20).flatmap(lambda n: st.tuples(
+    *(st.integers(0, b - 1) for b in range(1, n)))))
+def test_trees_of_bodies_have_no_fill(parents):
+    """Constraints of a tree: a norm and a ball joint each, those on one body couple pairwise."""
+    of_body = [set(range(4 * b, 4 * b + 4)) for b in range(len(parents) + 1)]
+    for child, parent in enumerate(parents, start=1):
+        of_body[parent] |= {4 * child + 1, 4 * child + 2, 4 * child + 3}
+    neighbours = {row: set() for row in range(4 * len(of_body))}
+    for rows in of_body:
+        for row in rows:
+            neighbours[row] |= rows - {row}
+    pattern = len(neighbours) + sum(map(len, neighbours.values())) // 2
+    assert eliminate(neighbours).entries == pattern
+
+
+def test_text_hardly_depends_on_the_number_of_bodies():
+    """Kernels are the same; only tables of indices grow."""
+    lines = {links: [line for line in generate(Spec.checked("G-L", 2), system=chain(links))
+                     .source.source.splitlines()
+                     if not set(line) <= set("0123456789{}, -;")] for links in (3, 6)}
+    kernels = [[line for line in lines[links] if "c->values[" not in line] for links in (3, 6)]
+    assert len(kernels[1]) - len(kernels[0]) < 40
+
+
+# ---------------------------------------------------------------- graphs
+
+
+graphs = st.integers(1, 12).flatmap(lambda n: st.lists(
+    st.tuples(st.integers(0, n - 1), st.integers(0, n - 1)), max_size=30).map(
+        lambda pairs: _graph(n, pairs)))
+
+
+def _graph(n: int, pairs: list[tuple[int, int]]) -> dict[int, set[int]]:
+    neighbours: dict[int, set[int]] = {a: set() for a in range(n)}
+    for a, b in pairs:
+        if a != b:
+            neighbours[a].add(b)
+            neighbours[b].add(a)
+    return neighbours
+
+
+@settings(max_examples=200, deadline=None)
+@given(graph=graphs, seed=st.integers(0, 2**32 - 1))
+def test_elimination_solves(graph, seed):
+    """LDLᵀ by the tables, on numbers, against a dense solution."""
+    n = len(graph)
+    made = eliminate(graph)
+    rng = np.random.default_rng(seed)
+    A = np.diag(rng.uniform(n + 1, n + 2, n))
+    for a, others in graph.items():
+        for b in others:
+            A[a, b] = A[b, a] = rng.uniform(-0.5, 0.5)
+    W = np.zeros(made.entries)
+    for (a, b), slot in made.slot_of.items():
+        W[slot] = A[a, b]
+    for pivot, slots, rows, targets in zip(made.order, made.slots, made.rows, made.targets,
+                                           strict=True):
+        targets = iter(targets)
+        W[pivot] = 1 / W[pivot]
+        for i, slot in enumerate(slots):
+            factor = W[slot] * W[pivot]
+            for j in range(i):
+                W[next(targets)] -= factor * W[slots[j]]
+            W[rows[i]] -= factor * W[slot]
+        for slot in slots:
+            W[slot] *= W[pivot]
+    assert [slot for slots in made.slots for slot in slots] == list(range(n, made.entries))
+    b = rng.normal(size=n)
+    x = b.copy()
+    for pivot, before in zip(made.order, made.before, strict=True):
+        x[pivot] -= sum(W[slot] * x[row] for row, slot in before)
+    for pivot, slots, rows in reversed(list(zip(made.order, made.slots, made.rows, strict=True))):
+        x[pivot] = x[pivot] * W[pivot] - sum(W[s] * x[r] for s, r in zip(slots, rows, strict=True))
+    assert np.abs(A @ x - b).max() <= 64 * n * EPS * np.abs(b).max()
+
+
+@settings(max_examples=200, deadline=None)
+@given(graph=graphs)
+def test_orders_name_every_node_once(graph):
+    named = {("q", a): {("q", b) for b in others} for a, others in graph.items()}
+    order = reverse_cuthill_mckee(named)
+    assert sorted(order) == sorted(named)
+    assert sorted(eliminate(graph).order) == sorted(graph)
+
+
+def test_a_path_has_bandwidth_one_and_no_fill():
+    shuffled = [3, 7, 0, 5, 1, 6, 2, 4]
+    path = _graph(8, list(pairwise(shuffled)))
+    order = reverse_cuthill_mckee({("q", a): {("q", b) for b in o} for a, o in path.items()})
+    place = {node[1]: k for k, node in enumerate(order)}
+    assert max(abs(place[a] - place[b]) for a, others in path.items() for b in others) == 1
+    assert eliminate(path).entries == 8 + 7
+
+
+@given(sets=st.lists(st.frozensets(st.integers(0, 20), min_size=1, max_size=4), max_size=8))
+def test_connected_sets_are_disjoint_unions(sets):
+    unions = connected(sets)
+    assert all(any(s <= u for u in unions) for s in sets)
+    assert sum(map(len, unions)) == len(frozenset().union(*sets, frozenset()))
+
+
+def test_names_do_not_matter():
+    """Bodies of other names have the same forms, as long as they come in the same order."""
+    system = chain(3)
+    letters = {s: sp.Symbol(f"z{k}_{s}", **s.assumptions0)
+               for k, s in enumerate(reversed(system.parameters))}
+    renamed = replace(system, H=system.H.xreplace(letters),
+                      constraints=[g.xreplace(letters) for g in system.constraints],
+                      parameters=[letters[s] for s in system.parameters])
+    ours, theirs = (Structure(hoisted(s)[0]) for s in (system, renamed))
+    assert [f.expressions for f in ours.forms] == [f.expressions for f in theirs.forms]
+
+
+def test_a_constant_in_H_is_no_body():
+    """It depends on nothing, and once ended the generation."""
+    system = chain(4)
+    plain, more = (Structure(hoisted(replace(system, H=system.H + value))[0]) for value in (0, 3))
+    assert more.coupled == plain.coupled
+    assert generate(Spec.checked("G-L", 1), system=replace(system, H=system.H + 3))

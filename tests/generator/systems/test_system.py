@@ -1,0 +1,374 @@
+"""System: what it refuses, its derivatives, its hidden constraint; constants of a run."""
+
+from __future__ import annotations
+
+import cmath
+import dataclasses
+import random
+
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gyrospark.core.errors import InputError
+from gyrospark.generator.kernels.kernel import Constants
+from gyrospark.generator.multibody.rigid_body import free_body, heavy_top
+from gyrospark.generator.schemes.step_equations import common_kernels, hoisted
+from gyrospark.generator.systems.jacobians import gradient, jacobian, shortest, symmetric_jacobian
+from gyrospark.generator.systems.system import System
+
+q = sp.symbols("x y z", real=True)
+p = sp.symbols("px py pz", real=True)
+m, c = sp.symbols("m c", positive=True)
+grav = sp.Symbol("g", real=True)
+x, y, z = q
+px, py, pz = p
+
+
+def system(**changes):
+    """Return a spherical pendulum, with changes."""
+    arguments = {
+        "name": "pendulum", "q": q, "p": p, "parameters": (m, grav),
+        "H": (px**2 + py**2 + pz**2) / (2 * m) + m * grav * z,
+        "constraints": (x**2 + y**2 + z**2 - 1,),
+    }
+    return System(**(arguments | changes))
+
+
+def generic():
+    """Return a system with an H that is neither quadratic nor separable."""
+    H = (
+        sp.sqrt(1 + px**2 + y**2) * sp.cos(x)
+        + sp.exp(py * x / 3) / m
+        + z**3 * pz**4
+        + py / (2 + sp.sin(z * px))
+        + c * (x - pz) ** 5
+        + sp.log(3 + y**2 + py**2) ** 2
+    )
+    return System(q, p, (m, c), H, name="generic")
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize("name", ["", "two words", "1body", "kreisel-α", "γ", "a-b"])
+def test_name_that_is_no_c_identifier_is_refused(name):
+    with pytest.raises(InputError, match=f"System name {name!r} is not a C identifier"):
+        system(name=name)
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "momenta", "counts"),
+    [
+        (q, p[:2], "3 coordinates and 2 momenta"),
+        (q[:1], p, "1 coordinates and 3 momenta"),
+        ((), (), "0 coordinates and 0 momenta"),
+    ],
+)
+def test_coordinates_without_one_momentum_each_are_refused(coordinates, momenta, counts):
+    with pytest.raises(InputError, match=counts):
+        system(q=coordinates, p=momenta)
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_as_many_constraints_as_coordinates_are_refused(count):
+    with pytest.raises(InputError, match=f"{count} constraints on 3 coordinates"):
+        system(constraints=(x,) * count)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"parameters": (m, grav, m)},
+        {"parameters": (m, grav, x)},
+        {"q": (x, x, z)},
+        {"p": (px, py, sp.Symbol("x"))},  # another symbol, the same name
+    ],
+)
+def test_name_used_twice_is_refused(changes):
+    with pytest.raises(InputError, match=r"uses the name '(m|x)' twice; names must differ"):
+        system(**changes)
+
+
+def test_unknown_symbol_in_H_is_refused_by_name():
+    with pytest.raises(InputError, match="H of system 'pendulum' contains the unknown symbol 'c'"):
+        system(H=px**2 / m + c * x)
+
+
+def test_first_of_several_unknown_symbols_is_named_whatever_the_hash_seed():
+    with pytest.raises(InputError, match="unknown symbol 'A'; declare it in q, p, parameters"):
+        system(H=px * sp.Symbol("B") + sp.Symbol("A") + sp.Symbol("C"))
+
+
+def test_symbol_of_the_same_name_with_other_assumptions_is_unknown():
+    with pytest.raises(InputError, match="unknown symbol 'm'"):
+        system(H=px**2 / sp.Symbol("m"))
+
+
+def test_unknown_symbol_in_a_constraint_is_refused_with_its_index():
+    with pytest.raises(InputError, match="Constraint 1 of system 'pendulum' contains 'c'; a holo"):
+        system(constraints=(x, y - c))
+
+
+def test_momentum_in_a_constraint_is_refused():
+    with pytest.raises(InputError, match="Constraint 0 of system 'pendulum' contains 'px'; a holo"):
+        system(constraints=(x - px,))
+
+
+@pytest.mark.parametrize("name", ["two words", "I'", "γ", "double", "", "_k", "NAN", "bool", "1st"])
+def test_symbol_name_that_is_no_c_identifier_of_its_own_is_refused(name):
+    odd = sp.Symbol(name, real=True)
+    with pytest.raises(InputError, match=f"'pendulum' has a symbol named {name!r}"
+                       if "'" not in name else "has a symbol named"):
+        system(parameters=(m, grav, odd))
+    with pytest.raises(InputError, match="has a symbol named"):
+        system(q=(odd, y, z), H=py**2, constraints=())
+
+
+@pytest.mark.parametrize("changes", [{"H": 0}, {"H": 1.5}, {"constraints": (1,)}])
+def test_plain_numbers_are_expressions(changes):
+    assert system(**changes).n == 3
+
+
+# ---------------------------------------------------------------- what it holds
+
+
+def test_sequences_become_tuples_and_the_system_is_frozen():
+    made = system(q=list(q), p=list(p), parameters=[m, grav], constraints=[x**2 - 1])
+    assert (made.q, made.p, made.parameters, made.constraints) == (q, p, (m, grav), (x**2 - 1,))
+    assert (made.n, made.m, made.rigid_body) == (3, 1, False)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        made.name = "other"
+
+
+def test_system_without_constraints_has_empty_constraint_parts():
+    made = system(constraints=())
+    assert (made.m, made.G, made.hidden, made.hidden_matrix) == (0, [], [], [])
+    assert made.curvature([]) == [[0] * 3] * 3
+    assert [k.name for k in common_kernels(made)] == ["hamiltonian"]
+
+
+# ---------------------------------------------------------------- derivatives
+
+
+def test_derivatives_of_a_generic_H_are_those_of_sympy_by_another_order():
+    made = generic()
+    for i in range(3):
+        assert sp.expand(made.H_q[i] - sp.Derivative(made.H, q[i]).doit()) == 0
+        assert sp.expand(made.H_p[i] - sp.Derivative(made.H, p[i]).doit()) == 0
+        for j in range(3):  # the second derivative taken first
+            assert sp.simplify(made.H_qq[i][j] - sp.diff(made.H, q[j], q[i])) == 0
+            assert sp.simplify(made.H_pp[i][j] - sp.diff(made.H, p[j], p[i])) == 0
+            assert sp.simplify(made.H_pq[i][j] - sp.diff(made.H, q[j], p[i])) == 0
+
+
+def test_derivatives_of_a_generic_H_are_those_of_the_complex_step():
+    made = generic()
+    draw = random.Random(7)
+    symbols = (*q, *p, m, c)
+    flat = [*made.H_q, *made.H_p]
+    second = [[*row, *other] for row, other in zip(
+        [*made.H_qq, *made.H_pq],
+        [*map(list, zip(*made.H_pq, strict=True)), *made.H_pp], strict=True)]
+    modules = [{n: getattr(cmath, n) for n in ("sqrt", "sin", "cos", "exp", "log")}]
+    H = sp.lambdify(symbols, made.H, modules)
+    first = sp.lambdify(symbols, flat, modules)
+    hessian = sp.lambdify(symbols, second, modules)
+    tiny = 1e-200
+    for _ in range(5):
+        at = [draw.uniform(0.2, 1.2) for _ in symbols]
+        exact_first, exact_second = first(*at), hessian(*at)
+        for j in range(6):
+            shifted = list(at)
+            shifted[j] += 1j * tiny
+            assert H(*shifted).imag / tiny == pytest.approx(exact_first[j].real, rel=1e-13,
+                                                            abs=1e-13)
+            column = [v.imag / tiny for v in first(*shifted)]
+            assert column == pytest.approx([row[j].real for row in exact_second], rel=1e-12,
+                                           abs=1e-12)
+
+
+def test_hessians_hold_the_same_object_on_both_sides_of_the_diagonal():
+    for made in (generic(), heavy_top("gamma"), heavy_top("alpha")):
+        for H in (made.H_qq, made.H_pp):
+            assert all(H[i][j] is H[j][i] for i in range(made.n) for j in range(made.n))
+
+
+def test_symmetric_jacobian_is_the_jacobian_of_a_gradient():
+    f = x**3 * y**2 + sp.exp(x * y * z)
+    grad = gradient(f, q)
+    assert sp.simplify(sp.Matrix(symmetric_jacobian(grad, q)) - sp.hessian(f, q)) == sp.zeros(3)
+    assert sp.simplify(sp.Matrix(jacobian(grad, q)) - sp.hessian(f, q)) == sp.zeros(3)
+
+
+def test_curvature_is_the_derivative_of_GT_lambda_by_q():
+    made = system(constraints=(x**2 * y - z, sp.sin(x * z)))
+    lam = sp.symbols("l0:2")
+    force = sp.Matrix(made.G).T * sp.Matrix(lam)
+    assert sp.simplify(sp.Matrix(made.curvature(lam)) - force.jacobian(q)) == sp.zeros(3)
+
+
+def test_curvature_needs_one_multiplier_a_constraint():
+    with pytest.raises(ValueError, match="longer than"):
+        system().curvature([])
+
+
+# ---------------------------------------------------------------- the hidden constraint
+
+
+def times(rows, vector):
+    return [sum(a * b for a, b in zip(row, vector, strict=True)) for row in rows]
+
+
+def test_hidden_constraints_of_two_constraints_are_G_H_p_up_to_factors_that_cannot_vanish():
+    made = system(constraints=(x**2 + y**2 + z**2 - 1, x - y))
+    expected = [px * x + py * y + pz * z, px - py]
+    assert [sp.expand(f - e) for f, e in zip(made.hidden, expected, strict=True)] == [0, 0]
+    products = times(made.G, made.H_p)
+    factors = [2 / m, 1 / m]
+    for product, factor, f in zip(products, factors, made.hidden, strict=True):
+        assert sp.expand(product - factor * f) == 0
+    W = sp.Matrix([[2 * (x**2 + y**2 + z**2), x - y], [2 * x - 2 * y, 2]])
+    assert sp.expand(sp.Matrix(made.hidden_matrix) - W) == sp.zeros(2)
+
+
+def test_hidden_matrix_is_the_derivative_of_hidden_along_GT():
+    for made in (system(), system(constraints=(x * y - c * z, y**3 - 1), parameters=(m, grav, c))):
+        rows = jacobian(made.hidden, made.p)
+        W = sp.Matrix(rows) * sp.Matrix(made.G).T
+        assert sp.expand(W - sp.Matrix(made.hidden_matrix)) == sp.zeros(made.m)
+
+
+def test_factor_that_is_constant_on_the_constraint_is_dropped():
+    radius = x**2 + y**2 + z**2
+    made = system(H=radius * (px**2 + py**2 + pz**2) / (2 * m), constraints=(radius - c,),
+                  parameters=(m, c))
+    assert [sp.expand(f) for f in made.hidden] == [px * x + py * y + pz * z]
+
+
+@pytest.mark.parametrize(
+    ("kinetic", "parameters", "factor"),
+    [
+        (y * px**2 / 2, (), y),  # vanishes somewhere on the constraint
+        (sp.Symbol("k", real=True) * px**2 / 2, (sp.Symbol("k", real=True),),
+         sp.Symbol("k", real=True)),  # may be zero
+        (sp.exp(y) * px**2 / 2, (), sp.exp(y)),  # no polynomial: kept, which is safe
+    ],
+)
+def test_factor_that_may_vanish_is_kept(kinetic, parameters, factor):
+    made = system(H=kinetic, constraints=(x,), parameters=parameters)
+    assert sp.expand(made.hidden[0] - factor * px) == 0
+
+
+def test_factor_is_kept_when_its_constant_on_the_constraint_may_be_zero():
+    radius, k = x**2 + y**2 + z**2, sp.Symbol("k", real=True)
+    made = system(H=radius * (px**2 + py**2 + pz**2), constraints=(radius - k,), parameters=(k,))
+    assert made.hidden[0].has(x**2)
+
+
+def test_constraint_along_which_nothing_moves_has_the_hidden_constraint_zero():
+    assert system(H=px**2, constraints=(z,)).hidden == [0]
+
+
+@pytest.mark.parametrize(
+    ("e", "short"),
+    [
+        (x * y + x * z, x * (y + z)),
+        (x * (y + z) - x * z, x * y),
+        ((x + y) ** 5, (x + y) ** 5),
+        (x * (y - z) + x * (z - y), sp.Integer(0)),
+        (sp.sqrt(x**2 + 1) * y, sp.sqrt(x**2 + 1) * y),
+    ],
+)
+def test_shortest_form_is_equal_and_has_no_more_operations(e, short):
+    found = shortest(e)
+    assert sp.expand(found - e) == 0
+    assert sp.count_ops(found) == sp.count_ops(short)
+
+
+# ---------------------------------------------------------------- constants of a run
+
+
+def back(e, constants):
+    """Return an expression with the definitions of its constants put back."""
+    return e.xreplace({symbol: definition for definition, symbol in constants.definitions.items()})
+
+
+def is_fully_hoisted(e, constants):
+    """Whether no parameter-only operation is left but a number times a symbol."""
+    known = {*constants.parameters, *constants.definitions.values()}
+    return all(
+        node.as_coeff_Mul()[1].is_Symbol
+        for node in sp.preorder_traversal(e)
+        if isinstance(node, sp.Expr) and node.free_symbols and node.free_symbols <= known
+    )
+
+
+@pytest.mark.parametrize("rep", ["alpha", "gamma", "original"])
+@pytest.mark.parametrize("make", [heavy_top, free_body])
+def test_hoisted_systems_are_the_original_ones(make, rep):
+    original = make(rep)
+    reduced, constants = hoisted(original)
+    assert back(reduced.H, constants) == original.H
+    assert tuple(back(g, constants) for g in reduced.constraints) == original.constraints
+    assert is_fully_hoisted(reduced.H, constants)
+    assert reduced.parameters[: len(original.parameters)] == original.parameters
+    for definition in constants.definitions:
+        assert definition.free_symbols <= set(original.parameters)
+    assert reduced.rigid_body
+
+
+def test_hoisted_constants_keep_whether_they_can_vanish():
+    _, constants = hoisted(heavy_top("alpha"))
+    by_definition = constants.definitions
+    alpha = sp.Symbol("alpha", real=True, nonzero=True)
+    assert by_definition[1 / alpha].is_nonzero
+    _, constants = hoisted(heavy_top("gamma"))
+    differences = [s for e, s in constants.definitions.items() if e.is_Add]
+    assert len(differences) == 3
+    assert all(s.is_nonzero is None for s in differences)
+
+
+LEAVES = st.sampled_from([x, y, m, c, grav, sp.Integer(2), sp.Rational(-1, 3), sp.Integer(-1)])
+
+
+def grow(children):
+    pairs = st.tuples(children, children)
+    return st.one_of(
+        pairs.map(lambda t: t[0] + t[1]),
+        pairs.map(lambda t: t[0] - t[1]),
+        pairs.map(lambda t: t[0] * t[1]),
+        st.tuples(children, st.integers(1, 3)).map(lambda t: t[0] ** t[1]),
+        children.map(lambda e: 1 / (1 + e**2)),
+        children.map(lambda e: sp.sqrt(1 + e**2)),
+        children.map(sp.sin),
+    )
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(st.lists(st.recursive(LEAVES, grow, max_leaves=8), min_size=1, max_size=3))
+def test_hoisting_loses_nothing_and_leaves_nothing_to_hoist(expressions):
+    constants = Constants((m, c, grav))
+    for e in expressions:
+        found = constants.hoist(e)
+        assert sp.expand(back(found, constants) - e) == 0
+        assert is_fully_hoisted(found, constants)
+        assert constants.hoist(e) == found  # the same symbols the second time
+    names = [str(s) for s in constants.definitions.values()]
+    assert len(names) == len(set(names))
+
+
+def test_constants_are_numbered_in_order_of_appearance_and_parameters_keep_their_names():
+    constants = Constants((m, c))
+    e = constants.hoist(x * sp.sqrt(m) + y * sp.sin(c))
+    assert sorted(map(str, e.free_symbols)) == ["k0", "k1", "x", "y"]
+    assert constants.hoist(3 * m) == 3 * m
+    assert set(constants.names().values()) == {"c->m", "c->c", "c->k0", "c->k1"}
+
+
+def test_parameter_may_be_called_like_a_constant():
+    k0 = sp.Symbol("k0", real=True)
+    made = system(H=sp.sqrt(m) * px**2 + k0 * x**2, parameters=(m, k0))
+    reduced, constants = hoisted(made)
+    assert back(reduced.H, constants) == made.H

@@ -1,0 +1,370 @@
+"""A tableau of one's own, end to end: nodes, file, conditions, C, steps, order, refusals."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from gyrospark.certificates.verification import verify_stepper
+from gyrospark.core.errors import TableauError
+from gyrospark.generator.spec import Spec
+from gyrospark.generator.tableaux.conditions import _bounds, check_tableau, remarks
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
+from gyrospark.generator.tableaux.multipliers import multiplier_condition, multiplier_inverse
+from gyrospark.generator.tableaux.observed_order import observed_order
+from gyrospark.generator.tableaux.tableau import FIELDS
+from gyrospark.generator.tableaux.tableau_file import read_tableau
+from gyrospark.studies.gamma_trials import asymmetric_top
+from own_tableaux import FOLDER, in_decimals, make
+
+EXAMPLES = {"gauss_3_2": 4, "lobatto_iiid_3": 4, "radau_iia_2": 3, "radau_plain_2": 3}
+TOP = gs.problems.fast_top()
+BODY = asymmetric_top((1.0, 1.7, 0.6), 0.2, 0.9, [0.9, -1.4, 1.1])
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+
+
+@cache
+def stepper_of(name: str) -> gs.Stepper:
+    return gs.stepper(tableau=FOLDER / f"{name}.json")
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Any:
+    """Write a table as a file; return its path."""
+
+    def write(table: dict[str, Any], **changes: Any) -> Path:
+        path = tmp_path / f"{table['name']}.json"
+        path.write_text(make().text(table | changes), encoding="utf-8")
+        return path
+
+    return write
+
+
+def on_nodes(name: str, c: list[Any], c_tilde: list[Any]) -> dict[str, Any]:
+    """Return the symplectic tableau on these nodes without a claim."""
+    table = make().collocation(name, *([sp.sympify(x) for x in part] for part in (c, c_tilde)), 1)
+    return {key: value for key, value in table.items() if key != "order"}
+
+
+def failed(path: Path) -> list[str]:
+    return [line.name for line in check_tableau(read_tableau(path)) if not line.holds]
+
+
+# ---------------------------------------------------------------- the examples
+
+
+def test_examples_are_what_the_script_derives(tmp_path: Path) -> None:
+    make().main(tmp_path)
+    assert {path.stem for path in tmp_path.iterdir()} == EXAMPLES.keys()
+    for path in tmp_path.iterdir():
+        assert (FOLDER / path.name).read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
+
+
+def test_the_script_derives_the_families_too(written: Any) -> None:
+    """Its Gauss-Lobatto and Lobatto IIIA-B are those of the generator, solved another way."""
+    script = make()
+    for s, family in ((2, gauss_lobatto(2)), (3, gauss_lobatto(3)), (3, lobatto_iiiab(3))):
+        stages = script.lobatto_nodes(s) if family.p == s - 1 else script.gauss_nodes(s)
+        tableau = read_tableau(written(on_nodes("own", stages, script.lobatto_nodes(family.p + 1))))
+        for key in FIELDS:
+            a, b = (np.array(getattr(t.numeric(30), key), dtype=float) for t in (tableau, family))
+            assert np.abs(a - b).max() <= 2.0**-52, key
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples_are_verified(name: str) -> None:
+    """Every condition, the order derived and measured, the compiled coefficients."""
+    verdict = verify_stepper(Spec.checked(tableau=FOLDER / f"{name}.json"))
+    assert verdict.holds, [line for line in verdict.conditions if not line.holds]
+    assert verdict.order == EXAMPLES[name]
+    assert any(line.name == "order, measured" for line in verdict.conditions)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_compiled_order_and_constraints(name: str) -> None:
+    """The compiled step on an asymmetric top: the derived order, constraints at round-off."""
+    step, body = stepper_of(name), BODY
+    parameters = body.parameters | {"gamma": 1.0}
+    exact = gs.stepper("G-L", 6).integrate(body.q0, body.p0, dt=0.01, steps=200,
+                                           parameters=parameters).q[-1]
+    errors = []
+    for steps in (50, 100, 200):
+        run = step.integrate(body.q0, body.p0, dt=2 / steps, steps=steps, parameters=parameters)
+        errors.append(np.abs(run.q[-1] - exact).max())
+        assert run.report.constraint_max < 4 * 2.0**-52
+        assert run.report.momentum_constraint_max < 4 * 2.0**-52 * np.linalg.norm(body.p0)
+    assert np.log2(errors[-2] / errors[-1]) == pytest.approx(step.order, abs=0.1)
+
+
+@pytest.mark.parametrize("solver", ["newton", "fixed-point", "python"])
+def test_solvers_agree(solver: str) -> None:
+    step = stepper_of("radau_iia_2")
+    runs = [step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=20, parameters=PARAMETERS, solver=other)
+            for other in ("auto", solver)]
+    assert runs[0].q[-1] == pytest.approx(runs[1].q[-1], abs=64 * 2.0**-52)
+
+
+def test_symplectic_energy_stays_and_the_other_does_not() -> None:
+    """Radau IIA with its symplectic partner against Radau IIA alone, which dissipates."""
+    drift = {}
+    for name in ("radau_iia_2", "radau_plain_2"):
+        run = stepper_of(name).integrate(
+            TOP.q0, TOP.p0, dt=1e-3, steps=4000, parameters=PARAMETERS)
+        errors = np.abs(run.energies - run.energies[0])
+        drift[name] = errors[3000:].max() / errors[:1000].max()
+    assert drift["radau_iia_2"] == pytest.approx(1, abs=0.01)
+    assert drift["radau_plain_2"] > 2
+
+
+def test_any_system() -> None:
+    """A pendulum of one's own with a tableau of one's own."""
+    (x, y), (u, v) = sp.symbols("x y", real=True), sp.symbols("u v", real=True)
+    pendulum = gs.System((x, y), (u, v), (), (u**2 + v**2) / 2 + y, (x**2 + y**2 - 1,),
+                         name="own_pendulum")
+    step = gs.stepper(tableau=FOLDER / "gauss_3_2.json", system=pendulum)
+    run = step.integrate([1.0, 0.0], [0.0, 0.0], dt=0.01, steps=500, parameters={})
+    assert run.report.constraint_max < 4 * 2.0**-52
+    assert run.report.energy_error_max < 1e-7
+
+
+# ---------------------------------------------------------------- off the families
+
+
+CASES = {
+    # name: stage nodes, constraint nodes, order
+    "s1": (["1/3"], [0, 1], 1),
+    "fewer_constraints": (["1/2 - sqrt(15)/10", "1/2", "1/2 + sqrt(15)/10"], [0, 1], 2),
+    "outside": (["-1/5", "3/5"], [0, "1/2", 1], 2),
+    "radau_3": (["2/5 - sqrt(6)/10", "2/5 + sqrt(6)/10", "1"],
+                [0, "1/2 - sqrt(5)/10", "1/2 + sqrt(5)/10", 1], 5),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_other_nodes(name: str, written: Any) -> None:
+    c, c_tilde, order = CASES[name]
+    path = written(on_nodes(name, c, c_tilde))
+    tableau = read_tableau(path)
+    assert failed(path) == []
+    assert tableau.order == order
+    assert observed_order(tableau) == pytest.approx(order, abs=0.1)
+
+
+@pytest.mark.parametrize("s", [6, pytest.param(16, marks=pytest.mark.slow)])
+def test_high_orders(s: int) -> None:
+    """Beside a reference of order 2s + 4, for as many stages as there are named steppers."""
+    assert observed_order(gauss_lobatto(s)) == pytest.approx(2 * s, abs=0.1)
+
+
+@pytest.mark.parametrize(("s", "digits"), [(2, 16), (2, 9), (3, 9)])
+def test_orders_of_tableaux_in_decimals(tmp_path: Path, s: int, digits: int) -> None:
+    """Where the rounding of the digits hides the order that is said; the tableau is not accused."""
+    family = gauss_lobatto(s)
+    table = {"name": "rounded"} | {key: getattr(family, key) for key in FIELDS}
+    path = tmp_path / "rounded.json"
+    path.write_text(json.dumps(in_decimals(table, digits)), encoding="utf-8")
+    tableau = read_tableau(path)
+    assert tableau.order == 2 * s
+    if s == 2:
+        assert observed_order(tableau) == pytest.approx(2 * s, abs=0.1)
+        return
+    verdict = verify_stepper(Spec.checked(tableau=path))
+    assert verdict.holds
+    measured = next(line for line in verdict.conditions if line.name == "order, measured")
+    assert measured.found == "hidden by the rounding of 9 digits"
+    assert measured.residual == "not measured"
+
+
+def triple_jump() -> dict[str, Any]:
+    """Return Yoshida's composition of three 1-stage steps, order 4; 2^(1/3) in 40 decimals."""
+    first = 1 / (2 - sp.root(2, 3))
+    b = [first, 1 - 2 * first, first]
+    ends = [sum(b[:k], sp.Integer(0)) for k in range(4)]
+    b_tilde = [(x + y) / 2 for x, y in zip([0, *b], [*b, 0], strict=True)]
+    zero = sp.Integer(0)
+    return in_decimals({
+        "name": "triple_jump", "order": 4, "symmetric": True, "symplectic": True,
+        "A": [[b[j] if j < i else b[i] / 2 if j == i else zero for j in range(3)]
+              for i in range(3)],
+        "A_tilde": [[b_tilde[j] if j <= i else zero for j in range(4)] for i in range(3)],
+        "A_bar": [[b[j] if j < i else zero for j in range(3)] for i in range(4)],
+        "b": b, "b_tilde": b_tilde, "c": [x + y / 2 for x, y in zip(ends[:3], b, strict=True)],
+        "c_tilde": ends,
+    }, 40)
+
+
+def test_a_symmetric_method_has_an_even_order(tmp_path: Path) -> None:
+    """C(1) and D(1) prove order 3 for a composition; it is symmetric, and of order 4."""
+    path = tmp_path / "triple_jump.json"
+    path.write_text(json.dumps(triple_jump()), encoding="utf-8")
+    tableau = read_tableau(path)
+    assert min(bound for bound, _ in _bounds(tableau)) == 3
+    assert tableau.order == 4
+    assert failed(path) == []
+    assert observed_order(tableau) == pytest.approx(4, abs=0.1)
+    assert remarks(tableau) == []
+
+
+@pytest.mark.parametrize(("order", "holds"), [(3.98, True), (3.02, True), (2.01, False),
+                                              (3.4, False)])
+def test_the_measured_order_is_at_least_the_proved_one(
+    order: float, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The conditions are sufficient: more is no failure, and told as more."""
+    monkeypatch.setattr("gyrospark.certificates.verification.observed_order", lambda tableau: order)
+    lines = verify_stepper(Spec.checked(tableau=FOLDER / "radau_iia_2.json")).conditions
+    measured = next(line for line in lines if line.name == "order, measured")
+    assert measured.holds is holds
+    assert ("more than is proved" in measured.found) == (order > 3.5)
+
+
+def zero_weight() -> dict[str, Any]:
+    """Return a method of order 1 whose middle stage has b_2 = 0; not symplectic."""
+    h = sp.Rational(1, 2)
+    table = {
+        "A": [[0, 0, 0], [h, 0, 0], [h, 0, h]], "A_hat": [[h, 0, 0], [h, 0, 0], [h, 0, h]],
+        "A_tilde": [[h, 0]] * 3, "A_bar": [[0, 0, 0], [h, 0, h]], "b": [h, 0, h],
+        "b_tilde": [h, h], "c": [0, h, 1], "c_tilde": [0, 1],
+    }  # fmt: skip
+    return {"name": "zero_weight"} | {
+        key: [[*map(sp.sympify, row)] if isinstance(row, list) else sp.sympify(row) for row in part]
+        for key, part in table.items()
+    }
+
+
+def test_a_weight_of_zero_takes_newton(written: Any) -> None:
+    """There is no fast path; the remark says so, and the steps keep the constraints."""
+    step = gs.stepper(tableau=written(zero_weight()))
+    assert step.order == 1
+    assert any("b_i is zero" in remark for remark in step.remarks)
+    assert any(remark.startswith("not symplectic, forces") for remark in step.remarks)
+    run = step.integrate(TOP.q0, TOP.p0, dt=1e-4, steps=50, parameters=PARAMETERS)
+    assert run.report.constraint_max < 4 * 2.0**-52
+
+
+# ---------------------------------------------------------------- what is said before a step
+
+
+SINGULAR = {
+    "more constraint intervals than stages":
+        (["1/2 - sqrt(3)/6", "1/2 + sqrt(3)/6"], [0, "1/2 - sqrt(5)/10", "1/2 + sqrt(5)/10", 1]),
+    "a constraint node without weight": (["1/2 - sqrt(3)/6", "1/2 + sqrt(3)/6"], [0, "1/3", 1]),
+}
+
+
+@pytest.mark.parametrize("nodes", SINGULAR.values(), ids=SINGULAR.keys())
+def test_undetermined_multipliers_are_refused(nodes: Any, written: Any) -> None:
+    path = written(on_nodes("singular", *nodes))
+    assert failed(path) == ["multipliers"]
+    assert multiplier_inverse(read_tableau(path)) is None
+    with pytest.raises(TableauError, match=r"violates multipliers \(det M ≠ 0"):
+        gs.stepper(tableau=path)
+
+
+def test_verify_ends_where_no_step_can_be_taken(written: Any) -> None:
+    path = written(on_nodes("singular", *SINGULAR["a constraint node without weight"]))
+    broken = {line.name: line for line in verify_stepper(Spec.checked(tableau=path)).conditions
+              if not line.holds}
+    assert broken.keys() == {"multipliers", "order, measured"}
+    assert broken["order, measured"].found == "A step's equations are singular."
+
+
+def test_undetermined_multipliers_do_not_matter_without_constraints(written: Any) -> None:
+    x, u = sp.Symbol("x", real=True), sp.Symbol("u", real=True)
+    spring = gs.System((x,), (u,), (), (x**2 + u**2) / 2, name="own_spring")
+    path = written(on_nodes("singular", *SINGULAR["a constraint node without weight"]))
+    run = gs.stepper(tableau=path, system=spring).integrate([1.0], [0.0], dt=0.01, steps=100,
+                                                            parameters={})
+    assert run.q[-1, 0] == pytest.approx(np.cos(1.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("s", [1, 2, 5, 10])
+def test_multipliers_of_the_families_are_determined(s: int) -> None:
+    assert 1 <= multiplier_condition(gauss_lobatto(s)) < 1e5
+
+
+def test_several_violations_are_all_named(written: Any) -> None:
+    table = on_nodes("bent", ["1/3", 1], [0, "1/2", 1])
+    table["A_bar"][0][0], table["A_bar"][-1] = sp.Rational(1, 9), [sp.Rational(1, 2)] * 2
+    with pytest.raises(TableauError, match=r"ā_0j = 0 \(.*; residual 0\.111.*ā_pj = b_j \("):
+        gs.stepper(tableau=written(table))
+
+
+def test_remarks_name_what_limits_the_order() -> None:
+    assert remarks(read_tableau(FOLDER / "gauss_3_2.json")) == [
+        "order 4 is proved, although b is exact to order 6: limited by B̃, C̃(1)"]
+    assert remarks(read_tableau(FOLDER / "lobatto_iiid_3.json")) == []
+    plain = remarks(read_tableau(FOLDER / "radau_plain_2.json"))
+    assert plain[0].startswith("not symplectic, forces (b_i â_ij + b̂_j a_ji = b_i b̂_j; residual 0.")
+    assert plain[1].startswith("not symmetric")
+
+
+def test_remarks_are_in_the_manifest_of_given_tableaux_only() -> None:
+    step = stepper_of("radau_plain_2")
+    about = step.manifest["tableau"]
+    assert about["remarks"] == step.remarks == remarks(read_tableau(FOLDER / "radau_plain_2.json"))
+    assert about["conditions"]["symplectic, constraints"]["found"] == "yes"
+    family = gs.stepper("G-L", 2)
+    assert family.remarks == []
+    assert "tableau" not in family.manifest
+
+
+@pytest.mark.parametrize(("claim", "broken"), [
+    ({"symplectic": True}, ["symplectic, forces"]), ({"symplectic": False}, []),
+    ({}, ["symplectic, forces"]), ({"symplectic": False, "symmetric": True}, ["symmetric"]),
+])
+def test_claims_of_a_method_that_is_not_symplectic(
+    claim: dict[str, bool], broken: list[str], tmp_path: Path
+) -> None:
+    """Denied: told. Not spoken of: told, and verify fails. Claimed: no step is taken."""
+    table = json.loads((FOLDER / "radau_plain_2.json").read_text(encoding="utf-8"))
+    del table["symplectic"]
+    path = tmp_path / "claims.json"
+    path.write_text(json.dumps(table | claim), encoding="utf-8")
+    assert failed(path) == broken
+    if True in claim.values():
+        with pytest.raises(TableauError, match="violates"):
+            gs.stepper(tableau=path)
+    else:
+        assert gs.stepper(tableau=path).order == 3
+
+
+# ---------------------------------------------------------------- any nodes
+
+
+@settings(deadline=None, max_examples=8)
+@given(
+    st.lists(st.fractions(0, 1, max_denominator=9), min_size=2, max_size=4, unique=True),
+    st.lists(st.fractions("1/9", "8/9", max_denominator=9), max_size=2, unique=True),
+)
+def test_symplectic_by_construction_or_no_step(c: Any, inner: Any) -> None:
+    """On any nodes: symplectic, consistent, and refused if the multipliers are not determined."""
+    import tempfile
+
+    nodes, c_tilde = sorted(c), [0, *sorted(inner), 1]
+    script = make()
+    if 0 in script.weights([sp.Rational(x) for x in nodes], sp.Integer(1)):
+        return  # no symplectic partner
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "any.json"
+        path.write_text(script.text(on_nodes("any_nodes", nodes, c_tilde)), encoding="utf-8")
+        try:
+            tableau = read_tableau(path)
+        except TableauError as error:
+            assert "the last b_tilde is 0" in str(error)  # noqa: PT017 (on most nodes it is not)
+            return
+        broken = failed(path)
+    if 0 in tableau.b_tilde[:-1] or tableau.p > tableau.s:
+        assert "multipliers" in broken
+    else:
+        assert set(broken) <= {"multipliers"}
+        assert tableau.order >= 1

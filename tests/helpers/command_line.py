@@ -1,0 +1,20 @@
+"""A command line that runs, one that fails, and how a refused one answers."""
+
+from __future__ import annotations
+
+from processes import ROOT
+
+EXAMPLE = ROOT / "examples" / "tableaux" / "gauss_lobatto_2.json"
+RUN = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "20"]
+FAILS = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1", "--steps", "20"]
+
+
+def refused(answer, *fragments, code=2):
+    """Check one line on stderr with all fragments, nothing on stdout, and the exit code."""
+    assert answer.code == code, answer.stderr
+    assert answer.stdout == ""
+    assert answer.stderr.count("\n") == 1
+    assert answer.stderr.endswith("\n")
+    assert "Traceback" not in answer.stderr
+    for fragment in fragments:
+        assert fragment in answer.stderr, answer.stderr

@@ -1,0 +1,118 @@
+"""What README and docs tell a reader to type: where it stands, and how tests shorten it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from processes import ROOT
+
+#: What a reader types of them, a machine without extras included; pages of cells are run in the
+#: environment of the tests (test_site.py).
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def recipe(target: str) -> str:
+    """Return what ``make`` does for a target in its environment."""
+    makefile = re.sub(r"\s*\\\n\s*", " ", (ROOT / "Makefile").read_text(encoding="utf-8"))
+    found = re.search(rf"^{target}:.*\n\t\$\(BIN\)/(.*)$", makefile, flags=re.MULTILINE)
+    assert found
+    return found[1]
+
+
+#: What would take long, or what a machine may not have: pattern, replacement, reason.
+SHORTER = [
+    (r"^make demo$", recipe("demo"), "its environment is made; the bare one is another"),
+    (r"--steps 1000000000 --every 1000\b", "--steps 20000 --every 1000", "a quarter of an hour"),
+    (r"(sweep) examples/studies/gamma_dt.toml(?! --dry-run)", r"\1 few.toml",
+     "a million runs; the study of docs/sweeps.md is few.toml, with four of them"),
+    (r"^taskset -c 0 ", "", "taskset is a thing of Linux"),
+    (r' --base "heyoka default"', "", "heyoka is one of the programs of the extra bench"),
+    (r"^gyrospark verify$", "gyrospark verify --scheme G-L --stages 1",
+     "all steppers of the paper, which a slow test of test_cli.py verifies"),
+    (r"--t-end 20 (.*--animate)", r"--t-end 0.2 \1", "a film of twenty pictures, not 120"),
+    (r"^gyrospark bench(?! bodies)(?: --rounds \d)?((?: \w+)?)(?: --rounds \d)?",
+     r"gyrospark bench\1 --quick --rounds 1 --peers gyrospark",
+     "minutes, and more with the programs of the extra bench"),
+    (r"^gyrospark reference (?!list).*", "gyrospark reference spherical-pendulum --quick",
+     "docs/references.md would be written, and systems be compiled for half a minute"),
+    (r"^gyrospark reproduce all --summary docs/paper.md", "gyrospark reproduce table-4",
+     "half an hour"),
+]
+
+#: What is not typed here: pattern, reason.
+NOT_RUN = [
+    (r"^pip install ", "test_bare_machine.py installs what pip makes of the project, and "
+                       "test_packaging.py compares the extras that are named"),
+    (r"^make (test|generated|docs)", "the first runs these tests, the second writes to the "
+                                      "repository, the third is typed by test_site.py"),
+    (r"^pytest ", "it writes to the repository"),
+    (r"^gyrospark bench bodies", "even quick it derives and compiles chains for a quarter of a "
+                                 "minute, as test_benchmarks.py does"),
+    (r"^gyrospark reproduce (?!table-4$|all)",
+     "minutes each; all have tests of their own, and here their names are looked up"),
+]
+
+#: The form of a command, not a command: test_packaging.py compares its options.
+FORM = re.compile(r"\b(FILE|PROBLEM|STUDY\.toml|NAME)\b|…| --out$")
+COMMAND = re.compile(r"(generate|gyrospark|make|pip|pytest|taskset|cd) \S")
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Typed:
+    """Something to type, where it stands, and the text of the section around it."""
+
+    where: str
+    text: str
+    section: str
+
+    @property
+    def shortened(self) -> str:
+        """The command as tests type it."""
+        text = self.text
+        for pattern, replacement, _ in SHORTER:
+            text = re.sub(pattern, replacement, text)
+        return text
+
+    @property
+    def not_run(self) -> str:
+        """Why it is not typed; empty if it is."""
+        return next((why for pattern, why in NOT_RUN if re.search(pattern, self.text)), "")
+
+
+def blocks(path: Path, language: str) -> list[Typed]:
+    """Return the fenced blocks of a document in a language ("" for none)."""
+    text = path.read_text(encoding="utf-8")
+    return [_typed(path, text, found.start(2), found[2]) for found in FENCE.finditer(text)
+            if found[1] == language]
+
+
+def commands(path: Path) -> list[Typed]:
+    """Return the commands of a document in their order: lines of blocks, and between backticks."""
+    text = path.read_text(encoding="utf-8")
+    found = [(block.start(2) + place, line) for block in FENCE.finditer(text) if not block[1]
+             for place, line in _lines(block[2])]
+    prose = FENCE.sub(lambda block: re.sub(r"[^\n]", " ", block[0]), text)  # at the same places
+    found += [(span.start(1), span[1]) for span in re.finditer(r"`([^`\n]+)`", prose)]
+    return [_typed(path, text, place, line) for place, line in sorted(found)
+            if COMMAND.match(line) and not FORM.search(line)]
+
+
+def _lines(block: str) -> Iterator[tuple[int, str]]:
+    """Yield the commands of a block; what stands below a ``$`` is what they print."""
+    prompted = block.startswith("$ ")
+    for line in re.finditer(r"^(?:.*\\\n)*.*$", block, flags=re.MULTILINE):
+        plain = re.sub(r"\s*\\\n\s*", " ", re.sub(r"\s+# .*", "", line[0]))
+        if plain.startswith("$ ") or not prompted:
+            yield line.start(), plain.removeprefix("$ ")
+
+
+def _typed(path: Path, text: str, place: int, what: str) -> Typed:
+    heading: Callable[[int], int] = lambda at: text.rfind("\n## ", 0, at)  # noqa: E731
+    end = text.find("\n## ", place)
+    section = text[max(heading(place), 0): end if end > 0 else len(text)]
+    line = text.count("\n", 0, place) + 1
+    return Typed(f"{path.relative_to(ROOT)}:{line}", what, section)

@@ -1,0 +1,51 @@
+"""A pendulum with events, its period, and how stored events are compared."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+
+import mpmath
+import numpy as np
+import sympy as sp
+
+import gyrospark as gs
+from stores import (
+    Interrupted,
+    bits,
+    ends_after,
+)
+
+
+def pendulum(real: str = "double", scheme: str = "G-L", stages: int | None = 5):
+    x, y, u, v, g = sp.symbols("x y u v g")
+    system = gs.System((x, y), (u, v), (g,), (u**2 + v**2) / 2 + g * y, (x**2 + y**2 - 1,),
+                       name="event_pendulum", quantities={"side": x, "height": y})
+    return gs.stepper(scheme, stages, system=system, real=real)
+
+
+def start(angle: float = 1.0):
+    return [np.sin(angle), -np.cos(angle)], [0.0, 0.0]
+
+
+def period(angle: float = 1.0):
+    """The period of a pendulum let go at an angle, g = l = 1: 4 K(sin²(θ/2))."""
+    with mpmath.workdps(40):
+        return 4 * mpmath.ellipk(mpmath.sin(mpmath.mpf(angle) / 2) ** 2)
+
+
+def assert_same_events(stored, computed):
+    """Check that two runs found the same, to the bit."""
+    assert stored.keys() == computed.keys()
+    for name, found in computed.items():
+        for part in ("t", "q", "p", "steps", "rising"):
+            assert bits(getattr(stored[name], part)) == bits(getattr(found, part)), (name, part)
+
+
+def in_pieces(step, out, calls, **run):
+    """Record a run that is ended after so many calls of progress, again and again."""
+    shutil.rmtree(out, ignore_errors=True)
+    for count in calls:
+        with contextlib.suppress(Interrupted):
+            gs.record(step, out=out, resume=True, progress=ends_after(count), **run)
+    return gs.record(step, out=out, resume=True, **run)

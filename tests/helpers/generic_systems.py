@@ -1,0 +1,130 @@
+"""Systems that are no quaternion, each with starts and parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.generator.systems.system import System
+from reference import Equations
+
+
+@dataclass(frozen=True)
+class Example:
+    """A system twice, and a region to start in."""
+
+    symbolic: System
+    by_hand: Any  # number → Equations
+    parameters: dict[str, float]
+    q: tuple[float, ...]
+    p: tuple[float, ...]
+
+
+def pendulum() -> Example:
+    x1, y1, x2, y2, u1, v1, u2, v2 = q_p = sp.symbols("x1 y1 x2 y2 u1 v1 u2 v2", real=True)
+    m1, m2, l1, l2 = sp.symbols("m1 m2 l1 l2", positive=True)
+    w = sp.Symbol("w", real=True)
+    H = (u1**2 + v1**2) / (2 * m1) + (u2**2 + v2**2) / (2 * m2) + w * (m1 * y1 + m2 * y2)
+    g = (x1**2 + y1**2 - l1**2, (x2 - x1) ** 2 + (y2 - y1) ** 2 - l2**2)
+    parameters = {"m1": 1.5, "m2": 0.7, "l1": 1.25, "l2": 0.8, "w": 9.81}
+
+    def by_hand(number):
+        m1, m2, l1, l2, w = (number(parameters[name]) for name in ("m1", "m2", "l1", "l2", "w"))
+        mass, weight = np.array([m1, m1, m2, m2]), w * np.array([0 * m1, m1, 0 * m1, m2])
+
+        def G(q):
+            x, y = q[2] - q[0], q[3] - q[1]
+            return 2 * np.array([[q[0], q[1], 0 * x, 0 * x], [-x, -y, x, y]])
+
+        def mean_gradient(q0, p0, q1, p1):  # H and g are quadratic: at the mean
+            return weight + 0 * q0, (p0 + p1) / 2 / mass
+
+        return Equations(
+            H=lambda q, p: p @ (p / mass) / 2 + weight @ q,
+            H_q=lambda q, p: weight + 0 * q,
+            H_p=lambda q, p: p / mass,
+            g=lambda q: np.array([q[0] ** 2 + q[1] ** 2 - l1**2,
+                                  (q[2] - q[0]) ** 2 + (q[3] - q[1]) ** 2 - l2**2]),
+            G=G, mean_gradient=mean_gradient, mean_constraint=lambda q0, q1: G((q0 + q1) / 2),
+        )
+
+    return Example(System(q_p[:4], q_p[4:], (m1, m2, l1, l2, w), H, g, name="pendulum"), by_hand,
+                   parameters, (0.9, -0.6, 1.5, -1.1), (1.0, 0.4, -0.6, 0.9))
+
+
+def runner() -> Example:
+    x, y, z, a, b, c = q_p = sp.symbols("x y z a b c", real=True)
+    M = sp.Symbol("M", positive=True)
+    k = sp.Symbol("k", real=True)
+    H = sp.sqrt(M**2 + a**2 + b**2 + c**2) * (1 + x**2 / 4) + k / (2 + z)
+    parameters = {"M": 0.8, "k": 1.7}
+
+    def by_hand(number):
+        M, k = (number(parameters[name]) for name in ("M", "k"))
+
+        def root(p):
+            return (M**2 + p @ p) ** 0.5
+
+        def stretch(q):
+            return 1 + q[0] ** 2 / 4
+
+        def mean_gradient(q0, p0, q1, p1):
+            roots, q = root(p0) + root(p1), (q0 + q1) / 2
+            D_p = (stretch(q0) + stretch(q1)) / 2 * (p0 + p1) / roots
+            return np.array([roots * q[0] / 4, 0 * q[0], -k / ((2 + q0[2]) * (2 + q1[2]))]), D_p
+
+        def mean_constraint(q0, q1):
+            row = (q0 + q1) * (q0**2 + q1**2)
+            row[2] = q0[2] + q1[2]
+            return np.array([row])
+
+        return Equations(
+            H=lambda q, p: root(p) * stretch(q) + k / (2 + q[2]),
+            H_q=lambda q, p: np.array([root(p) * q[0] / 2, 0 * q[0], -k / (2 + q[2]) ** 2]),
+            H_p=lambda q, p: p / root(p) * stretch(q),
+            g=lambda q: np.array([q[0] ** 4 + q[1] ** 4 + q[2] ** 2 - 1]),
+            G=lambda q: np.array([[4 * q[0] ** 3, 4 * q[1] ** 3, 2 * q[2]]]),
+            mean_gradient=mean_gradient, mean_constraint=mean_constraint,
+        )
+
+    return Example(System(q_p[:3], q_p[3:], (M, k), H, (x**4 + y**4 + z**2 - 1,), name="runner"),
+                   by_hand, parameters, (0.7, -0.6, 0.5), (0.6, 0.9, -0.4))
+
+
+def oscillator() -> Example:
+    x, y, a, b = q_p = sp.symbols("x y a b", real=True)
+    H = (a**2 + b**2 + x**2 + y**2) / 2 + x**2 * y - y**3 / 3
+
+    def by_hand(number):
+        third = 1 / number(3)
+
+        def mean_gradient(q0, p0, q1, p1):
+            q, y0, y1 = (q0 + q1) / 2, q0[1], q1[1]
+            square = (q0[0] ** 2 + q1[0] ** 2) / 2
+            D_q = np.array([q[0] + 2 * q[0] * q[1],
+                            q[1] + square - third * (y0**2 + y0 * y1 + y1**2)])
+            return D_q, (p0 + p1) / 2
+
+        return Equations(
+            H=lambda q, p: (p @ p + q @ q) / 2 + q[0] ** 2 * q[1] - third * q[1] ** 3,
+            H_q=lambda q, p: np.array([q[0] + 2 * q[0] * q[1], q[1] + q[0] ** 2 - q[1] ** 2]),
+            H_p=lambda q, p: 1 * p,
+            g=lambda q: np.zeros(0), G=lambda q: np.zeros((0, 2)),
+            mean_gradient=mean_gradient, mean_constraint=lambda q0, q1: np.zeros((0, 2)),
+        )
+
+    return Example(System(q_p[:2], q_p[2:], (), H, name="henon_heiles"), by_hand, {}, (0.3, -0.2),
+                   (0.25, 0.35))
+
+
+EXAMPLES = {make.__name__: make() for make in (pendulum, runner, oscillator)}
+
+
+@cache
+def stepper_for(name, scheme, stages):
+    return gs.stepper(scheme, stages, system=EXAMPLES[name].symbolic)

@@ -1,0 +1,85 @@
+"""The packages, and which of them import from which, read from the files."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+
+from processes import ROOT
+
+#: Packages of packages, and packages of modules.
+HALLS = ("generator", "runtime")
+WINGS = ("benchmarks", "certificates", "commands", "core", "references", "storage",
+         "studies", "sweeps")
+#: Where generator and runtime meet, imported by those above them.
+API = "api"
+
+
+def files_of(folder: Path) -> list[Path]:
+    """Return the modules of a package."""
+    return sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
+
+
+@cache
+def rooms() -> dict[str, list[Path]]:
+    """Return the modules of each package; those beside inner packages have the outer one's name."""
+    found = {API: [ROOT / "api.py", ROOT / "exact.py"]}
+    for hall in HALLS:
+        inner = sorted(path.parent for path in (ROOT / hall).glob("*/__init__.py"))
+        found |= {f"{hall}/{folder.name}": files_of(folder) for folder in inner}
+        found[hall] = files_of(ROOT / hall)
+    return found | {wing: files_of(ROOT / wing) for wing in WINGS} | {
+        "commands": [*files_of(ROOT / "commands"), *files_of(ROOT / "commands" / "run")]}
+
+
+@cache
+def imports() -> dict[str, dict[str, set[str]]]:
+    """Return package → package it imports from → the pairs "module -> module" that do so.
+
+    What only type checkers import is left out.
+    """
+    home = {".".join(path.relative_to(ROOT).with_suffix("").parts): room
+            for room, paths in rooms().items() for path in paths}
+    found: dict[str, dict[str, set[str]]] = {room: {} for room in rooms()}
+    for module, room in home.items():
+        path = ROOT / f"{module.replace('.', '/')}.py"
+        for target in _imported(path, module, home):
+            if home[target] != room:
+                found[room].setdefault(home[target], set()).add(f"{module} -> {target}")
+    return found
+
+
+def _imported(path: Path, module: str, home: Mapping[str, str]) -> Iterator[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for_checkers = {id(inner) for node in ast.walk(tree)
+                    if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+                    for inner in ast.walk(node)}
+    package = module.split(".")[:-1]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level and id(node) not in for_checkers:
+            base = package[: len(package) - node.level + 1]
+            whole = ".".join([*base, *([node.module] if node.module else [])])
+            for alias in node.names:
+                inner = f"{whole}.{alias.name}" if whole else alias.name
+                if inner in home or whole in home:
+                    yield inner if inner in home else whole
+
+
+def reachable(graph: Mapping[str, set[str]], start: str) -> set[str]:
+    """Return all that can be reached from a node."""
+    seen: set[str] = set()
+    waiting = [start]
+    while waiting:
+        for other in graph.get(waiting.pop(), set()) - seen:
+            seen.add(other)
+            waiting.append(other)
+    return seen
+
+
+def reduced(graph: Mapping[str, set[str]]) -> dict[str, list[str]]:
+    """Return a graph without circles with the fewest arrows that reach the same."""
+    return {node: sorted(other for other in others if not any(
+        other in reachable(graph, between) for between in others - {other}))
+        for node, others in graph.items()}

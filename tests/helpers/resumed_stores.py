@@ -1,0 +1,42 @@
+"""Runs that are stored in pieces, and end with the same bytes."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+
+import gyrospark as gs
+from stores import (
+    Interrupted,
+    assert_same_bytes,
+    ends_after,
+    recorded,
+)
+
+
+def in_pieces(step, out, calls, **arguments):
+    """Record a run that is ended after so many calls of progress, again and again.
+
+    Returns how often it was ended.
+    """
+    shutil.rmtree(out, ignore_errors=True)
+    for number, count in enumerate(calls):
+        try:
+            gs.record(step, out=out, resume=True, progress=ends_after(count), **arguments)
+        except Interrupted:
+            continue
+        except gs.StepFailed:
+            pass
+        return number
+    with contextlib.suppress(gs.StepFailed):
+        gs.record(step, out=out, resume=True, **arguments)
+    return len(calls)
+
+
+def check(step, folder, calls, **arguments):
+    """Check that an interrupted run ends with the bytes of one that was not."""
+    with contextlib.suppress(gs.StepFailed):
+        recorded(step, folder / "whole.zarr", **arguments)
+    ends = in_pieces(step, folder / "pieces.zarr", calls, **arguments)
+    assert_same_bytes(folder / "whole.zarr", folder / "pieces.zarr")
+    return ends

@@ -1,0 +1,88 @@
+"""What the tests of stored runs share: runs to store, and how stores are compared."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from gyrospark.runtime.bindings.wide_numbers import as_bytes
+from gyrospark.storage import array_layout, recorder
+from interruption import differences
+
+ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
+          "quantity_values")
+START = {"q": TOP.q0, "p": TOP.p0, "dt": 1e-3, "parameters": PARAMETERS}
+
+
+class Interrupted(Exception):  # noqa: N818 (no error: the end that a test wants)
+    """What a progress callback raises to end a run."""
+
+
+def ends_after(calls):
+    """Return a progress callback that ends the run at its so-many-th call."""
+    left = iter(range(calls))
+
+    def progress(done):
+        if next(left, None) is None:
+            raise Interrupted(done)
+
+    return progress
+
+
+def bits(array):
+    """Return what two arrays have in common if and only if they agree to the bit."""
+    return array.dtype, array.shape, as_bytes(array).tobytes()
+
+
+def assert_same(stored, computed):
+    """Check that two trajectories agree to the bit in all that they hold."""
+    for name in ARRAYS:
+        assert bits(getattr(stored, name)) == bits(getattr(computed, name)), name
+    for name in ("dt", "every", "parameters", "report", "manifest"):
+        assert getattr(stored, name) == getattr(computed, name), name
+
+
+def assert_same_states(part, whole):
+    """Check that a trajectory is the beginning of another one, to the bit."""
+    for name in ARRAYS:
+        begun = getattr(part, name)
+        assert bits(begun) == bits(getattr(whole, name)[: len(begun)]), name
+
+
+def assert_same_bytes(one, other):
+    """Check that two stores have the same files with the same bytes."""
+    assert any(one.rglob("*"))
+    assert differences(one, other) == []
+
+
+def small_blocks(monkeypatch, rows, seconds=0.0):
+    """Let runs write few rows at a time, and commit as often as the writer can.
+
+    What is written is not forced to the disk, which takes most of the time and only counts when
+    the power fails.
+    """
+    monkeypatch.setattr(os, "fsync", lambda handle: None)
+    monkeypatch.setattr(array_layout, "_MOST_ROWS", rows)
+    monkeypatch.setattr(recorder, "COMMIT_SECONDS", seconds)
+
+
+def recorded(stepper, out, **arguments):
+    """Return the run of these arguments, recorded without an interruption in a new store."""
+    shutil.rmtree(out, ignore_errors=True)
+    return gs.record(stepper, out=out, **arguments)
+
+
+def as_files(store: Path) -> dict[str, bytes]:
+    """Return every file of a store by its name."""
+    return {str(path.relative_to(store)): path.read_bytes()
+            for path in sorted(store.rglob("*")) if path.is_file()}
+
+
+def unlike(array):
+    """Return how many entries of an array are NaN."""
+    return int(np.isnan(array).sum())

@@ -1,0 +1,305 @@
+"""What a user has: the source archive, the wheel, and what README and docs say, typed elsewhere.
+
+A fresh environment holds the wheel and what it asks for: no extra, no other package of the tests.
+There every command and every block of Python is typed in an empty folder. What needs an extra must
+say so in one sentence, and the section of the document as well; it is typed again in the
+environment of the tests, where it must work. ``documents.py`` says how long ones are shortened.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from dataclasses import dataclass
+from email.parser import Parser
+from pathlib import Path
+
+import pytest
+
+import documents
+import gyrospark as gs
+from gyrospark.core.extras import install
+from gyrospark.studies.study_registry import chosen
+from gyrospark.sweeps.study_file import load_study
+from processes import PATIENCE, ROOT, call, environment
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = {name: packages for name, packages in PROJECT["optional-dependencies"].items()
+          if name not in ("test", "fuzz", "release", "docs")}
+
+#: Types blocks of Python one after the other, as a reader would; prints what stopped each.
+READER = """
+import json, sys
+stopped, namespace = [], {}
+for where, text in json.load(sys.stdin):
+    try:
+        exec(compile(text, where, "exec"), namespace)
+    except Exception as error:
+        stopped.append([where, type(error).__name__, getattr(error, "name", None), str(error)])
+json.dump(stopped, open("stopped.json", "w"))
+"""
+
+
+#: What the blocks of a page have made: files, and names that are looked at after them.
+MADE = {"README.md": {"top.html"}, "python.md": {"top.npz", "top.png"},
+        "long_runs.md": {"evening.zarr"}, "sweeps.md": {"spins.zarr"}}
+CHECKS = {"README.md": """
+assert run.q.shape == (2001, 4) and pendulum.name == "pendulum" and swing.q.shape == (501, 2)
+""", "python.md": """
+assert trajectory.q.shape == (2001, 4) and trajectory.axis().shape == (2001, 3)
+assert trajectory.angular_velocity().shape == (2001, 3)
+assert trajectory.energy().shape == (2001,)
+assert trajectory.multipliers.shape == (2000, 4)
+assert q0.shape == p0.shape == (4,) and step.order == 6
+"""}
+
+
+# ---------------------------------------------------------------- archives
+
+
+def copy(folder: Path) -> Path:
+    """Copy the project without what is made in it."""
+    anywhere = shutil.ignore_patterns(".*_cache", "__pycache__", "*.egg-info")
+    at_the_root = {".git", ".venv", ".hypothesis", "build", "dist"}
+    return shutil.copytree(ROOT, folder, ignore=lambda where, names: anywhere(where, names) | (
+        at_the_root if Path(where) == ROOT else set()))
+
+
+def megabytes(folder: Path) -> float:
+    """Return what a folder takes on a disk."""
+    return sum(path.lstat().st_blocks * 512 for path in folder.rglob("*")) / 1e6
+
+
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory):
+    """The source archive, and the wheel that is made of it alone."""
+    pytest.importorskip("build")
+    folder = tmp_path_factory.mktemp("archives")
+    source = copy(folder / "source")
+    done = call([sys.executable, "-m", "build", "--outdir", folder, source], PYTHONWARNINGS=None)
+    assert done.returncode == 0, done.stderr
+    assert "eprecat" not in done.stdout + done.stderr  # Deprecated, deprecation
+    (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
+    return sdist, wheel
+
+
+def test_source_archive_has_every_file_of_the_repository(archives):
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("this is no git checkout")
+    with tarfile.open(archives[0]) as archive:
+        packed = {name.partition("/")[2] for name in archive.getnames()}
+    listed = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
+    assert {name for name in listed if (ROOT / name).is_file()} <= packed
+
+
+def test_wheel_has_the_package_and_its_examples(archives):
+    with zipfile.ZipFile(archives[1]) as archive:
+        packed = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert {name.partition("/")[0] for name in packed} == {"gyrospark"}
+    examples = {str(path.relative_to(ROOT)) for path in (ROOT / "examples").rglob("*")
+                if path.suffix in (".toml", ".json") or path.name == "main.c"}
+    assert {f"gyrospark/{name}" for name in examples | {"py.typed"}} <= packed
+    assert not [name for name in packed if re.search(r"/(setup|conftest|test_\w+)\.py$", name)]
+
+
+def test_an_index_shows_the_readme_without_what_it_has_not(archives):
+    with zipfile.ZipFile(archives[1]) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        about = Parser().parsestr(archive.read(name).decode("utf-8"))
+    assert about["License-Expression"] == "BSD-3-Clause"
+    assert about["Description-Content-Type"] == "text/markdown"
+    assert set(about.get_all("Provides-Extra")) == set(PROJECT["optional-dependencies"])
+    shown = about.get_payload()
+    links = re.findall(r"\]\(([^)]*)\)", shown)
+    assert "![" not in shown
+    assert all(link.startswith(("https://", "#")) for link in links), links
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for heading in re.findall(r"^##+ .*$", readme, flags=re.MULTILINE):
+        assert heading in shown
+
+
+@pytest.mark.slow
+def test_tests_of_the_source_archive_find_what_they_read(archives, tmp_path):
+    """Taken out elsewhere, under the package's name: all are collected, those of the house pass."""
+    with tarfile.open(archives[0]) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (folder,) = tmp_path.iterdir()
+    folder.rename(tmp_path / "gyrospark")
+    for command in (["--collect-only"], ["tests/project/test_packaging.py"]):
+        done = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *command],
+                    cwd=tmp_path / "gyrospark", PYTHONPATH=str(tmp_path))
+        assert done.returncode == 0, done.stdout
+
+
+# ---------------------------------------------------------------- environments
+
+
+@dataclass(frozen=True)
+class Machine:
+    """An environment, and an empty folder to type in."""
+
+    bin: Path
+    folder: Path
+
+    def environment(self) -> dict[str, str]:
+        return environment(PATH=f"{self.bin}{os.pathsep}{os.environ['PATH']}", PYTHONPATH=None,
+                           GYROSPARK_OPTIMISE="0")
+
+    def type(self, command: str) -> subprocess.CompletedProcess[str]:
+        """Type a command into a shell."""
+        return subprocess.run(command, shell=True, cwd=self.folder, env=self.environment(),
+                              text=True, capture_output=True, stdin=subprocess.DEVNULL,
+                              timeout=PATIENCE, check=False, encoding="utf-8")
+
+    def read(self, blocks: list[documents.Typed]) -> list[list[str]]:
+        """Type blocks of Python into one interpreter; return what stopped which."""
+        subprocess.run([self.bin / "python", "-c", READER], cwd=self.folder, text=True, check=True,
+                       env=self.environment(), timeout=PATIENCE, encoding="utf-8",
+                       input=json.dumps([[block.where, block.text] for block in blocks]))
+        found: list[list[str]] = json.loads((self.folder / "stopped.json").read_text("utf-8"))
+        return found
+
+
+def furnish(folder: Path) -> Path:
+    """Write what a reader has: files of the pages, and main.c where its program is built."""
+    for block in (b for path in documents.DOCUMENTS for b in documents.blocks(path, "toml")):
+        few = re.sub(r"\bcount = 1000\b", "count = 2", block.text)
+        name = tomllib.loads(block.text).get("name", "loops")  # beside a URDF
+        (folder / ("few.toml" if "[grid]" in few else f"{name}.toml")).write_text(few, "utf-8")
+    for program in ("plain_c", "run_c"):
+        (folder / "examples" / program).mkdir(parents=True)
+        shutil.copy(ROOT / "examples" / program / "main.c", folder / "examples" / program)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bare(archives, tmp_path_factory):
+    """An environment with the wheel and what it asks for."""
+    folder = tmp_path_factory.mktemp("bare")
+    made = call([sys.executable, "-m", "venv", folder / "venv"])
+    assert made.returncode == 0, made.stderr
+    made = call([folder / "venv" / "bin" / "pip", "install", "--quiet", "--no-compile",
+                 "--disable-pip-version-check", archives[1]], PYTHONWARNINGS=None, PYTHONPATH=None)
+    assert made.returncode == 0, made.stderr
+    return Machine(folder / "venv" / "bin", furnish(tmp_path_factory.mktemp("typed")))
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory):
+    """The environment of the tests."""
+    folder = Path(sys.executable).parent
+    if not (folder / "gyrospark").is_file():
+        pytest.skip("the package is not installed, so there are no console scripts")
+    return Machine(folder, furnish(tmp_path_factory.mktemp("typed")))
+
+
+def test_a_bare_environment_is_small_and_has_none_of_the_extras(bare):
+    assert megabytes(bare.bin.parent) < 200
+    code = "from importlib.metadata import distributions\nfor d in distributions(): print(d.name)"
+    listed = call([bare.bin / "python", "-c", code], PYTHONPATH=None)
+    there = set(listed.stdout.lower().split())
+    assert "gyrospark" in there
+    wanted = {re.split(r"[>=\[<;]", line)[0].lower() for lines in EXTRAS.values() for line in lines}
+    assert not (wanted | {"pytest"}) & there - {"gyrospark"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["demo", "ready"])
+def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
+    """By itself it installs at most 250 MB; what the tests need has all it needs."""
+    folder = copy(tmp_path / "project")
+    for command in (f".venv/{target}", "demo", "demo"):
+        done = call(["make", command], cwd=folder, PYTHONWARNINGS=None, PYTHONPATH=None)
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.count("pip install") == 0
+    assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "demo.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert (megabytes(folder / ".venv") < 250) == (target == "demo")
+
+
+def extra_told(said: str, section: str) -> str:
+    """Return the extra that a sentence names, if the section names it or one it is a part of."""
+    return _told([name for name in EXTRAS if install(name) in said], section)
+
+
+def extra_with(package: str, section: str) -> str:
+    """Return the extra that brings a package, under the same condition."""
+    return _told([name for name, lines in EXTRAS.items()
+                  if any(line.startswith(package.partition(".")[0]) for line in lines)], section)
+
+
+def _told(names: list[str], section: str) -> str:
+    wider = [name for name, lines in EXTRAS.items()
+             for inner in re.findall(r"gyrospark\[([\w,]+)\]", " ".join(lines))
+             if set(inner.split(",")) & set(names)]
+    return next((name for name in (*names, *wider) if re.search(rf"\b{name}\b", section)), "")
+
+
+# ---------------------------------------------------------------- what is typed
+
+
+def test_commands_of_the_documents(bare, full):
+    """Each distinct one; what needs an extra says so in a line, and works where it is.
+
+    (``make demo`` installs the extra it needs.)
+    """
+    typed, wrong = set(), []
+    for command in (c for path in documents.DOCUMENTS for c in documents.commands(path)):
+        text = command.shortened
+        if text in typed or command.not_run:
+            continue
+        typed.add(text)
+        done = bare.type(text)
+        if done.returncode == 2 and done.stderr.count("\n") == 1 and (
+                extra_told(done.stderr, command.section) or command.text == "make demo"):
+            done = full.type(text)
+        if done.returncode:
+            wrong.append(f"{command.where}: {text}\n{done.stdout}{done.stderr}")
+    assert len(typed) > 20
+    assert not wrong, "\n".join(wrong)
+
+
+def test_commands_that_are_not_typed_are_known():
+    for path in documents.DOCUMENTS:
+        for command in documents.commands(path):
+            if command.text.startswith("gyrospark reproduce "):
+                assert chosen(command.text.split()[2])
+
+
+def test_every_rule_is_used():
+    texts = [c.text for path in documents.DOCUMENTS for c in documents.commands(path)]
+    for pattern, *_ in (*documents.SHORTER, *documents.NOT_RUN):
+        assert any(re.search(pattern, text) for text in texts), pattern
+
+
+@pytest.mark.parametrize("path", [p for p in documents.DOCUMENTS if documents.blocks(p, "python")],
+                         ids=lambda p: p.name)
+def test_python_of_the_documents(path, bare, full):
+    """Where nothing lacks an extra, once is enough."""
+    blocks = documents.blocks(path, "python")
+    check = documents.Typed("what they made", CHECKS.get(path.name, ""), "")
+    sections = {block.where: block.section for block in blocks}
+    stopped = bare.read([*blocks, check])
+    lacking = [found for found in stopped if found[0] != check.where]
+    for where, kind, package, said in lacking:
+        extra = (extra_with(package, sections[where]) if kind == "ModuleNotFoundError"
+                 else extra_told(said, sections[where]))
+        assert extra, (where, kind, said)
+    if lacking:
+        stopped = full.read([*blocks, check])
+    assert stopped == []
+    made = {p.name for p in (full if lacking else bare).folder.iterdir()}
+    assert MADE.get(path.name, set()) <= made
+
+
+def test_files_of_the_documents(tmp_path):
+    furnish(tmp_path)
+    assert gs.load_model(tmp_path / "satellite.toml").steps == 3000
+    assert load_study(tmp_path / "few.toml").study.size == 4

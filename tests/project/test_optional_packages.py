@@ -1,0 +1,97 @@
+"""What works with few packages: nothing needs one that happens to be installed.
+
+Optional ones are hidden from processes of their own; what needs one says so before it computes.
+"""
+
+from __future__ import annotations
+
+import json
+
+from processes import FAST_TOP, python
+from sweep_studies import STUDY, study_file
+
+OPTIONAL = ["dask", "distributed", "h5netcdf", "h5py", "matplotlib", "scipy"]
+#: What stores are made with.
+STORES = ["filelock", "google_crc32c", "xarray", "zarr"]
+COMMANDS = """
+import contextlib, io, json
+from gyrospark.commands import main
+
+def command(text):
+    sys.argv, out, err = ["gyrospark", *text.split()], io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as end:
+            return end.code, out.getvalue(), err.getvalue()
+
+RUN = "run fast-top --scheme EMS --dt 1e-3 --steps 20 "
+"""
+
+
+def without(packages):
+    """Return code after which some packages cannot be imported."""
+    return f"import sys\nsys.modules.update(dict.fromkeys({packages}))\n"
+
+
+def test_commands(tmp_path):
+    """Each ends well, or names what is missing; no folder has anything hidden afterwards."""
+    study_file(tmp_path, STUDY.replace("count = 40", "count = 4").replace("count = 32",
+                                                                         "count = 3"))
+    said = json.loads(python(without(OPTIONAL) + COMMANDS + """
+print(json.dumps({text: command(text) for text in (
+    RUN, RUN + "--out a.csv", RUN + "--out a.npz", RUN + "--out a.zarr",
+    "export a.zarr b.csv", "export a.zarr b.npz", "sweep study.toml", "verify --scheme EMS",
+    "reproduce table-2", "cache list")}))
+""", cwd=tmp_path))
+    for text, (code, _, stderr) in said.items():
+        assert (code, stderr) == (0, ""), text
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "study.toml", "a.csv", "a.npz", "a.zarr", ".a.zarr.lock", "b.csv", "b.npz", "study.zarr",
+        ".study.zarr.lock"}
+
+
+def test_csv_needs_no_store(tmp_path):
+    """Where none can be written it is made of what is in memory, and is the same."""
+    code = COMMANDS + """
+answer = command(RUN + "--every 3 --out a.csv")
+assert answer[0] == 0 and not answer[2], answer
+"""
+    for folder, packages in (("bare", [*OPTIONAL, *STORES]), ("whole", [])):
+        (tmp_path / folder).mkdir()
+        python(without(packages) + code, cwd=tmp_path / folder)
+        assert [path.name for path in (tmp_path / folder).iterdir()] == ["a.csv"]
+    assert (tmp_path / "bare" / "a.csv").read_bytes() == (
+        tmp_path / "whole" / "a.csv").read_bytes()
+
+
+def test_what_needs_an_extra_says_so_before_it_computes(tmp_path):
+    study_file(tmp_path)
+    said = json.loads(python(without(OPTIONAL) + COMMANDS + """
+print(json.dumps({text: command(text) for text in (
+    RUN + "--out a.nc", RUN + "--plot a.png", "sweep study.toml --plot a.png",
+    "sweep study.toml --dask tcp://127.0.0.1:1", "reproduce figure-5 --out report",
+    "reproduce all --out report", "bench peers --out bench")}))
+from gyrospark.commands.reproduce import _report_folder
+assert _report_folder("all", None, as_json=False)[0] is None
+assert 'pip install "matplotlib' in _report_folder("all", None, as_json=False)[1]
+""", cwd=tmp_path))
+    for text, (code, stdout, stderr) in said.items():
+        assert (code, stdout, stderr.count("\n")) == (2, "", 1), text
+        assert "pip install" in stderr, text
+    assert {path.name for path in tmp_path.iterdir()} == {"study.toml"}
+
+
+def test_python_calls(tmp_path):
+    """Stores are read by xarray, which without Dask has no chunks."""
+    python(without(OPTIONAL) + FAST_TOP + """
+import numpy as np
+step = gs.stepper("EMS")
+stored = gs.record(step, top.q0, top.p0, dt=1e-3, steps=20, parameters=parameters, out="a.zarr")
+assert np.array_equal(stored.dataset.q, stored.trajectory().q)
+stored.trajectory().save("a.csv")
+over = {"gamma": [8e-4, 1e-3], "dt": [1e-3, 2e-3]}
+swept = gs.sweep(top, over, scheme="EMS", steps=5, out="s.zarr")
+assert float(gs.open_sweep("s.zarr").energy_error_max.max()) == float(swept.energy_error_max.max())
+""", cwd=tmp_path)

@@ -1,0 +1,211 @@
+"""The recipes of CONTRIBUTING.md, each applied to a copy of the project and run there."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shlex
+import shutil
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from processes import ROOT, call
+
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+#: The folders of the package.
+PACKAGES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
+    "tool"]["setuptools"]["packages"]
+WANTED = {name.split(".")[1] for name in PACKAGES if "." in name}
+MOST_FILES, MOST_LINES = 2, 20
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a recipe does to a file: at each place, lines that become others."""
+
+    path: str
+    places: list[list[str]]
+
+    @property
+    def written(self) -> int:
+        """How many lines a person writes, blank ones aside."""
+        return sum(line.startswith("+") and line != "+" for place in self.places for line in place)
+
+    def apply(self, root: Path) -> None:
+        """Change the file, or make it; every place must be there, and only once."""
+        target = root / self.path
+        text = target.read_text(encoding="utf-8") if target.is_file() else None
+        for place in self.places:
+            old = "".join(f"{line[1:]}\n" for line in place if line[:1] != "+")
+            new = "".join(f"{line[1:]}\n" for line in place if line[:1] != "-")
+            if text is None:
+                assert not old, f"{self.path} is not there"
+                text = new
+            else:
+                assert text.count(old) == 1, f"{self.path}: {text.count(old)} times {old!r}"
+                text = text.replace(old, new)
+        target.write_text(str(text), encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A section of CONTRIBUTING.md."""
+
+    text: str
+
+    @property
+    def room(self) -> str:
+        """Where it says that the change goes."""
+        return re.search(r"^Package: `?([\w/]+)", self.text, flags=re.MULTILINE)[1]
+
+    @property
+    def changes(self) -> list[Change]:
+        """Its ``diff`` block, file by file."""
+        (diff,) = re.findall(r"^```diff\n(.*?)^```", self.text, flags=re.MULTILINE | re.DOTALL)
+        files = re.split(r"^--- (.+)\n", diff, flags=re.MULTILINE)[1:]
+        return [Change(path, [part.splitlines() for part in re.split(r"^@@\n", body,
+                                                                    flags=re.MULTILINE)])
+                for path, body in zip(files[::2], files[1::2], strict=True)]
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Its ``toml`` blocks, by the name in them."""
+        blocks = re.findall(r"^```toml\n(.*?)^```", self.text, flags=re.MULTILINE | re.DOTALL)
+        return {re.search(r'name = "(\w+)"', block)[1] + ".toml": block for block in blocks}
+
+    @property
+    def commands(self) -> list[list[str]]:
+        """Its ``sh`` or ``python`` block, as arguments of Python."""
+        (found,) = re.findall(r"^```(sh|python)\n(.*?)^```", self.text,
+                              flags=re.MULTILINE | re.DOTALL)
+        language, block = found
+        if language == "python":
+            return [["-c", block]]
+        return [["-m", *shlex.split(line)] for line in block.splitlines()]
+
+
+RECIPES = {title: Recipe(text) for title, text in re.findall(
+    r"^### A(?:n)? ([\w-]+(?: problem)?).*?\n(.*?)(?=^##)", TEXT, flags=re.MULTILINE | re.DOTALL)}
+PARTS = ["scheme", "named problem", "floating-point", "output", "joint", "command", "study"]
+
+
+def test_there_is_one_for_each():
+    assert list(RECIPES) == PARTS
+
+
+@pytest.mark.parametrize("title", PARTS)
+def test_a_recipe_is_short_and_begins_in_its_room(title):
+    changes = RECIPES[title].changes
+    assert len(changes) <= MOST_FILES
+    assert sum(change.written for change in changes) <= MOST_LINES
+    room = RECIPES[title].room
+    first = str(Path(changes[0].path).parent.as_posix())
+    assert room.rstrip("/") == ("root" if first == "." else first)
+    row = next(line for line in TEXT.splitlines() if line.startswith("|") and title in line)
+    assert f"`{room}`" in row or room in row
+
+
+def applied(title: str, folder: Path) -> Path:
+    """Return a folder with a copy of the package in which a recipe was followed."""
+    copy = folder / "gyrospark"
+    copy.mkdir()
+    for path in ROOT.iterdir():
+        if path.name in WANTED:
+            shutil.copytree(path, copy / path.name, ignore=shutil.ignore_patterns("__pycache__"))
+        elif path.suffix == ".py" or path.name in ("py.typed", "pyproject.toml"):
+            shutil.copy(path, copy)
+    for change in RECIPES[title].changes:
+        change.apply(copy)
+    for name, text in RECIPES[title].files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def followed(title: str, folder: Path) -> list[str]:
+    """Follow a recipe and run its commands; return what each printed."""
+    applied(title, folder)
+    said = []
+    for words in RECIPES[title].commands:
+        done = call([sys.executable, *words], cwd=folder)
+        assert done.returncode == 0, done.stderr
+        said.append(done.stdout)
+    return said
+
+
+def test_scheme(tmp_path):
+    """RATTLE is 2-LIIIA-B: the same numbers, to the bit."""
+    found = json.loads(*followed("scheme", tmp_path))
+    assert found["stepper"] == "heavy_top_rattle_gamma"
+    top = gs.problems.fast_top()
+    run = gs.stepper("LIIIA-B", 2).integrate(
+        top.q0, top.p0, dt=1e-3, steps=100,
+        parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
+    assert found["energy_error_max"] == run.report.energy_error_max
+    assert found["constraint_max"] < 1e-15
+
+
+def test_problem(tmp_path):
+    """Kovalevskaya's integral stays: the problem is her top, and no other."""
+    followed("named problem", tmp_path)
+    run = gs.Trajectory.load(tmp_path / "run.npz")
+    w, R, c = run.angular_velocity(), run.rotation().as_matrix(), 0.4 / 0.001
+    K = np.abs((w[:, 2] + 1j * w[:, 0]) ** 2 - c * (R[:, 2, 2] + 1j * R[:, 2, 0])) ** 2
+    assert np.ptp(K) < 1e-6 * K[0]
+    assert np.ptp(run.axis()[:, 2]) > 0.1  # it moves
+
+
+def test_floating_point_type(tmp_path):
+    """_Float64 has the numbers of double, and so do its results."""
+    found = json.loads(*followed("floating-point", tmp_path))
+    assert found["stepper"] == "heavy_top_ims_gamma_float64"
+    body = gs.problems.free_body()
+    run = gs.stepper("IMS", rep="gamma").integrate(
+        body.q0, body.p0, dt=1e-3, steps=20,
+        parameters=body.parameters | {"gamma": gs.gamma_m(body.inertia)})
+    for name in ("energy_error_max", "constraint_max", "iterations_max"):
+        assert found[name] == getattr(run.report, name)
+    assert (found["q"], found["p"]) == (list(run.report.q), list(run.report.p))
+
+
+def test_output(tmp_path):
+    """The same in all files; gravity leaves its vertical part as it is."""
+    followed("output", tmp_path)
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    with np.load(tmp_path / "run.npz") as file:
+        kept, q, p = file["angular_momenta"], file["q"], file["p"]
+    run = gs.open_recording(tmp_path / "run.zarr")
+    assert np.array_equal(run.group()["angular_momentum"][:], kept)
+    with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["angular_momentum0_2"]) for row in rows] == kept[:, 0, 2].tolist()
+    assert kept.shape == (101, 1, 3)
+    assert np.ptp(kept[:, 0, 2]) < 1e-14 * np.abs(kept).max()
+    assert np.ptp(kept[:, 0, 0]) > 1e-3 * np.abs(kept).max()
+    inertia = gs.problems.fast_top().inertia
+    omega = gs.runtime.rigid_body.quaternion.angular_velocity(q, p, inertia)
+    assert np.allclose(np.linalg.norm(kept[:, 0], axis=1),
+                       np.linalg.norm(omega * inertia, axis=1), rtol=1e-14)
+
+
+def test_joint(tmp_path):
+    """A model file with it keeps its four equations."""
+    found = json.loads(*followed("joint", tmp_path))
+    assert found["constraint_max"] < 1e-12
+    assert found["steps"] == 20
+
+
+def test_command(tmp_path):
+    (said,) = followed("command", tmp_path)
+    assert said.splitlines()[0].split() == ["IMS", "implicit", "midpoint", "scheme"]
+
+
+def test_study(tmp_path):
+    (said,) = followed("study", tmp_path)
+    assert "proved: A and Â are Verlet's" in said

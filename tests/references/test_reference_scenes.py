@@ -1,0 +1,165 @@
+"""Reference problems told as bodies on joints, and exudyn and MuJoCo on them."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.benchmarks import reference_bodies, scenes
+from gyrospark.benchmarks.peers.mujoco_scenes import _tree
+from gyrospark.benchmarks.peers.optional import Unavailable
+from gyrospark.benchmarks.reference_bodies import measure_bodies
+from gyrospark.benchmarks.reference_scenes import andrews, at_start, told
+from gyrospark.references.problem import largest_error
+from gyrospark.references.problem_registry import REFERENCES
+
+#: Problems that record their bodies themselves, or are a point on a rod.
+RECORDED = ("simple-pendulum", "spherical-pendulum", "four-bar", "bricard", "bricard-pushed",
+            "bennett", "slider-crank", "dzhanibekov", "heavy-top", "kovalevskaya")
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_a_scene_starts_where_the_model_does(name):
+    """Masses, moments and places, read off the record, give back the state and its numbers."""
+    problem = REFERENCES[name]
+    model = problem.make().in_type(float)
+    scene = told(problem)
+    end = scene.scene.end(at_start(scene.scene))
+    assert end.q[0] == pytest.approx(model.q0.astype(float), rel=0, abs=1e-15)
+    assert end.p[0] == pytest.approx(model.p0.astype(float), rel=1e-14, abs=1e-15)
+    found = scene.read(at_start(scene.scene))
+    assert set(found) == set(problem.groups)
+
+
+def test_andrews_and_the_governor_start_as_their_lagrangians_do():
+    """Angles of bodies, but for whole turns, against coordinates."""
+    for name in ("andrews", "flyball-governor-stiff"):
+        problem = REFERENCES[name]
+        model = problem.make().in_type(float)
+        scene = told(problem)
+        found = scene.read(at_start(scene.scene))
+        off = np.subtract(found["positions"], model.q0.astype(float))
+        assert off - 2 * np.pi * np.round(off / (2 * np.pi)) == pytest.approx(0, abs=1e-13)
+        speeds = [2 * np.pi, 0, 0.05] if "governor" in name else [0] * 7
+        assert found["velocities"] == pytest.approx(speeds, rel=1e-14, abs=1e-14)
+
+
+def test_a_top_has_a_weight_with_the_moment_of_its_potential():
+    """147.15 R₃₂ about the point, and the moments about it."""
+    scene = told(REFERENCES["heavy-top"]).scene
+    (top,) = scene.bodies.values()
+    moment = -top.mass * scene.gravity[2] * top.centre
+    assert moment == pytest.approx([0, 147.15, 0], rel=1e-14, abs=1e-13)
+    assert top.about_origin == pytest.approx(np.diag([15.234375, 0.46875, 15.234375]), rel=1e-14)
+    moments = top.inertia.diagonal()
+    assert moments.sum() >= 2 * moments.max()  # there is such a body
+
+
+def test_what_is_no_weight_and_what_is_no_record_is_said():
+    top = REFERENCES["kovalevskaya"].make()
+    square = replace(top, system=replace(top.system, H=top.system.H + top.system.q[1] ** 4))
+    with pytest.raises(Unavailable, match="potential of kovalevskaya_top is not that of a weight"):
+        scenes.scene_of(square)
+    with pytest.raises(Unavailable, match="neumann has no record of bodies"):
+        scenes.scene_of(REFERENCES["neumann"].make())
+
+
+@pytest.mark.parametrize("name", [x for x in REFERENCES if REFERENCES[x].no_bodies])
+def test_what_is_no_bodies_on_joints_is_left_out_with_a_reason(name):
+    said = []
+    assert list(measure_bodies(REFERENCES[name], watch=said.append)) == []
+    assert said == [f"exudyn and MuJoCo are left out of {name}: {REFERENCES[name].no_bodies}."]
+
+
+def test_a_package_that_is_missing_is_said(monkeypatch):
+    for module in ("exudyn", "mujoco"):
+        monkeypatch.setitem(sys.modules, module, None)
+    said = []
+    assert list(measure_bodies(REFERENCES["kovalevskaya"], watch=said.append)) == []
+    assert "exudyn is left out: not installed (pip install exudyn)." in said
+    assert "MuJoCo is left out: not installed (pip install mujoco)." in said
+
+
+def test_steps_that_fail_are_said_and_more_are_tried(monkeypatch):
+    """And a method ends where its runs cost too much."""
+    scene = told(REFERENCES["kovalevskaya"])
+    tried, said, clock = [], [], [0.0]
+
+    def prepare(steps, seconds):
+        def go():
+            tried.append(steps)
+            if steps < 100:
+                raise Unavailable("no solution")
+            clock[0] += 1
+            return at_start(scene.scene)
+        return go
+
+    monkeypatch.setattr(reference_bodies.time, "thread_time", lambda: clock[0])
+    monkeypatch.setattr(reference_bodies, "_exudyn", lambda scene: [("RK", prepare)])
+    monkeypatch.setattr(reference_bodies, "_mujoco", lambda scene: [])
+    run, = measure_bodies(REFERENCES["kovalevskaya"], rounds=1, watch=said.append)
+    assert tried == [25, 100]
+    assert (run.peer, run.scheme, run.steps) == ("exudyn", "RK", 100)
+    assert run.error > 0.5  # it stayed where it was
+    assert "exudyn with 25 steps is left out of kovalevskaya: no solution." in said
+
+
+def test_loops_are_closed_by_balls_where_there_are():
+    tree, loops = _tree(told(REFERENCES["slider-crank"]).scene)
+    assert [joint.kind for joint in loops] == ["ball"]
+    assert [(parent, body) for parent, body, _ in tree] == [
+        ("", "slider"), ("", "crank"), ("slider", "conrod")]
+    tree, loops = _tree(told(REFERENCES["four-bar"]).scene)
+    assert len(tree) == 5
+    assert [(joint.a, joint.b) for joint in loops] == [("c1", "v1"), ("c2", "v2")]
+
+
+@pytest.mark.slow
+def test_andrews_of_bodies_moves_as_its_lagrangian_does():
+    """49 coordinates on hinges by our own steps, against the digits of seven angles."""
+    problem = REFERENCES["andrews"]
+    start, scene = problem.make().in_type(float), told(problem)
+    build = andrews(start.parameters, start.q0.tolist())
+    build.torque("K1", (0, 0, start.parameters["mom"]))
+    model = build.model(redundant="leave out")
+    run = gs.stepper("G-L", 4, system=model).integrate(
+        model.q0, model.p0, dt=3e-2 / 400, steps=400, every=400, parameters=model.parameters)
+    motions = {name: scenes.Motion(body.attitude[-1], body.position()[-1], body.velocity()[-1],
+                                   body.angular_velocity()[-1])
+               for name in scene.scene.bodies for body in (run.body(name),)}
+    found = scene.read(motions)
+    for group, names in problem.groups.items():
+        assert largest_error(found[group], [problem.truth.value(x) for x in names]) < 1e-9
+
+
+def _errors(name, peer, scheme):
+    runs = measure_bodies(REFERENCES[name], rounds=1, quick=True)
+    return [run.error for run in runs if (run.peer, run.scheme) == (peer, scheme)]
+
+
+@pytest.mark.parametrize(("name", "scheme", "order", "error"), [
+    ("kovalevskaya", "RK67", 5, 1e-7), ("heavy-top", "RK67", 5, 1e-4),
+    ("flyball-governor", "trapezoidal index 2", 2, 3e-6), ("bricard", "generalised α", 1.5, 3e-5),
+    ("bennett", "trapezoidal index 2", 2, 3e-3), ("bricard-pushed", "generalised α", 2, 4e-3),
+    ("slider-crank", "trapezoidal index 2", 2, 5e-3), ("andrews", "generalised α", 2, 2e-3),
+    ("four-bar", "generalised α", 2, 4e-4), ("simple-pendulum", "trapezoidal index 2", 2, 1e-2)])
+def test_exudyn_goes_to_the_digits(name, scheme, order, error):
+    """At the order of its method, nearly, from equations that are none of ours."""
+    pytest.importorskip("exudyn")
+    for coarse, fine in pairwise(_errors(name, "exudyn", scheme)):
+        assert fine < min(error, coarse * 4.0**-order * 1.3)
+
+
+@pytest.mark.parametrize(("name", "error"), [
+    ("kovalevskaya", 4e-5), ("dzhanibekov", 1e-7), ("bricard", 1e-6), ("bricard-pushed", 3e-5),
+    ("slider-crank", 2e-3), ("andrews", 2e-4), ("simple-pendulum", 2e-7),
+    ("spherical-pendulum", 3e-4)])
+def test_mujoco_goes_to_the_digits(name, error):
+    pytest.importorskip("mujoco")
+    coarse, fine = _errors(name, "MuJoCo", "RK4")
+    assert fine < min(coarse, error)

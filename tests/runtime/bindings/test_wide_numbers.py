@@ -1,0 +1,405 @@
+"""dt, t0 and parameters with all their digits: exact motions to round-off of long double and quad.
+
+A mass under the force c t² has a motion that is a polynomial in t, of degree 4: three stages are
+exact, so rational arithmetic is the reference, at any dt and t0.
+"""
+
+from __future__ import annotations
+
+import json
+from decimal import Decimal
+from fractions import Fraction
+from functools import cache
+
+import mpmath as mp
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import equal
+from gyrospark.core.exact_numbers import digits_of, exact
+from gyrospark.core.warnings import listening
+from gyrospark.runtime.bindings.real_numbers import from_text, rounding
+from processes import cli
+from stores import assert_same
+from strategies import tableau_of
+
+WIDE = ["long-double", "float128"]
+EPS = {"double": Fraction(1, 2**52), "long-double": Fraction(1, 2**63),
+       "float128": Fraction(1, 2**112)}
+#: All decimals that no binary number holds, each of another type.
+PARAMETERS = {"m": Decimal("0.7"), "c": Fraction(11, 10)}
+T0, DT, STEPS = sp.Rational(1, 3), Fraction(1, 30), 9
+START = [Fraction(1, 5)], [mp.mpf(3) / 16]
+RUN = {"dt": DT, "t0": T0, "parameters": PARAMETERS}
+
+
+@cache
+def pushed(real):
+    """Return the stepper of a mass m under the force c t²; its age is a quantity."""
+    x, p, m, c, t = sp.symbols("x p m c t", real=True, positive=True)
+    system = gs.System((x,), (p,), (m, c), p**2 / (2 * m), name="pushed", forces=[c * t**2],
+                       time=t, quantities={"age": t, "third": x / 3})
+    return gs.stepper("G-L", 3, system=system, real=real)
+
+
+def motion(t, t0=Fraction(1, 3), m=Fraction(7, 10), c=Fraction(11, 10)):
+    """Return x and p at a time, exactly."""
+    x0, p0 = Fraction(1, 5), Fraction(3, 16)
+    p = p0 + c * (t**3 - t0**3) / 3
+    x = x0 + (p0 * (t - t0) + c * ((t**4 - t0**4) / 12 - t0**3 * (t - t0) / 3)) / m
+    return x, p
+
+
+def assert_near(found, wanted, real, count=16):
+    """Check numbers to some ε of their own type."""
+    for a, b in zip(np.ravel(found), np.ravel(wanted), strict=True):
+        assert type(a) is type(rounding(real)(b)) or real == "double"
+        assert abs(exact(a) - b) <= count * EPS[real] * max(abs(b), Fraction(1, 8)), (a, float(b))
+
+
+# ---------------------------------------------------------------- runs
+
+
+@pytest.mark.parametrize("real", WIDE)
+@pytest.mark.parametrize("solver", ["auto", "newton", "python"])
+def test_a_run(real, solver):
+    run = pushed(real).integrate(*START, steps=STEPS, solver=solver, **RUN)
+    times = [exact(T0) + k * DT for k in range(STEPS + 1)]
+    states = [motion(t) for t in times]
+    assert_near(run.t, times, real, 2)
+    assert_near(run.q[:, 0], [x for x, _ in states], real)
+    assert_near(run.p[:, 0], [p for _, p in states], real)
+    assert_near(run.quantity("age"), times, real, 2)
+    assert_near(run.quantity("third"), [x / 3 for x, _ in states], real)
+    assert_near(run.work, [(p**2 - states[0][1] ** 2) / Fraction(14, 10) for _, p in states], real)
+    assert run.dt == rounding(real)(DT)
+    assert run.parameters == {"m": rounding(real)(Fraction(7, 10)),
+                              "c": rounding(real)(Fraction(11, 10))}
+    assert run.report.energy_error_max <= 64 * EPS[real]
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_three_thirds_are_a_whole(real):
+    """What the audit found: T = 3 (T/3) was missed by 9e-18."""
+    T = mp.mpf(1)
+    with mp.workdps(40):
+        third = T / 3
+    step = pushed(real)
+    run = step.integrate(*START, dt=third, steps=3, parameters=PARAMETERS)
+    assert abs(exact(run.t[-1]) - 1) <= EPS[real]
+    assert_near(run.q[-1], motion(Fraction(1), t0=Fraction(0))[:1], real)
+    once = step.step(*START, dt=1, parameters=PARAMETERS)
+    assert_near(once[0], [exact(run.q[-1, 0])], real)
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_a_python_float_is_the_number_it_holds(real):
+    step = pushed(real)
+    runs = [step.integrate(*START, dt=dt, steps=4, parameters={"m": m, "c": 1})
+            for dt, m in ((0.1, 0.7), (Fraction(0.1), Fraction(0.7)),
+                          (Decimal("0.1"), Decimal("0.7")), (mp.mpf(1) / 10, mp.mpf(7) / 10))]
+    assert equal(runs[0], runs[1])
+    assert equal(runs[0], runs[3])  # mpmath is set to 53 bits here: the same doubles
+    assert not np.array_equal(runs[0].q, runs[2].q)
+    assert type(runs[0].dt) is type(rounding(real)(Fraction(0)))
+
+
+def test_a_double_stepper_rounds_once():
+    step = pushed("double")
+    with mp.workdps(40):
+        whole = {"dt": mp.mpf("0.1"), "parameters": {"m": mp.mpf("0.7"), "c": mp.mpf(1) / 3}}
+    run = step.integrate(*START, steps=4, t0=Decimal("0.3"), **whole)
+    again = step.integrate([0.2], [0.1875], dt=0.1, steps=4, t0=0.3,
+                           parameters={"m": 0.7, "c": 1 / 3})
+    assert equal(run, again)
+    assert (type(run.dt), run.t.dtype) == (float, np.float64)
+    assert all(type(x) is float for x in run.parameters.values())
+
+
+@pytest.mark.parametrize("real", WIDE)
+@pytest.mark.parametrize("solver", ["auto", "newton"])
+def test_an_ensemble(real, solver):
+    """One dt, t0 and parameter for each, as arrays of any exact numbers."""
+    steps = [Fraction(1, 30), Fraction(1, 7), Fraction(2, 9)]
+    masses = np.array([Decimal("0.7"), Decimal("1.3"), Decimal("0.1")], dtype=object)
+    begin = [Fraction(1, 3), Fraction(0), Fraction(-1, 7)]
+    with mp.workdps(40):
+        dts = [mp.mpf(x.numerator) / x.denominator for x in steps]
+    many = pushed(real).integrate_ensemble(
+        [START[0]] * 3, [START[1]] * 3, dt=dts, t0=begin, steps=3, solver=solver,
+        parameters={"m": masses, "c": PARAMETERS["c"]})
+    for i, (dt, t0, m) in enumerate(zip(steps, begin, map(exact, masses), strict=True)):
+        times = [t0 + k * dt for k in range(4)]
+        assert_near(many.t[i], times, real, 2)
+        assert_near(many.q[i, :, 0], [motion(t, t0, m)[0] for t in times], real, 32)
+        assert_near(many.members[i].quantity("age"), times, real, 2)
+    listed = pushed(real).integrate_ensemble(
+        [START[0]] * 3, [START[1]] * 3, dt=dts, t0=begin, steps=3, solver=solver,
+        parameters=[{"m": m, "c": PARAMETERS["c"]} for m in masses])
+    assert np.array_equal(listed.q, many.q)
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+@pytest.mark.parametrize("real", WIDE)
+def test_a_member_that_fails_has_no_time(real):
+    step = gs.stepper("G-L", 2, "gamma", real=real)
+    top = {"I1": 0.3, "I2": 0.31, "I3": 0.2, "mgl": 5.0, "gamma": 0.27}
+    q, p = step.project([0.5, 0.5, -0.5, 0.5], [0.25, 0.75, 1.5, 0.5], parameters=top)
+    many = step.integrate_ensemble([q, q], [p, p], dt=[Fraction(1, 90), 900], steps=2,
+                                   parameters=top, max_iterations=10)
+    assert list(many.failures) == [1]
+    assert type(many.failures[1].t) is float
+    assert all(x != x for x in many.t[1, 1:])
+    assert_near(many.t[0], [Fraction(k, 90) for k in range(3)], real, 2)
+
+
+# ---------------------------------------------------------------- what a step solves
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_residual_jacobian_and_guess(real):
+    """r(0) = (−p/m, −c (t + c_i Δt)²), ∂r/∂x of the same system, and the k to start from."""
+    step, t = pushed(real), exact(T0)
+    nodes = [exact(c) for c in tableau_of("G-L", 3).c]
+    given = {"dt": DT, "t": T0, "parameters": PARAMETERS}
+    r = step.residual([0] * 6, *START, **given)
+    speed, forces = exact(START[1][0]) / Fraction(7, 10), [
+        Fraction(11, 10) * (t + c * DT) ** 2 for c in nodes]
+    assert_near(r, [-speed] * 3 + [-f for f in forces], real)
+    J = step.jacobian([0] * 6, *START, **given)
+    wanted = [[-DT * exact(a) / Fraction(7, 10) for a in row]
+              for row in tableau_of("G-L", 3).A_hat]
+    assert_near(J[:3, 3:], wanted, real)
+    x = step.guess(*START, **given)
+    assert_near(x[:3], [speed] * 3, real)
+    forward = step.quantities([START[0]], [START[1]], t=T0, parameters=PARAMETERS)
+    assert_near(forward["age"], [t], real, 1)
+    assert_near(step.energy(*START, parameters=PARAMETERS), [
+        exact(START[1][0]) ** 2 / Fraction(14, 10)], real)
+
+
+# ---------------------------------------------------------------- a body, in closed form
+
+
+def turned(angle, axis):
+    """Return the quaternion of a turn."""
+    return [mp.cos(angle / 2), *(mp.sin(angle / 2) * x for x in axis)]
+
+
+def times(a, b):
+    """Return the product of two quaternions."""
+    (u0, *u), (v0, *v) = a, b
+    cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    return [u0 * v0 - sum(x * y for x, y in zip(u, v, strict=True)),
+            *(u0 * y + v0 * x + z for x, y, z in zip(u, v, cross, strict=True))]
+
+
+def symmetric_body(inertia, omega, t):
+    """Return q(t) from q = 1: a turn about L, which stays, by |L| t/I₁ after one about axis 3."""
+    I1, _, I3 = inertia
+    L = [I1 * omega[0], I1 * omega[1], I3 * omega[2]]
+    size = mp.sqrt(sum(x * x for x in L))
+    return times(turned(size * t / I1, [x / size for x in L]),
+                 turned((1 - I3 / I1) * omega[2] * t, [0, 0, 1]))
+
+
+def test_a_free_symmetric_body_to_33_digits():
+    """Order 10 in small steps. With dt and moments in double, 1e-17 is as near as it comes."""
+    with mp.workdps(50):
+        inertia = [mp.mpf("0.3"), mp.mpf("0.3"), mp.mpf("0.2")]
+        omega, T, steps = [mp.mpf("0.1"), mp.mpf("-0.7"), mp.mpf("1.3")], mp.mpf("0.7"), 192
+        p = [0, *(2 * moment * x for moment, x in zip(inertia, omega, strict=True))]
+        wanted = symmetric_body(inertia, omega, T)
+        dt = T / steps
+    step = gs.stepper("G-L", 5, "gamma", real="float128")
+    parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {"mgl": 0}
+    run = step.integrate([1, 0, 0, 0], p, dt=dt, steps=steps, every=steps,
+                         parameters=parameters | {"gamma": Fraction(4, 15)})
+    with mp.workdps(50):
+        error = max(abs(a - b) for a, b in zip(run.q[-1], wanted, strict=True))
+    assert exact(error) < EPS["float128"]
+
+
+# ---------------------------------------------------------------- files
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_a_file(real, tmp_path):
+    run = pushed(real).integrate(*START, steps=STEPS, **RUN)
+    again = gs.Trajectory.load(run.save(tmp_path / "run"))
+    assert_same(again, run)
+    assert type(again.dt) is type(run.dt)
+    assert [type(x) for x in again.parameters.values()] == [type(run.dt)] * 2
+
+
+def test_a_file_from_before_times_had_all_digits(tmp_path):
+    run = pushed("float128").integrate(*START, steps=STEPS, **RUN)
+    path = run.save(tmp_path / "run")
+    with np.load(path) as file:
+        content = dict(file) | {"t": run.t.astype(float)}
+    about = json.loads(str(content["about"])) | {"dt": float(run.dt)}
+    np.savez(path, **content | {"about": np.array(json.dumps(about))})
+    again = gs.Trajectory.load(path)
+    assert np.array_equal(again.t, run.t.astype(float))
+    assert np.array_equal(again.q, run.q)
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_a_store(real, tmp_path):
+    step, out = pushed(real), tmp_path / "run.zarr"
+    recording = gs.record(step, *START, steps=STEPS, out=out, **RUN)
+    run = step.integrate(*START, steps=STEPS, **RUN)
+    assert_same(recording.trajectory(), run)
+    said = recording.attributes["run"]
+    assert (said["dt"], said["t0"]) == (digits_of(run.dt), digits_of(run.t[0]))
+    assert said["parameters"] == {"m": "0.7", "c": "1.1"}
+    assert said["q0"] == ["0.2"]
+    with_xarray = recording.dataset
+    assert np.array_equal(with_xarray.time, run.t.astype(float))
+    assert with_xarray.time_bytes.shape == (STEPS + 1, 16)
+    again = gs.record(step, *START, steps=STEPS, out=out, resume=True, **RUN)
+    assert again.status == "complete"
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("dt", DT + Fraction(1, 10**31)), ("t0", exact(T0) + Fraction(1, 10**30)),
+    ("parameters", PARAMETERS | {"c": PARAMETERS["c"] + Fraction(1, 10**30)}),
+    ("p", [exact(START[1][0]) + Fraction(1, 10**30)])])
+def test_a_run_that_differs_in_the_thirtieth_digit_is_another(name, value, tmp_path):
+    step, out = pushed("float128"), tmp_path / "run.zarr"
+    run = {"q": START[0], "p": START[1], "steps": 2, **RUN}
+    gs.record(step, out=out, **run)
+    with pytest.raises(gs.InputError, match="holds another run") as caught:
+        gs.record(step, out=out, resume=True, **run | {name: value})
+    assert f"{name}" in str(caught.value)
+    assert str(caught.value).count("; ") == 0  # nothing else differs
+
+
+def test_a_run_that_failed_is_kept_with_its_digits(tmp_path):
+    step = gs.stepper("G-L", 2, "gamma", real="float128")
+    top = {"I1": Decimal("0.3"), "I2": Decimal("0.31"), "I3": Decimal("0.2"), "mgl": 5,
+           "gamma": Fraction(27, 100)}
+    q, p = step.project([0.5, 0.5, -0.5, 0.5], [0.25, 0.75, 1.5, 0.5], parameters=top)
+    with pytest.raises(gs.StepFailed):
+        gs.record(step, q, p, dt=Fraction(2, 3), steps=9, parameters=top, out=tmp_path / "x.zarr")
+    failure = gs.open_recording(tmp_path / "x.zarr").failure()
+    run = failure.trajectory
+    assert run.dt == rounding("float128")(Fraction(2, 3))
+    assert run.parameters["I1"] == rounding("float128")(Fraction(3, 10))
+    assert failure.t == pytest.approx((failure.step - 1) * 2 / 3)
+
+
+# ---------------------------------------------------------------- model files and the command line
+
+MODEL = """
+name = "swing"
+[system]
+coordinates = ["x"]
+momenta = ["px"]
+hamiltonian = "px**2/(2*m)"
+forces = ["c*t**2"]
+[quantities]
+age = "t"
+[parameters]
+m = 0.7
+c = "11*m/7"
+[start]
+q = ["1/5"]
+p = [0.1875]
+[run]
+dt = "1/30"
+steps = 9
+"""
+BODY = """
+name = "leaning"
+[body]
+inertia = [0.1, "1/7", 0.2]
+[parameters]
+lean = "pi/9"
+[start]
+euler = [0.3, "2*lean", "1/3"]
+angular_velocity = [0.1, -0.7, "sqrt(2)"]
+[run]
+dt = 1e-2
+"""
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_the_numbers_of_a_model_file(real, tmp_path):
+    (tmp_path / "swing.toml").write_text(MODEL, encoding="utf-8")
+    model, one = gs.load_model(tmp_path / "swing.toml", real=real), rounding(real)
+    assert model.parameters == {"m": one(Fraction(7, 10)), "c": one(Fraction(11, 10))}
+    assert (model.q0[0], model.dt) == (one(Fraction(1, 5)), one(Fraction(1, 30)))
+    assert {type(model.q0[0]), type(model.dt)} == {type(one(Fraction(1)))}
+    plain = gs.load_model(tmp_path / "swing.toml")
+    assert plain.parameters == {"m": 0.7, "c": 1.1}
+    assert all(type(x) is float for x in (*plain.parameters.values(), plain.dt))
+    assert plain.q0.dtype == plain.p0.dtype == np.float64
+    with pytest.raises(gs.InputError, match="float128"):
+        gs.load_model(tmp_path / "swing.toml", real="quad")
+
+
+@pytest.mark.parametrize("kind", ["euler", "quaternion"])
+def test_the_start_of_a_body(kind, tmp_path):
+    """q and p = 2 L(q)ᵀ J Ω of what was typed, in 34 digits."""
+    with mp.workdps(50):
+        phi, theta, psi = mp.mpf("0.3"), 2 * mp.pi / 9, mp.mpf(1) / 3
+        q = times(times(turned(phi, [0, 0, 1]), turned(theta, [1, 0, 0])), turned(psi, [0, 0, 1]))
+        if kind == "quaternion":
+            q = [x / mp.sqrt(30) for x in (1, -2, 3, 4)]
+        moments = [mp.mpf("0.1"), mp.mpf(1) / 7, mp.mpf("0.2")]
+        omega = [mp.mpf("0.1"), mp.mpf("-0.7"), mp.sqrt(2)]
+        p = times(q, [0, *(2 * moment * x for moment, x in zip(moments, omega, strict=True))])
+    text = BODY.replace('euler = [0.3, "2*lean", "1/3"]', "quaternion = [1, -2, 3, 4]") if (
+        kind == "quaternion") else BODY
+    (tmp_path / "leaning.toml").write_text(text, encoding="utf-8")
+    with listening():  # to what is said of a quaternion of length √30
+        model = gs.load_model(tmp_path / "leaning.toml", real="float128")
+        doubles = gs.load_model(tmp_path / "leaning.toml")
+    assert_near(model.q0, [exact(x) for x in q], "float128", 1)
+    assert_near(model.p0, [exact(x) for x in p], "float128", 1)
+    assert model.bodies["gamma"][1] == rounding("float128")(Fraction(1, 7))
+    assert doubles.q0.tolist() == [float(x) for x in q]
+
+
+def test_the_command_line(tmp_path):
+    """A file's numbers, --dt and --t0 with all digits, the second time from the cache."""
+    real = "float128"
+    (tmp_path / "swing.toml").write_text(MODEL, encoding="utf-8")
+    command = ["run", str(tmp_path / "swing.toml"), "--scheme", "G-L", "--stages", "3", "--json",
+               "--real", real]
+    for more, dt, t0 in (([], DT, Fraction(0)),
+                         (["--dt", "0.1", "--t0", "0.7"], Fraction(1, 10), Fraction(7, 10))):
+        done = cli(*command, *more)
+        assert done.returncode == 0, done.stderr
+        found = json.loads(done.stdout)
+        digits = found["all_digits"]
+        one = rounding(real)
+        assert digits["parameters"] == {"m": "0.7", "c": "1.1"}
+        assert digits["dt"] == digits_of(one(dt))
+        x, p = motion(t0 + 9 * dt, t0)
+        assert_near([from_text(digits[name], real) for name in ("t",)], [t0 + 9 * dt], real, 4)
+        assert_near([from_text(digits[name][0], real) for name in "qp"], [x, p], real, 64)
+        assert found["t_end"] == pytest.approx(float(t0 + 9 * dt))
+        assert found["parameters"] == {"m": 0.7, "c": 1.1}
+
+
+def test_gamma_on_the_command_line():
+    done = cli("run", "fast-top", "--scheme", "IMS", "--real", "float128", "--dt", "1e-3",
+               "--steps", "2", "--gamma", "0.0016", "--json")
+    assert json.loads(done.stdout)["all_digits"]["parameters"]["gamma"] == "0.0016"
+
+
+def test_means_of_moments():
+    decimals = [Decimal("0.1"), Decimal("0.3"), Decimal("0.7")]
+    fractions = [Fraction(x) for x in decimals]
+    rules = {gs.gamma_m: Fraction(11, 30), gs.gamma_h: Fraction(63, 310),
+             gs.gamma_m_tilde: Fraction(1, 2), gs.gamma_h_tilde: Fraction(21, 50)}
+    for rule, mean in rules.items():
+        assert rule(fractions) == mean
+        assert rule(decimals) == rounding("float128")(mean)
+        assert type(rule([0.1, 0.3, 0.7])) is float
+        with mp.workdps(40):
+            assert rule([mp.mpf(1) / 3] * 3) == rounding("float128")(Fraction(1, 3))

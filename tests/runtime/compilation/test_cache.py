@@ -1,0 +1,704 @@
+"""Compilers and the cache: none, a broken one, killed builds, many at once, damage, keys."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import random
+import re
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import gyrospark as gs
+from gyrospark import api
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.compilation import build_cache, compiler, stepper_module
+from processes import FAST_TOP, PATIENCE, ROOT, call, cli, environment
+
+BUILD = FAST_TOP + """
+step = gs.stepper("IMS")
+print(*step.integrate(top.q0, top.p0, dt=1e-3, steps=5, parameters=parameters).q[-1].tolist())
+"""
+
+
+def files_of(scheme="IMS"):
+    return api.files_of(Spec(scheme))
+
+
+def needs_cc():
+    if shutil.which("cc") is None:
+        pytest.skip("cc is not installed")
+
+
+@pytest.fixture(autouse=True)
+def own_cache(monkeypatch, tmp_path):
+    """Every test here has a cache of its own, and is about files, not speed."""
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+    monkeypatch.delenv("CC", raising=False)
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def script(tmp_path):
+    """Return a function that writes a shell script and returns its path."""
+    def write(text, name="mycc"):
+        path = tmp_path / name
+        path.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+        path.chmod(0o755)
+        return path
+    return write
+
+
+@pytest.fixture
+def quick(script):
+    """A compiler that does not optimise: these tests are about files, not speed."""
+    needs_cc()
+    return str(script('exec cc "$@" -O0', "quick"))
+
+
+def kept(folder):
+    """Return the modules in a cache folder."""
+    return sorted(p for p in folder.glob("*") if p.suffix == ".so") if folder.is_dir() else []
+
+
+def build(folder, cc=None):
+    """Build and step in a new process; return what it says."""
+    return call([sys.executable, "-c", BUILD], GYROSPARK_CACHE=str(folder), CC=cc,
+                GYROSPARK_OPTIMISE="0")
+
+
+# ---------------------------------------------------------------- which compiler
+
+
+def test_without_a_compiler_the_cure_is_told(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "ziglang", None)
+    with pytest.raises(gs.CompilerError) as caught:
+        compiler.find_compiler()
+    for word in ("gcc", "clang", "CC", "pip install ziglang"):
+        assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_pypi_compiler_is_the_last_choice(monkeypatch, tmp_path, script):
+    """PATH before PyPI, CC before PATH."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    if importlib.util.find_spec("ziglang") is not None:
+        assert compiler.find_compiler().command == (sys.executable, "-m", "ziglang", "cc")
+    path = script("echo mine 1.0", "clang")
+    assert compiler.find_compiler() == compiler.Compiler((str(path),), "mine 1.0")
+    other = script("echo other 2.0", "other")
+    monkeypatch.setenv("CC", f"{other} -pipe")
+    assert compiler.find_compiler() == compiler.Compiler((str(other), "-pipe"), "other 2.0")
+    monkeypatch.setenv("CC", "  ")
+    assert compiler.find_compiler().version == "mine 1.0"
+
+
+@pytest.mark.parametrize(("chosen", "words"), [
+    ("/nonexistent", ["CC='/nonexistent'", "does not start", "No such file"]),
+    ("false", ["CC='false'", "exit code 1"]),
+    ("/", ["CC='/'", "does not start", "Permission denied"]),
+    ("gcc 'x", ["gcc 'x", "No closing quotation"]),
+    ("/dev/null", ["CC='/dev/null'", "does not start"]),
+    ("/opt/my gcc/bin/gcc", ["CC='/opt/my gcc/bin/gcc'", "does not start", "quote"]),
+])
+def test_unusable_cc_is_told(chosen, words, monkeypatch, own_cache):
+    monkeypatch.setenv("CC", chosen)
+    with pytest.raises(gs.CompilerError) as caught:
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    for word in [*words, "set CC"]:
+        assert word in str(caught.value)
+    assert not kept(own_cache)
+
+
+def test_unusable_cc_on_the_command_line():
+    done = cli("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "1", CC="false")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "CC='false'" in done.stderr
+
+
+@pytest.mark.parametrize(("body", "words"), [
+    ("echo 'bad day' >&2; exit 7", ["exit code 7", "bad day", "-Werror"]),
+    ("printf 'bad \\377 byte' >&2; exit 7", ["exit code 7", "bad", "byte"]),
+    ("exit 0", ["made no", "heavy_top_ims_gamma"]),
+    ("kill -9 $$", ["exit code -9"]),
+    ("for last; do :; done; echo nonsense > $last", ["does not load", "CC"]),
+], ids=["complains", "not UTF-8", "does nothing", "killed", "makes nonsense"])
+def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache):
+    """Command and stderr are in the error; nothing stays in the cache that would be loaded."""
+    path = script(f'[ "$1" = --version ] && {{ echo mine; exit 0; }}\n{body}')
+    monkeypatch.setenv("CC", str(path))
+    with pytest.raises(gs.CompilerError) as caught:
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    for word in words:
+        assert word in str(caught.value)
+    assert caught.value.command[0] == str(path)
+    if "day" in body:
+        assert caught.value.stderr == "bad day\n"
+        assert str(path) in str(caught.value)
+    assert not list(own_cache.glob("build-*"))
+    with pytest.raises(gs.CompilerError):
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
+
+
+def test_compiler_gets_no_input(monkeypatch, script):
+    """A compiler that reads stdin ends instead of waiting for the terminal."""
+    path = script("cat; exit 1")
+    monkeypatch.setenv("CC", str(path))
+    with pytest.raises(gs.CompilerError, match="exit code 1"):
+        compiler.find_compiler()
+
+
+def test_warnings_of_the_kernel_are_errors(monkeypatch, tmp_path):
+    """What the generator must not emit does not pass unseen."""
+    needs_cc()
+    files = dict(files_of())
+    name = "heavy_top_ims_gamma"
+    files[f"{name}.c"] += "\nstatic inline int two(void) { int unused = 1; return 2; }\n"
+    with pytest.raises(gs.CompilerError, match="unused") as caught:
+        stepper_module.load_module(name, files)
+    assert "-Wall" in caught.value.command
+
+
+@pytest.mark.slow
+def test_compiler_from_pypi_really_compiles(tmp_path):
+    """Its first call unpacks a C library and takes half a minute."""
+    if importlib.util.find_spec("ziglang") is None:
+        pytest.skip("ziglang is not installed (pip install '.[compiler]')")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    done = call([sys.executable, "-c", BUILD], PATH=str(empty), CC=None)
+    assert done.returncode == 0, done.stderr
+    mine = build(tmp_path / "mine")
+    a, b = ([float(x) for x in answer.stdout.split()] for answer in (done, mine))
+    assert a == pytest.approx(b, abs=1e-14)
+
+
+# ---------------------------------------------------------------- folders that cannot be used
+
+
+@pytest.mark.parametrize("folder", ["/dev/null", "/dev/null/x", "/proc", "/proc/x", "file",
+                                    "file/x"])
+def test_a_temporary_folder_stands_in_for_one_that_cannot_be_used(
+    folder, monkeypatch, tmp_path, quick
+):
+    """It says so once, keeps what is made while the process lives, and leaves nothing."""
+    (tmp_path / "file").touch()
+    folder = str(tmp_path / folder)
+    monkeypatch.setenv("GYROSPARK_CACHE", folder)
+    monkeypatch.setenv("CC", quick)
+    monkeypatch.setattr(build_cache, "_IN_PLACE", {})
+    ended = []
+    monkeypatch.setattr("atexit.register", lambda *call, **options: ended.append((call, options)))
+    with pytest.warns(gs.InputWarning, match="GYROSPARK_CACHE") as said:
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    assert folder in str(said[0].message)
+    assert len(build_cache.entries()) == 2
+    build_cache.keep("x", [1])  # with no further warning
+    assert build_cache.kept("x") == [1]
+    place = build_cache.cache_folder()
+    assert place.stat().st_mode & 0o77 == 0
+    for (function, *arguments), options in ended:
+        function(*arguments, **options)
+    assert not place.exists()
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """Return a function that mounts a file system of some KiB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+
+    def mount(size):
+        if call(["mount", "-t", "tmpfs", "-o", f"size={size}k", "none", disk]).returncode:
+            pytest.skip("mounting a small file system is not allowed here")
+        return disk
+
+    yield mount
+    call(["umount", "-l", disk])
+
+
+@pytest.mark.parametrize("size", [4, *(pytest.param(size, marks=pytest.mark.slow)
+                                       for size in (20, 120)), 60])
+def test_full_cache_is_told(size, small_disk, quick):
+    """Wherever in the build the disk fills up: an error in words, nothing left that is loaded."""
+    disk = small_disk(size)
+    done = build(disk, quick)
+    assert done.returncode == 1
+    assert re.search(r"(CacheError|CompilerError): ", done.stderr)
+    assert "No space left" in done.stderr
+    assert not list(disk.glob("*build-*"))
+    call(["mount", "-o", "remount,size=2m", disk])
+    again = build(disk, quick)
+    assert again.returncode == 0, again.stderr
+
+
+def test_read_only_cache_serves_what_it_has(small_disk, quick):
+    disk = small_disk(2000)
+    first = build(disk, quick)
+    assert first.returncode == 0, first.stderr
+    if call(["mount", "-o", "remount,ro", disk]).returncode:
+        pytest.skip("remounting is not allowed here")
+    assert build(disk, quick).stdout == first.stdout
+    done = cli("run", "fast-top", "--scheme", "EMS", "--dt", "1e-3", "--steps", "1", CC=quick,
+               GYROSPARK_CACHE=str(disk))
+    assert (done.returncode, done.stderr.count("\n")) == (0, 1)  # a temporary folder stands in
+    assert "Read-only" in done.stderr
+    assert "GYROSPARK_CACHE" in done.stderr
+    done = cli("cache", "clear", GYROSPARK_CACHE=str(disk))
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+# ---------------------------------------------------------------- killed, at once, damaged
+
+
+@pytest.mark.parametrize("kills", [3, pytest.param(40, marks=pytest.mark.slow)])
+def test_killed_builds_leave_nothing_that_is_loaded(kills, own_cache, quick):
+    """SIGKILL at random instants of a cold build, then one that is left alone succeeds."""
+    rng = random.Random(2026)
+    reference = None
+    started = time.monotonic()
+    assert build(own_cache.with_name("timing"), quick).returncode == 0
+    whole = time.monotonic() - started
+    for _ in range(kills):
+        shutil.rmtree(own_cache, ignore_errors=True)
+        process = subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE, start_new_session=True,
+                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick,
+                                                   TMPDIR=str(own_cache.parent)))
+        time.sleep(rng.uniform(0.2, 1.0) * whole)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=PATIENCE)
+        for path in kept(own_cache):  # appeared whole or not at all
+            assert path.read_bytes().startswith(b"\x7fELF")
+            if path.with_name(path.name + ".json").is_file():
+                assert stepper_module._is_whole(path)
+        if rng.random() < 0.3:
+            done = build(own_cache, quick)
+            assert done.returncode == 0, done.stderr
+            reference = reference or done.stdout
+            assert done.stdout == reference
+    done = build(own_cache, quick)
+    assert done.returncode == 0, done.stderr
+    assert len(kept(own_cache)) == 1
+
+
+def test_killed_derivation_leaves_nothing(own_cache, quick):
+    """The same for generated sources: a stepper that is not checked in."""
+    code = BUILD.replace('"IMS"', '"IMS", real="float"').replace(
+        "top.q0, top.p0", "*step.project(top.q0, top.p0, parameters=parameters)")
+    for pause in (0.3, 0.8, 1.5):
+        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE, start_new_session=True,
+                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick,
+                                                   TMPDIR=str(own_cache.parent)))
+        time.sleep(pause)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=PATIENCE)
+    done = call([sys.executable, "-c", code], CC=quick)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("many", [3, pytest.param(16, marks=pytest.mark.slow)])
+def test_many_processes_at_once(many, own_cache, quick):
+    """All build the same stepper cold: all succeed, with the same bits; one module stays."""
+    processes = [
+        subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE, text=True,
+                         stderr=subprocess.PIPE,
+                         env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
+        for _ in range(many)
+    ]
+    said = [process.communicate(timeout=PATIENCE) for process in processes]
+    assert [p.returncode for p in processes] == [0] * many, [stderr for _, stderr in said]
+    assert len({stdout for stdout, _ in said}) == 1
+    assert not any(stderr for _, stderr in said)
+    (only,) = kept(own_cache)
+    assert stepper_module._is_whole(only)
+    assert not list(own_cache.glob("build-*"))
+
+
+def test_cache_may_be_cleared_while_others_build(own_cache, quick):
+    processes = [
+        subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE, text=True,
+                         stderr=subprocess.PIPE,
+                         env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
+        for _ in range(3)
+    ]
+    while any(process.poll() is None for process in processes):
+        build_cache.entries()
+        for left in own_cache.glob("build-*"):
+            assert left.name.startswith("build-")
+        time.sleep(0.05)
+        build_cache.clear()
+    for process in processes:
+        stderr = process.communicate(timeout=PATIENCE)[1]
+        # Cleared between publishing and loading, it may say so; it does not crash or hang.
+        assert process.returncode == 0 or "does not load" in stderr, stderr
+
+
+DAMAGE = {
+    "empty": lambda b: b"",
+    "text": lambda b: b"not a module\n",
+    "first kilobyte": lambda b: b[:1000],
+    "first half": lambda b: b[: len(b) // 2],
+    "all but a page": lambda b: b[:-4096],
+    "zeros within": lambda b: b[: len(b) // 2] + bytes(4096) + b[len(b) // 2 + 4096:],
+    "one bit": lambda b: b[: len(b) // 3] + bytes([b[len(b) // 3] ^ 1]) + b[len(b) // 3 + 1:],
+}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """A module, its checksum and its name, made once."""
+    if shutil.which("cc") is None:
+        pytest.skip("cc is not installed")
+    folder = tmp_path_factory.mktemp("built")
+    done = build(folder, "cc")
+    assert done.returncode == 0, done.stderr
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}, done.stdout
+
+
+@pytest.mark.parametrize("damage", [
+    pytest.param(damage, id=name, marks=[] if name in ("empty", "first half", "one bit")
+                 else pytest.mark.slow) for name, damage in DAMAGE.items()])
+def test_damaged_module_is_built_anew(damage, built, own_cache):
+    """Loading it would end the process with a bus error: it is not even tried."""
+    content, expected = built
+    own_cache.mkdir()
+    for name, data in content.items():
+        (own_cache / name).write_bytes(damage(data) if name.endswith(".so") else data)
+    done = build(own_cache, "cc")
+    assert (done.returncode, done.stdout) == (0, expected), done.stderr
+    (only,) = kept(own_cache)
+    assert stepper_module._is_whole(only)
+
+
+@pytest.mark.parametrize("proof", [
+    None, pytest.param(b"", marks=pytest.mark.slow), b"\xff",
+    pytest.param(b"0" * 64, marks=pytest.mark.slow)])
+def test_module_without_its_checksum_is_built_anew(proof, built, own_cache):
+    content, expected = built
+    own_cache.mkdir()
+    for name, data in content.items():
+        if name.endswith(".so.json"):
+            if proof is not None:
+                (own_cache / name).write_bytes(proof)
+        else:
+            (own_cache / name).write_bytes(data)
+    done = build(own_cache, "cc")
+    assert (done.returncode, done.stdout) == (0, expected), done.stderr
+
+
+def test_whole_module_is_used_as_it_is(built, own_cache, monkeypatch):
+    """A hit starts no compiler but for its version."""
+    content, _ = built
+    own_cache.mkdir()
+    for name, data in content.items():
+        (own_cache / name).write_bytes(data)
+    monkeypatch.setenv("CC", "cc")
+    monkeypatch.setattr(stepper_module, "compile_verified", lambda *_: pytest.fail("compiled"))
+    loaded = stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    assert loaded.lib.heavy_top_ims_gamma_step
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"null", b"{}", b'{"a": 1}', b"\xff"])
+def test_damaged_source_is_derived_anew(content, own_cache):
+    spec = Spec("IMS", real="float")
+    own_cache.mkdir()
+    path = own_cache / f"{spec.name}-{api._source_key(spec)}.source.json"
+    path.write_bytes(content)
+    files = api.files_of(spec)
+    assert set(files) == {f"{spec.name}.{end}" for end in ("h", "c", "json")}
+    assert path.read_bytes() != content
+    assert api.files_of(spec) == files
+
+
+def test_kept_text_is_given_back_as_it_was_written_or_not_at_all(own_cache):
+    """A bit that flips in the C of a kept source does not become another stepper."""
+    content = {"a.c": "x = 0.25;", "a.json": "{}"}
+    assert build_cache.kept("a.source.json") is None
+    build_cache.keep("a.source.json", content)
+    assert build_cache.kept("a.source.json") == content
+    path = own_cache / "a.source.json"
+    sound = path.read_bytes()
+    for place in range(len(sound)):
+        damaged = bytearray(sound)
+        damaged[place] ^= 1
+        path.write_bytes(damaged)
+        assert build_cache.kept("a.source.json") in (None, content), place
+
+
+# ---------------------------------------------------------------- manifests
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('"unknowns": 9', '"unknowns": 8', "unknowns 8 against 9"),
+    ('"real": "double"', '"real": "float"', "real 'float' against 'double'"),
+    ('"q3"', '"q3", "q4"', "damaged"),
+    ('"q0**2 + q1**2 + q2**2 + q3**2 - 1"', "", "constraints 0 against 1"),
+    ('"mgl": "real"', '"mgl": "complex"', "damaged"),
+    ('"order": 2', '"order": "2"', "damaged"),
+    ('"schema"', "schema", "damaged"),
+])
+def test_manifest_of_another_stepper_is_refused(old, new, words):
+    """Its sizes are those of the memory that compiled code writes to."""
+    files = dict(files_of())
+    name = "heavy_top_ims_gamma.json"
+    assert old in files[name]
+    files[name] = files[name].replace(old, new, 1)
+    with pytest.raises(gs.InputError, match=words):
+        gs.Stepper("heavy_top_ims_gamma", files)
+
+
+# ---------------------------------------------------------------- keys
+
+
+def test_key_depends_on_everything_that_changes_the_binary(monkeypatch):
+    files = files_of()
+    cc = compiler.Compiler(("cc",), "cc 1.0")
+    keys = [build_cache.binary_key(files, cc)]
+    assert build_cache.binary_key(dict(reversed(files.items())), cc) == keys[0]
+    for name in files:
+        keys.append(build_cache.binary_key(files | {name: files[name] + " "}, cc))
+    keys.append(build_cache.binary_key(files, compiler.Compiler(("clang",), "cc 1.0")))
+    keys.append(build_cache.binary_key(files, compiler.Compiler(("cc", "-m32"), "cc 1.0")))
+    keys.append(build_cache.binary_key(files, compiler.Compiler(("cc",), "cc 1.1")))
+    with monkeypatch.context() as patch:
+        patch.setattr(build_cache, "cpu_description", lambda: "another CPU")
+        keys.append(build_cache.binary_key(files, cc))
+    with monkeypatch.context() as patch:
+        patch.setattr(compiler.Compiler, "flags", property(lambda self: ["-O0"]))
+        keys.append(build_cache.binary_key(files, cc))
+    with monkeypatch.context() as patch:
+        patch.setattr(build_cache, "extension_suffix", lambda: ".another-python.so")
+        keys.append(build_cache.binary_key(files, cc))
+    with monkeypatch.context() as patch:
+        patch.setattr(build_cache.cffi, "__version__", "99")
+        keys.append(build_cache.binary_key(files, cc))
+    assert len(set(keys)) == len(keys)
+    assert build_cache.binary_key(files, cc) == keys[0]
+    assert all(re.fullmatch("[0-9a-f]{32}", key) for key in keys)
+
+
+def test_two_compilers_two_modules(own_cache, quick):
+    assert build(own_cache, quick).returncode == 0
+    assert build(own_cache, "cc -O1").returncode == 0
+    assert len(kept(own_cache)) == 2
+
+
+def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
+    """Changed text of the generator or a template, another version: no old source is used."""
+    spec = Spec("IMS", real="float")
+    for folder in ("core", "generator", "engine", "templates"):
+        shutil.copytree(ROOT / folder, tmp_path / folder,
+                        ignore=shutil.ignore_patterns("__pycache__"))
+
+    def key(spec=spec):
+        api._generator_fingerprint.cache_clear()
+        return api._source_key(spec)
+
+    here = key()
+    with monkeypatch.context() as patch:
+        patch.setattr(api, "ROOT", tmp_path)
+        keys = [key()]
+        assert keys == [here]
+        for path in (tmp_path / "templates" / "stepper.c.jinja", tmp_path / "engine" / "judge.h",
+                     tmp_path / "generator" / "tableaux" / "nodes.py",
+                     tmp_path / "core" / "real_types.py"):
+            path.write_text(path.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+            keys.append(key())
+        (tmp_path / "engine" / "judge.h").unlink()
+        keys.append(key())
+        patch.setattr(api, "__version__", "99")
+        keys.append(key())
+        keys.append(key(Spec("IMS", None, "alpha", real="float")))
+    assert len(set(keys)) == len(keys)
+    assert key() == here
+
+
+# ---------------------------------------------------------------- listing and clearing
+
+
+def test_clearing_touches_only_what_is_ours(own_cache):
+    """GYROSPARK_CACHE may have been set to a folder that is used for something else."""
+    own_cache.mkdir()
+    key = "0123456789abcdef" * 2
+    ours = [f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so",
+            f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so.json",
+            f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd",
+            f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd.json",
+            f"heavy_top_gl8_alpha-{key}.source.json"]
+    theirs = ["thesis.tex", ".bashrc", "notes-1.source.json", "lib.so", f"{key}.so", "build-log",
+              f"kernel-{key}.so"]
+    for name in [*ours, *theirs]:
+        (own_cache / name).touch()
+    (own_cache / "folder").mkdir()
+    assert [p.name for p in build_cache.entries()] == sorted(ours)
+    assert build_cache.clear() == len(ours)
+    assert {p.name for p in own_cache.iterdir()} == {*theirs, "folder"}
+
+
+def left(name, hours, mark=build_cache._MARKED):
+    """Make a build's folder of so many hours ago."""
+    name.mkdir(parents=True)
+    (name / "kernel.o").touch()
+    if mark is not None:
+        (name / build_cache._MARK).write_text(mark)
+    then = time.time() - hours * 3600
+    os.utime(name, (then, then))
+
+
+def test_old_build_folders_are_swept_up(own_cache, quick, monkeypatch):
+    """What killed builds left goes away a day later, or when the cache is cleared; not earlier."""
+    monkeypatch.setenv("CC", quick)
+    for name, hours in (("oldbuild", 30), ("newbuild", 2), ("nowbuild", 0)):
+        left(own_cache / f"gyrospark-build-{name}", hours)
+    stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    assert {p.name[-8:] for p in own_cache.glob("*build-*")} == {"newbuild", "nowbuild"}
+    build_cache.clear()
+    assert {p.name[-8:] for p in own_cache.glob("*build-*")} == {"nowbuild"}
+
+
+def test_folders_of_others_are_never_removed(own_cache, tmp_path):
+    """However old: other names, no mark, another mark, a link, another owner."""
+    for name, mark in (("build-arm64", build_cache._MARKED), ("build-arm64/src", None),
+                       ("gyrospark-build-notmarkd", None), ("gyrospark-build-otherwis", "mine"),
+                       ("gyrospark-build-arm64-release", build_cache._MARKED)):
+        left(own_cache / name, 1000, mark)
+    theirs = {*own_cache.rglob("*")}
+    left(tmp_path / "gyrospark-build-elsewher", 1000)
+    (own_cache / "gyrospark-build-linkedto").symlink_to(tmp_path / "gyrospark-build-elsewher")
+    theirs |= {own_cache / "gyrospark-build-linkedto", *tmp_path.rglob("gyrospark-build-else*/*")}
+    if os.geteuid() == 0:
+        left(own_cache / "gyrospark-build-foreigns", 1000)
+        os.chown(own_cache / "gyrospark-build-foreigns", 12345, 12345)
+        theirs |= {*own_cache.rglob("gyrospark-build-foreigns/*")}
+    left(own_cache / "gyrospark-build-reallyus", 1000)
+    with build_cache.workshop() as folder:
+        assert build_cache._BUILD_NAME.fullmatch(folder.name)
+        assert [p.name for p in folder.iterdir()] == [build_cache._MARK]
+    build_cache.clear()
+    assert all(path.exists() for path in theirs)
+    assert not (own_cache / "gyrospark-build-reallyus").exists()
+
+
+# ---------------------------------------------------------------- what other users could write
+
+
+def publish_both(own_cache, quick, monkeypatch):
+    """Build a module and keep a text; return their files."""
+    monkeypatch.setenv("CC", quick)
+    stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    build_cache.keep("text.source.json", ["text"])
+    (built,) = kept(own_cache)
+    return built, own_cache / "text.source.json"
+
+
+def test_what_is_published_is_written_by_nobody_else(own_cache, quick, monkeypatch):
+    """Whatever the umask: with 002, of groups of one user, files would be writable by the group."""
+    before = os.umask(0o000)
+    try:
+        built, text = publish_both(own_cache, quick, monkeypatch)
+    finally:
+        os.umask(before)
+    for path in (own_cache, built, text):
+        assert not path.stat().st_mode & 0o022
+        assert build_cache.distrusted(path) == ""
+    assert stepper_module._is_whole(built)
+    assert build_cache.kept(text.name) == ["text"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+@pytest.mark.parametrize("planted", ["group writes", "others write", "link", "other owner"])
+def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_path):
+    """Each is rebuilt; nothing that another user could have written is loaded or compiled."""
+    for path in publish_both(own_cache, quick, monkeypatch):
+        if planted == "link":
+            path.rename(tmp_path / path.name)
+            path.symlink_to(tmp_path / path.name)
+        elif planted == "other owner":
+            if os.geteuid() != 0:
+                pytest.skip("only root gives files away")
+            os.chown(path, 12345, 12345)
+        else:
+            path.chmod(0o764 if planted == "group writes" else 0o746)
+        assert build_cache.distrusted(path) != ""
+        assert not stepper_module._is_whole(path)
+    assert build_cache.kept("text.source.json") is None
+    monkeypatch.setattr(stepper_module, "compile_verified", lambda *_: pytest.fail("built anew"))
+    with pytest.raises(pytest.fail.Exception, match="built anew"):
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+@pytest.mark.parametrize(("mode", "above", "owner", "trusted"), [
+    (0o700, 0o755, None, True), (0o1777, 0o755, None, True), (0o755, 0o1777, None, True),
+    (0o755, 0o775, None, True), (0o777, 0o755, None, False), (0o775, 0o755, None, False),
+    (0o755, 0o777, None, False), (0o700, 0o755, 12345, False)])
+def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache, quick,
+                                          monkeypatch, tmp_path):
+    """A sticky folder is one where others cannot replace what is ours."""
+    built, text = publish_both(own_cache, quick, monkeypatch)
+    if owner is not None and os.geteuid() != 0:
+        pytest.skip("only root gives files away")
+    own_cache.chmod(mode)
+    tmp_path.chmod(above)
+    if owner is not None:
+        os.chown(own_cache, owner, owner)
+    assert stepper_module._is_whole(built) is trusted
+    assert (build_cache.kept(text.name) == ["text"]) is trusted
+    if trusted:
+        with build_cache.workshop():
+            return
+    monkeypatch.setattr(build_cache, "_IN_PLACE", {})
+    with pytest.warns(gs.InputWarning, match="GYROSPARK_CACHE"):
+        folder = build_cache._usable(own_cache)
+    assert folder == build_cache.cache_folder() != own_cache
+    assert not build_cache.distrusted(folder)
+
+
+def test_empty_or_missing_cache_is_no_error(own_cache):
+    assert build_cache.entries() == []
+    assert build_cache.clear() == 0
+    assert not own_cache.exists()
+
+
+def test_cache_folder_is_the_users(monkeypatch, tmp_path):
+    """Where it lies, by default and chosen; what is in it can be read by others only if it may."""
+    assert build_cache.cache_folder() == tmp_path / "cache"
+    monkeypatch.delenv("GYROSPARK_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    if sys.platform == "linux":
+        assert build_cache.cache_folder() == tmp_path / "xdg" / "gyrospark"
+    monkeypatch.setenv("GYROSPARK_CACHE", "")
+    assert build_cache.cache_folder().name == "gyrospark"
+    with build_cache.workshop() as private:
+        assert stat.S_IMODE(private.stat().st_mode) == 0o700
+        assert Path(private).parent == build_cache.cache_folder()
+    assert not private.exists()
+
+
+def test_levels_of_optimisation(monkeypatch):
+    """Each level has its own flags, so its own modules; another one is refused in words."""
+    flags, seldom = [], []
+    for level in ("1", "3", ""):
+        monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
+        flags.append(compiler.find_compiler().flags)
+        gcc = compiler.Compiler(("cc",), "cc 12\nCopyright (C) 2022 Free Software Foundation, Inc.")
+        seldom.append(gcc.seldom_flags)
+        assert not compiler.Compiler(("cc",), "clang version 16").seldom_flags
+    assert flags[0][0] == "-O1"
+    assert flags[1] == flags[2] != flags[0]
+    assert seldom[0] == []  # nothing lifts a low level
+    assert seldom[1] == seldom[2] == compiler.SELDOM_FLAGS
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "fast")
+    with pytest.raises(gs.InputError, match=r"GYROSPARK_OPTIMISE = 'fast'.*0, 1, 2 or 3"):
+        compiler.find_compiler().flags  # noqa: B018

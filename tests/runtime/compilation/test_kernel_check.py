@@ -1,0 +1,191 @@
+"""Compiled kernels beside their statements, and what happens with a compiler that errs."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import shlex
+import shutil
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.core.errors import CompilerError, InputWarning
+from gyrospark.core.real_types import REALS
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from gyrospark.generator.symbolic.switching_functions import Max
+from gyrospark.runtime.compilation import kernel_check, kernel_text, verified_build
+from gyrospark.runtime.compilation.compiler import compile_module, find_compiler
+from gyrospark.runtime.compilation.stepper_module import load_module
+from processes import ROOT
+
+
+@cache
+def files_of(name: str) -> dict[str, str]:
+    """Return the files of a stepper in generated/."""
+    return {path.name: path.read_text(encoding="utf-8")
+            for path in (ROOT / "generated").glob(f"{name}.*")}
+
+
+@cache
+def curved() -> gs.System:
+    """Functions of every kind: roots, powers, cardinal functions, two sides, time, forces."""
+    q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
+    k, a = sp.symbols("k a", positive=True)
+    t = sp.Symbol("t", real=True)
+    H = ((p[0]**2 + p[1]**2) / 2 + k * sp.sqrt(1 + q[0]**2) + sp.exp(-q[1]**2) + sp.cosh(a * q[0])
+         + Max(q[0], 0)**2 + sp.atan(q[1]) + sp.asinh(q[0] * a) + q[1] * sp.sin(t))
+    drag = [-k * x * sp.sqrt(p[0]**2 + p[1]**2) for x in p]
+    return gs.System(q, p, (k, a), H, forces=drag, time=t, name="curved",
+                     quantities={"reach": sp.sqrt(q[0]**2 + q[1]**2)})
+
+
+SPECS = {
+    "G-L": lambda: generate(Spec.checked("G-L", 3)),
+    "EMS": lambda: generate(Spec.checked("EMS")),
+    "curved EMS": lambda: generate(Spec.checked("EMS"), system=curved()),
+    "curved": lambda: generate(Spec.checked("LIIIA-B", 2), system=curved()),
+    "frame": lambda: generate(Spec.checked("G-L", 2).with_frame("symmetries")),
+    "forms": lambda: generate(Spec.checked("G-L", 2, system="double_pendulum")),
+    "float": lambda: generate(Spec.checked("IMS", real="float")),
+    "long-double": lambda: generate(Spec.checked("G-L", 1, real="long-double")),
+    "float128": lambda: generate(Spec.checked("G-L", 1, real="float128")),
+}
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_every_kernel_is_read(name):
+    """Those that the manifest counts the operations of, and how constants are prepared."""
+    source = SPECS[name]().source
+    manifest = json.loads(source.manifest)
+    read = {kernel.name for kernel in kernel_text.kernels_of(source.source)}
+    said = {*manifest["operations"], *manifest["fast_path"].get("operations", ())}
+    assert read >= said
+    assert "prepare" in read
+    on_lanes = set(re.findall(r"\b(lanes_(?:\w+_)?(?:energy|gradient|velocity|force))\(const",
+                              source.source))
+    assert read >= {k for k in on_lanes if f"{k}(const lane_constants *c, const lanes q[N]"
+                    not in source.source}
+
+
+@cache
+def compiled(name: str, folder):
+    """Return the module of a stepper with the check functions of each of its objects."""
+    source = SPECS[name]().source
+    path, checks = compile_module(source.name, source.files(), find_compiler(), folder)
+    real = REALS[json.loads(source.manifest)["real"]]
+    return verified_build.import_module(source.name, path), checks, real
+
+
+@pytest.fixture(scope="module", params=["curved EMS", "long-double"])
+def module(request, tmp_path_factory):
+    return compiled(request.param, tmp_path_factory.mktemp("build"))
+
+
+def test_compiled_kernels_agree(module):
+    found, compared = kernel_check.differences(*module)
+    assert not found
+    assert len(compared) >= 8
+    assert all(compared.values())
+
+
+def damaged(kernel: kernel_text.KernelText):
+    """Yield a kernel with one of its statements changed by a hundred-millionth, for each output."""
+    for place in (p for p in kernel_check.outputs_of(kernel) if p):
+        text = re.sub(rf"(?<![\w.>]){re.escape(place)} = ([^;]+);",
+                      rf"{place} = 1.00000001*(\1) + 1.0e-8;", kernel.body, count=1)
+        if text != kernel.body:
+            yield dataclasses.replace(kernel, body=text)
+
+
+def test_each_wrong_output_is_found(module):
+    """One output of one kernel at a time; kernels in twice the precision aside."""
+    loaded, checks, real = module
+    tried = 0
+    for function in checks:
+        for number, kernel in enumerate(function.kernels):
+            for wrong in list(damaged(kernel))[:2]:
+                kernels = (*function.kernels[:number], wrong, *function.kernels[number + 1 :])
+                found, _ = kernel_check.differences(
+                    loaded, [dataclasses.replace(function, kernels=kernels)], real)
+                assert {d.kernel for d in found} == {kernel.name}
+                tried += 1
+    assert tried > 8
+
+
+def wrong_compiler(folder, pattern: str, right_with: str) -> str:
+    """Return a compiler that errs in a kernel, unless a flag is given."""
+    path, right = folder / "wrong-cc", shlex.join(find_compiler().command)
+    path.write_text(f"""#!/bin/sh
+for argument in "$@"; do
+    [ "$argument" = "{right_with}" ] && exec {right} "$@"
+done
+for argument in "$@"; do
+    case "$argument" in *heavy_top*.c) [ -f "$argument" ] && sed -i '{pattern}' "$argument" ;; esac
+done
+exec {right} "$@"
+""", encoding="utf-8")
+    path.chmod(0o755)
+    return str(path)
+
+
+@pytest.mark.skipif(shutil.which("sed") is None, reason="the wrong compiler needs sed")
+@pytest.mark.parametrize(("part", "pattern", "kernel"), [
+    ("runs", r"s/^    H_q\[1\] = /&1.0e-9 + /", "gradient"),
+    ("lanes", r"s/^    H_p\[2\] = /&-/", "lanes_velocity"),
+])
+def test_a_wrong_object_is_compiled_again(part, pattern, kernel, tmp_path, monkeypatch):
+    """With flags that agree, which are recorded, and told once."""
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("CC", wrong_compiler(tmp_path, pattern, "-O1"))
+    monkeypatch.setattr(verified_build, "SAFER_FLAGS", ((), ("-O1",), ("-O0",)))
+    files = files_of("heavy_top_gl1_gamma")
+    with pytest.warns(InputWarning, match=kernel):
+        load_module("heavy_top_gl1_gamma", files, part)
+    (record,) = (tmp_path / "cache").glob("*.so.json")
+    recorded = json.loads(record.read_text("utf-8"))
+    assert recorded["flags"] == ["-O1"]
+    assert recorded["left_out"] == []
+    load_module("heavy_top_gl1_gamma", files, part)
+
+
+@pytest.mark.skipif(shutil.which("sed") is None, reason="the wrong compiler needs sed")
+def test_an_object_that_never_agrees_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(verified_build, "SAFER_FLAGS", ((), ("-O1",)))
+    monkeypatch.setenv("CC", wrong_compiler(tmp_path, r"s/^    G\[0\]\[0\] = /&1.0e-9 + /", "none"))
+    with pytest.raises(CompilerError, match="constraint_jacobian"):
+        load_module("heavy_top_gl1_gamma", files_of("heavy_top_gl1_gamma"))
+    assert not list((tmp_path / "cache").glob("*.so"))
+
+
+@pytest.mark.parametrize(("text", "value"), [
+    ("a + b*c - -d", lambda a, b, c, d: a + b * c - -d),
+    ("-(a - b)/c", lambda a, b, c, d: -(a - b) / c),
+    ("a*b/c*d", lambda a, b, c, d: a * b / c * d),
+    ("a - (b - c)", lambda a, b, c, d: a - (b - c)),
+    ("pow(a, -2.0)*sqrt(b)", lambda a, b, c, d: np.power(a, -2.0) * np.sqrt(b)),
+    ("1.0/3.0*a", lambda a, b, c, d: 1.0 / 3.0 * a),
+    ("-a*-b", lambda a, b, c, d: -a * -b),
+    ("lanes_atan2(c->_used, c, d)", lambda a, b, c, d: np.arctan2(c, d)),
+])
+def test_expressions_are_those_of_python(text, value):
+    """C and Python read these alike: precedence, left to right, signs."""
+    kernel = kernel_text.KernelText("x", "void", "constants", dict.fromkeys("abcd", ()),
+                                    {"y": ()}, (), f"y = {text};\n")
+    values = {name: np.array([x]) for name, x in zip("abcd", (0.7, 1.3, 0.45, 2.9), strict=True)}
+    by = kernel_text.arithmetic(REALS["double"], wide=False)
+    assert kernel_text.evaluate(kernel, by, values)["y"] == value(*values.values())
+
+
+@pytest.mark.parametrize("body", ["for (;;) x = 1;\n", "y = a ? b : c;\n", "y = f(a);\n",
+                                  "if (a) y = b;\n", "y = (a;\n"])
+def test_what_is_no_kernel_is_left_out(body):
+    text = ("static void odd(const constants *c, const double a[1], double y[1])\n"
+            f"{{\n    {body}}}\n")
+    assert kernel_text.kernels_of(text) == []

@@ -1,0 +1,401 @@
+"""Events: where a quantity of a run crosses a level, found while stepping, solved by real steps."""
+
+from __future__ import annotations
+
+import json
+
+import mpmath
+import numpy as np
+import pytest
+import xarray
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from event_runs import pendulum, period, start
+from gyrospark.commands import gyrospark
+from gyrospark.core.event import event_of_text
+from gyrospark.runtime.events.root_finding import zeros
+
+EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
+
+
+@pytest.mark.parametrize("ahead", [1, -1])
+@pytest.mark.parametrize("steps", [5000, pytest.param(700_000, marks=pytest.mark.slow)])
+def test_a_pendulum_through_the_bottom(steps: int, ahead: int) -> None:
+    """At T/4 + k T/2, to twelve digits; and as often as that: 74 times, slowly 10,448 times."""
+    run = pendulum().integrate(*start(), dt=ahead * 0.05, steps=steps, every=steps,
+                               parameters={"g": 1.0}, events=gs.Event("side"))
+    found = run.events["side"]
+    times = ahead * float(period()) * (0.25 + 0.5 * np.arange(len(found)))
+    assert len(found) == int(np.floor(0.05 * steps / float(period()) * 2 + 0.5))
+    assert np.abs(found.t / times - 1).max() < 1e-12
+    assert np.array_equal(found.rising, np.arange(len(found)) % 2 == 1)
+    late = np.abs(found.t).max()  # a unit in the last place of t is that far at a speed below 1
+    assert np.abs(found.q[:, 0]).max() < EPS["double"] * max(4, late)
+    assert np.abs((found.q**2).sum(axis=1) - 1).max() <= 4 * EPS["double"]
+
+
+@pytest.mark.parametrize(("real", "dt"), [("float", 0.05), ("float128", 0.01)])
+def test_in_every_type_and_backwards(real: str, dt: float) -> None:
+    """Times are found to the last places of the type; backwards they are the same ones."""
+    step = pendulum(real, stages=8 if real == "float128" else 5)
+    run = {"parameters": {"g": 1}, "every": 100, "events": [gs.Event("side")]}
+    if real == "float128":
+        angle = mpmath.mpf(1)
+        with mpmath.workdps(40):
+            q0 = [mpmath.sin(angle), -mpmath.cos(angle)]
+        q0, p0 = step.project(q0, [0, 0], parameters={"g": 1})
+    else:
+        q0, p0 = step.project(*start(), parameters={"g": 1})
+    ahead = step.integrate(q0, p0, dt=dt, steps=round(6 / dt), **run).events["side"]
+    back = step.integrate(q0, p0, dt=-dt, steps=round(6 / dt), **run).events["side"]
+    assert len(ahead) == len(back) == 2
+    bound = {"float": 64 * EPS[real], "float128": 1e-27}[real]  # 16th order, 0.01: 1e-28
+    with mpmath.workdps(40):
+        for k, time in enumerate(ahead.t):
+            assert abs(time - period() * (2 * k + 1) / 4) < bound * 6
+            assert abs(time + back.t[k]) < bound * 6
+    assert not ahead.rising[0]
+    assert not back.rising[0]
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("IMS", None), ("EMS", None), ("LIIIA-B", 3)])
+@pytest.mark.parametrize("solver", ["auto", "newton", "python"])
+def test_every_scheme_and_solver(scheme: str, stages: int | None, solver: str) -> None:
+    """What is found lies between the states about it, on the level."""
+    step = pendulum(scheme=scheme, stages=stages)
+    run = {"dt": 0.02, "steps": 200, "parameters": {"g": 1.0}, "solver": solver}
+    found = step.integrate(*start(), **run, events=[gs.Event("side"), gs.Event("v", level=0.1)])
+    plain = step.integrate(*start(), **run)
+    assert np.array_equal(found.q, plain.q)
+    assert found.report == plain.report
+    for name, values, level in (("side", plain.q[:, 0], 0.0), ("v", plain.p[:, 1], 0.1)):
+        crossings = found.events[name]
+        changes = np.flatnonzero(np.diff(np.sign(values - level)) != 0)
+        assert np.array_equal(crossings.steps, changes)
+        assert np.all((plain.t[changes] <= crossings.t) & (crossings.t <= plain.t[changes + 1]))
+    assert np.abs(found.events["v"].p[:, 1] - 0.1).max() < 16 * EPS["double"]
+
+
+@pytest.mark.parametrize("depth", [1e-3, 1e-5, 1e-7])
+def test_two_crossings_in_one_step(depth: float) -> None:
+    """The bob dips below a level near the bottom and out again, between two steps or not."""
+    run = pendulum().integrate(*start(), dt=0.05, steps=4000, every=4000, parameters={"g": 1.0},
+                               events=[gs.Event("height", level=-1 + depth),
+                                       gs.Event("height", level=-1 + depth, direction=-1,
+                                                name="in"),
+                                       gs.Event("side")])
+    both, into, bottom = (run.events[name] for name in ("height", "in", "side"))
+    assert len(both) == 2 * len(bottom)
+    assert np.array_equal(into.t, both.t[::2])
+    assert np.all((both.t[::2] < bottom.t) & (bottom.t < both.t[1::2]))
+
+
+def test_a_terminal_event_ends_the_run() -> None:
+    step = pendulum()
+    run = {"dt": 0.05, "steps": 1000, "parameters": {"g": 1.0}}
+    stop = gs.Event("side", direction=1, terminal=True, name="stop")
+    found = step.integrate(*start(), **run, every=7, events=[stop, gs.Event("side")])
+    end = 0.75 * float(period())
+    assert abs(found.t[-1] - end) < 1e-12
+    assert found.t[-1] == found.events["stop"].t[0]
+    assert np.array_equal(found.q[-1], found.events["stop"].q[0])
+    assert found.report.steps == int(end / 0.05)
+    assert len(found.events["side"]) == 2
+    assert len(found.t) == len(found.q) == len(found.multipliers) + 1 == found.report.steps // 7 + 2
+    same = step.integrate(*start(), **(run | {"steps": found.report.steps}), every=7)
+    assert found.report == same.report
+    rows = found.report.steps // 7 + 1
+    assert np.array_equal(found.q[:rows], same.q[:rows])
+
+
+def test_a_terminal_event_that_only_dips() -> None:
+    """Both crossings are within one step: the run ends at the first of them."""
+    run = pendulum().integrate(*start(), dt=0.05, steps=1000, parameters={"g": 1.0}, events=[
+        gs.Event("height", level=-1 + 1e-7, terminal=True), gs.Event("side")])
+    assert len(run.events["height"]) == 1
+    assert abs(run.t[-1] - 0.25 * float(period())) < 1e-3
+    assert len(run.events["side"]) == 0
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_dip_is_found_beside_the_end(terminal: bool) -> None:
+    """In the last step of a run, and in the piece of steps in which a run ends."""
+    step, quarter = pendulum(), 0.25 * float(period())
+    low = gs.Event("height", level=-1 + 1e-7)
+    dip = step.integrate(*start(), dt=0.05, steps=400, parameters={"g": 1.0}, events=low
+                         ).events["height"]
+    if terminal:  # it ends soon after the second dip
+        events = [low, gs.Event("side", level=0.1, direction=1, terminal=True, name="stop")]
+        run = step.integrate(*start(), dt=0.05, steps=400, parameters={"g": 1.0}, events=events)
+        assert run.t[-1] > 3 * quarter
+    else:
+        run = step.integrate(*start(), dt=0.05, steps=int(dip.steps[2]) + 1,
+                             parameters={"g": 1.0}, events=low)
+    assert np.array_equal(run.events["height"].t, dip.t[:4])
+
+
+@pytest.mark.parametrize("ahead", [1, -1])
+@pytest.mark.parametrize("steps", [200, pytest.param(1600, marks=pytest.mark.slow)])
+def test_chaos_misses_none(steps: int, ahead: int) -> None:
+    """A double pendulum goes over 19 levels of either attitude as often as with a hundredth of Δt.
+
+    Some of the levels it hardly comes to. The times differ by what chaos makes of the steps' own
+    error: it limits how long the two runs are the same motion.
+    """
+    model = gs.models.double_pendulum()
+    step = gs.stepper("G-L", 4, system=model)
+    events = [gs.Event(name, level=level, name=f"{name} {level:.1f}")
+              for name in ("a_q1", "b_q1") for level in np.linspace(-0.9, 0.9, 19)]
+    coarse, fine = (step.integrate(
+        model.q0, model.p0, dt=ahead * 1e-2 / parts, steps=steps * parts, every=steps * parts,
+        parameters=model.parameters, events=events).events for parts in (1, 100))
+    counts = [len(found) for found in coarse.values()]
+    assert sum(counts) > steps / 5
+    assert counts == [len(found) for found in fine.values()]
+    for found, again in zip(coarse.values(), fine.values(), strict=True):
+        assert np.abs(found.t - again.t).max(initial=0) < 1e-9
+
+
+def test_an_ensemble_finds_what_its_members_find() -> None:
+    step, lengths = pendulum(), np.linspace(0.5, 2.0, 9)
+    q0, p0 = start()
+    many = step.integrate_ensemble([q0] * 9, [p0] * 9, dt=0.05, steps=400, every=400,
+                                   parameters={"g": lengths}, events=gs.Event("side"))
+    single = [step.integrate(q0, p0, dt=0.05, steps=400, every=400, parameters={"g": g},
+                             events=gs.Event("side")).events["side"] for g in lengths]
+    assert many.events["side"].count.tolist() == [len(one) for one in single]
+    for i, one in enumerate(single):
+        assert np.abs(many.events["side"][i].t - one.t).max() < 1e-12
+        assert np.array_equal(many.members[i].events["side"].t, many.events["side"][i].t)
+    first = float(period()) / 4 / np.sqrt(lengths)
+    assert np.abs(many.events["side"].first / first - 1).max() < 1e-13
+    none = step.integrate_ensemble([q0] * 2, [p0] * 2, dt=0.05, steps=10, parameters={"g": 1.0},
+                                   events=gs.Event("side", level=3))
+    assert np.isnan(none.events["side"].first).all()
+    assert none.events["side"].count.tolist() == [0, 0]
+
+
+def test_a_run_without_events_has_none() -> None:
+    run = pendulum().integrate(*start(), dt=0.05, steps=3, parameters={"g": 1.0})
+    assert run.events == {}
+
+
+@pytest.mark.parametrize(("events", "text"), [
+    ([gs.Event("hight")], r"Unknown quantity of an event 'hight'"),
+    ("side", r"events = 'side' is no list of events"),
+    ([gs.Event("side"), gs.Event("side", level=1)], r"Two events are named 'side'"),
+])
+def test_wrong_events_end_in_a_sentence(events, text: str) -> None:
+    with pytest.raises(gs.InputError, match=text):
+        pendulum().integrate(*start(), dt=0.05, steps=3, parameters={"g": 1.0}, events=events)
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    ({"direction": 2}, r"direction = 2 is none; give -1"),
+    ({"level": float("inf")}, r"level = inf is no finite number"),
+    ({"level": "0"}, r"level = '0' is no finite number"),
+    ({"terminal": 1}, r"terminal = 1 is neither"),
+])
+def test_wrong_records_end_in_a_sentence(arguments, text: str) -> None:
+    with pytest.raises(gs.InputError, match=text):
+        gs.Event("side", **arguments)
+
+
+def test_an_ensemble_refuses_terminal_events() -> None:
+    with pytest.raises(gs.InputError, match="'side' is terminal: it ends single runs"):
+        pendulum().integrate_ensemble([start()[0]] * 2, [start()[1]] * 2, dt=0.05, steps=3,
+                                      parameters={"g": 1.0},
+                                      events=gs.Event("side", terminal=True))
+
+
+def test_events_in_words() -> None:
+    event = event_of_text(" height = -0.5 down stop ")
+    assert (event.quantity, float(event.level), event.direction, event.terminal) == (
+        "height", -0.5, -1, True)
+    assert event_of_text("side=0").direction == 0
+    for text in ("height", "height=", "height=x", "height=0 left", "height=0 up down", "h=30 deg"):
+        with pytest.raises(gs.InputError, match="is not read; write"):
+            event_of_text(text)
+
+
+@given(st.floats(0.01, 0.99), st.integers(1, 9), st.sampled_from(["power", "exp", "tan", "step"]))
+def test_zeros_of_smooth_flat_and_jumping_functions(root: float, power: int, kind: str) -> None:
+    """Within the tolerance, whatever the function is; powers of 9 are flat, steps jump."""
+    function = {"power": lambda x: np.sign(x - root) * np.abs(x - root) ** power,
+                "exp": lambda x: np.expm1(power * (x - root)),
+                "tan": lambda x: np.tan(1.5 * (x - root)),
+                "step": lambda x: np.where(x < root, -1.0, 2.0)}[kind]
+    last: list[float] = []
+
+    def evaluate(x, which):
+        last.append(float(x[0]))
+        return function(x)
+
+    ends = function(np.array([0.0])), function(np.array([1.0]))
+    zeros(evaluate, *ends, np.array([1e-14]))
+    best = min(abs(x - root) for x in last)
+    flat = 1e-300 ** (1 / power) if kind == "power" else 0.0  # the power is 0 in doubles
+    assert best <= 2e-14 + flat
+
+
+def test_a_section_of_many_starts(tmp_path) -> None:
+    """The points are the members' crossings; a picture is drawn by any two names."""
+    step = pendulum()
+    angles = np.linspace(0.2, 2.0, 7)
+    q0 = np.column_stack([np.sin(angles), -np.cos(angles)])
+    found = gs.section(step, q0, np.zeros((7, 2)), event=gs.Event("side", direction=1), dt=0.05,
+                       steps=1000, parameters={"g": 1.0})
+    times = [0.75 * float(period(angle)) for angle in angles]
+    first = [found.t[found.trajectory == i][0] for i in range(7)]
+    assert np.abs(np.array(first) / times - 1).max() < 1e-12
+    assert np.abs(found.values("side")).max() < 1e-14
+    assert np.array_equal(found.values("height"), found.q[:, 1])
+    assert np.array_equal(found.values("u"), found.p[:, 0])
+    speed = np.sqrt(2 * (1 - np.cos(angles)))  # at the bottom, by the energy
+    assert np.abs(found.values("u") - speed[found.trajectory]).max() < 1e-12
+    found.plot("height", "u", tmp_path / "section.png")
+    assert (tmp_path / "section.png").stat().st_size > 5000
+    with pytest.raises(gs.InputError, match="Unknown quantity of a section 'w'"):
+        found.values("w")
+    with pytest.raises(gs.InputError, match=r'event = .side. is none; give gs.Event'):
+        gs.section(step, q0, np.zeros((7, 2)), event="side", dt=0.05, steps=10,
+                   parameters={"g": 1.0})
+
+
+@pytest.mark.parametrize("real", ["double", "float128"])
+def test_a_file_keeps_events(tmp_path, real: str) -> None:
+    run = pendulum(real, stages=8 if real == "float128" else 5).integrate(
+        [1, 0], [0, 0], dt=0.05, steps=40, parameters={"g": 1.0}, events=gs.Event("side"))
+    read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).events["side"]
+    for name in ("t", "q", "p", "steps", "rising"):
+        assert np.array_equal(getattr(read, name), getattr(run.events["side"], name)), name
+
+
+BALL = """
+name = "ball"
+[system]
+coordinates = ["x", "y"]
+momenta = ["u", "v"]
+hamiltonian = "(u**2 + v**2)/2 + g*y"
+[parameters]
+g = 10
+h = 5
+[quantities]
+height = "y"
+[start]
+q = [0, "h"]
+p = ["3/2", 0]
+[run]
+dt = 0.03
+steps = 1000
+[events]
+half = "height = h/2 down"
+landing = "y=0 stop"
+"""
+
+
+def test_a_model_file_has_events(tmp_path) -> None:
+    """They are the model's; runs of the command look for them, beside what --event says."""
+    path = tmp_path / "ball.toml"
+    path.write_text(BALL, encoding="utf-8")
+    model = gs.load_model(path)
+    assert [(one.name, one.quantity, float(one.level), one.direction, one.terminal)
+            for one in model.events] == [("half", "height", 2.5, -1, False),
+                                         ("landing", "y", 0.0, 0, True)]
+    step = gs.stepper("G-L", 2, system=model)
+    run = step.integrate(model.q0, model.p0, dt=model.dt, steps=model.steps,
+                         parameters=model.parameters, events=model.events)
+    assert abs(run.t[-1] - 1) < 1e-14  # h = g t²/2
+    assert abs(run.events["half"].t[0] - np.sqrt(0.5)) < 1e-14
+    command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--json"]
+    for _ in range(2):  # the second time from what is kept of the file
+        done = CliRunner().invoke(gyrospark, [*command, "--event", "x=0.75", "--event",
+                                              "second: x = 1.125 up"], standalone_mode=False)
+        assert done.exception is None, done.output
+        found = json.loads(done.output)["events"]
+        assert {name: one["t"] for name, one in found.items()} == {
+            "half": run.events["half"].t.tolist(), "landing": run.events["landing"].t.tolist(),
+            "x": [0.5], "second": [0.75]}
+    twice = CliRunner().invoke(gyrospark, [*command, "--event", "half: x=1"],
+                               standalone_mode=False)
+    assert "Two events are named 'half'; give one" in str(twice.exception)
+    changed = CliRunner().invoke(gyrospark, [*command, "--set", "h=20"], standalone_mode=False)
+    assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
+
+
+@pytest.mark.parametrize("end", [".zarr", ".csv", ".nc", ".npz"])
+def test_a_files_events_are_written(tmp_path, end: str) -> None:
+    """Whatever its states are written to; a run that has ended says so when it is gone on with."""
+    path, out = tmp_path / "ball.toml", tmp_path / f"run{end}"
+    path.write_text(BALL, encoding="utf-8")
+    model = gs.load_model(path)
+    run = gs.stepper("G-L", 2, system=model).integrate(
+        model.q0, model.p0, dt=model.dt, steps=model.steps, parameters=model.parameters,
+        events=model.events)
+    command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--out", str(out)]
+    done = CliRunner().invoke(gyrospark, [*command, "--json"], standalone_mode=False)
+    assert done.exception is None, done.output
+    said = json.loads(done.output)
+    times = {name: one.t.tolist() for name, one in run.events.items()}
+    assert {name: one["t"] for name, one in said["events"].items()} == times
+    assert said["ended"] == {"event": "landing", "t": run.t[-1]}
+    if end == ".csv":
+        lines = (tmp_path / "run.events.csv").read_text().splitlines()
+        assert lines[0] == "event,time,x,y,u,v,steps,rising"
+        half, landing = (line.split(",") for line in lines[1:])
+        assert half[0] == "half"
+        assert [float(x) for x in landing[1:]] == [
+            run.t[-1], *run.q[-1], *run.p[-1], run.report.steps, 0]
+        run.save(tmp_path / "again.csv")
+        for name in ("run.csv", "run.events.csv"):
+            again = tmp_path / name.replace("run", "again")
+            assert again.read_bytes() == (tmp_path / name).read_bytes()
+    elif end == ".nc":
+        run.save(tmp_path / "again.nc")
+        for name in ("run.nc", "again.nc"):
+            with xarray.open_dataset(tmp_path / name, engine="h5netcdf",
+                                     decode_times=False) as file:
+                assert file.event_landing_t.values.tolist() == times["landing"]
+                assert np.array_equal(file.event_half_q, run.events["half"].q)
+                assert file.time[-1] == run.t[-1]
+    elif end == ".npz":
+        assert gs.Trajectory.load(out).events["half"].t.tolist() == times["half"]
+    else:
+        resumed = CliRunner().invoke(gyrospark, [*command, "--resume"], standalone_mode=False)
+        assert "done before: no step was left to take" in resumed.output
+        assert "ended                   by event landing at t = 1 s" in resumed.output
+        dataset = gs.open_recording(out).dataset
+        assert dataset.event_half_p.sel(coordinate="y").values == run.events["half"].p[:, 1]
+        assert dataset.event_landing_rising.values.tolist() == [0]
+        CliRunner().invoke(gyrospark, ["export", str(out), str(tmp_path / "run.npz")],
+                           standalone_mode=False)
+        assert gs.Trajectory.load(tmp_path / "run.npz").events["landing"].t[0] == run.t[-1]
+
+
+@pytest.mark.parametrize(("line", "text"), [
+    ('low = "hight=0"', "Unknown quantity of an event 'hight'.*did you mean height"),
+    ('low = "height"', "The event 'height' is not read; write"),
+    ('low = "height=h/0"', r"\[events\] low is no number"),
+    ("low = 3", r"\[events\] low is 3; write one line of text in quotes"),
+    ('"a b" = "height=0"', r"\[events\] a b is 'a b'; write a name"),
+])
+def test_wrong_events_of_a_file_end_in_a_sentence(tmp_path, line: str, text: str) -> None:
+    path = tmp_path / "ball.toml"
+    path.write_text(BALL + line, encoding="utf-8")
+    with pytest.raises(gs.InputError, match=r"The model file '.*ball.toml' is not usable: " + text):
+        gs.load_model(path)
+
+
+def test_events_of_the_command() -> None:
+    """``--event`` prints times."""
+    command = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3",
+               "--steps", "300", "--event", "q1=0.2 down"]
+    done = CliRunner().invoke(gyrospark, [*command, "--json"], standalone_mode=False)
+    assert done.exception is None, done.output
+    found = json.loads(done.output)["events"]["q1"]
+    assert len(found["t"]) == len(found["rising"]) >= 1
+    assert not any(found["rising"])
+    assert "event q1" in CliRunner().invoke(gyrospark, command, standalone_mode=False).output

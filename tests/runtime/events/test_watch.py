@@ -1,0 +1,207 @@
+"""What a watch sees of a run does not depend on how the run is cut into pieces."""
+
+from __future__ import annotations
+
+import os
+import signal
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from event_runs import pendulum, period, start
+from gyrospark.runtime.events import location
+from gyrospark.runtime.events.detection import Watch
+
+#: Values beside their level, of two events.
+ROWS = st.lists(st.tuples(*[st.integers(-6, 6)] * 2), min_size=1, max_size=24)
+
+
+def watch_of(terminal: bool) -> Watch:
+    """A watch at coordinates: the first goes either way, the second falls, and may end the run."""
+    levels = SimpleNamespace(
+        binding=SimpleNamespace(times=lambda t0, dt, steps: t0 + steps * dt),
+        events=(gs.Event("x"), gs.Event("y", direction=-1, terminal=terminal)),
+        values=lambda parameters, t, q, p: q, timed=False, no_past=None,
+        near=lambda parameters, t, q, p, last: (0, len(q) - 1))
+    return Watch(levels, None, 0.0, 1.0)
+
+
+def seen(rows: np.ndarray, cuts: list[int], terminal: bool, peeks: set[int]) -> list:
+    """What is seen of rows that are cut after so many steps; some cuts look a row ahead, or not."""
+    watch = watch_of(terminal)
+    ends = sorted({min(cut, len(rows) - 1) for cut in cuts} | {len(rows) - 1})
+    for begin, end in zip([0, *ends], ends, strict=False):
+        watch.look(begin, rows[begin : end + 1], rows[begin : end + 1])
+        if watch.ends_in is not None:
+            break
+        if end in peeks and end < len(rows) - 1:
+            watch.close((rows[end + 1 : end + 2],) * 2)
+        elif -end in peeks:
+            watch.close()
+    watch.close()
+    watch.close()  # sees nothing twice
+    found = watch.brackets
+    return [] if found is None else sorted(zip(
+        found.step.tolist(), found.event.tolist(), found.turning.tolist(), found.before.tolist(),
+        found.after.tolist(), found.q.tolist(), strict=True))
+
+
+@given(ROWS, st.lists(st.integers(0, 24), max_size=8), st.booleans(),
+       st.sets(st.integers(-24, 24)))
+def test_pieces_are_no_part_of_the_result(rows, cuts, terminal, peeks) -> None:
+    """However it is cut, and wherever one looks into the last step before it goes on.
+
+    Looked into without the state behind it, it is kept where the value still falls: one more step
+    that is looked into, and none twice.
+    """
+    values = np.array(rows, dtype=float)
+    whole = seen(values, [], terminal, set())
+    assert seen(values, cuts, terminal, {end for end in peeks if end > 0}) == whole
+    found = seen(values, cuts, terminal, peeks | {-cut for cut in cuts})
+    assert [one for one in found if one in whole] == whole
+    more = [one for one in found if one not in whole]
+    assert all(turning and abs(after) < abs(before) for _, _, turning, before, after, _ in more)
+    assert len({(step, event) for step, event, *_ in found}) == len(found)
+    assert seen(values, list(range(len(rows))), terminal, set()) == whole
+
+
+def come_near(parameters, t, q, p, last):
+    """Do what the compiled function does: rows behind a value no further off than it moves."""
+    found = []
+    for i, now in enumerate(q):
+        moves = abs(now - last[0])
+        if not (abs(last[0]) > last[1] + moves).all():
+            found.append(i)
+        last[:] = now, moves
+    return (found[0], found[-1]) if found else None
+
+
+def sparse_of(make):
+    """Return a maker of watches that look only where something is near."""
+    def sparse(terminal):
+        watch = make(terminal)
+        watch._levels.near, watch._last = come_near, np.full((2, 2), np.nan)
+        return watch
+    return sparse
+
+
+@given(ROWS, st.lists(st.integers(0, 24), max_size=8))
+@example([(5, 5)] + [(1, 1)] * 6, [2])
+@example([(-5, -5)] + [(-1, -1)] * 6, [2, 3])
+def test_pieces_that_are_looked_at_where_something_is_near(rows, cuts) -> None:
+    """What is near at the end of a piece is looked at with the first states of the next.
+
+    So is the last step where the parabola through the state before turns, and nothing moves behind.
+    """
+    values = np.array(rows, dtype=float)
+
+    with pytest.MonkeyPatch.context() as patch:
+        whole = seen(values, [], False, set())
+        patch.setitem(globals(), "watch_of", sparse_of(watch_of))
+        assert seen(values, [], False, set()) == whole
+        assert seen(values, cuts, False, set()) == whole
+        for cut in range(len(rows)):
+            assert seen(values, [cut], False, set()) == whole
+
+
+def test_a_value_that_stays_far_is_not_looked_at() -> None:
+    """And one that a parabola may lead to its level is, in one piece with others or by itself."""
+    far = np.array([[9.0], [8.0], [9.0]] * 4).repeat(2, axis=1)
+    assert seen(far, [], False, set()) == []
+    near = np.array([[2.6], [1.3], [2.6], [4.0], [5.4]]).repeat(2, axis=1)
+    assert seen(near, [2], False, set()) == seen(near, [], False, set())
+
+
+def dips(dt: float) -> dict[str, object]:
+    """Arguments of a run that dips, at a quarter of its period and on, below a level."""
+    return {"dt": dt, "parameters": {"g": 1.0}, "events": [
+        gs.Event("height", level=-1 + 1e-7, terminal=True), gs.Event("side", level=0.1)]}
+
+
+def test_a_step_that_fails_behind_the_end_is_none_of_the_run() -> None:
+    """A dip ends the run at once, whatever the steps behind it would do."""
+    step = pendulum()
+    whole = step.integrate(*start(), **dips(0.05), steps=100)
+    real = location.integrate
+
+    def failing(binding, manifest, run, progress=None):
+        found = real(binding, manifest, run, progress)
+        if run.watch is None:
+            return found
+        raise gs.StepFailed(step=101, t=5.05, reason="was made to fail", trajectory=found)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(location, "integrate", failing)
+        found = step.integrate(*start(), **dips(0.05), steps=100)
+        assert found.t.tolist() == whole.t.tolist()
+        assert found.report == whole.report
+        with pytest.raises(gs.StepFailed) as failed:
+            step.integrate(*start(), **dips(0.05), steps=10)
+    assert len(failed.value.trajectory) == 11
+
+
+@pytest.mark.parametrize("t0", [-100.0, 100.0])
+@pytest.mark.parametrize("dt", [0.25, -0.25])
+def test_of_two_ends_in_one_step_the_first_is_the_end(t0: float, dt: float) -> None:
+    """Whatever the sign of the times is, and whichever way the run goes."""
+    events = [gs.Event("side", level=0.02, terminal=True, name="late"),
+              gs.Event("side", level=0.1, terminal=True, name="early")]
+    for order in (events, events[::-1]):
+        run = pendulum().integrate(*start(), dt=dt, steps=20, t0=t0, parameters={"g": 1.0},
+                                   events=order)
+        assert len(run.events["late"]) == 0
+        assert run.t[-1] == run.events["early"].t[0]
+        assert abs(run.q[-1, 0] - 0.1) < 1e-12
+
+
+def test_ctrl_c_where_events_are_solved_for(monkeypatch) -> None:
+    """What was not solved is not told: the states come without events."""
+    real = location.crossings_of
+
+    def interrupted(*arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        return real(*arguments)
+
+    monkeypatch.setattr(location, "crossings_of", interrupted)
+    with pytest.raises(gs.Stopped, match="without events") as stopped:
+        pendulum().integrate(*start(), dt=0.05, steps=60, parameters={"g": 1.0},
+                             events=gs.Event("side"))
+    assert len(stopped.value.trajectory) == 61
+    assert stopped.value.trajectory.events == {}
+
+
+def test_times_to_store_and_a_dip_that_ends_the_run() -> None:
+    """The run that is made again to its end stores no state behind it."""
+    run = pendulum().integrate(*start(), **dips(0.05), steps=100, t_eval=[0.3])
+    assert run.t.tolist() == [0.3]
+    assert run.report.steps == int(period() / 4 / 0.05)
+
+
+def nearest(rows: list[float], level: float) -> tuple[int, int] | None:
+    """What the compiled function says of the first coordinate of such states."""
+    step = pendulum()
+    q = np.zeros((len(rows), 2))
+    q[:, 0] = rows
+    binding = step.binding
+    return binding.near(binding.parameters({"g": 1.0}), np.zeros(1), q, q, np.array([0], np.intc),
+                        np.array([level]), np.full(2, np.nan))
+
+
+@pytest.mark.parametrize(("units", "found"), [(1, (0, 5)), (2, (0, 5)), (-2, (0, 5)), (3, (0, 1)),
+                                              (-3, (0, 1))])
+def test_what_is_off_its_level_by_rounding_is_near(units: int, found: tuple[int, int]) -> None:
+    """Two units of the level, though nothing moves; the first rows have no past and are near."""
+    level = 2.0**30
+    assert nearest([level + units * 2.0**-22] * 6, level) == found
+
+
+def test_near_is_no_further_than_the_steps_on_either_side_move() -> None:
+    """|y_i| <= |y_i - y_(i-1)| + |y_(i+1) - y_i|, in exact numbers; the row behind it is told."""
+    assert nearest([40, 39, 30, 25, 16, 7, 7, 7, 7], 0) == (0, 6)  # 7 <= 9 + 0
+    assert nearest([40, 39, 30, 25, 20, 15, 15, 15], 0) == (0, 1)
+    assert nearest([40, 39, 30, 25, 15, 15, 10, 5.5, 5.5], 0) == (0, 1)  # 10 > 5 + 4.5
+    assert nearest([40, 39, 30, 25, 15, 15, 10, 4], 0) == (0, 7)  # 10 <= 5 + 6

@@ -1,0 +1,113 @@
+"""Which starts are on the constraints: the same as by every single coordinate, for O(n) numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from generic_systems import EXAMPLES, stepper_for
+from gyrospark.runtime.bindings.binding import Binding
+from gyrospark.runtime.integration.consistency import defects_of_starts
+
+
+def by_each_coordinate(binding, keeps_f, parameters, q, p, dt):
+    """Return which rows are starts: Σₖ |g(q + h eₖ) − g(q)| and so on, a state at a time."""
+    def defects(q, p, own):
+        return [x[0] for x in binding.defects(own, *(np.ascontiguousarray(x[None])
+                                                     for x in (q, p)))]
+
+    def added(q, p, own, dq, dp):
+        start, sums = defects(q, p, own), np.zeros((2, binding.m))
+        for k in range(binding.n):
+            unit = np.eye(binding.n)[k]
+            for moved in (defects(q + dq * unit, p, own), defects(q, p + dp * unit, own)):
+                sums += [np.abs(new - old) for new, old in zip(moved, start, strict=True)]
+        return sums.max(axis=1)
+
+    h, found = 2.0**-10 * binding.epsilon**0.25, []
+    for i in range(len(q)):
+        own = parameters + i if binding.sets(parameters) > 1 else parameters
+        g, f = (np.abs(x).max() for x in defects(q[i], p[i], own))
+        g_bound, f_bound = 64 * binding.epsilon / h * added(
+            q[i], p[i], own, h * np.linalg.norm(q[i]), h * np.linalg.norm(p[i]))
+        if f > f_bound and not keeps_f:
+            x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
+            n = binding.n
+            f_bound += added(q[i], p[i], own, np.abs(x[:n]).max(), np.abs(x[n : 2 * n]).max())[1]
+        found.append(g <= g_bound and f <= f_bound)
+    return found
+
+
+SYSTEMS = {
+    "top": lambda: (gs.stepper("G-L", 3), PARAMETERS, TOP.q0, TOP.p0),
+    **{name: lambda name=name: (stepper_for(name, "G-L", 2), *(
+        getattr(EXAMPLES[name], what) for what in ("parameters", "q", "p")))
+       for name in ("pendulum", "runner")},
+}
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(list(SYSTEMS)), st.integers(0, 2**32 - 1), st.booleans(), st.booleans(),
+       st.floats(-17, -6), st.integers(1, 4))
+def test_starts_are_those_of_the_sum_over_all_coordinates(
+    name, seed, keeps_f, varied, size, count
+):
+    """Rows off by less and more than round-off, some of them with parameters of their own."""
+    step, parameters, q0, p0 = SYSTEMS[name]()
+    rng, binding = np.random.default_rng(seed), step.binding
+    rows = []
+    for _ in range(count):
+        q, p = step.project(np.array(q0) * (1 + 0.1 * rng.standard_normal(step.n)),
+                            np.array(p0) * (1 + 0.1 * rng.standard_normal(step.n)),
+                            parameters=parameters)
+        off = 10**size * rng.uniform(0, 1, (2, 1)) * rng.standard_normal((2, step.n))
+        rows.append((q + off[0] * np.abs(q).max(), p + off[1] * np.abs(p).max()))
+    q, p = (np.array(x) for x in zip(*rows, strict=True))
+    columns = {key: np.full(count, value) * (rng.uniform(0.9, 1.1, count) if key in "m1I3" else 1)
+               for key, value in parameters.items()}
+    own = binding.parameter_sets(columns, np.zeros(count)) if varied else binding.parameters(
+        {key: float(value) for key, value in parameters.items()}, 0.0)
+    dt = rng.uniform(1e-4, 1e-2, count)
+    found = defects_of_starts(binding, keeps_f, own, q, p, dt).consistent
+    wanted = by_each_coordinate(binding, keeps_f, own, q, p, dt)
+    # Rows are as they are by themselves or, if another one is off, by the exact sum.
+    assert found.tolist() == wanted
+
+
+def test_what_a_scheme_lets_oscillate_is_allowed_by_few_states(monkeypatch):
+    """A momentum constraint that is off by less than an Euler step changes it: IMS and EMS."""
+    step = gs.stepper("G-L", 3)
+    p = TOP.p0 + 1e-6 * np.abs(TOP.p0).max() * np.array(TOP.q0)
+    arguments = (step.binding, False, step.binding.parameters(PARAMETERS, 0.0), TOP.q0[None].copy(),
+                 p[None], np.array([1e-3]))
+    states = counted(monkeypatch)
+    assert defects_of_starts(*arguments).consistent[0]
+    assert sum(states) < 12
+    assert not defects_of_starts(step.binding, True, *arguments[2:]).consistent[0]
+
+
+def counted(monkeypatch):
+    """Return a list to which each call adds how many states g and f are evaluated at."""
+    states, defects = [], Binding.defects
+    monkeypatch.setattr(Binding, "defects", lambda self, parameters, q, p, t=None: [
+        states.append(len(q)), defects(self, parameters, q, p, t)][1])
+    return states
+
+
+@pytest.mark.parametrize("bodies", [1, 3])
+def test_a_good_start_takes_as_many_states_whatever_its_size(bodies, monkeypatch):
+    """As many for 7 coordinates as for 21: their numbers grow with the bodies."""
+    model = gs.models.chain(bodies)
+    step = gs.stepper("G-L", 2, system=model)
+    how = {"dt": 1e-3, "steps": 0, "parameters": model.parameters}
+    states = counted(monkeypatch)
+    step.integrate(model.q0, model.p0, **how)
+    assert sum(states) <= 7
+    del states[:]
+    with pytest.raises(gs.InputError, match="constraints"):
+        step.integrate(model.q0 * (1 + 1e-6), model.p0, **how)
+    assert sum(states) > 2 * step.n

@@ -1,0 +1,266 @@
+"""Ctrl-C loses nothing: what was computed comes with the exception, or goes to the file."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, RUN, TOP
+from command_line import RUN as COMMAND
+from gyrospark.core.interrupts import ctrl_c, watched
+from gyrospark.runtime.integration import step_loop
+from gyrospark.sweeps.results import NOT_COMPUTED
+from processes import PATIENCE, catches, environment, gyrospark_command, wait_for
+from stores import START, assert_same, assert_same_states
+from sweep_studies import GAMMAS
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+
+
+def interrupt(number=signal.SIGINT):
+    os.kill(os.getpid(), number)
+
+
+def at(step):
+    """Return a progress callback that presses Ctrl-C once so many steps are done."""
+    return lambda done: interrupt() if done >= step else None
+
+
+# ---------------------------------------------------------------- in Python
+
+
+@pytest.mark.parametrize(("solver", "every"), [("auto", 1), ("auto", 7), ("python", 3)])
+def test_run_comes_with_what_it_has(solver, every, gl3):
+    """As a KeyboardInterrupt, the caller's handler back in place."""
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt, match=r"step [0-9]+ of 400\.") as error:
+        gl3.integrate(**START, steps=400, every=every, solver=solver, progress=at(50))
+    assert isinstance(error.value, gs.Stopped)
+    assert error.value.signal == signal.SIGINT
+    part = error.value.trajectory
+    assert 50 <= part.report.steps < 400
+    assert len(part) == part.report.steps // every + 1
+    assert_same_states(part, gl3.integrate(**START, steps=400, every=every, solver=solver))
+    assert part.report.q == gl3.integrate(**START, steps=part.report.steps, solver=solver).report.q
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_run_that_is_over_is_told_as_well(gl3):
+    """A loop over short runs can be ended, and the last one is whole."""
+    with pytest.raises(gs.Stopped, match=r"last of 20 .*complete") as error:
+        gl3.integrate(**START, steps=20, progress=at(20))
+    assert_same(error.value.trajectory, gl3.integrate(**START, steps=20))
+
+
+def test_choice_of_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
+    monkeypatch.setattr(step_loop, "advance",
+                        lambda *arguments: (interrupt(), 0)[1])  # of the first pilot
+    with pytest.raises(gs.Stopped, match=r"first step.*γ") as error:
+        gl3.integrate(**START | {"parameters": TOP.parameters | {"gamma": "auto"}}, steps=20)
+    assert error.value.trajectory is None
+
+
+def test_own_handler_is_left_alone(gl3):
+    heard = []
+    before = signal.signal(signal.SIGINT, lambda *arguments: heard.append(arguments))
+    try:
+        found = gl3.integrate(**START, steps=100, progress=at(50))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert found.report.steps == 100
+    assert heard
+
+
+def test_watch_within_a_watch_is_the_same():
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    with watched() as outer:
+        with ctrl_c() as inner:
+            assert inner is outer
+            interrupt(signal.SIGTERM)
+            assert inner.signal == signal.SIGTERM
+        with pytest.raises(KeyboardInterrupt):
+            interrupt()
+    assert {number: signal.getsignal(number) for number in before} == before
+    with ctrl_c() as other:
+        assert not other.asked
+
+
+def test_threads_hear_nothing(gl3):
+    """Signals are the main thread's: a run in another one goes on."""
+    seen = []
+    thread = threading.Thread(target=lambda: seen.append(
+        gl3.integrate(**START, steps=50_000, every=50_000)))
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012 (raised wherever the main thread is)
+        thread.start()
+        interrupt()
+        time.sleep(1)
+    thread.join()
+    assert seen[0].report.steps == 50_000
+
+
+@pytest.mark.parametrize(("solver", "count"), [("auto", 20), ("newton", 3)])
+def test_ensemble_comes_with_what_it_has(solver, count, gl3):
+    """Each member as far as it came; those that were not begun have their start."""
+    q, p = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
+    assert gl3.binding_of_many.lanes  # compiled before, not meanwhile
+    timer = threading.Timer(0.3, interrupt)
+    timer.start()
+    with pytest.raises(gs.Stopped, match=r"\.ensemble") as error:
+        gl3.integrate_ensemble(q, p, **RUN, steps=10**8, every=10**6, solver=solver, workers=2)
+    timer.join()
+    found = error.value.ensemble
+    assert len(found) == count
+    assert found.q.shape == (count, 101, 4)
+    assert not found.failures
+    done = [member.report.steps for member in found.members]
+    assert 0 < max(done) < 10**8
+    for steps in sorted(set(done))[:2]:
+        alone = gl3.integrate_ensemble(q[:1], p[:1], **RUN, steps=steps, every=10**6, solver=solver)
+        member = found.members[done.index(steps)]
+        assert member.report.q == alone.members[0].report.q
+        np.testing.assert_array_equal(found.q[done.index(steps), : len(member)], member.q)
+    assert np.isnan(found.q[:, -1]).all()
+
+
+def test_sweep_in_memory_comes_with_its_cells():
+    """The tiles that were done; the others are not computed."""
+    over = {"scheme": ["EMS", "IMS", "G-L 2"], "gamma": GAMMAS}  # three tiles
+    whole = gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1)
+    with pytest.raises(gs.Stopped, match=r"of 9 .*\.dataset") as error:
+        gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1,
+                 progress=lambda done, everything: interrupt() if 0 < done < 4 else None)
+    found = error.value.dataset
+    done = found.status == 0
+    assert 3 <= int(done.sum()) < 9
+    assert (found.status.values[~done.values] == NOT_COMPUTED).all()
+    assert found.energy_error_max.where(done).equals(whole.energy_error_max.where(done))
+    assert found.energy_error_max.where(~done).isnull().all()
+
+
+# ---------------------------------------------------------------- how often it is heard
+
+
+def test_pace_follows_what_steps_cost(monkeypatch):
+    """From 16 steps to 4096 where they are quick; a tenth of a second where they are not."""
+    now = [0.0]
+    monkeypatch.setattr(step_loop.time, "thread_time", lambda: now[0])
+
+    def paces(cost, pieces=12):
+        pace, found = step_loop.Pace(), []
+        for _ in range(pieces):
+            count = pace.begin()
+            now[0] += cost * count
+            pace.end(count)
+            found.append(count)
+        return found
+
+    assert paces(1e-6) == [16, 32, 64, 128, 256, 512, 1024, 2048, *[4096] * 4]
+    assert paces(1e-3)[-1] * 1e-3 == pytest.approx(0.1, rel=0.5)
+    assert paces(0.02)[1:] == [5] * 11 or paces(0.02)[1:] == [4] * 11
+    assert paces(3.0) == [16, *[1] * 11]
+
+
+# ---------------------------------------------------------------- on the command line
+
+LONG = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
+        "90000000", "--every", "1000"]
+
+
+def stopped(arguments, number, folder):
+    """Return code, stdout and stderr of a command that gets a signal while it integrates."""
+    process = subprocess.Popen(
+        gyrospark_command(*arguments), cwd=folder, env=environment(), text=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    wait_for(process, lambda: catches(process, signal.SIGTERM))
+    time.sleep(0.3)
+    process.send_signal(number)
+    stdout, stderr = process.communicate(timeout=PATIENCE)
+    return process.returncode, stdout, stderr
+
+
+@pytest.mark.parametrize(("number", "code", "name"), [
+    (signal.SIGINT, 130, "x.npz"), (signal.SIGTERM, 143, "x.npz"), (signal.SIGINT, 130, "x.csv")])
+def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
+    found, stdout, stderr = stopped([*LONG, "--out", name, "--json"], number, tmp_path)
+    assert found == code, stderr
+    said = json.loads(stdout)
+    steps = said["steps"]
+    assert said["stopped"] == {"step": steps, "signal": number}
+    assert said["out"] == name
+    assert stderr.count("\n") == 1
+    assert f"step {steps} of 90,000,000" in stderr
+    exact = gl3.integrate(**START, steps=steps, every=1000).q[: steps // 1000 + 1]
+    if name.endswith(".npz"):
+        assert f"in '{name}'" in stderr
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+        np.testing.assert_array_equal(gs.Trajectory.load(tmp_path / name).q, exact)
+    else:
+        assert "in '.x.csv.zarr'" in stderr  # where it goes on
+        columns = np.loadtxt(tmp_path / name, delimiter=",", skiprows=1, ndmin=2)
+        np.testing.assert_array_equal(columns[:, 1:5], exact)
+
+
+def test_command_without_a_file_reports_what_it_has(tmp_path):
+    found, stdout, stderr = stopped(LONG, signal.SIGINT, tmp_path)
+    assert found == 130
+    assert "energy" in stdout
+    assert "--out" in stderr
+
+
+@pytest.mark.parametrize("out", [(), ("--out", "x.npz"), ("--out", "x.csv"), ("--out", "x.zarr")])
+def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):
+    """The run is complete, and is told so, with its report."""
+    run = sys.modules["gyrospark.commands.run.command"]
+    report = run.result_of
+    monkeypatch.setattr(run, "result_of", lambda *given: (interrupt(), report(*given))[1])
+    answer = gyrospark(*COMMAND, *out)
+    assert answer.code == 130
+    assert "20 steps" in answer.stdout
+    assert answer.stderr.count("\n") == 1
+    assert "complete" in answer.stderr
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {*out[1:]} | ({".x.zarr.lock"} if out[1:] == ("x.zarr",) else set())
+
+
+def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):
+    """Nothing hidden is left without a word."""
+    from gyrospark.storage.recording import Recording
+
+    def export(*arguments, **columns):
+        interrupt()
+        interrupt()
+
+    monkeypatch.setattr(Recording, "export", export)
+    answer = gyrospark(*COMMAND, "--out", "x.csv")
+    assert (answer.code, answer.stdout) == (130, "")
+    assert answer.stderr.count("\n") == 1
+    for word in ("Interrupted", "'.x.csv.zarr'", "--resume"):
+        assert word in answer.stderr
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    answer = gyrospark(*COMMAND, "--out", "x.csv", "--resume")
+    assert answer.code == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["x.csv"]
+
+
+def test_error_of_ours_says_where_the_states_are(monkeypatch, tmp_path):
+    """A traceback ends with the store that it leaves."""
+    from gyrospark.commands.run.outputs import Angles, integrate_to
+    from gyrospark.storage.recording import Recording
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Recording, "export", lambda *arguments, **columns: {}["time"])
+    with pytest.raises(KeyError) as error:
+        integrate_to(gs.stepper("EMS"), tmp_path / "x.csv",
+                     {**RUN, "q": TOP.q0, "p": TOP.p0, "steps": 3, "parameters": PARAMETERS},
+                     resume=False, seed=None, progress=None, angles=Angles())
+    assert "gyrospark export" in error.value.__notes__[0]

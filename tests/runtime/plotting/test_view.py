@@ -1,0 +1,200 @@
+"""The page that moves: its numbers are the run's, its shapes have the inertia, its script draws."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import RUN, TOP
+from gyrospark.runtime.plotting.scene import scene_of
+from processes import DATA, ROOT
+
+needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="without Node.js")
+
+
+def integrated(model, steps=40, **options):
+    step = gs.stepper("G-L", 3, system=model.system)
+    return step.integrate(model.q0, model.p0, steps=steps, parameters=dict(model.parameters),
+                          **{"dt": model.dt} | options)
+
+
+@pytest.fixture(scope="module")
+def tops():
+    return integrated(gs.models.double_top())
+
+
+def scene_in(page):
+    return json.loads(re.search(r'id="scene">(.*?)</script>', page, flags=re.DOTALL)[1])
+
+
+def floats(text):
+    return np.frombuffer(base64.b64decode(text), dtype="<f4")
+
+
+def executed(page, tmp_path, *arguments):
+    target = tmp_path / "page.html"
+    target.write_text(page, encoding="utf-8")
+    done = subprocess.run(["node", DATA / "run_view.js", target, *arguments], check=True,
+                          capture_output=True, text=True)
+    return json.loads(done.stdout)
+
+
+def test_a_page_has_the_run_and_needs_no_network(tops, tmp_path):
+    made = tops.view(tmp_path / "tops.html")
+    page = made.path.read_text(encoding="utf-8")
+    assert page == made.page
+    assert not re.search(r"https?://|src=|@[A-Z]+@|import ", page)
+    scene = scene_in(page)
+    assert np.abs(floats(scene["t"]) - tops.t).max() < 1e-7
+    assert np.abs(floats(scene["energy"]) - tops.energy_error()).max() < 1e-18
+    for body, name in zip(scene["bodies"], tops.bodies, strict=True):
+        assert body["name"] == name
+        q = floats(body["q"]).reshape(-1, 4)
+        assert np.abs(q - tops.body(name).attitude).max() < 1e-7
+    assert np.abs(floats(scene["bodies"][1]["x"]).reshape(-1, 3) - tops.q[:, 8:11]).max() < 1e-6
+    assert [tie["kind"] for tie in scene["ties"]] == ["ball"]
+
+
+def test_shapes_have_the_inertia_of_their_bodies():
+    """That of a uniform box, m (b² + c²)/3, and ellipsoid, m (b² + c²)/5, moved to the origin."""
+    build = gs.Multibody("lumps")
+    tensor = np.array([[0.5, 0.05, 0.02], [0.05, 0.6, 0.01], [0.02, 0.01, 0.4]])
+    build.top("turned", mass=2.0, inertia=tensor + 2 * 0.04 * np.diag([1, 1, 0]),
+              centre=(0, 0, 0.2), rep="alpha")
+    build.body("free", mass=3.0, inertia=(0.3, 0.4, 0.5), position=(1, 0, 0))
+    run = integrated(build.model(), 2, dt=1e-3)
+    for part in scene_of(run, 10).parts:
+        body = run.body(part.name)
+        for kind, share in (("box", 3), ("ellipsoid", 5)):
+            a2 = part.sizes[kind] ** 2
+            about = part.axes @ np.diag(body.mass / share * (a2.sum() - a2)) @ part.axes.T
+            c = part.centre
+            whole = about + body.mass * (c @ c * np.eye(3) - np.outer(c, c))
+            assert np.abs(whole - body.inertia).max() < 1e-14
+        assert np.linalg.det(part.axes) > 0.999
+        assert part.to_scale
+
+
+def test_joints_are_where_the_run_has_them():
+    run = integrated(gs.models.four_bar(), 30)
+    scene = scene_of(run, 31)
+    for tie in scene.ties:
+        assert tie.kind == "hinge"
+        where = scene.parts[tie.b].at(tie.on_b)[:, 0] if tie.b >= 0 else tie.on_b
+        assert np.abs(where - run.joint(tie.name).position()).max() < 1e-14
+        other = scene.parts[tie.a].at(tie.on_a)[:, 0] if tie.a >= 0 else tie.on_a
+        assert np.abs(where - other).max() < 1e-12
+    assert np.abs(scene.up - [0, 1, 0]).max() == 0
+    build = gs.Multibody("tied", gravity=(0, 0, 0))
+    build.body("a", mass=1, inertia=(1, 1, 1))
+    build.body("b", mass=1, inertia=(1, 1, 1), position=(1, 0, 0))
+    build.rod("rod", "a", "b")
+    build.spring("spring", "a", "ground", stiffness=2.0, on_b=(0, 1, 0))
+    kinds = [tie.kind for tie in scene_of(integrated(build.model(), 2, dt=1e-3), 9).ties]
+    assert kinds == ["rod", "spring"]
+
+
+def test_long_runs_are_thinned_and_ten_bodies_stay_small(gl3):
+    long = gl3.integrate(TOP.q0, TOP.p0, steps=9000, **RUN)
+    scene = scene_in(long.view().page)
+    t = floats(scene["t"])
+    assert 3000 < len(t) <= 3600
+    assert t[-1] == np.float32(9.0)
+    many = replace(long, manifest=long.manifest)
+    assert len(many.view().page) < 400e3
+    chain = integrated(gs.models.chain(10), 30)
+    every = {name: np.repeat(getattr(chain, name), 100, axis=0)
+             for name in ("q", "p", "energies", "work")}
+    every["t"] = np.linspace(0, 6, len(every["q"]))
+    page = replace(chain, **every).view().page
+    assert len(page) < 1.5e6
+    assert len(floats(scene_in(page)["t"])) > 3000
+
+
+def test_times_in_any_order_are_shown_in_theirs(gl3):
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=40, **RUN)
+    mixed = run.at([0.03, 0.0105, 0.02])
+    t = floats(scene_in(mixed.view().page)["t"])
+    assert np.abs(t - [0, 0.0095, 0.0195]).max() < 1e-8
+    scene = scene_of(mixed, 10)
+    assert np.array_equal(scene.parts[0].q, mixed.q[[1, 2, 0]])
+
+
+def test_a_spin_too_fast_to_be_followed_is_told(gl3):
+    slow, fast = (gl3.integrate(TOP.q0, TOP.p0, steps=400, every=every, **RUN) for every in (1, 50))
+    assert len(scene_of(slow, 4000).remarks) == 1  # the mass is not known
+    assert "1.0 turns" in scene_of(fast, 4000).remarks[1]
+
+
+@needs_node
+def test_the_script_is_javascript_and_draws(tops, gl3, tmp_path):
+    subprocess.run(["node", "--check", ROOT / "runtime/plotting/view.js"], check=True)
+    for run, bodies in ((tops, 2), (gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN), 1),
+                        (gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN), 1),
+                        (integrated(gs.models.gimbal(), 5, dt=-1e-3), 3)):
+        said = executed(run.view().page, tmp_path)
+        assert said["bad"] == 0
+        assert 2 * bodies <= said["fills"] <= 3 * bodies + len(run.joints) + 1  # faces and dots
+        assert len(set(said["speeds"])) == 10
+        assert said["glass"] == (bodies == 3)  # the rotor is inside its rings
+    assert executed(tops.view().page, tmp_path, "#t=0.02")["clock"] == "0.0200 of 0.0400 s"
+
+
+@needs_node
+def test_text_of_others_stays_text(tops, tmp_path):
+    manifest = json.loads(json.dumps(tops.manifest))
+    manifest["scheme"]["method"] = "</script><b>@SCENE@ & \"x\""
+    hostile = replace(tops, manifest=manifest)
+    page = hostile.view().page
+    assert "<b>" not in page
+    assert scene_in(page)["title"].endswith('</script><b>@SCENE@ & "x"')
+    assert executed(page, tmp_path)["bad"] == 0
+
+
+def test_jupyter_shows_it_in_a_frame(tops):
+    shown = tops.view()
+    text = shown._repr_html_()
+    assert text.startswith("<iframe ")
+    assert text.count("<") == 2
+    assert len(repr(shown)) < 200
+    assert "View" in repr(shown)
+
+
+def test_on_the_command_line(gyrospark, tmp_path):
+    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "20"]
+    said = gyrospark(*run, "--view", "top.html", "--json")
+    assert said.code == 0
+    assert said.document["view"] == "top.html"
+    page = (tmp_path / "top.html").read_text(encoding="utf-8")
+    assert len(floats(scene_in(page)["t"])) == 21
+    said = gyrospark(*run, "--view", "top.png")
+    assert said.code == 2
+    assert "--view 'top.png' ends in '.png'" in said.stderr
+    said = gyrospark("run", ROOT / "examples/pendulum.toml", "--view", "p.html")
+    assert said.code == 2
+    assert "'pendulum'" in said.stderr
+    assert not (tmp_path / "p.html").exists()
+
+
+def test_what_is_refused(tops, tmp_path):
+    with pytest.raises(gs.InputError, match=r"\.html"):
+        tops.view("tops.png")
+    with pytest.raises(gs.InputError, match="Unknown shape 'sphere'"):
+        tops.view(shape="sphere")
+    with pytest.raises(gs.GyrosparkError, match="written"):
+        tops.view(tmp_path / "not" / "tops.html")
+    x, u = sp.symbols("x u", real=True)
+    system = gs.System([x], [u], [], u**2 / 2 + x**2 / 2, name="swinging",
+                       quantities={"height": x**2})
+    run = gs.stepper("IMS", system=system).integrate([1.0], [0.0], dt=0.1, steps=3, parameters={})
+    with pytest.raises(gs.InputError, match="'swinging'"):
+        run.view()

@@ -1,0 +1,312 @@
+"""One body or joint of a trajectory: beside finite differences, Newton and Euler, closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import RUN, TOP
+from gyrospark.core.errors import InputWarning
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.runtime.results.joint_motion import _shortest
+
+EPS = float(np.finfo(float).eps)
+DT = 1e-3
+
+
+def run(model, steps=300, scheme=("G-L", 3), **options):
+    step = gs.stepper(*scheme, system=model.system)
+    return step.integrate(model.q0, model.p0, steps=steps, parameters=dict(model.parameters),
+                          **{"dt": DT} | options)
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    return run(gs.models.four_bar())
+
+
+@pytest.fixture(scope="module")
+def tops():
+    return run(gs.models.double_top(), dt=1e-4)
+
+
+def slope(values, dt):
+    """Return central differences, right to dt² of the third derivative over 6."""
+    return (values[2:] - values[:-2]) / (2 * dt)
+
+
+# ---------------------------------------------------------------- bodies
+
+
+def test_the_fast_top_is_asked_without_a_name(gl3):
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=50, **RUN)
+    body = made.body()
+    assert body.name == "body"
+    assert np.array_equal(body.attitude, made.q)
+    assert np.array_equal(body.angular_velocity(), made.angular_velocity())
+    assert np.array_equal(body.inertia, np.diag(TOP.inertia))
+    assert np.abs(body.rotation().as_matrix() - body.rotation_matrix()).max() < 8 * EPS
+    assert np.abs(body.euler("zyx", degrees=True)
+                  - body.rotation().as_euler("zyx", degrees=True)).max() < 180 * 64 * EPS
+    assert np.abs(body.position((0, 0, 0.1)) - 0.1 * made.axis()).max() < 4 * EPS
+    mgl = TOP.parameters["mgl"]
+    potential = mgl * made.axis()[:, 2]
+    assert np.abs(body.kinetic_energy() + potential - made.energy()).max() < 7 * 16 * EPS
+    with pytest.raises(gs.InputError, match="'heavy_top' does not say the mass of body 'body'"):
+        body.momentum()
+    with pytest.raises(gs.InputError, match="does not say where the centre of mass is"):
+        body.position()
+
+
+def test_angular_velocity_is_that_of_the_attitude(tops):
+    """RᵀṘ by differences, in both frames."""
+    for name, fast in (("a", 40), ("b", 70)):
+        body = tops.body(name)
+        R = body.rotation_matrix()
+        turning = np.einsum("kji,kjl->kil", R[1:-1], slope(R, 1e-4))
+        found = np.stack([turning[:, 2, 1], turning[:, 0, 2], turning[:, 1, 0]], axis=1)
+        bound = fast * (fast * 1e-4) ** 2
+        assert np.abs(found - body.angular_velocity()[1:-1]).max() < bound
+        space = np.einsum("kij,kj->ki", R, body.angular_velocity("body"))
+        assert np.abs(body.angular_velocity(frame="space") - space).max() < fast * 8 * EPS
+
+
+def test_positions_velocities_and_momenta(tops):
+    upper, parameters = tops.body("b"), tops.parameters
+    assert np.array_equal(upper.position(), tops.q[:, 8:11])
+    assert np.array_equal(upper.momentum(), 0.4 * (tops.p[:, 8:11] / 0.4))
+    lower = tops.body("a")
+    assert np.abs(lower.position() - 0.25 * lower.axis()).max() < 2 * EPS
+    assert lower.mass == parameters["a_m"] == 1.0
+    for body, point in ((lower, None), (upper, None), (upper, (0.1, 0.2, -0.3))):
+        error = slope(body.position(point), 1e-4) - body.velocity(point)[1:-1]
+        assert np.abs(error).max() < 70 * 0.4 * (70e-4) ** 2
+    weight = sum(9.81 * body.mass * body.position()[:, 2] for body in (lower, upper))
+    energy = lower.kinetic_energy() + upper.kinetic_energy() + weight
+    assert np.abs(energy - tops.energy()).max() < 64 * EPS * np.abs(energy).max()
+
+
+def test_momenta_change_by_forces_and_torques(tops):
+    """ṗ = F and l̇ = M about the joint's point and gravity, of the upper top, which is free."""
+    upper, joint = tops.body("b"), tops.joint()
+    weight = np.array([0, 0, -9.81 * upper.mass])
+    force, arm = joint.force(), joint.position() - upper.position()
+    size = np.abs(force).max()
+    assert np.abs(slope(upper.momentum(), 1e-4) - (force + weight)[1:-1]).max() < 3e-3 * size
+    torque = np.cross(arm, force)
+    error = slope(upper.angular_momentum(), 1e-4) - torque[1:-1]
+    assert np.abs(error).max() < 3e-3 * np.abs(torque).max()
+    assert np.abs(joint.torque()).max() == 0  # a ball
+    assert np.abs(np.linalg.norm(upper.angular_momentum("body"), axis=1)
+                  - np.linalg.norm(upper.angular_momentum(), axis=1)).max() < 1e-13
+
+
+def test_bodies_of_files_and_after_reading(tmp_path, four_bar):
+    text = """
+name = "one_wheel"
+[[bodies]]
+name = "bus"
+mass = 3
+inertia = [0.3, 0.4, 0.5]
+position = [0, 0, 1]
+angular_velocity = [1, 2, 3]
+"""
+    made = run(parse_model(text, "wheel.toml"), steps=5, scheme=("IMS",))
+    assert np.abs(made.body("bus").angular_velocity()[0] - [1, 2, 3]).max() < 16 * EPS
+    assert np.abs(made.body().momentum()[-1] - [0, 0, -3 * 9.81 * 5 * DT]).max() < 64 * EPS
+    assert np.abs(made.body().position()[0] - [0, 0, 1]).max() == 0
+    again = gs.Trajectory.load(four_bar.save(tmp_path / "bars.npz"))
+    assert np.array_equal(again.joint("hinge1").force(), four_bar.joint("hinge1").force())
+    assert np.array_equal(again.body("rocker").position(), four_bar.body("rocker").position())
+
+
+def test_what_nothing_uses_is_still_known():
+    """Without gravity no formula has the mass and the arm of a top; the views have both."""
+    build = gs.Multibody("still", gravity=(0, 0, 0))
+    build.top("a", mass=2.5, inertia=(0.1, 0.2, 0.25), centre=(0.1, 0, 0.3), at=(1, 2, 3),
+              angular_velocity=(0, 0, 1))
+    model = build.model()
+    assert "a_m" not in model.parameters
+    body = run(model, steps=2, scheme=("IMS",)).body()
+    assert body.mass == 2.5
+    assert np.abs(body.position()[0] - [1.1, 2, 3.3]).max() < 8 * EPS
+    assert np.abs(body.velocity()[0] - [0, 0.1, 0]).max() < 8 * EPS
+
+
+# ---------------------------------------------------------------- joints
+
+
+def pendulum(hinge=False, angle=1.0, rate=0.5):
+    """Return a bar of 2 kg that swings about x, held half a metre above its centre."""
+    build = gs.Multibody("swing_hinge" if hinge else "swing")
+    c, s = np.cos(angle), np.sin(angle)
+    bar = build.body("bar", mass=2.0, inertia=(0.3, 0.3, 0.1), angular_velocity=(rate, 0, 0),
+                     rotation=[[1, 0, 0], [0, c, -s], [0, s, c]])
+    if hinge:
+        build.revolute("pin", build.ground, bar, axis=(2, 0, 0), at=(0, 0, 0), on_b=(0, 0, 0.5))
+    else:
+        build.fixed_point("pin", bar, at=(0, 0, 0), on_body=(0, 0, 0.5))
+    return build.model()
+
+
+def pull(made):
+    """Return the pin's force on the bar in closed form, from angle and rate: m ẍ − m g."""
+    body = made.body("bar")
+    arm, rate = -0.5 * body.axis(), body.angular_velocity()[:, :1]
+    weight = np.array([0, 0, -2 * 9.81])
+    spin = np.cross(arm, weight) / (0.3 + 2 * 0.25)
+    return 2 * (np.cross(spin, arm) - rate**2 * arm) - weight
+
+
+@pytest.mark.parametrize(("scheme", "inside", "ends"), [
+    (("G-L", 2), 2, 2), (("G-L", 3), 4, 3), (("IMS",), 2, 2)])
+def test_the_reaction_of_a_pendulum_in_closed_form(scheme, inside, ends):
+    """Its error falls as it is said to: halved steps, twice."""
+    model, errors = pendulum(), []
+    for dt in (0.02, 0.01):
+        made = run(model, round(0.6 / dt), scheme, dt=dt)
+        error = np.abs(made.joint("pin").force() - pull(made)).max(axis=1)
+        errors.append((error[1:-1].max(), max(error[0], error[-1])))
+    (wide, wide_ends), (fine, fine_ends) = errors
+    assert np.log2(wide / fine) > inside - 0.3
+    assert np.log2(wide_ends / fine_ends) > ends - 0.3
+    assert wide < 0.1
+
+
+def test_a_hinge_holds_more_and_turns():
+    made = run(pendulum(hinge=True), 600)
+    joint, body = made.joint(), made.body()
+    assert joint.bodies == ("", "bar")
+    force = pull(made)
+    assert np.abs(joint.force() - force).max() < 1e-6 * np.abs(force).max()
+    assert np.abs(joint.force("bar") - np.einsum(
+        "kji,kj->ki", body.rotation_matrix(), joint.force())).max() < 64 * EPS * 20
+    assert np.abs(joint.torque()).max() < 1e-9  # a bar in a plane does not lean on its hinge
+    assert np.abs(joint.angle() - body.euler("xyz")[:, 0]).max() < 1e-12
+    assert np.abs(joint.angle(degrees=True)[0] - np.degrees(1.0)) < 1e-12
+    assert np.abs(joint.rate() - body.angular_velocity()[:, 0]).max() < 1e-12
+    assert np.abs(joint.position()).max() < 1e-13
+
+
+def test_a_closed_loop_obeys_newton_and_euler(four_bar):
+    """Each bar: m ẍ and l̇ are what its two hinges and gravity do, with the sign that is told."""
+    assert four_bar.joints == ("hinge0", "hinge1", "hinge2", "hinge3")
+    for i, name in enumerate(("crank", "coupler", "rocker")):
+        body = four_bar.body(name)
+        force, torque = np.array([0, -9.81 * body.mass, 0]), np.zeros(3)
+        for hinge, sign in ((i, 1), (i + 1, -1)):
+            joint = four_bar.joint(f"hinge{hinge}")
+            force = force + sign * joint.force()
+            arm = joint.position() - body.position()
+            torque = torque + sign * (joint.torque() + np.cross(arm, joint.force()))
+        error = slope(body.momentum(), DT) - force[1:-1]
+        assert np.abs(error).max() < 1e-3 * np.abs(force).max()
+        error = slope(body.angular_momentum(), DT) - torque[1:-1]
+        assert np.abs(error).max() < 1e-3 * np.abs(torque).max()
+
+
+def test_angles_count_whole_turns(four_bar):
+    """The wheel of a gimbal at 150 rad/s, a state every 2 steps; the bars' angles in the plane."""
+    made = run(gs.models.gimbal(), 400, ("IMS",), every=2)
+    spindle = made.joint("spindle")
+    assert spindle.angle()[-1] == pytest.approx(150 * 0.4, rel=0.05)
+    made_by_rate = np.cumsum(np.diff(made.t) * (spindle.rate()[1:] + spindle.rate()[:-1]) / 2)
+    assert np.abs(np.diff(spindle.angle()).cumsum() - made_by_rate).max() < 0.1
+    with pytest.raises(gs.InputError, match="'spindle' has no point"):
+        spindle.position()
+    angle = four_bar.joint("hinge1").angle()
+    turns = [four_bar.body(name).euler("xyz")[:, 2] for name in ("coupler", "crank")]
+    assert np.abs(np.sin(angle - turns[0] + turns[1])).max() < 1e-12
+    assert np.abs(slope(angle, DT) - four_bar.joint("hinge1").rate()[1:-1]).max() < 1e-3
+
+
+def test_turns_that_rates_do_not_tell_are_warned_of():
+    """A bar that falls over and over, at 5 to 14 rad/s: true to a state every 0.1 s, then told."""
+    model = pendulum(hinge=True, rate=12.0)
+    turned = run(model, 1000, dt=5e-3).joint().angle()
+    assert abs(turned[-1] - turned[0]) > 20
+    some = run(model, 1000, dt=5e-3, every=20).joint()
+    assert np.abs(some.angle() - turned[::20]).max() < 1e-12  # without a word: warnings are errors
+    for every in (100, 1000):
+        ends = run(model, 1000, dt=5e-3, every=every)
+        with pytest.warns(InputWarning, match="every"):
+            angle = ends.joint().angle()
+        assert np.abs(np.sin((angle - turned[::every]) / 2)).max() < 1e-9
+    cured = ends.at(np.linspace(0, 5, 101)).joint().angle()  # as the warning says
+    assert np.abs(cured - turned[::10]).max() < 1e-9
+
+
+def test_a_steady_turn_needs_no_warning():
+    """A wheel at a constant rate, stored at its ends: its turns are those of the rate."""
+    build = gs.Multibody("wheel", gravity=(0, 0, 0))
+    build.top("w", mass=1, inertia=(0.2, 0.2, 0.3), centre=(0, 0, 0))
+    build.align("axle", "ground", "w", axis=(0, 0, 1), rate=30.0)
+    made = run(build.model(), 1000, ("IMS",), every=1000)
+    assert made.joint().angle()[-1] == pytest.approx(30.0, abs=0.1)
+
+
+def test_a_rod_pulls_along_itself():
+    """Two bodies without gravity that circle each other on a rod: m r Ω² each."""
+    build = gs.Multibody("dumbbell", gravity=(0, 0, 0))
+    balls = [build.body(name, mass=0.5, inertia=(0.01, 0.01, 0.01), position=(x, 0, 0),
+                        velocity=(0, 3 * x, 0)) for name, x in (("left", -1), ("right", 1))]
+    build.rod("rod", *balls)
+    made = run(build.model(), 20, ("IMS",))
+    force, along = made.joint("rod").force(), made.body("left").position()
+    assert np.abs(force - 0.5 * 9 * along).max() < 1e-4
+    with pytest.raises(gs.InputError, match="'rod' has no axis"):
+        made.joint("rod").angle()
+
+
+def test_where_states_are_left_out_the_start_has_no_reaction(four_bar):
+    thin = run(gs.models.four_bar(), every=10)
+    force, whole = thin.joint("hinge1").force(), four_bar.joint("hinge1").force()[::10]
+    assert np.isnan(force[0]).all()
+    assert np.abs(force[1:] - whole[1:]).max() < 1e-5 * np.abs(whole).max()
+
+
+def test_reactions_between_steps():
+    """As many states as the run has, and a step apart, but not its own: each has its own step."""
+    whole = run(pendulum(), 60, dt=0.01)
+    times = np.append(0.0, whole.t[:-1] + 0.004)
+    made = whole.at(times[1:])
+    error = np.abs(made.joint("pin").force() - pull(made))[1:]
+    assert error.max() < 1e-4 * 31
+    many = whole.at(np.concatenate([times, [0.6]])[:61])
+    assert np.isnan(many.joint("pin").force()[0]).all()
+    assert np.array_equal(whole.at(whole.t).joint("pin").force(), whole.joint("pin").force())
+
+
+def test_the_shortest_way_between_axes():
+    for a, b in np.random.default_rng(3).normal(size=(20, 2, 3)):
+        a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+        normal = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
+        for end in (b, -a, a):
+            R = _shortest(a, end, normal)
+            assert np.abs(R @ R.T - np.eye(3)).max() < 1e-13
+            assert np.abs(R @ a - end).max() < 1e-13
+        assert np.abs(_shortest(a, b, normal) @ normal - normal).max() < 1e-13
+
+
+def test_names_that_are_not_there(four_bar, tops, gl3):
+    with pytest.raises(gs.InputError, match=r"4 joints.*as in joint\('hinge0'\)"):
+        four_bar.joint()
+    with pytest.raises(gs.InputError, match=r"Unknown joint .*'hing1'"):
+        four_bar.joint("hing1")
+    with pytest.raises(gs.InputError, match=r"Unknown body .*'bus'"):
+        four_bar.body("bus")
+    with pytest.raises(gs.InputError, match="has no joints"):
+        gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN).joint()
+    with pytest.raises(gs.InputError, match=r"Unknown frame .*'ground'; choose body or space"):
+        tops.body("a").angular_velocity(frame="ground")
+    with pytest.raises(gs.InputError, match="Unknown frame of joint 'joint'"):
+        tops.joint().force("ground")
+    with pytest.raises(gs.InputError, match=r"on_body = .* is no point"):
+        tops.body("a").position((0, 1))
+    with pytest.raises(gs.InputError, match="degrees = 3 is neither"):
+        tops.body("a").euler("zyx", degrees=3)
+    x, y = sp.symbols("x y")
+    with pytest.raises(gs.InputError, match=r"joints = .* are none; Multibody makes them"):
+        gs.System([x], [y], [], y**2, joints=[3])

@@ -1,0 +1,173 @@
+"""Radians a step: what is said of the fastest rotation, and when a run warns."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from functools import partial
+from math import pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from gyrospark.runtime.results.rotation_rate import fastest_turning
+
+RUN = ("run", "fast-top", "--json", "--steps", "20")
+SCHEMES = [("IMS",), ("EMS",), ("G-L", "--stages", "3")]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=" ".join)
+@pytest.mark.parametrize("dt", ["1e-3", "1e-2"])
+def test_the_papers_runs_do_not_warn(scheme, dt, gyrospark):
+    answer = gyrospark(*RUN, "--scheme", *scheme, "--dt", dt)
+    assert answer.stderr == ""
+    assert answer.document["radians_per_step"] == pytest.approx(40 * pi * float(dt), rel=0.01)
+    assert answer.document["fastest_body"] == "body"
+
+
+def test_the_papers_precession_does_not_warn(gyrospark):
+    answer = gyrospark("run", "regular-precession", "--scheme", "IMS", "--dt", "0.007", "--steps",
+                       "20", "--set", "radius_ratio=0.5")
+    assert answer.stderr == ""
+    assert "rad a step, of body" in answer.stdout
+
+
+@pytest.mark.parametrize(("scheme", "borne"), [(("EMS",), 1.5), (("G-L", "--stages", "2"), 2.5),
+                                               (("G-L", "--stages", "3"), 3.0)], ids=str)
+def test_more_than_is_borne_is_told(scheme, borne, gyrospark):
+    """Beside the bound: nothing below it, a line above it, with a dt that is below it again."""
+    rate = 40 * pi
+    below, above = (str(factor * borne / rate) for factor in (0.98, 1.02))
+    assert gyrospark(*RUN, "--scheme", *scheme, "--dt", below).stderr == ""
+    answer = gyrospark(*RUN, "--scheme", *scheme, "--dt", above)
+    assert answer.code == 0
+    assert answer.stderr.count("\n") == 1
+    for part in (f"is {1.02 * borne:.2f} rad a step", f"bears {borne:g} at the most",
+                 f"well below {borne / rate:.2g}."):
+        assert part in answer.stderr
+    assert answer.document["radians_per_step"] > borne
+
+
+def test_a_failed_step_and_its_rotation_are_told_in_one_line(gyrospark):
+    answer = gyrospark(*RUN, "--scheme", "IMS", "--dt", "1e300")
+    assert answer.code == 1
+    assert answer.stderr.count("\n") == 1
+    for part in ("Step 1 at t = 0 s failed", "bears 1.5 at the most"):
+        assert part in answer.stderr
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_the_error_beside_the_bound_of_order_two(gl3):
+    """A midpoint turns by 4 arctan(θ/4) in place of θ: two radians are lost in some turns."""
+    top = gs.problems.fast_top()
+    parameters = top.parameters | {"gamma": "m"}
+    dt = 1.5 / (40 * pi)
+    made = gs.stepper("EMS").integrate(top.q0, top.p0, dt=dt, steps=28, parameters=parameters)
+    true = gl3.integrate(top.q0, top.p0, dt=dt / 8, steps=8 * 28, every=8, parameters=parameters)
+    off = 2 * np.arccos(np.clip(np.abs((made.q * true.q).sum(axis=1)), 0, 1))
+    assert off[14] == pytest.approx(14 * (1.5 - 4 * np.arctan(1.5 / 4)), rel=0.1)
+
+
+def test_of_several_bodies_the_fastest(gyrospark):
+    answer = gyrospark("run", "double_top", "--dt", "1e-3", "--steps", "5", "--json", "--out",
+                       "run.npz")
+    run = gs.Trajectory.load("run.npz")
+    rates = {name: np.linalg.norm(run.angular_velocity(name), axis=1).max() for name in "ab"}
+    fastest = max("ab", key=rates.__getitem__)
+    assert rates["a"] != rates["b"]
+    assert answer.document["fastest_body"] == fastest
+    assert answer.document["radians_per_step"] == pytest.approx(rates[fastest] * 1e-3, rel=1e-9)
+
+
+def test_what_does_not_turn_has_none(gyrospark):
+    """Points, and what a frame carries."""
+    points = gyrospark("run", "examples/pendulum.toml", "--steps", "5", "--dt", "1", "--json")
+    framed = gyrospark(*RUN, "--scheme", "IMS", "--frame", "start", "--dt", "2e-2")
+    for answer in (points, framed):
+        assert "radians_per_step" not in answer.document
+    assert framed.stderr == ""
+
+
+def said_of(call):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        call()
+    return [str(one.message) for one in said if one.category is gs.InputWarning
+            and one.filename == __file__]
+
+
+def test_python_warns_as_the_command_does(gl3, tmp_path):
+    """At 2 rad a step nobody, at 6.3 everybody, once a call; the advice is a smaller step."""
+    top = gs.problems.fast_top()
+    parameters = top.parameters | {"gamma": "m"}
+    start, many = (top.q0, top.p0), ([top.q0] * 2, [top.p0] * 2)
+    calls = {
+        "integrate": lambda how: gl3.integrate(*start, steps=4, **how),
+        "start": lambda how: gl3.start(*start, **how),
+        "step": lambda how: gl3.step(*start, **how),
+        "ensemble": lambda how: gl3.integrate_ensemble(*many, steps=4, **how),
+        "one": lambda how: gl3.integrate_ensemble(*(x[:1] for x in many), steps=4, **how),
+        "differ": lambda how: gl3.integrate_ensemble(
+            *many, steps=4, **how | {"dt": [1e-3, how["dt"]]}),
+        "record": lambda how: gs.record(gl3, *start, steps=4, **how,
+                                        out=tmp_path / f"{how['dt']}.zarr"),
+        "sweep": lambda how: gs.sweep("fast-top", {"dt": [1e-3, how["dt"]]}, scheme="G-L",
+                                      stages=3, steps=4, parameters={"gamma": 4e-4}),
+        "pilots": lambda how: gl3.integrate(*start, steps=4, **how | {
+            "parameters": parameters | {"gamma": "auto"}}),
+    }
+    for name, call in calls.items():
+        slow, fast = ({"dt": dt, "parameters": parameters} for dt in (2 / (40 * pi), 0.05))
+        assert said_of(partial(call, slow)) == [], name
+        said = said_of(partial(call, fast))
+        assert len(said) == 1, name
+        assert "6.28 rad" in said[0], name
+
+
+def test_a_body_that_gets_fast_on_the_way():
+    """Let go near its highest place, a top is at rest at first; shown by a state on the way."""
+    top = gs.problems.fast_top()
+    parameters = top.parameters | {"gamma": "m"}
+    q, p = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
+    step = gs.stepper("G-L", 2)
+    run = {"dt": 0.09, "parameters": parameters}
+    assert len(said_of(lambda: step.integrate(q, p, steps=200, **run))) == 1
+    assert said_of(lambda: step.start(q, p, **run)) == []
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """A short run of two free bodies, one of which has a tensor."""
+    build = gs.Multibody("pair")
+    build.body("plain", mass=1.0, inertia=(0.5, 0.6, 0.7), position=(0, 0, 0))
+    build.body("tilted", mass=1.0, position=(3, 0, 0),
+               inertia=[[1.0, 0.1, 0.2], [0.1, 1.1, 0.05], [0.2, 0.05, 0.9]])
+    model = build.model()
+    step = gs.stepper("IMS", system=model)
+    return step.integrate(model.q0, model.p0, dt=0.1, steps=1, parameters=dict(
+        model.parameters) | dict.fromkeys(model.bodies, "m"))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5))
+def test_rates_are_those_of_the_bodies(pair, seed, rows):
+    """Of moments and of a tensor, of one state and many, beside ``BodyMotion``."""
+    rng = np.random.default_rng(seed)
+    states = replace(pair, q=rng.standard_normal((rows, 14)), p=rng.standard_normal((rows, 14)))
+    rates = {name: np.linalg.norm(states.angular_velocity(name), axis=1).max()
+             for name in states.bodies}
+    found = fastest_turning(states)
+    assert found.body == max(rates, key=rates.__getitem__)
+    assert found.radians == pytest.approx(0.1 * rates[found.body], rel=1e-12)
+
+
+def test_every_type_has_radians():
+    top = gs.problems.fast_top()
+    for real in ("float", "float128"):
+        step = gs.stepper("G-L", 2, real=real)
+        parameters = top.parameters | {"gamma": 0.0016}
+        run = step.integrate(*step.project(top.q0, top.p0, parameters=parameters), dt=0.01,
+                             steps=2, parameters=parameters)
+        assert fastest_turning(run).radians == pytest.approx(0.4 * pi, rel=1e-3)

@@ -1,0 +1,184 @@
+"""Rotation, axis and angular velocity of every system that is one body, and of one of several."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import TOP
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.runtime.compilation.body_columns import bodies_of, joints_of
+from gyrospark.runtime.compilation.manifest import sizes_of
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
+VIEWS = ("rotation", "axis", "angular_velocity")
+EPS = float(np.finfo(float).eps)
+
+
+@pytest.fixture(scope="module")
+def two_tops():
+    return run(gs.models.double_top(), 5)
+
+
+def run(model, steps=40, scheme=("G-L", 2), **options):
+    step = gs.stepper(*scheme, system=model.system)
+    return step.integrate(model.q0, model.p0, dt=model.dt or 1e-3, steps=steps,
+                          parameters=dict(model.parameters), **options)
+
+
+def spinning(**more):
+    """Return one free body with all that a builder offers."""
+    build = gs.Multibody("spinning")
+    body = build.body("b", mass=0.5, inertia=(0.02, 0.03, 0.04), position=(1, 2, 3),
+                      angular_velocity=(1, 2, 30), **more)
+    build.spring("s", build.ground, body, stiffness=3.0, length=0.1, on_b=(0, 0, 0.2))
+    build.torque(body, [-0.01 * w for w in body.angular_velocity])
+    build.force(body, (0, 0, sp.sin(3 * build.time)))
+    for i, w in enumerate(body.angular_velocity):
+        build.quantity(f"omega{i}", w)
+    for i, x in enumerate(body.direction((0, 0, 1))):
+        build.quantity(f"axis{i}", x)
+    return build.model()
+
+
+def test_the_lagrange_top_is_a_heavy_top():
+    """The same motion from the paper's system: another way to every view."""
+    model = gs.models.lagrange_top()
+    made = run(model, 100)
+    inertia = tuple(model.parameters[f"a_I{i}"] for i in (1, 2, 3))
+    weight = model.parameters["a_m"] * 9.81 * model.parameters["a_centre_z"]
+    parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {
+        "mgl": weight, "gamma": gs.gamma_m(inertia)}
+    paper = gs.stepper("G-L", 2).integrate(model.q0, model.p0, dt=model.dt, steps=100,
+                                           parameters=parameters)
+    assert np.abs(made.rotation().as_matrix() - paper.rotation().as_matrix()).max() < 1e-12
+    assert np.abs(made.axis() - paper.axis()).max() < 1e-12
+    assert np.abs(made.angular_velocity() - paper.angular_velocity()).max() < 60 * 1e-12
+    assert np.abs(made.angular_velocity()[0] - [0, 0, 60]).max() < 60 * 4 * EPS
+    assert made.bodies == ("a",)
+    assert np.array_equal(made.axis("a"), made.axis())
+    assert made.plot().axes[0].name == "3d"  # its trace on the sphere
+
+
+def test_the_satellite_in_its_orbit():
+    """Ω against axes at rest: what turns in orbit axes at n about y more than that."""
+    model = gs.models.satellite()
+    made = run(model, 60)
+    R, omega = made.rotation().as_matrix(), made.angular_velocity()
+    turning = np.diff(R, axis=0) / made.dt
+    middle = (R[1:] + R[:-1]) / 2
+    relative = np.einsum("tji,tjk->tik", middle, turning)  # RᵀṘ = skew(Ω relative)
+    relative = np.stack([relative[:, 2, 1], relative[:, 0, 2], relative[:, 1, 0]], axis=1)
+    n = model.parameters["n"]
+    absolute = relative + n * middle[:, 1, :]
+    assert np.abs(absolute - (omega[1:] + omega[:-1]) / 2).max() < 1e-5 * np.abs(omega).max()
+    assert np.abs(relative - (omega[1:] + omega[:-1]) / 2).max() > 0.1 * n
+
+
+def test_one_free_body_with_forces_potential_and_quantities():
+    made = run(spinning())
+    omega = np.stack([made.quantity(f"omega{i}") for i in range(3)], axis=1)
+    axis = np.stack([made.quantity(f"axis{i}") for i in range(3)], axis=1)
+    assert np.abs(made.angular_velocity() - omega).max() < 30 * 8 * EPS
+    assert np.abs(made.axis() - axis).max() < 8 * EPS
+    assert np.abs(made.rotation().as_matrix() - rotation_matrix(made.q[:, :4])).max() < 8 * EPS
+
+
+def test_a_body_of_a_file_and_a_system_of_ones_own():
+    """[[bodies]] with one body; body_system with torque, potential and quantities."""
+    text = """
+name = "one_body"
+[[bodies]]
+name = "thrown"
+mass = 1
+inertia = [0.1, 0.2, 0.25]
+angular_velocity = [1, 2, 3]
+"""
+    model = parse_model(text, "one.toml")
+    made = run(model, 5)
+    assert made.bodies == ("thrown",)
+    assert np.abs(made.angular_velocity()[0] - [1, 2, 3]).max() < 16 * EPS
+    symbols = gs.symbols
+    k = sp.Symbol("k", positive=True)
+    system = gs.body_system("driven_body", "alpha", k * symbols.R[2, 2], (k,),
+                            torque=[-w / 100 for w in symbols.omega],
+                            quantities={"spin": symbols.omega[2]})
+    step = gs.stepper("IMS", system=system)
+    made = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=5, parameters={
+        "I1": 0.002, "I2": 0.002, "I3": 0.0008, "k": 0.1, "alpha": "h"})
+    assert np.abs(made.angular_velocity()[:, 2] - made.quantity("spin")).max() < 1e-12
+    assert made.axis().shape == (6, 3)
+
+
+def test_several_bodies_are_asked_for_by_name(two_tops):
+    made = two_tops
+    assert made.bodies == ("a", "b")
+    for view in VIEWS:
+        with pytest.raises(gs.InputError, match=r"'double_top' is not one rigid body but 2, a, b; "
+                                                r"say which, as in body\('a'\)"):
+            getattr(made, view)()
+        with pytest.raises(gs.InputError, match=r"Unknown body .*'c'; choose a or b"):
+            getattr(made, view)("c")
+    assert np.abs(made.angular_velocity("a")[0] - [0.2, 0, 40]).max() < 40 * 8 * EPS
+    assert np.abs(made.angular_velocity("b")[0] - [0, 0.3, 70]).max() < 70 * 8 * EPS
+    assert np.abs(made.rotation(body="b").as_matrix()
+                  - rotation_matrix(made.q[:, 4:8])).max() < 8 * EPS
+    assert np.array_equal(made.axis("b"), rotation_matrix(made.q[:, 4:8])[..., 2])
+
+
+def test_views_go_with_a_trajectory_into_its_file(two_tops, tmp_path):
+    made = two_tops
+    again = gs.Trajectory.load(made.save(tmp_path / "two.npz"))
+    assert again.bodies == made.bodies
+    assert np.array_equal(again.angular_velocity("b"), made.angular_velocity("b"))
+    top = gs.models.lagrange_top()
+    stored = gs.record(gs.stepper("G-L", 2, system=top), top.q0, top.p0, dt=1e-3, steps=4,
+                       parameters=dict(top.parameters), out=tmp_path / "top.zarr")
+    assert stored.trajectory().axis().shape == (5, 3)
+
+
+@pytest.mark.parametrize("spoil", [
+    lambda body: body.update(q=["a_q0", "a_q1", "a_q2"]),
+    lambda body: body.update(q=["a_q0", "a_q1", "a_q2", "z"]),
+    lambda body: body.update(inertia=["a_I1", "a_I2"]),
+    lambda body: body.update(inertia=["a_I1", "a_I2", "none"]),
+    lambda body: body.update(inertia=[["a_I1"], "a_I2", "a_I3"]),
+    lambda body: body.pop("inertia"), lambda body: body.update(q=3),
+    lambda body: body.update(x=["b_x", "b_y"]), lambda body: body.update(mass="none"),
+    lambda body: body.update(mass=True), lambda body: body.update(centre=[0.0, 1.0]),
+    lambda body: body.update(centre="a_m"), lambda body: body.update(origin=[0.0, 0.0, np.inf]),
+], ids=range(13))
+def test_a_manifest_with_another_body_is_damaged(spoil, two_tops):
+    manifest = json.loads(json.dumps(two_tops.manifest))
+    assert list(bodies_of(manifest)) == ["a", "b"]
+    spoil(manifest["system"]["bodies"]["a"])
+    with pytest.raises((ValueError, TypeError, KeyError, AttributeError)):
+        sizes_of(manifest)
+
+
+@pytest.mark.parametrize("spoil", [
+    lambda joint: joint.update(bodies=["a", "c"]), lambda joint: joint.update(bodies=["a"]),
+    lambda joint: joint.update(on_a=[0.0]), lambda joint: joint.update(axis_b=["none", 0.0, 0.0]),
+    lambda joint: joint.pop("constraints"), lambda joint: joint["constraints"].update(other=None),
+    lambda joint: joint["constraints"]["joint: x"].update(kind="magic"),
+    lambda joint: joint["constraints"]["joint: x"].update(on_a=[]),
+], ids=range(8))
+def test_a_manifest_with_another_joint_is_damaged(spoil, two_tops):
+    manifest = json.loads(json.dumps(two_tops.manifest))
+    assert list(joints_of(manifest)) == ["joint"]
+    spoil(manifest["system"]["joints"]["joint"])
+    with pytest.raises((ValueError, TypeError, KeyError, AttributeError)):
+        sizes_of(manifest)
+
+
+def test_what_is_called_a_rigid_body_is_one():
+    x, y = sp.symbols("x y", real=True)
+    with pytest.raises(gs.InputError, match="'a' is no rigid_body: it has 1 coordinates"):
+        gs.System([x], [y], [], y**2, name="a", rigid_body=True)
+    q, p = sp.symbols("q0:4", real=True), sp.symbols("p0:4", real=True)
+    with pytest.raises(gs.InputError, match="moments I1, I2, I3"):
+        gs.System(q, p, [x], x * sum(e**2 for e in p), name="a", rigid_body=True)

@@ -1,0 +1,162 @@
+"""The NumPy helpers: identities of the paper's section 2, round trips, SciPy's conventions."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gyrospark.core.errors import InputError, MissingDependencyError
+from gyrospark.runtime.rigid_body.quaternion import (
+    angular_velocity,
+    axis,
+    euler_quaternion,
+    from_rotation,
+    left_matrix,
+    momentum,
+    rotation_matrix,
+    state_from_rotation,
+    to_rotation,
+)
+
+INERTIA = (0.002, 0.0013, 0.0008)
+RANDOM = np.random.default_rng(20)
+Q = RANDOM.normal(size=(3, 5, 4))
+UNIT = Q / np.linalg.norm(Q, axis=-1, keepdims=True)
+angles = st.floats(-10, 10)
+
+
+def elementary(axis_number, angle):
+    """Return the rotation about one axis, written out."""
+    c, s = np.cos(angle), np.sin(angle)
+    if axis_number == 1:
+        return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def test_left_matrix_identities():
+    L = left_matrix(Q)
+    square = np.sum(Q**2, axis=-1)[..., None, None]
+    assert L.shape == (3, 5, 3, 4)
+    np.testing.assert_allclose(np.einsum("...ij,...j", L, Q), 0, atol=1e-15)
+    np.testing.assert_allclose(L @ L.swapaxes(-1, -2), square * np.eye(3), atol=1e-14)
+    outer = Q[..., :, None] * Q[..., None, :]
+    np.testing.assert_allclose(L.swapaxes(-1, -2) @ L, square * np.eye(4) - outer, atol=1e-14)
+
+
+def test_rotation_matrix_is_a_rotation():
+    R = rotation_matrix(UNIT)
+    assert R.shape == (3, 5, 3, 3)
+    np.testing.assert_allclose(R @ R.swapaxes(-1, -2), np.broadcast_to(np.eye(3), R.shape),
+                               atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(R), 1)
+    np.testing.assert_array_equal(rotation_matrix(-UNIT), R)
+    np.testing.assert_array_equal(axis(UNIT), R[..., :, 2])
+
+
+def test_one_row_is_the_same_as_in_a_stack():
+    np.testing.assert_array_equal(left_matrix(Q)[1, 2], left_matrix(Q[1, 2].tolist()))
+    np.testing.assert_array_equal(rotation_matrix(Q)[1, 2], rotation_matrix(Q[1, 2]))
+
+
+def test_left_matrix_gives_the_angular_velocity_of_the_rotation_matrix():
+    """Ṙ = R Ω̂ with Ω = 2 L(q) q̇: (5) to (7), by a complex-free central difference."""
+    q, h = UNIT[0, 0], 1e-6
+    rate = np.cross(Q[0, 1, 1:], Q[0, 2, 1:])
+    q_dot = left_matrix(q).T @ rate / 2
+    R_dot = (rotation_matrix(q + h * q_dot) - rotation_matrix(q - h * q_dot)) / (2 * h)
+    hat = rotation_matrix(q).T @ R_dot
+    np.testing.assert_allclose([hat[2, 1], hat[0, 2], hat[1, 0]], rate, rtol=1e-9)
+
+
+def test_momentum_and_angular_velocity_are_inverse():
+    omega = RANDOM.normal(size=(3, 5, 3)) * 100
+    p = momentum(UNIT, omega, INERTIA)
+    assert p.shape == (3, 5, 4)
+    np.testing.assert_allclose(angular_velocity(UNIT, p, INERTIA), omega, rtol=1e-12)
+    np.testing.assert_allclose(np.einsum("...i,...i", UNIT, p), 0, atol=1e-15)
+
+
+def test_momentum_broadcasts_one_attitude_over_many_velocities():
+    omega = RANDOM.normal(size=(7, 3))
+    p = momentum(UNIT[0, 0], omega, INERTIA)
+    np.testing.assert_allclose(p[4], momentum(UNIT[0, 0], omega[4], INERTIA), rtol=1e-14)
+
+
+@given(angles, angles, angles)
+def test_euler_quaternion_turns_about_z_x_z(phi, theta, psi):
+    q = euler_quaternion(phi, theta, psi)
+    assert q.shape == (4,)
+    assert np.linalg.norm(q) == pytest.approx(1, abs=1e-15)
+    expected = elementary(3, phi) @ elementary(1, theta) @ elementary(3, psi)
+    np.testing.assert_allclose(rotation_matrix(q), expected, atol=2e-15)
+
+
+def test_euler_quaternion_broadcasts():
+    assert euler_quaternion(np.zeros(6), 1.0, np.zeros((2, 1))).shape == (2, 6, 4)
+
+
+def test_to_rotation_agrees_with_scipy():
+    stack = UNIT[0]
+    np.testing.assert_allclose(to_rotation(stack).as_matrix(), rotation_matrix(stack), atol=1e-15)
+    np.testing.assert_allclose(
+        to_rotation(stack[0]).as_matrix(), rotation_matrix(stack[0]), atol=1e-15
+    )
+
+
+@given(angles, angles, angles)
+def test_rotation_round_trip(phi, theta, psi):
+    q = euler_quaternion(phi, theta, psi)
+    back = from_rotation(to_rotation(q))
+    assert abs(back @ q) == pytest.approx(1, abs=1e-15)
+    same = from_rotation(Rotation.from_euler("ZXZ", [phi, theta, psi]))
+    assert abs(same @ q) == pytest.approx(1, abs=1e-14)
+
+
+def test_state_from_rotation():
+    omega = [1.0, -2.0, 3.0]
+    rotation = Rotation.from_euler("ZXZ", [0.1, 0.2, 0.3])
+    q, p = state_from_rotation(rotation, omega, INERTIA)
+    np.testing.assert_allclose(rotation_matrix(q), rotation.as_matrix(), atol=1e-15)
+    np.testing.assert_allclose(angular_velocity(q, p, INERTIA), omega)
+    space = rotation.as_matrix() @ (np.array(INERTIA) * omega)
+    np.testing.assert_allclose(rotation_matrix(q) @ (left_matrix(q) @ p / 2), space)
+
+
+def test_state_from_a_stack_of_rotations():
+    rotations = Rotation.from_rotvec(RANDOM.normal(size=(5, 3)))
+    q, p = state_from_rotation(rotations, [1.0, 2.0, 3.0], INERTIA)
+    assert q.shape == p.shape == (5, 4)
+    q, p = state_from_rotation(rotations[0], np.ones((5, 3)), INERTIA)
+    assert q.shape == p.shape == (5, 4)
+    assert q.flags.writeable
+
+
+def test_without_scipy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.spatial.transform", None)
+    with pytest.raises(MissingDependencyError, match=r"pip install .scipy"):
+        to_rotation([1, 0, 0, 0])
+    assert np.array_equal(from_rotation(np.eye(3)), [1, 0, 0, 0])  # which needs none
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: left_matrix([1, 0, 0]), r"quaternion has shape \(3,\).*length 4"),
+        (lambda: rotation_matrix(1.0), r"quaternion has shape \(\)"),
+        (lambda: axis("north"), "no array of real numbers"),
+        (lambda: momentum([1, 0, 0, 0], [1, 2], INERTIA), "angular velocity has shape"),
+        (lambda: momentum([1, 0, 0, 0], [1, 2, 3], (1, 2, 0)), "I3 = 0.0"),
+        (lambda: angular_velocity([1, 0, 0, 0], [1, 2, 3], INERTIA), "momentum p has shape"),
+        (lambda: to_rotation([0, 0, 0, 0]), "no attitude"),
+        (lambda: to_rotation([np.nan, 0, 0, 0]), "no attitude"),
+        (lambda: from_rotation([1, 0, 0, 0]), r"neither a scipy\.spatial\.transform\.Rotation nor"),
+    ],
+)
+def test_refusals(call, words):
+    with pytest.raises(InputError, match=words):
+        call()

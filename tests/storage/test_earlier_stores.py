@@ -1,0 +1,63 @@
+"""Stores that an earlier package wrote are read; a run of other code is told as that."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from processes import DATA
+
+KEPT = DATA / "stores"
+
+
+def run_again(real: str = "double"):
+    """Return the stepper, its projected start and parameters of the kept runs."""
+    top = gs.problems.fast_top()
+    step = gs.stepper("G-L", 2, rep="gamma", real=real)
+    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    q0, p0 = step.project(top.q0, top.p0, parameters=parameters)
+    return step, q0, p0, parameters
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    """Return the kept Zarr store, unpacked."""
+    with zipfile.ZipFile(KEPT / "heavy_top_gl2_gamma.zarr.zip") as packed:
+        packed.extractall(tmp_path / "run.zarr")
+    return tmp_path / "run.zarr"
+
+
+@pytest.mark.parametrize("real", ["double", "float128"])
+def test_a_kept_file_is_read(real: str) -> None:
+    """Its states are those of the same run made now, but for another order of additions."""
+    suffix = "" if real == "double" else f"_{real}"
+    kept = gs.Trajectory.load(KEPT / f"heavy_top_gl2_gamma{suffix}.npz")
+    step, q0, p0, parameters = run_again(real)
+    now = step.integrate(q0, p0, dt=1e-3, steps=300, every=10, parameters=parameters)
+    assert kept.t.shape == now.t.shape
+    # 300 steps, each of which may end on another neighbour of the root
+    bound = 300 * 16 * (2.0 ** -52 if real == "double" else 2.0 ** -112)
+    assert np.max(np.abs(kept.q - now.q)) < bound
+
+
+def test_a_kept_store_is_read(store: Path) -> None:
+    recording = gs.open_recording(store)
+    file = gs.Trajectory.load(KEPT / "heavy_top_gl2_gamma.npz")
+    trajectory = recording.trajectory()
+    assert np.array_equal(trajectory.q, file.q)
+    assert np.array_equal(trajectory.p, file.p)
+    assert recording.report.steps == 300
+
+
+def test_a_kept_store_is_not_gone_on_with_by_other_code(store: Path) -> None:
+    """The bits would not be those of one run: what differs is said."""
+    step, q0, p0, parameters = run_again()
+    before = sorted((file, file.stat().st_size) for file in store.rglob("*"))
+    with pytest.raises(gs.InputError, match=r"holds another run .* code\.source was"):
+        gs.record(step, q0, p0, dt=1e-3, steps=600, every=10, parameters=parameters,
+                  out=store, resume=True)
+    assert sorted((file, file.stat().st_size) for file in store.rglob("*")) == before

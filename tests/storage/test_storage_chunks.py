@@ -1,0 +1,62 @@
+"""Chunks that gyrospark writes by itself are, byte for byte, the files that Zarr would write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from gyrospark.storage.array_layout import create_array
+from gyrospark.storage.chunks import Chunk, write_chunks
+from interruption import differences
+
+
+def new_array(path: Path, shape, chunks, dtype, fill):
+    group = zarr.create_group(path)
+    return create_array(group, "a", shape, chunks, dtype, fill, list("xyz"[: len(shape)]), {})
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_files_are_those_of_zarr(tmp_path_factory, data):
+    """Whole chunks, and short ones at the end of the array or of what is known."""
+    folder = tmp_path_factory.mktemp("chunks")
+    dtype, fill = data.draw(st.sampled_from(
+        [("f8", np.nan), ("f4", np.nan), ("f8", 0.0), ("i8", 0), ("i4", 7), ("i1", -1),
+         ("u1", 255)]))
+    shape = tuple(data.draw(st.lists(st.integers(1, 9), min_size=1, max_size=3)))
+    chunks = tuple(data.draw(st.integers(1, length)) for length in shape)
+    place = tuple(data.draw(st.integers(0, (length - 1) // size))
+                  for length, size in zip(shape, chunks, strict=True))
+    corner = [i * size for i, size in zip(place, chunks, strict=True)]
+    inside = [min(size, length - start) for size, length, start in
+              zip(chunks, shape, corner, strict=True)]
+    known = tuple(data.draw(st.integers(1, length)) for length in inside)
+    values = np.random.default_rng(len(shape)).integers(0, 100, known).astype(dtype)
+    ours, its = (new_array(folder / name, shape, chunks, dtype, fill) for name in ("ours", "its"))
+    write_chunks(folder / "ours", [Chunk(ours, place, values)])
+    its = its.with_config({"write_empty_chunks": True})
+    its[tuple(slice(i, i + n) for i, n in zip(corner, known, strict=True))] = values
+    assert differences(folder / "ours", folder / "its") == []
+
+
+def test_wider_and_strided_numbers_are_rounded_and_packed(tmp_path):
+    array = new_array(tmp_path, (8, 2), (4, 2), "f8", np.nan)
+    wide = np.arange(16, dtype=np.longdouble).reshape(4, 4)[:, ::2] / 3
+    write_chunks(tmp_path, [Chunk(array, (1, 0), wide)])
+    assert np.array_equal(array[4:], wide.astype(float))
+    assert np.isnan(array[:4]).all()
+
+
+def test_a_store_in_another_encoding_is_refused(tmp_path):
+    """Of an array that somebody packed: what was written to it could not be read."""
+    group = zarr.create_group(tmp_path)
+    array = group.create_array("a", shape=(4,), chunks=(4,), dtype="f8")
+    with pytest.raises(gs.StorageError, match="encoded"):
+        write_chunks(tmp_path, [Chunk(array, (0,), np.zeros(4))])
+    assert not (tmp_path / "a" / "c").exists()

@@ -1,0 +1,311 @@
+"""Files made from stored runs: the same numbers, to the bit; or a sentence that says why not."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import gyrospark as gs
+from command_line import FAILS, RUN, refused
+from gyrospark.runtime.results.state_columns import headings
+from stored_runs import RUNS, forced_run
+from stores import START, Interrupted, assert_same, ends_after, small_blocks
+
+ENDS = [".csv", ".nc", ".npz"]
+
+
+@pytest.fixture(params=RUNS.values(), ids=RUNS.keys())
+def stored(request, tmp_path, monkeypatch):
+    small_blocks(monkeypatch, 4)
+    return request.param(tmp_path / "run.zarr")
+
+
+def read_csv(path):
+    """Return a CSV file's columns by their headings."""
+    with path.open(newline="", encoding="utf-8") as file:
+        headings, *rows = csv.reader(file)
+    assert len(set(headings)) == len(headings)
+    columns = np.array(rows, dtype=float).reshape(len(rows), len(headings))
+    return {name: columns[:, i] for i, name in enumerate(headings)}
+
+
+# ---------------------------------------------------------------- the same numbers
+
+
+def test_csv_has_the_doubles(stored, tmp_path):
+    """In the order of the arrays: a column a number."""
+    columns = read_csv(stored.export(tmp_path / "run.csv"))
+    dataset = stored.dataset.load()
+    expected = [array.values.reshape(len(array), -1)
+                for array in (dataset["time"], *dataset.data_vars.values())
+                if "byte" not in array.dims]
+    found = np.stack(list(columns.values()), axis=1)
+    # Times of wide types have more digits there, and may lie halfway between doubles.
+    np.testing.assert_array_max_ulp(found[:, 0], expected[0][:, 0].astype(float))
+    np.testing.assert_array_equal(found[:, 1:], np.concatenate(expected[1:], axis=1).astype(float))
+
+
+NAMES = {
+    "top": "time q0 q1 q2 q3 p0 p1 p2 p3 energy g_error f_error iterations multipliers0",
+    "forced": "time x y u v energy g_error f_error iterations multipliers0 multipliers1 "
+              "multipliers2 work height drive",
+    "two constraints": "time q0 q1 q2 q3 x y z p0 p1 p2 p3 px py pz energy g_error f_error "
+                       "iterations " + " ".join(f"multipliers{i}_{j}" for i in range(3)
+                                                for j in range(2)) + " work",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_csv_goes_by_the_systems_names(name, tmp_path):
+    stored = RUNS[name](tmp_path / "run.zarr")
+    assert " ".join(read_csv(stored.export(tmp_path / "run.csv"))) == NAMES[name]
+
+
+def test_headings_differ_whatever_the_names():
+    """A name that is taken is told apart by what it is the name of."""
+    system = {"coordinates": ["energy", "work"], "momenta": ["p", "q0"],
+              "quantities": ["energy", "q_energy", "spin"]}
+
+    shapes = {"time": (), "q": (2,), "p": (2,), "energy": (), "work": (),
+              **{f"quantity_{name}": () for name in system["quantities"]}}
+    assert headings(system, shapes) == [
+        "time", "q_energy", "q_work", "p", "q0", "energy", "work", "quantity_energy",
+        "quantity_q_energy", "spin"]
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_trajectory_is_written_as_a_store_is(end, stored, tmp_path):
+    """The same numbers under the same names, without a store."""
+    exported = stored.export(tmp_path / f"stored{end}")
+    saved = stored.trajectory().save(tmp_path / f"saved{end}")
+    if end == ".nc":
+        with (xarray.open_dataset(exported, engine="h5netcdf", decode_times=False) as one,
+              xarray.open_dataset(saved, engine="h5netcdf", decode_times=False) as other):
+            wide = [name for name in one if name.endswith("_bytes")]  # a NaN has many
+            xarray.testing.assert_equal(one.drop_vars(wide).load(), other.drop_vars(wide).load())
+            assert set(one.variables) == set(other.variables)
+            assert other.attrs["report"] == one.attrs["report"]
+    elif end == ".csv":
+        assert saved.read_bytes() == exported.read_bytes()
+    assert sorted(tmp_path.glob(".*.part")) == []
+
+
+def test_npz_has_the_names(tmp_path):
+    """For readers that know no manifest."""
+    with np.load(forced_run(tmp_path / "run.zarr").export(tmp_path / "run.npz")) as file:
+        assert file["coordinates"].tolist() == ["x", "y"]
+        assert file["momenta"].tolist() == ["u", "v"]
+        assert file["quantities"].tolist() == ["height", "drive"]
+
+
+def test_dataset_goes_by_the_systems_names(tmp_path):
+    stored = forced_run(tmp_path / "run.zarr")
+    found, made = stored.dataset, stored.trajectory()
+    np.testing.assert_array_equal(found["q"].sel(coordinate="y"), made.q[:, 1])
+    np.testing.assert_array_equal(found["p"].sel(coordinate="y"), made.p[:, 1])
+    assert found["p"].attrs["components"] == list(made.momenta) == ["u", "v"]
+    with xarray.open_dataset(stored.export(tmp_path / "run.nc"), engine="h5netcdf",
+                             decode_times=False) as file:
+        np.testing.assert_array_equal(file["q"].sel(coordinate="y"), made.q[:, 1])
+
+
+def test_npz_is_the_trajectory(stored, tmp_path):
+    path = stored.export(tmp_path / "run.npz")
+    assert_same(gs.Trajectory.load(path), stored.trajectory())
+
+
+def test_netcdf_is_the_dataset(stored, tmp_path):
+    path = stored.export(tmp_path / "run.nc")
+    whole = stored.dataset.load()
+    with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as found:
+        xarray.testing.assert_equal(found.load(), whole)
+        assert set(found.variables) == set(whole.variables)
+        for name in whole.variables:
+            kinds = found[name].dtype, whole[name].dtype
+            assert len(set(kinds)) == 1 or {kind.kind for kind in kinds} <= set("OUT")  # text
+            assert found[name].attrs["long_name"] == whole[name].attrs["long_name"]
+        assert json.loads(found.attrs["manifest"]) == stored.attributes["manifest"]
+        assert json.loads(found.attrs["run"]) == stored.attributes["run"]
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_unfinished_run(end, gl3, tmp_path, monkeypatch):
+    """What was stored of it, and no more."""
+    small_blocks(monkeypatch, 4)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
+    with pytest.raises(Interrupted):
+        gs.record(gl3, **START, steps=200, out=tmp_path / "run.zarr", progress=ends_after(12))
+    found = gs.open_recording(tmp_path / "run.zarr")
+    path = found.export(tmp_path / f"run{end}")
+    exact = gl3.integrate(**START, steps=200).q[: found.states]
+    if end == ".npz":
+        np.testing.assert_array_equal(gs.Trajectory.load(path).q, exact)
+    elif end == ".csv":
+        np.testing.assert_array_equal(read_csv(path)["q3"], exact[:, 3])
+    else:
+        with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+            np.testing.assert_array_equal(dataset["q"], exact)
+
+
+# ---------------------------------------------------------------- the commands
+
+
+@pytest.mark.parametrize("name", ["x.csv", "x.nc", "x.npz", "x", "x.zarr", "a b γ.csv"])
+def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):
+    """Numbers on stdout and states in the file are those of any other --out; nothing else stays."""
+    answer = gyrospark(*RUN, "--every", "3", "--out", name, "--json")
+    assert answer.code == 0, answer.stderr
+    plain = gyrospark(*RUN, "--every", "3", "--json")
+    for key in plain.document.keys() - {"seconds", "ns_per_step"}:
+        assert answer.document[key] == plain.document[key]
+    expected = {name, f".{name}.lock"} if name.endswith(".zarr") else {
+        name if "." in name else f"{name}.npz"}
+    assert {path.name for path in tmp_path.iterdir()} == expected
+    step = gs.stepper("G-L", 2)
+    q = step.integrate(**START, steps=20, every=3).q
+    if name.endswith(".csv"):
+        np.testing.assert_array_equal(read_csv(Path(name))["q0"], q[:, 0])
+    elif name.endswith(".nc"):
+        with xarray.open_dataset(name, engine="h5netcdf", decode_times=False) as dataset:
+            np.testing.assert_array_equal(dataset["q"], q)
+    elif name.endswith(".zarr"):
+        np.testing.assert_array_equal(gs.open_recording(name).trajectory().q, q)
+    else:
+        np.testing.assert_array_equal(gs.Trajectory.load(answer.document["out"]).q, q)
+
+
+@pytest.mark.parametrize("end", [".csv", ".nc", ".zarr", ".npz"])
+def test_failed_run_writes_what_it_has(end, gyrospark, tmp_path):
+    answer = gyrospark(*FAILS, "--out", f"x{end}")
+    assert answer.code == 1
+    assert "failed: " in answer.stderr
+    assert (tmp_path / f"x{end}").exists()
+    if end != ".zarr":
+        assert [path.name for path in tmp_path.iterdir()] == [f"x{end}"]
+
+
+def test_export_command(gyrospark, tmp_path):
+    assert gyrospark(*RUN, "--out", "run.zarr").code == 0
+    for end in ENDS:
+        answer = gyrospark("export", "run.zarr", f"run{end}")
+        assert answer.code == 0, answer.stderr
+        assert re.fullmatch(rf"run{end}: 21 states .* 20 steps .*complete.*\n", answer.stdout)
+    assert len(read_csv(tmp_path / "run.csv")["time"]) == 21
+    assert len(gs.Trajectory.load(tmp_path / "run.npz")) == 21
+
+
+def test_euler_angles_from_the_command_line(gyrospark, tmp_path):
+    """By run, in memory or streamed, and by export: the columns of ``to_csv``, to the bit."""
+    angles = ("--euler", "ZXZ", "--degrees")
+    assert gyrospark(*RUN, "--out", "run.zarr", "--event", "q1=0.25").code == 0
+    for command in ([*RUN, "--out", "run.csv", "--event", "q1=0.25"],
+                    ["export", "run.zarr", "stored.csv"]):
+        answer = gyrospark(*command, *angles)
+        assert answer.code == 0, answer.stderr
+    made = gs.open_recording("run.zarr").trajectory()
+    asked = made.to_csv("asked.csv", euler="ZXZ", degrees=True)
+    assert (tmp_path / "run.csv").read_bytes() == asked.read_bytes()
+    assert (tmp_path / "stored.csv").read_bytes() == asked.read_bytes()
+    found = made.body().euler("ZXZ", degrees=True)
+    columns = read_csv(asked)
+    for k, axis in enumerate("ZXZ"):
+        assert [float(x) for x in columns[f"body_euler{k + 1}_{axis}"]] == found[:, k].tolist()
+    events = {(tmp_path / f"{name}.events.csv").read_bytes() for name in ("run", "stored", "asked")}
+    assert len(events) == 1
+    assert len(made.events["q1"]) == len(events.pop().splitlines()) - 1 > 0
+
+
+@pytest.mark.parametrize(("out", "options", "words"), [
+    ("x.csv", ["--euler", "ZZX"], "'ZZX'"), ("x.npz", ["--euler", "ZYX"], "'x.npz'"),
+    ("x.csv", ["--degrees"], "Degrees"), (None, ["--euler", "ZYX"], "--out")])
+def test_euler_angles_that_are_refused(out, options, words, gyrospark, tmp_path):
+    """Before a step is taken."""
+    refused(gyrospark(*RUN, *(["--out", out] if out else []), *options), words)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(("target", "words"), [
+    ("run.txt", ".npz, .csv, .nc"), ("run", ".npz, .csv, .nc"), ("", ".npz, .csv, .nc"),
+    ("none/run.csv", "'none/run.csv'"), (".csv", ".npz, .csv, .nc"), ("folder.csv", "folder")])
+def test_export_that_is_refused(target, words, gyrospark, tmp_path):
+    (tmp_path / "folder.csv").mkdir()
+    assert gyrospark(*RUN, "--out", "run.zarr").code == 0
+    before = sorted(tmp_path.rglob("*"))
+    refused(gyrospark("export", "run.zarr", target), words)
+    refused(gyrospark("export", "none.zarr", "x.csv"), "'none.zarr'", "not a run")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):
+    """Before a step is taken."""
+    assert gyrospark(*RUN, "--out", "run.zarr").code == 0
+    monkeypatch.setitem(sys.modules, "h5netcdf", None)
+    refused(gyrospark(*RUN, "--out", "x.nc"), "h5netcdf>=")
+    refused(gyrospark("export", "run.zarr", "x.nc"), "h5netcdf>=")
+    with pytest.raises(gs.MissingDependencyError):
+        gs.open_recording("run.zarr").export("x.nc")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
+
+
+# ---------------------------------------------------------------- nothing is lost
+
+
+@pytest.mark.parametrize("end", [".csv", ".nc"])
+def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
+    """The numbers are printed, the states stay, and the same command with --resume writes them."""
+    command = [*RUN, "--out", f"x{end}"]
+    with monkeypatch.context() as patch:
+        def full(*arguments, **options):
+            raise OSError(28, "No space left on device")
+
+        patch.setattr("gyrospark.storage.table_files._write_csv", full)
+        patch.setattr("gyrospark.storage.table_files._write_netcdf", full)
+        answer = gyrospark(*command)
+    assert answer.code == 2
+    assert "20 steps" in answer.stdout
+    assert "wrote" not in answer.stdout
+    assert f"'x{end}'" in answer.stderr
+    assert "space" in answer.stderr
+    assert f"'.x{end}.zarr'" in answer.stderr
+    assert gs.open_recording(f".x{end}.zarr").status == "complete"
+    assert not (tmp_path / f"x{end}").exists()
+    answer = gyrospark(*command, "--resume")
+    assert answer.code == 0, answer.stderr
+    assert [path.name for path in tmp_path.iterdir()] == [f"x{end}"]
+
+
+def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):
+    """Two runs to one file: the second is refused, and the first loses nothing."""
+    from gyrospark.storage.writer_lock import claim
+
+    store = tmp_path / ".x.csv.zarr"
+    (store / "work").mkdir(parents=True)
+    with claim(store):
+        refused(gyrospark(*RUN, "--out", "x.csv"), "Another process")
+    assert (store / "work").is_dir()
+
+
+def test_stopped_export_goes_on(gl3, gyrospark, monkeypatch, tmp_path):
+    """A signal: the file has the states so far, the store beside it goes on."""
+    from gyrospark.core.interrupts import Interrupts
+
+    long = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
+            "20000", "--every", "10", "--out", "x.csv"]
+    with monkeypatch.context() as patch:
+        patch.setattr(Interrupts, "asked", True)
+        patch.setattr(Interrupts, "__init__", lambda self: setattr(self, "signal", 15))
+        answer = gyrospark(*long)
+    assert answer.code == 143
+    assert "'.x.csv.zarr'" in answer.stderr
+    assert len(read_csv(tmp_path / "x.csv")["time"]) == 1
+    answer = gyrospark(*long, "--resume")
+    assert answer.code == 0, answer.stderr
+    assert len(read_csv(tmp_path / "x.csv")["time"]) == 2001
+    assert [path.name for path in tmp_path.iterdir()] == ["x.csv"]

@@ -1,0 +1,124 @@
+"""Checkpoints and stores that somebody forged: an answer or a sentence, never a crash.
+
+The digest of a checkpoint has no key, so whoever changes a byte computes it anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from fuzz.checkpoints import EDGES, STEPS, case
+from gyrospark.runtime.integration.step_loop import Rows, advance
+from gyrospark.storage.checkpoint import pack, unpack
+from processes import ROOT, environment
+from work_memory import integers_of
+
+#: Integers that no step reads before it has written them: of a trajectory that is held, which
+#: storage has none of, and of the last factorisation; operations are counted anew in each step.
+UNREAD = ("held.options.", "held.report.", "held.is_new", "products", "effort", "exponents",
+          "pivots")
+CASES = [0, 1, pytest.param(2, marks=pytest.mark.slow)]
+
+
+def state_of(one, data=None):
+    found = unpack(one.binding, one.sound if data is None else data, len(one.events))
+    assert found is not None
+    return found
+
+
+def gone_on(one, state):
+    """Return the bytes of a state after some more steps."""
+    rows = Rows.room(one.binding, STEPS)
+    status = advance(one.binding, one.run, one.binding.parameters(one.run.parameters, 0.0), STEPS,
+                     1, state.q, state.p, rows.after(0), state.report, state.work)
+    return status, state.q.tobytes(), state.p.tobytes(), rows.iterations.tobytes()
+
+
+def signed(body):
+    return np.concatenate([np.frombuffer(hashlib.sha256(body.tobytes()).digest(), np.uint8), body])
+
+
+@pytest.mark.parametrize("number", CASES)
+def test_each_integer_of_work_memory_is_checked_or_not_read(number, tmp_path):
+    """The list is that of the structs as they are compiled: what is added is found here."""
+    one = case(number)
+    places = integers_of(one.stepper.name, one.stepper.files, tmp_path)
+    assert len(places["fast"]) > 10
+    sound = gone_on(one, state_of(one))
+    assert sound[0] == 0
+    ignored = state_of(one)
+    for kind, found in places.items():
+        for place in found:
+            if kind == "work" and place.path.startswith(UNREAD):
+                image = one.binding.image(ignored.work)
+                image[place.offset : place.offset + place.size] = 0x5A
+                continue
+            for at in range(place.offset, place.offset + place.size, place.item):
+                for value in (-(2 ** (8 * place.item - 1)), 2 ** (8 * place.item - 1) - 1):
+                    state = state_of(one)
+                    struct = state.report if kind == "report" else state.work
+                    one.binding.image(struct)[at : at + place.item] = np.frombuffer(
+                        value.to_bytes(place.item, "little", signed=True), np.uint8)
+                    is_sound = one.binding.function("is_sound")(state.report, state.work)
+                    counts = kind == "report" and place.path != "newton_steps" and value > 0
+                    assert is_sound == counts, (kind, place, value)
+    assert gone_on(one, ignored) == sound
+
+
+def test_a_damaged_checkpoint_is_told_by_its_digest():
+    """One bit of a number, which no check of a range can tell."""
+    one = case(0)
+    forged = one.sound.copy()
+    forged[60] ^= 1
+    with pytest.raises(ValueError, match="damaged"):
+        unpack(one.binding, forged)
+    assert unpack(one.binding, signed(forged[32:])) is not None
+    assert pack(one.binding, state_of(one)).tobytes() == one.sound.tobytes()
+
+
+@pytest.mark.parametrize("value", EDGES)
+@pytest.mark.parametrize("at", [0, 8])
+def test_status_and_iterations_are_checked(at, value):
+    """A status names a reason, or an event that there is."""
+    one, allowed = case(1), {-1, *range(6)} if at else range(2**31)
+    body = one.sound[32:].copy()
+    body[at : at + 8] = np.array([value % 2**64], "<u8").view(np.uint8)
+    if value in allowed:
+        assert unpack(one.binding, signed(body), 1) is not None
+    else:
+        with pytest.raises(ValueError, match="checkpoint"):
+            unpack(one.binding, signed(body), 1)
+
+
+def test_more_steps_than_the_run_has_are_refused(tmp_path):
+    """A forged count of steps would write rows that are not there."""
+    import shutil
+
+    from gyrospark.storage import array_layout
+
+    one, path = case(0), tmp_path / "run.zarr"
+    shutil.copytree(one.path, path)
+    state = state_of(one)
+    state.report.steps = 121
+    group = array_layout.open_group(path, write=True)
+    array_layout.array_of(group, array_layout.CHECKPOINT)[:] = pack(one.binding, state)
+    with pytest.raises(gs.InputError, match="checkpoint"):
+        gs.record(one.stepper, **one.arguments, out=path, resume=True)
+
+
+@pytest.mark.parametrize(("seed", "inputs"), [
+    (1, 200), pytest.param(2, 100_000, marks=pytest.mark.slow)])
+def test_forged_checkpoints_and_stores(seed, inputs, tmp_path):
+    """In a process of its own, which tells what ended it."""
+    done = subprocess.run(
+        [sys.executable, ROOT / "tests" / "fuzz" / "run.py", "--entrance", "checkpoint",
+         "--inputs", str(inputs), "--seed", str(seed), "--out", str(tmp_path)],
+        env=environment(GYROSPARK_OPTIMISE="0"), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{inputs:,}" in done.stdout

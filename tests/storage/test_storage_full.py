@@ -1,0 +1,177 @@
+"""Disks that are full, or fail, or may not be written: nothing that was stored is lost."""
+
+from __future__ import annotations
+
+import errno
+import itertools
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from gyrospark.storage.durable_files import write_durably
+from processes import HELPERS, PATIENCE, environment
+from stores import START, assert_same_bytes, recorded, small_blocks
+
+
+class Disk:
+    """Fails at its so-many-th operation and from then on, as a full disk does."""
+
+    def __init__(self, monkeypatch, number):
+        self.good_until, self.done, self.number = None, 0, number
+        for owner, name in ((Path, "write_bytes"), (Path, "replace"), (os, "fsync"),
+                            (Path, "mkdir"), (Path, "rename")):
+            monkeypatch.setattr(owner, name, self.watched(getattr(owner, name)))
+
+    def watched(self, function):
+        def call(path, *arguments, **options):
+            self.done += 1
+            if self.good_until is not None and self.done > self.good_until:
+                if function.__name__ == "write_bytes":  # a part of it fits
+                    function(path, arguments[0][:10])
+                raise OSError(self.number, os.strerror(self.number), str(path))
+            return function(path, *arguments, **options)
+        return call
+
+
+@pytest.mark.parametrize(("number", "every"), [
+    pytest.param(errno.ENOSPC, 1, marks=pytest.mark.slow),
+    (errno.ENOSPC, 11), (errno.EIO, 31), (errno.EROFS, 31), (errno.EDQUOT, 31)])
+def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
+    """All operations of a small run in turn: made a store, wrote rows, checkpoint, attributes.
+
+    The store is gone on with when the disk is well again, and ends with the same bytes.
+    """
+    small_blocks(monkeypatch, 4)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
+    step, out = gs.stepper("EMS"), tmp_path / "run.zarr"
+    arguments = START | {"steps": 20, "every": 2}
+    recorded(step, tmp_path / "whole.zarr", **arguments)
+    disk = Disk(monkeypatch, number)
+    for good in itertools.count(0, every):
+        shutil.rmtree(out, ignore_errors=True)
+        disk.good_until, disk.done = good, 0
+        try:
+            gs.record(step, out=out, **arguments)
+        except gs.StorageError as error:
+            text = str(error)
+            assert repr(str(out)) in text
+            assert os.strerror(number) in text
+            assert "free" in text or "written" in text
+        else:
+            break
+        finally:
+            disk.good_until = None
+        if out.exists():
+            gs.open_recording(out)
+        else:
+            assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".run")] == []
+        gs.record(step, out=out, resume=True, **arguments)
+        assert_same_bytes(tmp_path / "whole.zarr", out)
+    assert good > 60
+
+
+@pytest.mark.parametrize("end", [".csv", ".nc"])
+def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
+    """The file appears complete or not at all."""
+    found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=100)
+    disk = Disk(monkeypatch, errno.ENOSPC)
+    disk.good_until = 0
+    with pytest.raises(gs.StorageError, match=f"run{end}'.*space"):
+        found.export(tmp_path / f"run{end}")
+    disk.good_until = None
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
+
+
+# ---------------------------------------------------------------- a real one
+
+SMALL_DISK = """
+set -e
+mount -t tmpfs -o size={size}k none disk
+{python} -c '
+import json, os, sys, pathlib
+import gyrospark as gs
+from gyrospark.storage import layout
+from calls import PARAMETERS, TOP
+layout._MOST_ROWS = 1024
+run = {{"q": TOP.q0, "p": TOP.p0, "dt": 1e-3, "parameters": PARAMETERS, "steps": 40000, "every": 4}}
+step, said = gs.stepper("EMS"), {{}}
+ballast = pathlib.Path("disk/ballast")
+def use(text):
+    try:
+        said[text] = gs.record(step, out="disk/run.zarr", resume=True, **run).status
+    except gs.StorageError as error:
+        said[text] = str(error)
+ballast.write_bytes(bytes({ballast}))
+use("full")
+if pathlib.Path("disk/run.zarr").exists():
+    found = gs.open_recording("disk/run.zarr")
+    said["states"] = len(found.trajectory()) if found.report else 0
+use("still full")
+ballast.unlink()
+use("freed")
+import shutil
+shutil.copytree("disk/run.zarr", "copy.zarr")
+os.system("mount -o remount,ro disk")
+use("read only")
+said["read"] = len(gs.open_recording("disk/run.zarr").trajectory())
+print(json.dumps(said))
+'
+"""
+
+
+@pytest.mark.parametrize("at", ["creation", "middle"])
+def test_small_disk(at, tmp_path):
+    """A file system in memory that is full of something else, then freed, then read-only."""
+    (tmp_path / "disk").mkdir()
+    size = 8000
+    ballast = size * 1024 - (20_000 if at == "creation" else 700_000)
+    script = SMALL_DISK.format(size=size, ballast=ballast, python=sys.executable)
+    mounts = ["unshare", "-Urm", "sh", "-c"]
+    if not shutil.which("unshare") or subprocess.run(
+            [*mounts, "mount -t tmpfs none /mnt"], capture_output=True, check=False).returncode:
+        pytest.skip("no mount without rights here")
+    path = f"{HELPERS}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    done = subprocess.run([*mounts, script], cwd=tmp_path, env=environment(PYTHONPATH=path),
+                          capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    for when in ("full", "still full"):
+        assert "'disk/run.zarr'" in said[when]
+        assert os.strerror(errno.ENOSPC) in said[when]
+        assert "free" in said[when]
+    if at == "middle":
+        assert 0 < said["states"] < 10_001
+    assert said["freed"] == "complete"
+    assert said["read"] == 10_001
+    assert os.strerror(errno.EROFS) in said["read only"]
+    with pytest.MonkeyPatch.context() as patch:
+        small_blocks(patch, 1024, seconds=1e9)
+        recorded(gs.stepper("EMS"), tmp_path / "whole.zarr", q=TOP.q0, p=TOP.p0, dt=1e-3,
+                 parameters=PARAMETERS, steps=40_000, every=4)
+    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "copy.zarr")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows does not sync folders")
+def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    """Else a power cut leaves the name of a file without its bytes; the name is synced then."""
+    done = []
+
+    def fsync(handle):
+        done.append(("sync", os.fstat(handle).st_ino))
+
+    def replace(part, target):
+        done.append(("name", part.stat().st_ino, part.read_bytes()))
+        os.replace(part, target)  # noqa: PTH105
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(Path, "replace", replace)
+    write_durably(tmp_path / "file", b"bytes")
+    file, folder = (path.stat().st_ino for path in (tmp_path / "file", tmp_path))
+    assert done == [("sync", file), ("name", file, b"bytes"), ("sync", folder)]

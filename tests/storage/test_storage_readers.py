@@ -1,0 +1,137 @@
+"""What readers of Zarr and xarray find: dimensions, units, attributes, the same bytes."""
+
+from __future__ import annotations
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+import xarray
+import zarr
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from processes import FAST_TOP, python
+from stored_runs import RUNS
+from stores import START, assert_same_bytes, small_blocks
+
+
+@pytest.fixture
+def opened(gl3, tmp_path):
+    gs.record(gl3, **START, steps=20, every=3, t0=1.0, out=tmp_path / "run.zarr", seed=7)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield xarray.open_zarr(tmp_path / "run.zarr")
+
+
+def test_dimensions_and_units(opened, gl3):
+    nodes = gl3.binding.multipliers
+    assert dict(opened.sizes) == {
+        "time": 8, "coordinate": 4, "node": nodes,
+        "checkpoint_byte": opened.sizes["checkpoint_byte"]}
+    assert opened["q"].dims == opened["p"].dims == ("time", "coordinate")
+    assert opened["multipliers"].dims == ("time", "node")
+    assert {name: array.attrs["units"] for name, array in opened.variables.items()
+            if "units" in array.attrs} == {"time": "s", "q": "1", "p": "kg m2 s-1", "energy": "J"}
+    assert all("long_name" in array.attrs for array in opened.variables.values())
+    assert opened["q"].attrs["components"] == ["q0", "q1", "q2", "q3"]
+    assert opened["iterations"].dtype == np.int32
+
+
+def test_values(opened, gl3):
+    """t0 + k dt, the last one off the grid; what belongs to steps has nothing at the start."""
+    whole = gl3.integrate(**START, steps=20, every=3, t0=1.0)
+    np.testing.assert_array_equal(opened["time"], whole.t)
+    np.testing.assert_array_equal(opened["q"], whole.q)
+    np.testing.assert_array_equal(opened["multipliers"][1:], whole.multipliers)
+    np.testing.assert_array_equal(opened["iterations"][1:], whole.iterations)
+    assert np.isnan(opened["multipliers"][0]).all()
+    assert opened["iterations"][0] == 0
+    assert float(opened["q"].sel(time=1.003)[0]) == whole.q[1, 0]
+
+
+def test_attributes(opened, gl3):
+    about = opened.attrs
+    assert about["manifest"] == gl3.manifest
+    assert about["run"]["parameters"] == PARAMETERS
+    assert about["run"]["q0"] == list(TOP.q0)
+    assert about["seed"] == 7
+    assert about["versions"]["gyrospark"] == gs.__version__
+    assert about["versions"]["zarr"] == zarr.__version__
+    assert (about["status"], about["steps_done"], about["states"]) == ("complete", 20, 8)
+    assert about["report"]["steps"] == 20
+    json.dumps(about, allow_nan=False)  # any reader of JSON can take it
+
+
+@pytest.mark.parametrize("make", RUNS.values(), ids=RUNS.keys())
+def test_every_kind_of_run_opens_without_a_warning(make, tmp_path):
+    made = make(tmp_path / "run.zarr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        whole = xarray.open_zarr(made.path).load()
+        group = zarr.open_group(made.path, mode="r")
+        assert {name for name, _ in group.arrays()} == {*made.attributes["arrays"], "checkpoint"}
+        kept = made.dataset.load()
+    assert whole.sizes["time"] == kept.sizes["time"] == made.states
+    assert "checkpoint" not in kept
+    if made.attributes["manifest"]["real"] in ("long-double", "float128"):
+        assert kept["q_bytes"].dims == ("time", "coordinate", "byte")
+        assert kept.sizes["byte"] == 16
+        exact = made.trajectory().q
+        np.testing.assert_array_equal(kept["q"], exact.astype(float))
+        assert (exact != exact.astype(float)).any()
+
+
+def test_rows_to_come(gl3, tmp_path, monkeypatch):
+    """The array has its length from the start; what is not computed yet is NaN, or 0."""
+    small_blocks(monkeypatch, 4)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
+
+    def progress(done):
+        if done > 20:
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        gs.record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=progress)
+    found = gs.open_recording(tmp_path / "run.zarr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        whole = xarray.open_zarr(tmp_path / "run.zarr").load()
+    assert 0 < found.states < whole.sizes["time"] == 61
+    assert not np.isnan(whole["q"][: found.states]).any()
+    last = -(-found.states // 4) * 4 + 4  # the block that may have been written, uncommitted
+    assert np.isnan(whole["q"][last:]).all()
+    assert np.isnan(whole["time"][last:]).all()
+    assert (whole["iterations"][last:] == 0).all()
+
+
+def test_files_have_no_leftovers_of_another_kind(opened, tmp_path):
+    """Nothing but metadata and blocks."""
+    names = {path.name for path in (tmp_path / "run.zarr").rglob("*") if path.is_file()}
+    assert names <= {"zarr.json", "0"}
+
+
+def test_same_bytes_whatever_the_hash_seed(tmp_path):
+    """Two processes, two orders of sets and of dictionaries of them."""
+    code = FAST_TOP + """
+import sys
+for real in ("double", "long-double"):
+    step = gs.stepper("G-L", stages=2, real=real)
+    q, p = step.project(top.q0, top.p0, parameters=parameters)
+    gs.record(step, q, p, dt=1e-3, steps=100, every=3, parameters=parameters, out=real + ".zarr")
+"""
+    for seed in ("1", "2"):
+        (tmp_path / seed).mkdir()
+        python(code, cwd=tmp_path / seed, PYTHONHASHSEED=seed)
+    for real in ("double", "long-double"):
+        assert_same_bytes(tmp_path / "1" / f"{real}.zarr", tmp_path / "2" / f"{real}.zarr")
+
+
+def test_import_without_storage(tmp_path):
+    """``import gyrospark`` and a run in memory need neither Zarr nor xarray."""
+    python(FAST_TOP + """
+import sys
+gs.stepper("G-L", stages=2).integrate(top.q0, top.p0, dt=1e-3, steps=3, parameters=parameters)
+assert not {"zarr", "xarray", "dask", "filelock"} & set(sys.modules), sys.modules.keys()
+""", cwd=tmp_path)

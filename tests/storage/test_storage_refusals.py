@@ -1,0 +1,474 @@
+"""What a run does not begin in, nor go on with: a sentence that says why, and nothing written."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from command_line import RUN, refused
+from gyrospark.storage import recorder
+from gyrospark.storage.writer_lock import claim
+from processes import cli, environment
+from stores import START, Interrupted, as_files, assert_same_bytes, small_blocks
+
+ARGUMENTS = START | {"steps": 100, "every": 2}
+AS_ROOT = os.geteuid() == 0
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory, gl3):
+    """A store of a run that was ended in its third block."""
+    out = tmp_path_factory.mktemp("begun") / "run.zarr"
+    with pytest.MonkeyPatch.context() as patch:
+        small_blocks(patch, 16)
+        patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 10)
+        patch.setattr(recorder.Writer, "busy", False)  # a commit after each piece
+
+        def progress(done):
+            if done >= 90:
+                raise Interrupted
+
+        with pytest.raises(Interrupted):
+            gs.record(gl3, **ARGUMENTS, out=out, progress=progress)
+    assert gs.open_recording(out).states == 42
+    return out
+
+
+@pytest.fixture
+def store(begun, tmp_path):
+    """A copy of it, to damage."""
+    return Path(shutil.copytree(begun, tmp_path / "run.zarr"))
+
+
+def sentence(error):
+    """Check that an error is one sentence or two for people."""
+    text = str(error)
+    assert text.endswith(".")
+    assert "\n" not in text
+    assert "Error" not in text
+    return text
+
+
+def everything(store, stepper):
+    """Use a store in each way."""
+    recording = gs.open_recording(store)
+    assert repr(recording)
+    assert len(recording) >= 0
+    recording.trajectory()
+    recording.export(store.with_name("run.csv"))
+    gs.record(stepper, **ARGUMENTS, out=store, resume=True)
+
+
+# ---------------------------------------------------------------- another run
+
+OTHERS = {
+    "dt": ({"dt": 2e-3}, ("dt", "0.001", "0.002")),
+    "steps": ({"steps": 99}, ("steps", "100", "99")),
+    "every": ({"every": 3}, ("every", "2", "3")),
+    "t0": ({"t0": 1.0}, ("t0", "0.0", "1.0")),
+    "solver": ({"solver": "newton"}, ("solver", "'auto'", "'newton'")),
+    "tolerance": ({"tolerance": 1e-12}, ("tolerance", "None", "1e-12")),
+    "max_iterations": ({"max_iterations": 51}, ("max_iterations", "50", "51")),
+    "parameter": ({"parameters": PARAMETERS | {"mgl": np.nextafter(PARAMETERS["mgl"], 1)}},
+                  ("parameters.mgl", "0.3924", "0.39240000000000")),
+    "start": ({"q": -np.asarray(TOP.q0), "p": -np.asarray(TOP.p0)}, ("q0",)),
+}
+
+
+@pytest.mark.parametrize(("change", "words"), OTHERS.values(), ids=OTHERS.keys())
+def test_another_run_is_refused(change, words, gl3, begun):
+    before = as_files(begun)
+    with pytest.raises(gs.InputError, match="another run") as error:
+        gs.record(gl3, **ARGUMENTS | change, out=begun, resume=True)
+    said = sentence(error.value)
+    assert all(word in said for word in words), said
+    assert as_files(begun) == before
+
+
+def test_another_stepper_is_refused(begun):
+    """Scheme, stages, representation, real."""
+    alpha = {"parameters": TOP.parameters | {"alpha": PARAMETERS["gamma"]}}
+    steppers = [(gs.stepper("EMS"), {}), (gs.stepper("G-L", 1), {}),
+                (gs.stepper("G-L", 3, "alpha"), alpha), (gs.stepper("G-L", 2, real="float"), {})]
+    for step, change in steppers:
+        with pytest.raises(gs.InputError, match=r"stepper.*'heavy_top_gl3_gamma'"):
+            gs.record(step, **ARGUMENTS | change, out=begun, resume=True)
+
+
+def test_all_that_differs_is_said(gl3, begun):
+    with pytest.raises(gs.InputError) as error:
+        gs.record(gl3, **ARGUMENTS | {"dt": 2e-3, "steps": 7}, out=begun, resume=True)
+    for word in ("dt", "0.001", "0.002", "steps", "100", " 7"):
+        assert word in str(error.value)
+
+
+def test_another_version_is_refused(gl3, begun, monkeypatch):
+    """It is told as what it is, with what else differs, and can be read."""
+    monkeypatch.setattr("gyrospark.storage.identity.__version__", "9.9")
+    before = as_files(begun)
+    with pytest.raises(gs.InputError) as error:
+        gs.record(gl3, **ARGUMENTS | {"dt": 2e-3}, out=begun, resume=True)
+    said = sentence(error.value)
+    for word in (repr(str(begun)), f"gyrospark {gs.__version__}", "gyrospark 9.9", "0.002"):
+        assert word in said
+    assert gs.open_recording(begun).trajectory().q.shape == (42, 4)
+    assert as_files(begun) == before
+
+
+def test_store_of_another_version_with_the_same_layout_is_read(store):
+    """Fields more than are known here are left alone; those that came later have their default."""
+    whole = gs.open_recording(store)
+    changed(store, run__gyrospark="0.0.1", report__later=3.5, run__later="x", later=[1])
+    found = gs.open_recording(store)
+    assert found.report == whole.report
+    np.testing.assert_array_equal(found.trajectory().q, whole.trajectory().q)
+    changed(store, report__work=...)
+    assert gs.open_recording(store).report.work == 0.0
+
+
+@pytest.mark.parametrize("change", [
+    {"run__format": 2}, {"report__steps": ...}, {"states": {"of": 42}}, {"arrays": ["other"]}])
+def test_store_of_another_version_that_is_not_understood(change, store, gl3):
+    """It is not called damaged."""
+    changed(store, run__gyrospark="7.3", **change)
+    for use in (lambda: gs.open_recording(store),
+                lambda: gs.record(gl3, **ARGUMENTS, out=store, resume=True)):
+        with pytest.raises(gs.InputError, match=r"gyrospark 7\.3") as error:
+            use()
+        assert sentence(error.value).endswith("Use gyrospark 7.3.")
+
+
+def test_last_digits_of_wide_starts(tmp_path):
+    """Two starts that differ in their last bit alone are two runs."""
+    for real, eps in (("long-double", 2.0**-64), ("float128", 2.0**-113)):
+        step = gs.stepper("EMS", real=real)
+        q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+        arguments = START | {"q": q, "p": p, "steps": 2}
+        gs.record(step, **arguments, out=tmp_path / f"{real}.zarr")
+        q[0] += eps
+        assert q[0] != arguments["p"][0]
+        with pytest.raises(gs.InputError, match="q0 was"):
+            gs.record(step, **arguments | {"q": q}, out=tmp_path / f"{real}.zarr", resume=True)
+
+
+def test_another_compiler_setting_is_refused(tmp_path):
+    """A process with other flags would compute other bits."""
+    out = ["--out", "run.zarr", "--resume"]
+    assert cli(*RUN, *out, cwd=tmp_path).returncode == 0
+    before = as_files(tmp_path / "run.zarr")
+    other = "0" if environment().get("GYROSPARK_OPTIMISE") == "1" else "1"
+    done = cli(*RUN, *out, cwd=tmp_path, GYROSPARK_OPTIMISE=other)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert "code.flags was '" in done.stderr
+    assert as_files(tmp_path / "run.zarr") == before
+
+
+# ---------------------------------------------------------------- places
+
+
+def test_store_that_is_there(gyrospark, begun):
+    before = as_files(begun)
+    refused(gyrospark(*RUN, "--out", begun), "already", "--resume")
+    refused(gyrospark(*RUN, "--out", begun, "--resume"), "another run", "steps was 100")
+    assert as_files(begun) == before
+
+
+def test_resume_without_a_store(gyrospark):
+    refused(gyrospark(*RUN, "--resume"), "--resume", "NAME.zarr")
+    refused(gyrospark(*RUN, "--resume", "--out", "run.npz"), "--resume", "NAME.zarr")
+    refused(gyrospark(*RUN, "--out", "run.zarr", "--seed", "x"), "--seed", "'x'")
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize("what", ["file", "folder", "array", "loop"])
+def test_what_is_no_store(what, gl3, gyrospark, tmp_path):
+    place = tmp_path / "run.zarr"
+    if what == "file":
+        place.write_text("mine")
+    elif what == "loop":
+        place.symlink_to(place)
+    else:
+        (place / "mine").mkdir(parents=True)
+        if what == "array":
+            (place / "zarr.json").write_text('{"zarr_format": 3, "node_type": "array"}')
+    for resume in (False, True):
+        with pytest.raises((gs.InputError, gs.StorageError)) as error:
+            gs.record(gl3, **ARGUMENTS, out=place, resume=resume)
+        sentence(error.value)
+    with pytest.raises(gs.InputError, match="gyrospark stored"):
+        gs.open_recording(place)
+    refused(gyrospark(*RUN, "--out", "run.zarr"), "'run.zarr'")
+    refused(gyrospark("export", "run.zarr", "run.csv"), "'run.zarr'", "not a run")
+    if what == "file":
+        assert place.read_text() == "mine"
+    elif what != "loop":
+        assert (place / "mine").is_dir()
+
+
+@pytest.mark.parametrize("name", ["", ".", "/", "..", "a\0b", None, 3, b"run.zarr"])
+def test_what_is_no_path(name, gl3):
+    for call in (lambda: gs.open_recording(name), lambda: gs.record(gl3, **ARGUMENTS, out=name)):
+        with pytest.raises((gs.InputError, gs.StorageError)) as error:
+            call()
+        assert repr(name) in sentence(error.value)
+
+
+@pytest.mark.parametrize("seed", ["7", 1.5, object(), [1]])
+def test_what_is_no_seed(seed, gl3, tmp_path):
+    with pytest.raises(gs.InputError, match="whole number"):
+        gs.record(gl3, **ARGUMENTS, out=tmp_path / "run.zarr", seed=seed)
+    assert not list(tmp_path.iterdir())
+
+
+def test_numbers_of_numpy(gl3, tmp_path):
+    """A run is the same whichever integers and floats it is called with."""
+    arguments = ARGUMENTS | {"dt": np.float64(1e-3), "steps": np.int64(100), "every": np.int32(2),
+                             "parameters": {k: np.float64(v) for k, v in PARAMETERS.items()}}
+    first = gs.record(gl3, **arguments, out=tmp_path / "run.zarr", seed=np.int64(4))
+    assert first.attributes["seed"] == 4
+    assert len(gs.record(gl3, **ARGUMENTS, out=tmp_path / "run.zarr", resume=True)) == 51
+
+
+@pytest.mark.parametrize("name", ["a b.zarr", "γ → Δt.zarr", "it's \"so\".zarr", "no_ending",
+                                  "*.zarr", "-x.zarr", "new\nline.zarr", "\udcff.zarr"])
+def test_names(name, gl3, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gs.record(gl3, **ARGUMENTS, out=name)
+    assert gs.record(gl3, **ARGUMENTS, out=tmp_path / name, resume=True).status == "complete"
+    assert gs.open_recording(name).trajectory().q.shape == (51, 4)
+    assert gs.open_recording(name).dataset.sizes["time"] == 51
+
+
+def test_too_long_a_name(gl3, tmp_path):
+    with pytest.raises(gs.StorageError, match="name"):
+        gs.record(gl3, **ARGUMENTS, out=tmp_path / ("a" * 250 + ".zarr"))
+
+
+def test_links(gl3, begun, tmp_path):
+    """A link to a store is that store; one that leads nowhere says where to put it."""
+    place = Path(shutil.copytree(begun, tmp_path / "disk" / "run.zarr"))
+    link, nowhere = tmp_path / "link.zarr", tmp_path / "nowhere.zarr"
+    link.symlink_to(place)
+    nowhere.symlink_to(tmp_path / "disk" / "new.zarr")
+    (tmp_path / "folder").symlink_to(tmp_path / "disk")
+    for way in (link, tmp_path / "folder" / "run.zarr"):
+        with claim(place), pytest.raises(gs.StorageError, match="Another process"):
+            gs.record(gl3, **ARGUMENTS, out=way, resume=True)
+    gs.record(gl3, **ARGUMENTS, out=link, resume=True)
+    gs.record(gl3, **ARGUMENTS, out=nowhere)
+    assert link.is_symlink()
+    assert nowhere.is_symlink()
+    assert gs.open_recording(place).status == "complete"
+    small = gs.open_recording(tmp_path / "disk" / "new.zarr").trajectory()
+    np.testing.assert_array_equal(gs.open_recording(place).trajectory().q, small.q)
+
+
+@pytest.mark.skipif(AS_ROOT, reason="root may write everywhere")
+def test_folder_that_cannot_be_written(gl3, begun, tmp_path):
+    place = Path(shutil.copytree(begun, tmp_path / "disk" / "run.zarr"))
+    place.parent.chmod(0o555)
+    try:
+        for resume in (False, True):
+            with pytest.raises(gs.StorageError, match="written"):
+                gs.record(gl3, **ARGUMENTS, out=place, resume=resume)
+        assert gs.open_recording(place).trajectory().q.shape == (42, 4)
+    finally:
+        place.parent.chmod(0o755)
+
+
+# ---------------------------------------------------------------- damage
+
+
+def changed(path, **entries):
+    """Change attributes of a store; a__b is entry b of a, None takes an entry away."""
+    document = json.loads((path / "zarr.json").read_text())
+    for name, value in entries.items():
+        *way, last = name.split("__")
+        at = document["attributes"]
+        for part in way:
+            at = at[part]
+        if value is Ellipsis:
+            del at[last]
+        else:
+            at[last] = value
+    (path / "zarr.json").write_text(json.dumps(document))
+
+
+ATTRIBUTES = {
+    "run": [..., None, [], "x", {}], "run__format": [2, "1", None, 1.5],
+    "run__steps": ["x", -1, 1.5, True, None, ...], "run__every": [0, "x", ...],
+    "run__dt": [..., "x", None], "run__t0": [..., "x"], "run__parameters": [3, {"I1": "x"}, ...],
+    "steps_done": ["many", 1.5, -1, 10**9, None, True, [], ...],
+    "states": [10**9, -3, "a", None, 0, 41, 42.0, ...],
+    "status": [3, "odd", "complete", None, [], {}, ...],
+    "report": ["x", {}, {"a": 1}, [], 0, None, ...],
+    "report__q": ["x", 3.0j.__class__.__name__, ["a"]], "report__steps": ["x", None, ...],
+    "manifest": [None, {}, [], "x", ...], "manifest__real": ["half", None, [], ...],
+    "manifest__system": [[], {}, None, ...], "manifest__system__coordinates": [5, [1], ...],
+    "manifest__system__quantities": [3, "x"],
+    "arrays": [None, 7, "q", ["nope"], [3], ["q", "../q"], ["."], [""], ...],
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(n, v) for n, vs in ATTRIBUTES.items() for v in vs],
+                         ids=lambda v: str(v))
+def test_hostile_attributes(name, value, store, gl3):
+    """Whatever a store says of itself: an error of ours when it is opened, or none at all."""
+    changed(store, **{name: value})
+    with pytest.raises(gs.InputError) as error:
+        gs.open_recording(store)
+    assert "run.zarr" in sentence(error.value)
+    for use in (lambda: everything(store, gl3),
+                lambda: gs.record(gl3, **ARGUMENTS, out=store, resume=True)):
+        with pytest.raises(gs.InputError):
+            use()
+
+
+TEXTS = {
+    "cut": '{"a":', "empty": "", "list": "[]", "null": "null", "number": "3",
+    "array": '{"zarr_format": 3, "node_type": "array"}',
+    "format 4": '{"zarr_format": 4, "node_type": "group"}',
+    "group": '{"zarr_format": 3, "node_type": "group"}',
+    "attributes a list": '{"zarr_format": 3, "node_type": "group", "attributes": []}',
+    "deep": "[" * 100_000,
+}
+
+
+@pytest.mark.parametrize("file", ["zarr.json", "q/zarr.json", "time/zarr.json"])
+@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
+def test_garbage_for_metadata(text, file, store, gl3):
+    (store / file).write_text(text)
+    with pytest.raises(gs.InputError) as error:
+        gs.open_recording(store)
+    sentence(error.value)
+    with pytest.raises(gs.InputError):
+        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+
+
+def test_bytes_for_metadata(store):
+    (store / "zarr.json").write_bytes(b"\xff\xfe\0")
+    with pytest.raises(gs.InputError, match="gyrospark stored"):
+        gs.open_recording(store)
+
+
+@pytest.mark.parametrize("old_and_new", [("51", "30"), ("51", "52"), ("16", "8"),
+                                         ("float64", "float32"), ("0.0", '"x"')], ids=str)
+@pytest.mark.parametrize("name", ["q", "time", "iterations", "multipliers"])
+def test_arrays_of_another_form(name, old_and_new, store, gl3):
+    """Shape, blocks and type are compared before a run goes on."""
+    file = store / name / "zarr.json"
+    before = file.read_text()
+    file.write_text(before.replace(*old_and_new))
+    if file.read_text() != before:
+        with pytest.raises(gs.InputError):
+            everything(store, gl3)
+        with pytest.raises(gs.InputError):
+            gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+
+
+@pytest.mark.parametrize("name", ["q", "time", "energy", "iterations", "multipliers"])
+def test_missing_array(name, store, gl3):
+    shutil.rmtree(store / name)
+    with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
+        gs.open_recording(store)
+    with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
+        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+
+
+def test_missing_checkpoint(store, gl3):
+    """What is stored can be read; the run cannot go on."""
+    shutil.rmtree(store / "checkpoint")
+    assert gs.open_recording(store).trajectory().q.shape == (42, 4)
+    with pytest.raises(gs.InputError, match=r"'checkpoint'.*missing"):
+        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+
+
+@pytest.mark.parametrize("name", ["checkpoint", "q", "multipliers"])
+def test_damaged_array_is_not_extended(name, store, gl3):
+    """Nothing is written before all is looked at."""
+    (store / name / "zarr.json").write_text("{")
+    before = as_files(store)
+    with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
+        gs.record(gl3, **ARGUMENTS | {"steps": 200}, out=store, resume=True)
+    assert as_files(store) == before
+
+
+@pytest.mark.parametrize("block", [0, 1, 2])
+@pytest.mark.parametrize("name", ["q", "time", "iterations"])
+def test_missing_block(name, block, store, tmp_path):
+    """Zarr would read it as NaN."""
+    inner = "/0" if name == "q" else ""
+    (store / name / "c" / f"{block}{inner}").unlink()
+    found = gs.open_recording(store)
+    for use in (found.trajectory, lambda: found.dataset, lambda: found.export(tmp_path / "x.csv"),
+                lambda: found.export(tmp_path / "x.nc")):
+        with pytest.raises(gs.InputError, match=f"rows {block * 16} .*'{name}'"):
+            use()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.zarr"]
+
+
+@pytest.mark.parametrize("end", [".csv", ".nc", ".npz"])
+@pytest.mark.parametrize("change", ["first", "middle", "last", "cut", "empty", "longer"])
+@pytest.mark.parametrize("name", ["q/c/1/0", "time/c/0", "energy/c/2"])
+def test_damaged_block(name, change, end, store):
+    """A single bit is found by its checksum, and no file is exported."""
+    data = bytearray((store / name).read_bytes())
+    if change == "cut":
+        data = data[:-5]
+    elif change == "empty":
+        data = bytearray()
+    elif change == "longer":
+        data += b"\0\0\0\0"
+    else:
+        data[{"first": 0, "middle": len(data) // 2, "last": -1}[change]] ^= 1
+    (store / name).write_bytes(data)
+    found, target = gs.open_recording(store), store.with_name("run" + end)
+    with pytest.raises(gs.InputError, match="damaged") as error:
+        found.export(target)
+    sentence(error.value)
+    assert [p.name for p in store.parent.iterdir()] == ["run.zarr"]
+
+
+def test_damaged_checkpoint(store, gl3):
+    file = store / "checkpoint" / "c" / "0"
+    data = bytearray(file.read_bytes())
+    data[100] ^= 1
+    file.write_bytes(data)
+    with pytest.raises(gs.InputError, match=re.escape(f"{str(store)!r}")) as error:
+        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+    sentence(error.value)
+    assert gs.open_recording(store).trajectory().q.shape == (42, 4)
+
+
+def test_any_byte_of_a_damaged_store(store, gl3, tmp_path):
+    """A bit anywhere: an error of ours, or a run that ends with the right bytes but for it."""
+    whole = tmp_path / "whole.zarr"
+    random = np.random.default_rng(11)
+    with pytest.MonkeyPatch.context() as patch:
+        small_blocks(patch, 16)
+        gs.record(gl3, **ARGUMENTS, out=whole)
+        shutil.copytree(store, tmp_path / "kept.zarr")
+        files = sorted(p.relative_to(store) for p in store.rglob("*") if p.is_file())
+        for _ in range(40):
+            name = files[random.integers(len(files))]
+            data = bytearray((store / name).read_bytes())
+            data[random.integers(len(data))] ^= 1 << random.integers(8)
+            (store / name).write_bytes(data)
+            try:
+                everything(store, gl3)
+            except gs.GyrosparkError as error:
+                sentence(error)
+            shutil.rmtree(store)
+            shutil.copytree(tmp_path / "kept.zarr", store)
+        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+    assert_same_bytes(whole, store)

@@ -1,0 +1,297 @@
+"""However often a run is ended and gone on with, its store ends with the same bytes."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from calls import LATE, PARAMETERS, TOP
+from forced_systems import PARAMETERS as FORCED
+from forced_systems import pendulum
+from gyrospark.storage import array_layout, recorder
+from resumed_stores import check, in_pieces
+from stores import (
+    START,
+    Interrupted,
+    assert_same,
+    assert_same_bytes,
+    assert_same_states,
+    ends_after,
+    recorded,
+    small_blocks,
+)
+
+# ---------------------------------------------------------------- ended anywhere
+
+
+@pytest.mark.parametrize(("solver", "pieces"), [
+    ("auto", 2), pytest.param("newton", 6, marks=pytest.mark.slow), ("python", 6)])
+def test_each_scheme_ended_often(step, solver, pieces, tmp_path, monkeypatch):
+    """A commit after every piece of 5 steps: 13 steps a row, four rows a block."""
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 5)
+    small_blocks(monkeypatch, 4)
+    ends = check(step, tmp_path, [pieces] * 30, **START, steps=130, every=13, solver=solver)
+    assert ends > 20 / pieces
+
+
+@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
+@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
+def test_each_real_ended_often(scheme, stages, real, tmp_path, monkeypatch):
+    """The padding of a long double is whatever was there: it must not get into the store."""
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
+    small_blocks(monkeypatch, 4)
+    step = gs.stepper(scheme, stages, real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    ends = check(step, tmp_path, [1, 2, 3] * 5, **START | {"q": q, "p": p}, steps=130, every=10)
+    assert ends > 5
+
+
+def test_forces_ended_often(tmp_path, monkeypatch):
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
+    small_blocks(monkeypatch, 4)
+    for scheme in (("EMS", None), ("G-L", 2)):
+        step = gs.stepper(*scheme, system=pendulum())
+        q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=FORCED)
+        for solver in ("auto", "python"):
+            check(step, tmp_path, [2] * 20, q=q, p=p, dt=0.01, steps=130, every=10, t0=0.3,
+                  parameters=FORCED, solver=solver)
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_steps_that_newton_took(tmp_path, monkeypatch):
+    """Sweeps that do not converge leave a mark in the work memory, which the run goes on with."""
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 3)
+    small_blocks(monkeypatch, 4)
+    for dt in (0.024, 0.03):
+        step = gs.stepper("G-L", 2)
+        arguments = START | {"dt": dt, "steps": 60, "every": 4}
+        rescued = step.integrate(**arguments).report.newton_steps
+        check(step, tmp_path, [1] * 40, **arguments)
+        if rescued > 3:
+            return
+    pytest.fail("no step size at which Newton takes some of the steps")
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_runs_that_fail(failures, every, tmp_path, monkeypatch):
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 3)
+    small_blocks(monkeypatch, 4)
+    for step, options, _ in failures:
+        check(step, tmp_path, [1] * 60, q=LATE[0], p=LATE[1], steps=200, every=every, **options)
+        assert gs.open_recording(tmp_path / "pieces.zarr").status.startswith("failed: ")
+
+
+@given(steps=st.integers(0, 300), every=st.integers(1, 40), rows=st.sampled_from([1, 2, 4, 16, 64]),
+       chunk=st.integers(1, 60), seconds=st.sampled_from([0.0, 1e9]),
+       calls=st.lists(st.integers(0, 12), max_size=8), scheme=st.sampled_from(["EMS", "G-L"]))
+@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
+def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, scheme, tmp_path):
+    """Also with commits at the ends of blocks alone: then the store is behind the run."""
+    step = gs.stepper(scheme, 3 if scheme == "G-L" else None)
+    arguments = START | {"steps": steps, "every": every}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", chunk)
+        small_blocks(patch, rows, seconds)
+        check(step, tmp_path, calls, **arguments)
+        found = gs.open_recording(tmp_path / "pieces.zarr").trajectory()
+        assert_same(found, step.integrate(**arguments))
+
+
+@pytest.mark.parametrize("pieces", [(0,), (1,), (1, 1, 1), (3, 0, 2)])
+def test_pieces_of_other_sizes(pieces, gl3, tmp_path, monkeypatch):
+    """How many steps a call of compiled code does is no part of the result."""
+    small_blocks(monkeypatch, 16)
+    arguments = START | {"steps": 400, "every": 3}
+    recorded(gl3, tmp_path / "whole.zarr", **arguments)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 17)
+    in_pieces(gl3, tmp_path / "pieces.zarr", pieces, **arguments)
+    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "pieces.zarr")
+
+
+# ---------------------------------------------------------------- what an end leaves
+
+
+@given(calls=st.lists(st.integers(1, 6), min_size=1, max_size=6))
+@settings(max_examples=5, deadline=None, suppress_health_check=list(HealthCheck))
+def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
+    """After any end the states are the first ones of the whole run, and go as far as it says."""
+    out = tmp_path / "run.zarr"
+    shutil.rmtree(out, ignore_errors=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
+        small_blocks(patch, 4)
+        for count in calls:
+            with contextlib.suppress(Interrupted):
+                gs.record(gl3, **START, out=out, steps=200, every=2, resume=True,
+                          progress=ends_after(count))
+            found = gs.open_recording(out)
+            if found.report is None:
+                assert found.states == found.steps_done == 0
+                continue
+            assert found.status in ("running", "complete")
+            assert found.states == found.steps_done // 2 + 1
+            part = found.trajectory()
+            end = gl3.integrate(**START, steps=found.steps_done)
+            np.testing.assert_array_equal(part.q, end.q[::2])
+            assert found.report == end.report
+            assert found.dataset.sizes["time"] == found.states
+            assert not found.dataset["q"].isnull().any()
+
+
+@pytest.mark.parametrize(("scheme", "real"), [
+    ("G-L", "double"), pytest.param("EMS", "long-double", marks=pytest.mark.slow)])
+def test_store_after_each_file_that_is_written(scheme, real, tmp_path, monkeypatch):
+    """A process may end between any two of them: what the store says of itself fits its arrays."""
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
+    small_blocks(monkeypatch, 4)
+    step = gs.stepper(scheme, 3 if scheme == "G-L" else None, real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    arguments = START | {"q": q, "p": p, "steps": 36, "every": 2}
+    whole, seen, out = step.integrate(**arguments), [], tmp_path / "run.zarr"
+    copies, one = [], threading.Lock()
+
+    def copy(folder):
+        """Copy the store as it is; in Zarr's own threads nothing of Zarr can be waited for."""
+        with one:
+            if out.exists():
+                copies.append(tmp_path / f"{len(copies)}.zarr")
+                shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
+        gs.record(step, out=out, **arguments)
+    for path in copies:
+        found = gs.open_recording(path)
+        seen.append(found.steps_done)
+        if found.states:
+            assert_same_states(found.trajectory(), whole)
+            assert found.dataset.sizes["time"] == found.states
+    assert len(seen) > 40
+    assert len(set(seen)) > 3
+    assert seen == sorted(seen)
+
+
+def test_before_the_first_commit(gl3, tmp_path):
+    """A store without a state can be opened, says so, and is gone on with."""
+    out = tmp_path / "run.zarr"
+    with pytest.raises(Interrupted):
+        gs.record(gl3, **START, out=out, steps=200, progress=ends_after(0))
+    found = gs.open_recording(out)
+    assert (found.status, found.states, found.steps_done) == ("running", 0, 0)
+    assert found.report is None
+    for use in (found.trajectory, lambda: found.export(tmp_path / "run.csv")):
+        with pytest.raises(gs.InputError, match=r"state.*run"):
+            use()
+    assert gs.record(gl3, **START, out=out, steps=200, resume=True).status == "complete"
+
+
+def test_done_twice(gl3, tmp_path):
+    """A run that is complete is read, not written; also when it is gone on with as a new one."""
+    first = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")}
+    again = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")} == before
+    assert_same(again.trajectory(), first.trajectory())
+
+
+def test_what_others_left_behind(gl3, tmp_path):
+    """Parts of files, and a store that was not finished, from processes that were killed."""
+    recorded(gl3, tmp_path / "whole.zarr", **START, steps=50)
+    (tmp_path / ".run.zarr.new" / "q").mkdir(parents=True)
+    (tmp_path / ".run.zarr.new" / "q" / "rest").write_text("rest")
+    with pytest.raises(Interrupted):
+        gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=50, progress=ends_after(0))
+    (tmp_path / "run.zarr" / "q" / "c").mkdir(exist_ok=True)
+    (tmp_path / "run.zarr" / "q" / "c" / ".0.4711.part").write_text("rest")
+    gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
+    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")
+    assert not (tmp_path / ".run.zarr.new").exists()
+
+
+def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
+    """A store made with other blocks, by a later version say, is gone on with in its own."""
+    arguments = START | {"steps": 100}
+    small_blocks(monkeypatch, 8)
+    recorded(gl3, tmp_path / "whole.zarr", **arguments)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 10)
+    with pytest.raises(Interrupted):
+        gs.record(gl3, **arguments, out=tmp_path / "run.zarr", progress=ends_after(4))
+    monkeypatch.setattr(array_layout, "_MOST_ROWS", 64)
+    gs.record(gl3, **arguments, out=tmp_path / "run.zarr", resume=True)
+    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")
+
+
+# ---------------------------------------------------------------- more steps
+
+
+@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize(("first", "second"), [(50, 90), (49, 200), (0, 30), (64, 65)])
+def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path, monkeypatch):
+    """As if it had been begun with them, to the bit, also from a last state between two others."""
+    small_blocks(monkeypatch, 16)
+    out = tmp_path / "run.zarr"
+    gs.record(gl3, **START, out=out, steps=first, every=every)
+    for steps in (second, second + 5):
+        found = gs.record(gl3, **START, out=out, steps=steps, every=every, resume=True)
+        assert_same(found.trajectory(), gl3.integrate(**START, steps=steps, every=every))
+        assert found.dataset.sizes["time"] == found.states
+        assert found.attributes["title"].endswith(f"{steps} steps of 0.001 s")
+    with pytest.raises(gs.InputError, match=rf"steps.*\b{second + 5}\b.*\b{second}\b"):
+        gs.record(gl3, **START, out=out, steps=second, every=every, resume=True)
+
+
+def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
+    small_blocks(monkeypatch, 4)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
+    out, arguments = tmp_path / "run.zarr", START | {"every": 3}
+    for steps, count in ((100, 0), (120, 5), (200, 4)):
+        with pytest.raises(Interrupted):
+            gs.record(gl3, **arguments, out=out, steps=steps, resume=True,
+                      progress=ends_after(count))
+    found = gs.record(gl3, **arguments, out=out, steps=300, resume=True)
+    assert_same(found.trajectory(), gl3.integrate(**arguments, steps=300))
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_failed_run_has_no_more_steps(failures, tmp_path):
+    step, options, _ = failures[0]
+    arguments = {"q": TOP.q0, "p": TOP.p0, **options, "out": tmp_path / "run.zarr"}
+    with pytest.raises(gs.StepFailed):
+        gs.record(step, **arguments, steps=200)
+    with pytest.raises(gs.InputError, match=r"steps.*200.*300"):
+        gs.record(step, **arguments, steps=300, resume=True)
+
+
+def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
+    """The process ended after any of the files: old states are there, either number goes on."""
+    small_blocks(monkeypatch, 16)
+    out, copies = tmp_path / "run.zarr", []
+    old = gs.record(gl3, **START, out=out, steps=40).trajectory()
+
+    def copy(folder):
+        copies.append(tmp_path / f"{len(copies)}.zarr")
+        shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
+        patch.setattr(recorder.Course, "go", lambda self, progress: None)
+        with pytest.raises(gs.StepFailed):  # it is not complete
+            gs.record(gl3, **START, out=out, steps=90, resume=True)
+    whole = gl3.integrate(**START, steps=90)
+    assert len(copies) > 8
+    for number, path in enumerate(copies):
+        assert_same_states(gs.open_recording(path).trajectory(), whole)
+        assert gs.open_recording(path).dataset.sizes["time"] == 41
+        if number < len(copies) - 1 and number % 2:
+            again = gs.record(gl3, **START, out=path, steps=40, resume=True)
+            assert_same(again.trajectory(), old)
+        else:
+            again = gs.record(gl3, **START, out=path, steps=90, resume=True)
+            assert_same(again.trajectory(), whole)

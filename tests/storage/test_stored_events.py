@@ -1,0 +1,326 @@
+"""Events of stored runs: to the bit those of ``integrate``, however often the run was ended."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from event_runs import assert_same_events, in_pieces, pendulum, start
+from forced_systems import PARAMETERS as FORCED
+from forced_systems import pendulum as dragged
+from gyrospark.storage import array_layout
+from stores import (
+    Interrupted,
+    as_files,
+    assert_same,
+    assert_same_bytes,
+    bits,
+    ends_after,
+    recorded,
+    small_blocks,
+)
+
+#: Dips below a level, what is crossed once a swing, on the way up alone, and never.
+EVENTS = [gs.Event("height", level=-1 + 1e-7, name="dip"), gs.Event("side"),
+          gs.Event("v", level=0.3, direction=1), gs.Event("side", level=5, name="never")]
+#: Ends by a dip in step 16, and by a crossing in step 29.
+DIP = gs.Event("height", level=-1 + 1e-7, terminal=True, name="touch")
+STOP = gs.Event("side", level=-0.8, direction=-1, terminal=True, name="stop")
+
+
+def arguments(real="double", **others):
+    """A pendulum that is at the bottom after 16.7 and 50.2 steps."""
+    step = pendulum(real)
+    q, p = step.project(*start(), parameters={"g": 1})
+    return step, {"q": q, "p": p, "dt": 0.1, "steps": 60, "parameters": {"g": 1},
+                  "events": EVENTS} | others
+
+
+def small(patch, chunk, rows, seconds=0.0):
+    """Let pieces, blocks of states and blocks of events be small."""
+    patch.setattr("gyrospark.runtime.integration.step_loop._WATCHED", chunk)
+    small_blocks(patch, rows, seconds)
+    patch.setattr(array_layout, "_MOST_EVENTS", 2)
+
+
+# ---------------------------------------------------------------- ended anywhere
+
+
+@pytest.mark.parametrize(("ends", "status", "steps"), [
+    ([], "complete", 60), ([DIP], "ended: touch", 16), ([STOP], "ended: stop", 29),
+    ([STOP, DIP], "ended: touch", 16)])
+@pytest.mark.parametrize(("chunk", "rows", "every", "calls"), [
+    (5, 4, 7, [2] * 5), (1, 1, 1, [11, 4, 5]), (4096, 64, 1, [])])
+def test_a_stored_run_finds_what_integrate_finds(
+        ends, status, steps, chunk, rows, every, calls, tmp_path, monkeypatch) -> None:
+    """Also the state where an event ends it; each run of pieces has the same files."""
+    step, run = arguments(every=every, events=EVENTS + ends)
+    whole = step.integrate(**run)
+    small(monkeypatch, chunk, rows)
+    once = recorded(step, tmp_path / "whole.zarr", **run)
+    assert (once.status, once.steps_done) == (status, steps)
+    for found in (once, in_pieces(step, tmp_path / "pieces.zarr", calls, **run)):
+        assert_same(found.trajectory(), whole)
+        assert_same_events(found.events, whole.events)
+        assert_same_events(found.trajectory().events, whole.events)
+    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "pieces.zarr")
+
+
+@given(steps=st.integers(0, 70), every=st.integers(1, 20), rows=st.sampled_from([1, 4, 64]),
+       chunk=st.integers(1, 60), seconds=st.sampled_from([0.0, 1e9]),
+       calls=st.lists(st.integers(0, 9), max_size=3),
+       ends=st.sampled_from([[], [], [DIP], [STOP]]), dt=st.sampled_from([0.1, -0.1, 0.07, 0.3]))
+@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck),
+          phases=[Phase.generate])
+def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, ends, dt,
+                                tmp_path) -> None:
+    step, run = arguments(steps=steps, every=every, dt=dt, events=EVENTS + ends)
+    whole = step.integrate(**run)
+    with pytest.MonkeyPatch.context() as patch:
+        small(patch, chunk, rows, seconds)
+        found = in_pieces(step, tmp_path / "run.zarr", calls, **run)
+        assert_same(found.trajectory(), whole)
+        assert_same_events(found.events, whole.events)
+
+
+@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
+def test_each_real_ended_often(real, tmp_path, monkeypatch) -> None:
+    """With all digits of the times and the states."""
+    step, run = arguments(real, steps=40, every=3, events=[*EVENTS[1:3], STOP])
+    small(monkeypatch, 7, 4)
+    whole = step.integrate(**run)
+    found = in_pieces(step, tmp_path / "run.zarr", [2, 2], **run)
+    assert_same(found.trajectory(), whole)
+    assert_same_events(found.events, whole.events)
+    assert len(found.events["side"]) == 1
+
+
+def test_a_store_is_a_run_up_to_a_commit(tmp_path, monkeypatch) -> None:
+    """Whenever it is looked at, its events are those of as many steps."""
+    step, run = arguments()
+    small(monkeypatch, 7, 4)
+    out, seen = tmp_path / "run.zarr", []
+    for count in (1, 1, 2, 2):
+        with contextlib.suppress(Interrupted):
+            gs.record(step, out=out, resume=True, progress=ends_after(count), **run)
+        found = gs.open_recording(out)
+        part = step.integrate(**run | {"steps": found.steps_done})
+        assert_same_events(found.events, part.events)
+        assert found.dataset.sizes["event_side"] == len(part.events["side"])
+        seen.append(found.steps_done)
+    assert seen == sorted(set(seen))
+    assert seen[-1] > 17
+
+
+@pytest.mark.parametrize("ends", [[], [DIP]])
+def test_store_after_each_file_that_is_written(ends, tmp_path, monkeypatch) -> None:
+    """A process may end between any two of them: the store is read, and goes on to the same."""
+    step, run = arguments(steps=20, every=2, events=EVENTS[:2] + ends)
+    whole, out, copies = step.integrate(**run), tmp_path / "run.zarr", []
+    small(monkeypatch, 6, 4)
+
+    def copy(folder) -> None:
+        if out.exists():
+            copies.append(tmp_path / f"{len(copies)}.zarr")
+            shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gyrospark.storage.chunks._AT_ONCE", 1)
+        patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
+        gs.record(step, out=out, **run)
+    assert len(copies) > 40
+    counts = set()
+    for number, path in enumerate(copies[1:]):
+        found = gs.open_recording(path)
+        for name in ("dip", "side"):
+            one = found.events[name]
+            counts.add(len(one))
+            assert np.array_equal(one.t, whole.events[name].t[: len(one)])
+        if number % 23 == 0 or number == len(copies) - 2:
+            assert found.dataset.sizes["event_dip"] == len(found.events["dip"])
+            again = gs.record(step, out=path, resume=True, **run)
+            assert_same(again.trajectory(), whole)
+            assert_same_bytes(path, out)
+    assert counts == {0, 1, *([] if ends else [2])}
+
+
+# ---------------------------------------------------------------- more steps, other events
+
+
+@pytest.mark.parametrize(("first", "second"), [(17, 60), (16, 17), (18, 51), (0, 40)])
+def test_a_finished_run_goes_on_to_more_steps(first, second, tmp_path, monkeypatch) -> None:
+    """Also from a dip in its last step, of which the neighbour behind was not known."""
+    step, run = arguments()
+    small(monkeypatch, 9, 4)
+    gs.record(step, out=tmp_path / "run.zarr", **run | {"steps": first})
+    found = gs.record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": second})
+    whole = step.integrate(**run | {"steps": second})
+    assert_same(found.trajectory(), whole)
+    assert_same_events(found.events, whole.events)
+
+
+def test_a_run_that_an_event_has_ended_takes_no_more_steps(tmp_path) -> None:
+    """It is told so, whatever number of steps is asked for, and nothing is written."""
+    step, run = arguments(events=[STOP, *EVENTS])
+    gs.record(step, out=tmp_path / "run.zarr", **run)
+    before = as_files(tmp_path / "run.zarr")
+    for steps in (60, 200):
+        found = gs.record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": steps})
+        assert found.status == "ended: stop"
+        assert "ended: stop, 29 of 60" in repr(found)
+    assert as_files(tmp_path / "run.zarr") == before
+    assert_same(found.trajectory(), step.integrate(**run))
+
+
+def test_the_order_of_events_is_no_part_of_a_run(tmp_path, monkeypatch) -> None:
+    step, run = arguments(events=[*EVENTS, STOP])
+    small(monkeypatch, 9, 4)
+    with pytest.raises(Interrupted):
+        gs.record(step, out=tmp_path / "run.zarr", progress=ends_after(2), **run)
+    found = gs.record(step, out=tmp_path / "run.zarr", resume=True,
+                      **run | {"events": [STOP, *EVENTS[::-1]]})
+    assert_same_events(found.events, step.integrate(**run).events)
+    assert found.status == "ended: stop"
+
+
+@pytest.mark.parametrize(("events", "words"), [
+    ([], r"events was \{.*None"),
+    (EVENTS[:3], r"events\.never was \{.*None"),
+    ([*EVENTS, STOP], r"events\.stop was None.*\{'quantity': 'side'"),
+    ([*EVENTS[:3], gs.Event("side", level=0.1, name="never")],
+     r"events\.never\.level.*5\.0.*0\.1"),
+    ([*EVENTS[:3], gs.Event("side", level=5, direction=1, terminal=True, name="never")],
+     r"events\.never\.direction.*0.*1.*events\.never\.terminal.*False.*True"),
+])
+def test_a_run_with_other_events_is_another_run(events, words, tmp_path) -> None:
+    step, run = arguments(steps=3)
+    gs.record(step, out=tmp_path / "run.zarr", **run)
+    before = as_files(tmp_path / "run.zarr")
+    with pytest.raises(gs.InputError, match="another run.*" + words):
+        gs.record(step, out=tmp_path / "run.zarr", resume=True, **run | {"events": events})
+    assert as_files(tmp_path / "run.zarr") == before
+
+
+def test_names_that_arrays_cannot_have(tmp_path) -> None:
+    step, run = arguments(events=gs.Event("side", name="../side"))
+    with pytest.raises(gs.InputError, match=r"'\.\./side'"):
+        gs.record(step, out=tmp_path / "run.zarr", **run)
+    assert not (tmp_path / "run.zarr").exists()
+
+
+# ---------------------------------------------------------------- what is asked of it
+
+
+def test_states_between_the_steps_of_a_stored_run(tmp_path) -> None:
+    """At times on the way, and up to the event that ended it."""
+    step, run = arguments(events=[STOP], every=4)
+    stored = gs.record(step, out=tmp_path / "run.zarr", **run).trajectory()
+    whole = step.integrate(**run)
+    times = [0.0, 1.234, 2.8, float(whole.t[-2]) + 0.01, whole.t[-1]]
+    assert_same(stored.at(times, stepper=step), whole.at(times))
+    assert bits(stored.at(times, stepper=step).q[-1]) == bits(whole.events["stop"].q[0])
+    with pytest.raises(gs.InputError, match="outside"):
+        stored.at([5.0], stepper=step)
+
+
+def test_parts_of_a_stored_run(tmp_path) -> None:
+    """From a state on there are the events behind it; thinned, there are all."""
+    step, run = arguments(every=10)
+    stored = gs.record(step, out=tmp_path / "run.zarr", **run)
+    whole = step.integrate(**run).events["side"]
+    assert whole.steps.tolist() == [16, 50]
+    assert stored.trajectory(first=2).events["side"].steps.tolist() == [50]
+    assert stored.trajectory(thin=3).events["side"].steps.tolist() == [16, 50]
+
+
+def damaged(store, **changes):
+    """Change what a store says of itself."""
+    path = store / "zarr.json"
+    content = json.loads(path.read_text())
+    content["attributes"] |= changes
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"events": {}}, r"events are \{\}"),
+    ({"events": 3}, "events are 3"),
+    ({"events": {"side": -1}}, r"events\.side is -1"),
+    ({"events": {"side": 7}}, "'event_side_t'.* 7 rows"),
+    ({"status": "ended: side"}, "'ended: side'"),
+])
+def test_a_store_that_says_other_events_is_damaged(changes, words, tmp_path) -> None:
+    step, run = arguments(steps=9, events=gs.Event("side"))
+    gs.record(step, out=tmp_path / "run.zarr", **run)
+    damaged(tmp_path / "run.zarr", **changes)
+    with pytest.raises(gs.InputError, match="is damaged: " + words):
+        gs.open_recording(tmp_path / "run.zarr")
+
+
+def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
+    """Neither is a missing block NaN, nor a missing array no event."""
+    step, run = arguments(events=gs.Event("side"))
+    stored = gs.record(step, out=tmp_path / "run.zarr", **run)
+    shutil.rmtree(tmp_path / "run.zarr" / "event_side_q" / "c")
+    for use in (lambda: stored.events, stored.trajectory,
+                lambda: stored.export(tmp_path / "run.csv")):
+        with pytest.raises(gs.InputError, match="'event_side_q'"):
+            use()
+    shutil.rmtree(tmp_path / "run.zarr" / "event_side_q")
+    with pytest.raises(gs.InputError, match=r"'event_side_q'.*missing"):
+        gs.open_recording(tmp_path / "run.zarr")
+
+
+def test_an_end_before_the_first_stored_state(tmp_path) -> None:
+    """One row beside the start, in memory and in a store."""
+    step, run = arguments(events=STOP, every=1000)
+    whole = step.integrate(**run)
+    assert whole.t.tolist() == [0.0, whole.events["stop"].t[0]]
+    assert_same(gs.record(step, out=tmp_path / "run.zarr", **run).trajectory(), whole)
+
+
+def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
+    """Work in the last row: that of whole steps, and of the part of a step up to the event."""
+    small_blocks(monkeypatch, 4)
+    step = gs.stepper("G-L", 2, system=dragged())
+    q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=FORCED)
+    run = {"q": q, "p": p, "dt": 0.01, "steps": 400, "every": 3, "parameters": FORCED,
+           "events": [gs.Event("height", level=-0.75, terminal=True)]}
+    computed = step.integrate(**run)
+    stored = recorded(step, tmp_path / "run.zarr", **run).trajectory()
+    assert computed.report.steps < 400
+    assert computed.work[-1] != 0
+    assert bits(stored.work) == bits(computed.work)
+
+
+@pytest.mark.parametrize("name", ["a/b", "/", "nul\0"])
+def test_names_that_netcdf_has_not_are_refused(name, tmp_path):
+    step, run = arguments()
+    made = step.integrate(**run | {"events": [gs.Event("side", name=name)]})
+    with pytest.raises(gs.InputError, match="NetCDF"):
+        made.save(tmp_path / "run.nc")
+    assert not list(tmp_path.iterdir())
+    made.save(tmp_path / "run.npz")
+    assert_same_events(gs.Trajectory.load(tmp_path / "run.npz").events, made.events)
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+dip", "-dip", "@SUM(A1)", "\t=1", "dip", "a-b"])
+def test_no_name_is_a_formula_of_spreadsheets(name, tmp_path):
+    """Numbers, which may be negative, are as they were."""
+    step, run = arguments()
+    made = step.integrate(**run | {"events": [gs.Event("side", name=name)]})
+    made.save(tmp_path / "run.csv")
+    with (tmp_path / "run.events.csv").open(encoding="utf-8", newline="") as file:
+        _, *rows = csv.reader(file)
+    assert {row[0] for row in rows} == {name if name in ("dip", "a-b") else f"'{name}"}
+    found = made.events[name]
+    numbers = np.array([[float(x) for x in row[1:6]] for row in rows])
+    np.testing.assert_array_equal(numbers, np.column_stack([found.t, found.q, found.p]))
+    assert (numbers < 0).any()

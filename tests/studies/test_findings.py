@@ -1,0 +1,188 @@
+"""The findings beyond the paper: every claim holds, and every proof can fail."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy import QQ
+
+from gyrospark import stepper
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
+from gyrospark.runtime.rigid_body.quaternion import momentum
+from gyrospark.studies import odd_proof
+from gyrospark.studies.beyond import FINDINGS
+from gyrospark.studies.body_frame import Top, motion
+from gyrospark.studies.case_runner import Engine
+from gyrospark.studies.energy_law import energy_law, node_numbers
+from gyrospark.studies.equivalence import gradients_claim, nodes_claim, stages_claim
+from gyrospark.studies.one_step import energy_error
+from gyrospark.studies.power_series import Series
+from gyrospark.studies.study_result import Claim, Finding
+from gyrospark.studies.zeros import integrable_claim
+
+#: Findings that rest on measurement alone.
+MEASURED = ("one-stage-alpha", "gamma-auto", "frames")
+STATE = odd_proof._rational_tops()[0]
+
+
+ENGINE = Engine(short=True)
+
+
+@cache
+def finding_of(key: str) -> Finding:
+    return FINDINGS[key](ENGINE)
+
+
+#: The proofs of the slow one are checked by themselves below.
+every_finding = pytest.mark.parametrize("key", [
+    pytest.param(key, marks=pytest.mark.slow) if key == "odd-stages" else key for key in FINDINGS])
+
+
+@every_finding
+def test_every_claim_holds(key: str) -> None:
+    finding = finding_of(key)
+    assert finding.key == key
+    assert finding.about.count("\n\n") >= 2
+    assert [c for c in finding.claims if not c.holds] == []
+    assert any(c.how == "proved" for c in finding.claims) or key in MEASURED
+
+
+@every_finding
+def test_panels_hold_plain_numbers(key: str) -> None:
+    for panel in finding_of(key).panels:
+        for series in panel.series:
+            assert len(series.x) == len(series.y) > 1
+            assert all(type(v) is float and math.isfinite(v) for v in (*series.x, *series.y))
+
+
+# ---------------------------------------------------------------- proofs that can fail
+
+
+def test_forms_differ_for_another_alpha() -> None:
+    assert gradients_claim().holds
+    assert not gradients_claim(sp.Symbol("other")).holds
+
+
+def test_forms_differ_off_the_sphere() -> None:
+    assert stages_claim().holds
+    assert not stages_claim(sp.Symbol("norm")).holds
+    assert not stages_claim(sp.Rational(99, 100)).holds
+
+
+@pytest.mark.parametrize("s", [1, 2, 3])
+def test_gauss_stages_are_no_constraint_nodes(s: int) -> None:
+    assert not nodes_claim([gauss_lobatto(s)]).holds
+
+
+def test_exchanged_pair_is_no_lobatto_iiiab() -> None:
+    tableau = lobatto_iiiab(3)
+    basis = tableau.basis | {"A": tableau.basis["A_hat"], "A_hat": tableau.basis["A"]}
+    assert odd_proof.variational(tableau)
+    assert not odd_proof.variational(dataclasses.replace(tableau, basis=basis))
+
+
+def two_stages() -> Claim:
+    return odd_proof.step_claim_symbolic(2)
+
+
+def three_stages() -> Claim:
+    return odd_proof.step_claim_rational(3)
+
+
+@pytest.mark.parametrize("claim", [two_stages, three_stages, lambda: odd_proof.gamma_claim((2,)),
+                                   lambda: odd_proof.variational_claim(range(2, 6))])
+def test_the_law_of_odd_stages_is_proved(claim: Any) -> None:
+    assert claim().holds
+
+
+@pytest.mark.parametrize(("term", "claim"), [
+    ("A", two_stages), ("C", three_stages),
+    pytest.param("C", two_stages, marks=pytest.mark.slow),
+    pytest.param("A", three_stages, marks=pytest.mark.slow)])
+def test_a_wrong_law_is_refuted(monkeypatch: pytest.MonkeyPatch, term: str, claim: Any) -> None:
+    def wrong(s: int, top: Top) -> Any:
+        law = energy_law(s, top)
+        return dataclasses.replace(law, **{term: getattr(law, term) * 2})
+
+    monkeypatch.setattr(odd_proof, "energy_law", wrong)
+    assert not claim().holds
+
+
+def test_a_wrong_gamma_term_is_refuted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrong(s: int, top: Top) -> Any:
+        law = energy_law(s, top)
+        return dataclasses.replace(law, B=law.B * 2)
+
+    monkeypatch.setattr(odd_proof, "energy_law", wrong)
+    assert not odd_proof.gamma_claim((2,)).holds
+
+
+def test_energy_of_another_gamma_is_not_quadratic() -> None:
+    assert not integrable_claim(sp.Symbol("other")).holds
+
+
+# ---------------------------------------------------------------- what the proofs stand on
+
+
+def test_series_keep_powers_of_both_signs() -> None:
+    a = Series({(0, 0): 1, (1, -1): 2}, 3)
+    b = Series({(1, 1): 3, (3, 0): 5}, 3)
+    assert (a * b).terms == {(1, 1): 3, (2, 0): 6, (3, 0): 5}
+    assert (a - a).terms == {}
+    assert b.shifted(h=-1).terms == {(0, 1): 3, (2, 0): 5}
+    with pytest.raises(ValueError, match="below"):
+        a.shifted(h=-1)
+
+
+@pytest.mark.parametrize("s", range(2, 7))
+def test_node_numbers_are_those_of_the_quadrature(s: int) -> None:
+    numbers, table = node_numbers(s), lobatto_iiiab(s).numeric(30)
+    for i, (b, c) in enumerate(zip(table.b, table.c, strict=True)):
+        slope = math.prod(float(c - d) for k, d in enumerate(table.c) if k != i)
+        assert float(b) * slope**2 == pytest.approx(float(numbers.mu), rel=1e-12)
+    spread = sum(float(c - sp.Rational(1, 2)) ** 2 for c in table.c)
+    assert spread == pytest.approx(float(numbers.spread), rel=1e-12)
+
+
+def test_exact_motion_stays_on_its_constraints() -> None:
+    x, y = motion(STATE, 8)
+    for n in range(1, 9):
+        assert sum(a * b for k in range(n + 1) for a, b in zip(x[k], x[n - k], strict=True)) == 0
+        assert sum(a * b for k in range(n + 1) for a, b in zip(x[k], y[n - k], strict=True)) == 0
+
+
+@pytest.mark.parametrize("s", [2, 3])
+def test_expansion_is_that_of_the_compiled_step(s: int) -> None:
+    gamma, dt = 0.7, 0.04
+    top = [[float(v) for v in part] for part in (STATE.l, STATE.vertical, STATE.inverse_inertia)]
+    step = stepper("LIIIA-B", s, "gamma")
+    inertia = [1 / j for j in top[2]]
+    parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {
+        "mgl": float(STATE.mgl), "gamma": gamma}
+    q, p = _state(top[0], top[1], inertia)
+    series = energy_error(lobatto_iiiab(s), STATE, 2 * s + 2)
+    left = []
+    for h in (dt, 2 * dt, 4 * dt):
+        q1, p1 = step.step(q, p, dt=h, parameters=parameters)
+        change = float(step.energy(q1, p1, parameters=parameters)
+                       - step.energy(q, p, parameters=parameters))
+        expected = sum(float(a) * h**n * gamma**g for (n, g), a in series.terms.items())
+        left.append(abs(change - expected))
+        assert left[-1] < 0.02 * h**2 * abs(expected) + 1e-15
+    assert QQ(0) == series.coefficient(2 * s - 2)
+
+
+def _state(l: list[float], vertical: list[float], inertia: list[float]) -> tuple[Any, Any]:  # noqa: E741
+    """Return q, p of a body with the given momentum and vertical in its own axes."""
+    half = math.acos(vertical[2]) / 2
+    axis = np.array([vertical[1], -vertical[0], 0.0]) / math.hypot(*vertical[:2])
+    q = np.array([math.cos(half), *(math.sin(half) * axis)])
+    q /= np.linalg.norm(q)
+    p = momentum(q, [a / i for a, i in zip(l, inertia, strict=True)], inertia)
+    return q, p - (q @ p) * q

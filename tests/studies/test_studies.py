@@ -1,0 +1,442 @@
+"""The paper beside ours: verdicts, tables, laws, the page and docs/paper.md."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections import Counter
+from html.parser import HTMLParser
+
+import pytest
+from click.testing import CliRunner
+
+from gyrospark.commands.reproduce import reproduce
+from gyrospark.core.errors import InputError
+from gyrospark.studies import (
+    accuracy,
+    convergence,
+    invariants,
+    parameter,
+    report_page,
+    study_registry,
+)
+from gyrospark.studies.case_runner import Case, Engine, parameter_value, scheme_of
+from gyrospark.studies.drawing import arrange, draw
+from gyrospark.studies.fit import crossing, fit_line, fit_slope
+from gyrospark.studies.iterations import _near_claim
+from gyrospark.studies.printed import MISPRINTS, TABLE_4, TABLE_6, TABLE_7, Misprint
+from gyrospark.studies.report_page import as_json, report_files
+from gyrospark.studies.study_result import Cell, Claim, Panel, Series, Table
+from gyrospark.studies.summary import (
+    failing,
+    requirements,
+    section,
+    unexplained,
+    write_summary,
+)
+from gyrospark.studies.verdict import judge, same_digits, units_apart
+from processes import ROOT
+
+#: Results that take well under a second each once their steppers are compiled.
+QUICK = ("table-2", "table-4", "table-5", "table-6", "table-7", "figure-5", "figure-7", "figure-9",
+         "figure-10", "figure-11", "figure-12")
+
+
+@pytest.fixture(scope="module")
+def engine() -> Engine:
+    return Engine(short=True)
+
+
+@pytest.fixture(scope="module")
+def accuracy_tables(engine):
+    return [accuracy.table_4(engine), accuracy.table_6(engine), accuracy.table_7(engine)]
+
+
+@pytest.fixture(scope="module")
+def quick_results(engine):
+    return study_registry.compute(QUICK, engine)
+
+
+# ---------------------------------------------------------------- verdicts
+
+RIGHT = Misprint(19, "2.387E-04", "a column is printed again")
+
+
+@pytest.mark.parametrize(
+    ("ours", "printed", "floor", "misprint", "verdict"),
+    [
+        (2.3549e-6, "2.35E-06", 0.0, None, "agrees"),
+        (2.3551e-6, "2.35E-06", 0.0, None, "differs"),
+        (2.3449e-6, "2.35E-06", 0.0, None, "differs"),
+        (1e-14, "2.00E-14", 2e-14, None, "round-off"),
+        (1e-14, "2.00E-14", 1.9e-14, None, "differs"),  # the paper's is above the floor
+        (3e-14, "2.00E-14", 2e-14, None, "differs"),  # ours is above the floor
+        (2.3871e-4, "2.20E-04", 0.0, RIGHT, "misprint"),
+        (2.3881e-4, "2.20E-04", 0.0, RIGHT, "differs"),  # the erratum does not help
+        (2.2e-4, "2.20E-04", 0.0, RIGHT, "agrees"),  # nor does it condemn what agrees
+        (math.nan, "2.20E-04", 0.0, None, "differs"),
+        (math.inf, "2.20E-04", 1.0, RIGHT, "differs"),
+        (6.94, "6.9", 0.0, None, "agrees"),
+        (9.4, "9", 0.0, None, "agrees"),
+        (9.6, "9", 0.0, None, "differs"),
+        (15.649, "15.65", 0.0, None, "agrees"),
+    ],
+)
+def test_each_verdict_is_reachable_and_refutable(ours, printed, floor, misprint, verdict):
+    cell = judge("row", "column", ours, printed, floor, misprint)
+    assert cell.verdict == verdict
+    assert cell.note or verdict in ("agrees", "differs")
+    assert cell.paper == float(printed)
+
+
+def test_a_lost_number_has_no_verdict():
+    assert judge("row", "column", 1.0, None).as_dict() == {
+        "row": "row", "column": "column", "paper": None, "ours": 1.0, "ratio": None,
+        "verdict": "not printed", "note": "",
+    }
+
+
+def test_a_difference_says_by_how_much_and_why():
+    assert judge("r", "c", 1.68e-6, "1.69E-06").note == "1 unit in the last printed digit"
+    assert judge("r", "c", 1.67e-6, "1.69E-06").note == ""  # more than a unit needs a reason
+    assert judge("r", "c", 1.67e-6, "1.69E-06", reason="known").note == (
+        "2 units in the last printed digit; known")
+    assert judge("r", "c", 5e-6, "1.69E-06").note == ""
+    assert unexplained(Table(1, "", "", [judge("r", "c", 1.67e-6, "1.69E-06")]))
+    assert not unexplained(Table(1, "", "", [judge("r", "c", 1.68e-6, "1.69E-06")]))
+
+
+def test_digits_are_compared_at_the_printed_place():
+    assert same_digits(0.00999999, "1.00E-02")
+    assert units_apart(0.0995, "1.00E-01") in (0, 1)
+    assert units_apart(-1.23, "1.25") == 248
+    assert not same_digits(math.nan, "1.0")
+
+
+def test_misprints_belong_to_printed_cells():
+    tables = {4: TABLE_4, 6: TABLE_6, 7: TABLE_7}
+    for (table, quantity, rule, column), misprint in MISPRINTS.items():
+        printed = tables[table][quantity, "gamma", rule]
+        wrong = printed[("IMS", "EMS", "3-LIIIA-B", "2-G-L").index(column)]
+        assert not same_digits(float(misprint.right), wrong)
+
+
+# ---------------------------------------------------------------- engine and fits
+
+
+def test_parameter_rules():
+    inertia = (2.0, 2.0, 0.5)
+    assert parameter_value("m", inertia) == 1.5
+    assert parameter_value("100m", inertia) == 150.0
+    assert parameter_value("0.01m", inertia) == pytest.approx(0.015)
+    assert parameter_value("ht", inertia) == 2.0
+    assert parameter_value(0.3, inertia) == 0.3
+    with pytest.raises(InputError, match="100m"):
+        parameter_value("x", inertia)
+
+
+def test_scheme_names():
+    assert scheme_of("3-LIIIA-B") == ("LIIIA-B", 3)
+    assert scheme_of("1-G-L") == ("G-L", 1)
+    assert scheme_of("IMS") == ("IMS", None)
+    assert Case("fast-top", "G-L", 2, "alpha", "m", 0.1, 1).method == "2-G-L"
+
+
+def test_a_case_runs_once():
+    seen: list[str] = []
+    engine = Engine(watch=seen.append)
+    case = Case("fast-top", "IMS", None, "gamma", "m", 0.001, 10)
+    assert engine.trajectory(case) is engine.trajectory(case)
+    assert engine.mean(case, "H") == pytest.approx(
+        engine.trajectory(case).report.energy_error_mean, rel=1e-12)
+    assert seen == ["fast-top, IMS-γ"]
+
+
+def test_lines_and_crossings():
+    line = fit_line([1.0, 2.0, 4.0], [3.0, 5.0, 9.0])
+    assert (line.slope, line.offset, line.r_squared) == pytest.approx((2, 1, 1))
+    assert fit_line([0.0, 1.0, 2.0], [0.0, 1.0, 0.0]).r_squared == pytest.approx(0)
+    assert crossing([0.0, 1.0, 2.0, 3.0], [-1.0, 1e-20, 1.0, 3.0], 1e-16) == [1.0]
+    assert crossing([0.0, 1.0], [1.0, 3.0]) == []
+
+
+def test_slopes_drop_the_plateau():
+    dt = [0.1, 0.2, 0.4, 0.8]
+    errors = [1e-9, *(h**4 for h in dt[1:])]
+    assert fit_slope(dt, errors, [1e-9] * 4) == (pytest.approx(4), 3)
+    slope, used = fit_slope(dt, errors, [1.0] * 4)
+    assert math.isnan(slope)
+    assert used == 0
+
+
+# ---------------------------------------------------------------- what issue 3 demands
+
+
+def test_accuracy_tables_agree(accuracy_tables):
+    verdicts = Counter(cell.verdict for table in accuracy_tables for cell in table.cells)
+    assert sum(verdicts.values()) == 120
+    assert verdicts["agrees"] >= 96
+    assert verdicts["agrees"] + verdicts["round-off"] >= 114
+    assert verdicts["misprint"] == len(MISPRINTS)
+    assert not any(unexplained(table) for table in accuracy_tables)
+    assert all(claim.holds for claim in requirements(accuracy_tables))
+
+
+def test_the_demands_can_fail(accuracy_tables):
+    four, six, seven = accuracy_tables
+    wrong = Table(4, four.title, four.about,
+                  [Cell(cell.row, cell.column, cell.paper, 1.0, "differs") for cell in four.cells])
+    assert not any(claim.holds for claim in requirements([wrong, six, seven]))
+
+
+def test_round_off_is_where_a_scheme_keeps_the_quantity(accuracy_tables):
+    """No number of a truncation error hides behind the floor."""
+    for table in accuracy_tables:
+        for cell in table.cells:
+            if cell.verdict == "round-off":
+                assert cell.column == "EMS" or "γ̃_h" in cell.row or table.number == 7
+                assert abs(cell.ours) < 1e-10
+
+
+@pytest.mark.parametrize("study", [
+    accuracy.table_5, accuracy.table_6, accuracy.table_7, accuracy.figure_8, accuracy.figure_9,
+    invariants.table_2, invariants.table_3, invariants.figure_5, invariants.figure_6,
+    invariants.figure_7, parameter.figure_11, parameter.figure_12, parameter.figure_13,
+    parameter.figure_14, convergence.figure_10,
+], ids=lambda study: study.__name__)
+def test_claims_hold(study, engine):
+    result = study(engine)
+    assert result.claims
+    assert [claim for claim in result.claims if not claim.holds] == []
+
+
+@pytest.mark.parametrize("sweep", parameter.FIGURE_15[:3], ids=lambda sweep: sweep.method)
+def test_lobatto_laws(sweep, engine):
+    x, y = parameter.measure(engine, sweep)
+    inverse, direct = fit_line(x, y), fit_line([1 / a for a in x], y)
+    law, other = (inverse, direct) if parameter.follows_inverse(sweep) else (direct, inverse)
+    assert law.r_squared >= 0.999 > other.r_squared
+
+
+@pytest.mark.parametrize("stages", [2, 3])
+def test_lobatto_orders(stages, engine):
+    slope, used = fit_slope(*convergence.measure(engine, convergence.FIGURE_16[stages][0]))
+    assert used >= 3
+    assert slope == pytest.approx(2 * stages - 2, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("study", [parameter.figure_15, convergence.figure_16])
+def test_long_double_claims_hold(study):
+    assert [claim for claim in study(Engine()).claims if not claim.holds] == []
+
+
+# ---------------------------------------------------------------- page and data
+
+
+class _Links(HTMLParser):
+    """Collects ids and every address a page asks for."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.addresses: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("href", "src", "srcset", "action"):
+                self.addresses.append(value or "")
+
+
+@pytest.fixture(scope="module")
+def files(quick_results):
+    return report_files(quick_results)
+
+
+def test_page_has_every_anchor_and_no_network(files):
+    links = _Links()
+    links.feed(files["index.html"])
+    assert {"summary", *QUICK} <= set(links.ids)
+    assert len(links.ids) == len(set(links.ids))
+    for address in links.addresses:
+        if address.startswith("#"):
+            assert address[1:] in links.ids
+        else:
+            assert address in files
+    assert not re.search(r"https?://|@import|<script|<link|url\((?!#)", files["index.html"])
+
+
+def test_page_shows_commands_verdicts_and_both_schemes(files):
+    page = files["index.html"]
+    for name in QUICK:
+        assert f"<code>gyrospark reproduce {name}</code>" in page
+    for word in ("✓ agrees", "≈ round-off", "✎ misprint", "≠ differs", "· not printed"):
+        assert word in page
+    assert "prefers-color-scheme: dark" in page
+    assert 'name="viewport"' in page
+
+
+def test_what_stands_below_a_letter_is_below_it(files):
+    page = re.sub(r"<code>.*?</code>|<[^>]*>", lambda tag: tag[0] if tag[0] in ("<sub>", "</sub>")
+                  else " ", files["index.html"].partition("<body>")[2], flags=re.DOTALL)
+    assert "γ<sub>m</sub>" in page
+    assert not re.search(r"[γαHpqN]\u0303?_\w", page)
+    assert (report_page.with_signs("a < b_1, file_name, q_t(0)")
+            == "a &lt; b<sub>1</sub>, file_name, q_t(0)")
+
+
+def test_files_beside_the_page(files, quick_results):
+    for result in quick_results:
+        end = "csv" if isinstance(result, Table) else "svg"
+        assert f"{result.name}.{end}" in files
+    rows = list(csv.DictReader(io.StringIO(files["table-4.csv"])))
+    assert len(rows) == 36
+    assert list(rows[0]) == ["row", "column", "paper", "ours", "ratio", "verdict", "note"]
+
+
+def test_bytes_are_reproducible(files, quick_results):
+    assert report_files(quick_results) == files
+
+
+def test_drawings_follow_the_page(files):
+    panel = Panel("t", "x", "y", [Series(f"s{i}", [1.0, 2.0], [1.0, 2.0 + i], "o-")
+                                  for i in range(3)], "log", "log", zero=False)
+    svg = draw(panel)
+    assert "currentColor" in svg
+    assert "#010203" not in svg
+    both = arrange([svg, svg, svg], 2)
+    ids = re.findall(r'\bid="([^"]*)"', both)
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r'(?:href="#|url\(#)([^")]*)', both)) <= set(ids)
+
+
+def test_json_holds_the_contract(quick_results):
+    document = json.loads(as_json(quick_results))
+    assert set(document["results"]) == set(QUICK)
+    cell = document["results"]["table-4"]["cells"][0]
+    assert set(cell) == {"row", "column", "paper", "ours", "ratio", "verdict", "note"}
+    assert cell["ratio"] == pytest.approx(cell["ours"] / cell["paper"])
+
+
+def test_json_has_no_nan():
+    table = Table(4, "t", "a", [Cell("r", "c", 1.0, math.nan, "differs", "n")],
+                  [Claim("s", "f", "w", False)])
+    assert json.loads(as_json([table]))["results"]["table-4"]["cells"][0]["ours"] is None
+    assert [claim for _, claim in failing([table])] == table.claims
+
+
+# ---------------------------------------------------------------- command
+
+
+def test_command_prints_a_table():
+    result = CliRunner().invoke(reproduce, ["table-4"], standalone_mode=False)
+    assert result.return_value == 0
+    assert "30 agrees" in result.output
+    assert "misprint: E[|Δx|], γ = γ_h, EMS: erratum 19" in result.output
+
+
+def test_command_json_is_one_document():
+    result = CliRunner().invoke(reproduce, ["table-7", "--json"], standalone_mode=False)
+    document = json.loads(result.output)
+    assert document["table"] == 7
+    assert len(document["cells"]) == 36
+
+
+def test_command_writes_page_and_summary(tmp_path):
+    result = CliRunner().invoke(
+        reproduce, ["figure-11", "--out", str(tmp_path / "r"), "--summary",
+                    str(tmp_path / "paper.md")], standalone_mode=False)
+    assert result.return_value == 0
+    assert {path.name for path in (tmp_path / "r").iterdir()} == {
+        "index.html", "results.json", "figure-11.svg"}
+    assert "## Fig. 11." in (tmp_path / "paper.md").read_text(encoding="utf-8")
+
+
+def test_command_names_what_it_knows():
+    with pytest.raises(InputError, match="table-2 to table-14, figure-5 to figure-16") as caught:
+        CliRunner().invoke(reproduce, ["table-15"], standalone_mode=False, catch_exceptions=False)
+    assert "\n" not in str(caught.value)
+
+
+CLAIMS = {
+    "holds": Claim("s", "f", "w", holds=True),
+    "known": Claim("s", "f", "w", holds=False, known="nobody knows how it was done"),
+    "unknown": Claim("s", "f", "w", holds=False),
+}
+
+
+@pytest.mark.parametrize(("claim", "code", "words"), [
+    ("holds", 0, "4 of 4 claims hold\n"),
+    ("known", 0, "0 of 4 claims hold; why the others do not is known\n"),
+    ("unknown", 1, "FAILS: s: f (wanted: w)\n"),
+])
+def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monkeypatch, tmp_path):
+    """Piped, it says on stderr what it is at."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(study_registry, "RESULTS", {
+        f"table-{n}": lambda engine, n=n: Table(n, "t", "a", [], [CLAIMS[claim]] * 2)
+        for n in (2, 3)})
+    done = CliRunner().invoke(reproduce, ["all"], standalone_mode=False)
+    assert done.return_value == code
+    assert words in done.stdout
+    assert done.stderr == "table-2: 1 of 2\ntable-3: 2 of 2\n"
+    assert ("nobody knows" in done.stdout) is (claim == "known")
+    page = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    assert ("nobody knows" in page) is (claim == "known")
+    quiet = CliRunner().invoke(reproduce, ["all", "--json"], standalone_mode=False)
+    assert quiet.stderr == ""
+    assert json.loads(quiet.stdout)["results"]["table-2"]["claims"][0]["holds"] is (
+        claim == "holds")
+
+
+@pytest.mark.parametrize(("what", "met"), [("holds", 17), ("known", 14), ("unknown", 12)])
+def test_what_is_known_of_table_10_is_bounded(what, met):
+    """Fewer cells than it has always met are news."""
+    cells = [Cell("r", f"c{i}", 1.0, 1.0, "agrees" if i < met else "differs", "n")
+             for i in range(19)]
+    found = _near_claim("cells", cells, 17, known=13)
+    assert (found.holds, bool(found.known)) == (what == "holds", what == "known")
+
+
+@pytest.mark.parametrize("folder", ["/dev/null/report", "file/report", "file", "page.html"])
+def test_report_that_cannot_be_written_is_refused_at_once(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr(study_registry, "compute", None)  # nothing is computed
+    with pytest.raises(InputError, match=f"--out '{folder}'"):
+        CliRunner().invoke(reproduce, ["table-2", "--out", folder], standalone_mode=False,
+                           catch_exceptions=False)
+
+
+def test_catalogue_is_complete():
+    expected = {f"table-{n}" for n in range(2, 15)} | {f"figure-{n}" for n in range(5, 17)}
+    assert {name for name in study_registry.RESULTS if not name.startswith("finding-")} == expected
+    assert study_registry.chosen("all") == list(study_registry.RESULTS)
+
+
+# ---------------------------------------------------------------- docs/paper.md
+
+
+@pytest.mark.parametrize("name", ["table-2", "table-4", "table-5", "table-6", "table-7",
+                                  "figure-5", "figure-9", "figure-10"])
+def test_committed_summary_is_what_is_computed(name, engine):
+    """These results are the same in the short version; the whole file is checked by -m slow."""
+    committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    assert section(study_registry.RESULTS[name](engine)) in committed
+
+
+@pytest.mark.slow
+def test_whole_committed_summary_is_what_is_computed():
+    committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    computed = study_registry.compute(study_registry.chosen("all"), Engine())
+    assert write_summary(computed) == committed
+
+
+def test_summary_has_no_digits_of_round_off(quick_results):
+    text = write_summary(quick_results)
+    assert not re.search(r"e-1[4-9]\b", text)

@@ -1,0 +1,161 @@
+"""``gyrospark sweep``: studies, estimates, pictures, and wrong files that end in one sentence."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import gyrospark as gs
+from gyrospark.sweeps import tiles
+from gyrospark.sweeps.cost_estimate import estimate
+from gyrospark.sweeps.results import fields_of
+from gyrospark.sweeps.study_file import parse_study
+from gyrospark.sweeps.sweep_plots import draw
+from processes import ROOT, cli
+from sweep_studies import GAMMAS, OVER, STUDY, TOP, study_file
+
+EXAMPLES = sorted((ROOT / "examples" / "studies").glob("*.toml"))
+
+
+def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
+    study_file(tmp_path)
+    done = cli("sweep", "study.toml", "--plot", "s.png", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["statuses"] == {"done": 1280}
+    result = gs.open_sweep(tmp_path / "study.zarr")
+    assert said["least"] == float(result.energy_error_max.min())
+    at = result.sel(gamma=said["least_at"]["gamma"], dt=said["least_at"]["dt"])
+    assert at.energy_error_max == said["least"]
+    assert (tmp_path / "s.png").stat().st_size > 5000
+    again = gyrospark("sweep", "study.toml", "--resume")
+    assert again.code == 0
+    assert "1,280 cells (40 gamma × 32 dt)" in again.stdout
+    assert gyrospark("sweep", "study.toml").code == 2
+
+
+def test_dry_run_computes_nothing_and_is_about_right(tmp_path, gyrospark):
+    path = study_file(tmp_path)
+    done = gyrospark("sweep", "study.toml", "--dry-run", "--json")
+    assert done.code == 0, done.stderr
+    said = done.document
+    assert (said["cells"], said["steps"]) == (1280, 1280 * 400)
+    assert not (tmp_path / "study.zarr").exists()
+    loaded = parse_study(STUDY, path)
+    assert said["disk_bytes"] == 1280 * sum(f.row_bytes for f in fields_of(loaded.study))
+    found = estimate(loaded.study, fields_of(loaded.study))
+    assert 0 < found.low <= found.cpu_seconds <= found.high < 60
+    assert found.tiles == len(list(tiles.tiles_of(loaded.study)))
+
+
+@pytest.mark.parametrize(("text", "fragments"), [
+    ("", ["model"]), ("x = ", ["not TOML"]), ("model = 3", ["model = 3"]),
+    (STUDY + "\n[extra]\n", ["'extra'"]),
+    (STUDY.replace("steps = 400", 'steps = "many"'), ["steps", "many"]),
+    (STUDY.replace("steps = 400", "steps = true"), ["steps"]),
+    (STUDY.replace("fast-top", "slow-top"), ["slow-top"]),
+    (STUDY.replace("fast-top", "nothing.toml"), ["nothing.toml"]),
+    (STUDY.replace("steps", "keep = 3\nsteps"), ["keep"]),
+    (STUDY.replace("steps", "settings = { x = 1 }\nsteps"), ["setting", "'x'", "fast-top"]),
+    (STUDY.replace("steps", "name = 1\nsteps"), ["name"]),
+    (STUDY.replace("[grid]", "[grid]\nstart = { q = 1 }"), ["start"]),
+])
+def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path, gyrospark):
+    study_file(tmp_path, text)
+    done = gyrospark("sweep", "study.toml")
+    assert done.code == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert all(fragment in done.stderr for fragment in [*fragments, "study.toml"]), done.stderr
+
+
+@pytest.mark.parametrize("arguments", [
+    ["--out", "none/s.zarr"], ["--out", "s.csv"], ["--workers", "x"], ["--show", "q"],
+    ["--plot", "s.txt"],
+    pytest.param(["--dask", "tcp://127.0.0.1:1"], marks=pytest.mark.slow)])
+def test_wrong_options_end_in_one_sentence(arguments, tmp_path, gyrospark):
+    study_file(tmp_path)
+    done = gyrospark("sweep", "study.toml", *arguments)
+    assert done.code == 2
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+def test_examples_are_studies_and_say_how_to_begin(path, gyrospark):
+    text = path.read_text(encoding="utf-8")
+    assert parse_study(text, path).study.size > 1
+    header = [line for line in text.splitlines() if line.startswith("#   gyrospark sweep ")]
+    words = header[0].removeprefix("#").split()
+    assert words[3:] == ["--dry-run"]
+    done = gyrospark(*words[1:])
+    assert done.code == 0, done.stderr
+
+
+def test_the_readmes_example_has_a_million_cells():
+    path = ROOT / "examples" / "studies" / "gamma_dt.toml"
+    study = parse_study(path.read_text(encoding="utf-8"), path).study
+    assert (study.size, study.steps) == (10**6, 1000)
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_pictures_of_one_and_three_axes_and_what_cannot_be_drawn(tmp_path):
+    one = gs.sweep(TOP, {"gamma": GAMMAS}, scheme="EMS", dt=1e-3, steps=5)
+    draw(one, "energy_error_max", tmp_path / "one.svg")
+    three = gs.sweep(TOP, {"scheme": ["EMS", "IMS"], **OVER}, steps=5)
+    draw(three, "iterations_mean", tmp_path / "three.pdf")
+    with pytest.raises(gs.InputError, match="cannot be drawn"):
+        draw(one, "q")
+    lost = gs.sweep(TOP, {"gamma": GAMMAS, "dt": [50.0, 60.0]}, scheme="EMS", steps=5)
+    draw(lost, "energy_error_max", tmp_path / "lost.png")
+
+
+def drawn(over, **arguments):
+    """Return the axes of a picture of a sweep."""
+    return draw(gs.sweep(TOP, over, steps=3, **arguments), "energy_error_max").axes[0]
+
+
+def spaced(low, high, count, spacing):
+    return {"from": low, "to": high, "count": count, "spacing": spacing}
+
+
+@pytest.mark.parametrize(("values", "scale"), [
+    (spaced(1e-4, 1e-2, 12, "linear"), "linear"), (spaced(1e-4, 1e-2, 12, "log"), "log"),
+    (spaced(1e-3, 2e-3, 5, "log"), "log"), ([1e-4, 2e-4, 5e-4, 1e-3, 2e-3], "log"),
+    ([1e-3, 2e-3], "linear"), ([1e-3], "linear"), ([3e-3, 1e-3, 2e-3], "linear"),
+    (spaced(-1e-3, -1e-2, 5, "log"), "linear")])
+def test_axes_are_drawn_as_they_are_spaced(values, scale):
+    axes = drawn({"dt": values}, scheme="EMS")
+    assert axes.get_xscale() == scale
+    assert (axes.lines[0].get_xdata() == sorted(axes.lines[0].get_xdata())).all()
+
+
+@pytest.mark.parametrize(("over", "names", "label", "scale"), [
+    ({"scheme": ["EMS", "G-L 2"], "gamma": spaced(4e-4, 4e-3, 12, "linear")}, ["EMS", "G-L 2"],
+     "γ (kg m²)", "linear"),
+    ({"dt": spaced(1e-4, 1e-2, 9, "log"), "scheme": ["EMS", "IMS"]}, ["EMS", "IMS"], "Δt (s)",
+     "log"),
+    ({"gamma": [8e-4, 1.2e-3], "dt": [1e-3, 2e-3, 3e-3]}, ["0.0008", "0.0012"], "Δt (s)",
+     "linear"),
+    ({"pair": {"gamma": [8e-4, 1e-3], "mgl": [0.3, 0.4]}, "dt": [1e-3, 2e-3, 4e-3]},
+     ["gamma = 0.0008, mgl = 0.3", "gamma = 0.001, mgl = 0.4"], "Δt (s)", "log"),
+    ({"start": {"angular_velocity": [[0, 0, 100], [0, 5, 100]]}, "dt": [1e-3, 2e-3]}, ["0", "1"],
+     "Δt (s)", "linear")])
+def test_few_values_are_lines(over, names, label, scale):
+    """Schemes, starts, points and short axes: one line each, named, over the other axis."""
+    axes = drawn(over, **({} if "scheme" in over else {"scheme": "EMS"}),
+                 **({} if "dt" in over else {"dt": 1e-3}))
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == names
+    assert (axes.get_xlabel(), axes.get_xscale()) == (label, scale)
+    assert len(axes.lines) == len(names)
+    assert not axes.collections
+
+
+def test_two_long_axes_are_colours():
+    """And what is fixed is said."""
+    over = {"scheme": ["EMS", "IMS"], "gamma": spaced(4e-4, 4e-3, 12, "log"),
+            "dt": spaced(1e-4, 1e-2, 11, "linear")}
+    axes = drawn(over)
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "linear")
+    assert len(axes.collections) == 1
+    assert not axes.lines
+    assert axes.get_title().endswith("scheme = EMS")

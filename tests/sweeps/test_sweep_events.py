@@ -1,0 +1,139 @@
+"""Events of a sweep's cells: first times and counts beside closed forms and single runs."""
+
+from __future__ import annotations
+
+import json
+
+import mpmath
+import numpy as np
+import pytest
+import sympy as sp
+from click.testing import CliRunner
+
+import gyrospark as gs
+from gyrospark.commands import gyrospark
+from sweep_studies import study_file
+
+SWINGS = [0.5, 1.0, 2.0]
+
+
+def pendulum(angle: float = 1.0) -> gs.Model:
+    """The pendulum of test_events, let go at an angle; it looks for the bottom."""
+    x, y, u, v, g = sp.symbols("x y u v g")
+    system = gs.System((x, y), (u, v), (g,), (u**2 + v**2) / 2 + g * y, (x**2 + y**2 - 1,),
+                       name="event_pendulum", quantities={"side": x, "height": y})
+    return gs.Model(system, {"g": 1.0}, [np.sin(angle), -np.cos(angle)], [0.0, 0.0], dt=0.05,
+                    events=[gs.Event("side")])
+
+
+def period(angle: float = 1.0) -> float:
+    """4 K(sin²(θ/2)), for g = l = 1."""
+    return float(4 * mpmath.ellipk(mpmath.sin(mpmath.mpf(angle) / 2) ** 2))
+
+
+def test_first_times_and_counts_are_those_of_the_closed_form() -> None:
+    """At T/4 + k T/2; NaN and 0 where none; every other result is that without events."""
+    model = pendulum()
+    run = {"scheme": "G-L", "stages": 5, "steps": 200, "every": 50}
+    over = {"g": SWINGS, "dt": [0.05, 0.02, -0.05]}
+    found = gs.sweep(model, over, **run, events=[
+        *model.events, gs.Event("side", direction=-1, name="falls"), gs.Event("v", level=9.0)])
+    plain = gs.sweep(model, over, **run)
+    for name in plain.variables:
+        assert np.array_equal(plain[name], found[name]), name
+    for i, g in enumerate(SWINGS):
+        for j, dt in enumerate(over["dt"]):
+            quarter, sign = period() / 4 / np.sqrt(g), np.sign(dt)
+            assert abs(found.event_side_first[i, j] - sign * quarter) < 1e-13
+            assert found.event_side_count[i, j] == (200 * abs(dt) + quarter) // (2 * quarter)
+            falls = found.event_falls_count[i, j]
+            assert falls == (200 * abs(dt) + 3 * quarter) // (4 * quarter)
+    assert np.isnan(found.event_v_first).all()
+    assert (found.event_v_count == 0).all()
+    assert found.event_side_first.attrs["units"] == "s"
+
+
+@pytest.mark.parametrize(("real", "solver"), [
+    ("double", "newton"), ("float", "auto"), ("long-double", "auto")])
+def test_cells_find_what_single_runs_find(real: str, solver: str) -> None:
+    """To the bit, in every type and by Newton's method, whatever the lengths of the cells."""
+    model = pendulum()
+    result = gs.sweep(model, {"dt": [0.05, 0.04]}, scheme="G-L", stages=5, duration=8.0,
+                      real=real, solver=solver, events=model.events)
+    step = gs.stepper("G-L", 5, system=model, real=real)
+    q, p = step.project(model.q0, model.p0, parameters=model.parameters)
+    for i, (dt, steps) in enumerate([(0.05, 160), (0.04, 200)]):
+        many = step.integrate_ensemble([q], [p], dt=dt, steps=steps, parameters=model.parameters,
+                                       solver=solver, events=model.events).events["side"]
+        assert result.event_side_first[i] == float(many.first[0])
+        assert result.event_side_count[i] == many.count[0]
+        assert many.count[0] == 2
+
+
+def test_a_cell_that_fails_has_no_events() -> None:
+    """NaN as its other results: nobody can say what would have come."""
+    model = pendulum()
+    states = {"q": [model.q0, [0.3, 0.3]], "p": [model.p0, [0.0, 0.0]]}
+    found = gs.sweep(model, {"start": states}, scheme="G-L", stages=5, steps=100,
+                     events=model.events)
+    assert found.status.values.tolist()[0] == 0 != found.status.values.tolist()[1]
+    assert np.isfinite(found.event_side_first).values.tolist() == [True, False]
+    assert np.isfinite(found.event_side_count).values.tolist() == [True, False]
+
+
+STUDY = """
+model = "fast-top"
+scheme = "G-L 2"
+steps = 200
+[grid]
+gamma = [8e-4, 1.2e-3, 1.6e-3]
+dt = [1e-3, 2e-3]
+[events]
+low = "q1=0.2 down"
+"""
+
+
+def test_a_study_has_events_and_its_store_keeps_to_them(tmp_path) -> None:
+    """A store is gone on with by the same events alone."""
+    study, store = study_file(tmp_path, STUDY), tmp_path / "cells.zarr"
+    command = ["sweep", str(study), "--out", str(store), "--show", "event_low_first", "--json"]
+    done = CliRunner().invoke(gyrospark, command, standalone_mode=False)
+    assert done.exception is None, done.output
+    kept = gs.open_sweep(store)
+    direct = gs.sweep("fast-top", {"gamma": [8e-4, 1.2e-3, 1.6e-3], "dt": [1e-3, 2e-3]},
+                      scheme="G-L", stages=2, steps=200,
+                      events=gs.Event("q1", level=0.2, direction=-1, name="low"))
+    for name in ("event_low_first", "event_low_count"):
+        assert np.array_equal(kept[name], direct[name])
+    assert (kept.event_low_count >= 1).all()
+    assert json.loads(done.output)["least"] == float(kept.event_low_first.min())
+    again = CliRunner().invoke(gyrospark, [*command, "--resume"], standalone_mode=False)
+    assert again.exception is None
+    study_file(tmp_path, STUDY.replace("0.2", "0.3"))
+    other = CliRunner().invoke(gyrospark, [*command, "--resume"], standalone_mode=False)
+    assert isinstance(other.exception, gs.InputError)
+    assert "events" in str(other.exception)
+
+
+@pytest.mark.parametrize(("events", "text"), [
+    (gs.Event("side", terminal=True), "'side' is terminal: it ends single runs"),
+    (gs.Event("sied"), "Unknown quantity of an event 'sied'.*did you mean side"),
+    (gs.Event("side", name="a/b"), "'a/b' names results of a sweep; give it a name of letters"),
+    ("side", "events = 'side' is no list of events"),
+])
+def test_wrong_events_end_in_a_sentence(events, text: str) -> None:
+    with pytest.raises(gs.InputError, match=text):
+        gs.sweep(pendulum(), {"g": SWINGS}, scheme="G-L", stages=5, steps=9, events=events)
+
+
+@pytest.mark.parametrize(("line", "text"), [
+    ("low = 3", r"\[events\] low = 3 is not text; write"),
+    ('low = "q1"', "The event 'q1' is not read; write"),
+    ('low = "q9=0"', "Unknown quantity of an event 'q9'"),
+])
+def test_wrong_events_of_a_study_end_in_a_sentence(tmp_path, line: str, text: str) -> None:
+    path = study_file(tmp_path, STUDY.replace('low = "q1=0.2 down"', line))
+    done = CliRunner().invoke(gyrospark, ["sweep", str(path)], standalone_mode=False)
+    assert isinstance(done.exception, gs.InputError)
+    with pytest.raises(gs.InputError, match=text):
+        raise done.exception

@@ -1,0 +1,186 @@
+"""Sweeps into a store: what is in it, and that a finished cell is never computed again."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.storage.writer_lock import claim
+from gyrospark.sweeps import compute_tile, local_threads, tiles
+from gyrospark.sweeps.cost_estimate import estimate
+from gyrospark.sweeps.plan import plan
+from gyrospark.sweeps.results import NOT_COMPUTED, done_tiles, fields_of
+from interruption import differences
+from sweep_studies import OVER, TOP
+
+
+@pytest.fixture
+def small_tiles(monkeypatch):
+    """Tiles of 64 cells: several even of a small sweep."""
+    monkeypatch.setattr(tiles, "_LEAST_STORED", 1)
+    monkeypatch.setattr(tiles, "_TILES", 2**30)
+
+
+def test_a_store_holds_what_memory_holds(tmp_path, small_tiles):
+    path = tmp_path / "s.zarr"
+    over = {"scheme": ["EMS", "G-L 2"], "gamma": list(np.geomspace(8e-4, 2e-3, 13)),
+            "dt": list(np.geomspace(1e-4, 2e-3, 11))}
+    stored = gs.sweep(TOP, over, steps=20, out=path)
+    assert stored.identical(gs.sweep(TOP, over, steps=20))
+    opened = gs.open_sweep(path)
+    assert opened.equals(stored)
+    assert (opened.sel(scheme="G-L 2").status == 0).all()
+    other = gs.sweep(TOP, over, steps=20, out=tmp_path / "t.zarr", workers=1)
+    assert other.equals(stored)
+    assert differences(path, tmp_path / "t.zarr") == []
+
+
+def test_finished_cells_are_never_computed_again(tmp_path, small_tiles, monkeypatch):
+    over = {"gamma": list(np.linspace(8e-4, 2e-3, 40)), "dt": list(np.linspace(1e-4, 1e-3, 16))}
+    choice = {"scheme": "G-L", "stages": 2, "steps": 5}
+    gs.sweep(TOP, over, **choice, out=tmp_path / "whole.zarr")
+    computed: list[tuple[int, ...]] = []
+    path, done = tmp_path / "s.zarr", set()
+
+    def counted(study, fields, tile):
+        assert tile.place not in done
+        computed.append(tile.place)
+        return compute_tile.compute(study, fields, tile)
+
+    def ended(finished, everything):
+        if finished >= ended.at:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(local_threads, "compute", counted)
+    for ended.at in (1, 200, 321):
+        with pytest.raises(KeyboardInterrupt):
+            gs.sweep(TOP, over, **choice, out=path, resume=True, workers=1, progress=ended)
+        done = done_tiles(path)
+    gs.sweep(TOP, over, **choice, out=path, resume=True)
+    assert set(computed) == {tile.place for tile in tiles.tiles_of(plan(TOP, over, **choice))}
+    before = len(computed)
+    gs.sweep(TOP, over, **choice, out=path, resume=True)
+    assert len(computed) == before
+    assert differences(path, tmp_path / "whole.zarr") == []
+
+
+def test_an_unfinished_sweep_can_be_read(tmp_path, small_tiles):
+    path = tmp_path / "s.zarr"
+
+    def end(finished, everything):
+        if finished:
+            raise KeyboardInterrupt
+
+    over = {"gamma": list(np.linspace(8e-4, 2e-3, 400))}
+    with pytest.raises(KeyboardInterrupt):
+        gs.sweep(TOP, over, scheme="EMS", dt=1e-3, steps=5, out=path, workers=1, progress=end)
+    found = gs.open_sweep(path)
+    states = np.asarray(found.status)
+    assert {0, NOT_COMPUTED} == set(states.tolist())
+    assert np.isfinite(found.q.values[states == 0]).all()
+    assert np.isnan(found.q.values[states == NOT_COMPUTED]).all()
+
+
+@pytest.mark.parametrize(("change", "fragment"), [
+    ({"steps": 6}, "steps was 5 and is 6"), ({"dt": 2e-3}, "dt was 0.001 and is 0.002"),
+    ({"scheme": "IMS"}, "steppers"), ({"parameters": {"mgl": 0.5}}, "parameters.mgl"),
+    ({"over": {"gamma": [1e-3, 3e-3]}}, "axes.gamma"), ({"keep": ["q"]}, "results"),
+    ({"tolerance": 1e-9}, "tolerance")])
+def test_another_sweep_is_not_gone_on_with(change, fragment, tmp_path):
+    path = tmp_path / "s.zarr"
+    arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5}
+    gs.sweep(TOP, **arguments, out=path)
+    with pytest.raises(gs.InputError, match="is there already"):
+        gs.sweep(TOP, **arguments, out=path)
+    with pytest.raises(gs.InputError) as error:
+        gs.sweep(TOP, **(arguments | change), out=path, resume=True)
+    assert fragment in str(error.value)
+
+
+def test_a_store_in_other_tiles_is_not_gone_on_with(tmp_path, monkeypatch):
+    """A tile is a chunk: what is one depends on the version."""
+    arguments = {"over": OVER, "scheme": "EMS", "steps": 5, "out": tmp_path / "s.zarr"}
+    gs.sweep(TOP, **arguments)
+    monkeypatch.setattr(tiles, "_cells_of_a_tile", lambda study, stored: 1)
+    with pytest.raises(gs.InputError, match=r"tile was \[3, 2\] and is \[1, 1\]"):
+        gs.sweep(TOP, **arguments, resume=True)
+
+
+def test_sweep_of_another_version(tmp_path, monkeypatch):
+    """It is told as what it is; one whose layout is the same is read."""
+    path = tmp_path / "s.zarr"
+    arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5}
+    made = gs.sweep(TOP, **arguments, out=path).load()
+    file = path / "zarr.json"
+    file.write_text(file.read_text().replace(f'"gyrospark": "{gs.__version__}"',
+                                             '"gyrospark": "7.3"'))
+    assert gs.open_sweep(path).load().equals(made)
+    with pytest.raises(gs.InputError, match=r"was written by gyrospark 7\.3; this is gyrospark"):
+        gs.sweep(TOP, **arguments, out=path, resume=True)
+    monkeypatch.setattr("gyrospark.sweeps.results.FORMAT", 2)
+    with pytest.raises(gs.InputError, match=r"7\.3; .* its format is 1, and 2 is known here"):
+        gs.open_sweep(path)
+
+
+def test_what_is_no_sweep_is_refused(tmp_path):
+    (tmp_path / "s.zarr").mkdir()
+    with pytest.raises(gs.StorageError, match="no sweep"):
+        gs.sweep(TOP, OVER, scheme="EMS", steps=5, out=tmp_path / "s.zarr", resume=True)
+    with pytest.raises(gs.InputError, match="no sweep"):
+        gs.open_sweep(tmp_path / "s.zarr")
+
+
+def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monkeypatch):
+    over = {"gamma": list(np.linspace(8e-4, 2e-3, 300))}
+    choice = {"scheme": "EMS", "dt": 1e-3, "steps": 5}
+    gs.sweep(TOP, over, **choice, out=tmp_path / "whole.zarr")
+    from gyrospark.storage import durable_files
+
+    write = durable_files.write_durably
+
+    def full(path, data, workshop=None):
+        full.left -= 1
+        if full.left < 0:
+            raise OSError(28, "No space left on device")
+        write(path, data, workshop)
+
+    path = tmp_path / "s.zarr"
+    monkeypatch.setattr(durable_files, "write_durably", full)
+    for full.left in itertools.count(1, 7):
+        try:
+            gs.sweep(TOP, over, **choice, out=path, resume=True)
+            break
+        except gs.StorageError as error:
+            assert "No space left" in str(error)  # noqa: PT017 (the last one finds room)
+    assert full.left > 20
+    assert differences(path, tmp_path / "whole.zarr") == []
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_every_tile_has_a_file_of_every_result(tmp_path, small_tiles):
+    """Zeros and NaN too: the dry run counts them, and what is missing is lost, not zero."""
+    path = tmp_path / "s.zarr"
+    over = {"gamma": [1.6e-3] * 40, "dt": [50.0, 60.0]}  # no cell gets anywhere
+    result = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3, out=path)
+    assert (result.status != 0).all()
+    study = plan(TOP, over, scheme="G-L", stages=2, steps=3)
+    fields = fields_of(study)
+    said = estimate(study, fields)
+    files = [file for field in fields for file in (path / field.name / "c").rglob("*")
+             if file.is_file()]
+    assert len(files) == said.files == len(fields) * said.tiles > len(fields)
+    assert sum(file.stat().st_size - 4 for file in files) == said.disk_bytes  # a checksum each
+
+
+def test_keep_keeps_what_it_names(tmp_path):
+    result = gs.sweep(TOP, OVER, scheme="EMS", steps=5, keep=["energy_error_max"],
+                      out=tmp_path / "s.zarr")
+    assert set(result.data_vars) == {"energy_error_max", "status"}
+
+
+def test_two_sweeps_on_one_store_do_not_meet(tmp_path):
+    with claim(tmp_path / "s.zarr"), pytest.raises(gs.StorageError, match="Another process"):
+        gs.sweep(TOP, OVER, scheme="EMS", steps=5, out=tmp_path / "s.zarr")

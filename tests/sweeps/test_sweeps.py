@@ -1,0 +1,258 @@
+"""Sweeps: each cell is the run it stands for, and what cannot be swept is refused."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+from gyrospark.sweeps import compute_tile, local_threads, tiles
+from gyrospark.sweeps.axes import value_axis
+from gyrospark.sweeps.plan import plan
+from gyrospark.sweeps.results import BAD_START, Store, fields_of, meanings
+from sweep_studies import GAMMAS, OVER, STEPS, TOP
+
+
+def pendulum(**more):
+    q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
+    m, g, l = sp.symbols("m g l", positive=True)  # noqa: E741
+    return gs.System(q, p, (m, g, l), H=(p[0]**2 + p[1]**2) / (2 * m) + m * g * q[1],
+                     constraints=[q[0]**2 + q[1]**2 - l**2], name="swept_pendulum", **more)
+
+
+def pendulum_model(**more):
+    return gs.Model(pendulum(**more), {"m": 1.0, "g": 9.81, "l": 1.0}, [0.6, -0.8], [0.8, 0.6],
+                    dt=0.01)
+
+
+def alone(step, parameters, dt, steps, q=TOP.q0, p=TOP.p0, **options):
+    """Return one trajectory by itself, in the lanes that sweeps use."""
+    many = step.integrate_ensemble(np.array([q]), np.array([p]), dt=dt, steps=steps,
+                                   parameters=parameters, **options)
+    return many.members[0]
+
+
+# ---------------------------------------------------------------- cells are runs
+
+
+@pytest.mark.parametrize(("scheme", "stages", "rep", "real"), [
+    ("IMS", None, "alpha", "double"), ("LIIIA-B", 4, "alpha", "double"),
+    *((*scheme, "gamma", real) for scheme in (("EMS", None), ("G-L", 2))
+      for real in ("double", "float", "long-double"))])
+def test_cells_are_runs_to_the_bit(scheme, stages, rep, real):
+    over = {rep: GAMMAS, "dt": STEPS}
+    result = gs.sweep("fast-top", over, scheme=scheme, stages=stages, rep=rep, real=real, steps=30,
+                      every=10)
+    step = gs.stepper(scheme, stages, rep, real=real)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=TOP.parameters | {rep: GAMMAS[0]})
+    assert result.energy_error_max.dims == (rep, "dt")
+    for (i, value), (j, dt) in itertools.product(enumerate(GAMMAS), enumerate(STEPS)):
+        cell = result.isel({rep: i, "dt": j})
+        run = alone(step, TOP.parameters | {rep: value}, dt, 30, q, p, every=10)
+        report = run.report
+        assert np.array_equal(cell.q, run.q[-1].astype(float))
+        assert np.array_equal(cell.p_samples, run.p.astype(float))
+        assert cell.energy_error_max == report.energy_error_max
+        assert cell.energy_error_mean == pytest.approx(report.energy_error_mean, rel=1e-6)
+        assert cell.constraint_max == report.constraint_max
+        assert cell.momentum_constraint_max == report.momentum_constraint_max
+        assert cell.iterations_mean == report.iterations_mean
+        assert (cell.iterations_max, cell.steps_done) == (report.iterations_max, 30)
+        assert cell.status == 0
+
+
+@pytest.mark.parametrize("solver", ["newton", "fixed-point"])
+def test_solvers(solver):
+    result = gs.sweep(TOP, OVER, scheme="G-L", stages=2, steps=20, solver=solver)
+    step = gs.stepper("G-L", 2)
+    run = alone(step, TOP.parameters | {"gamma": GAMMAS[1]}, STEPS[1], 20, solver=solver)
+    assert np.array_equal(result.q[1, 1], run.q[-1])
+
+
+def test_schemes_starts_lists_and_draws():
+    spins = [[0, 0, 100.0], [0, 1.0, 120.0]]
+    over = {"scheme": ["EMS", ("G-L", 2), "LIIIA-B 3"], "start": {"angular_velocity": spins},
+            "pair": {"gamma": [1e-3, 2e-3], "dt": [1e-3, 5e-4]},
+            "drawn": {"count": 3, "seed": 5, "mgl": {"from": 0.3, "to": 0.5}}}
+    result = gs.sweep("fast-top", over, steps=7)
+    assert dict(result.sizes) == {"scheme": 3, "start": 2, "pair": 2, "drawn": 3, "coordinate": 4}
+    assert list(result["coordinate"].values) == ["q0", "q1", "q2", "q3"]
+    assert list(result.scheme.values) == ["EMS", "G-L 2", "LIIIA-B 3"]
+    assert result.attrs["seed"] == 5
+    assert ((result.mgl >= 0.3) & (result.mgl <= 0.5)).all()
+    again = gs.sweep("fast-top", over, steps=7)
+    assert result.identical(again)
+    for k, (scheme, stages) in enumerate([("EMS", None), ("G-L", 2), ("LIIIA-B", 3)]):
+        parameters = TOP.parameters | {"gamma": 2e-3, "mgl": result.mgl.values[2]}
+        q, p = TOP.q0, gs.momentum(TOP.q0, spins[1], TOP.inertia)
+        run = alone(gs.stepper(scheme, stages), parameters, 5e-4, 7, q, p)
+        assert np.array_equal(result.q[k, 1, 1, 2], run.q[-1])
+
+
+def test_a_system_of_ones_own_with_forces_time_and_quantities():
+    t = sp.Symbol("t")
+    y = sp.Symbol("y", real=True)
+    model = pendulum_model(forces=[sp.cos(3 * t), -0.1 * y], time=t, quantities={"height": y + t})
+    result = gs.sweep(model, {"m": [1.0, 2.0]}, scheme="G-L", stages=2, steps=40)
+    step = gs.stepper("G-L", 2, system=model.system)
+    q, p = step.project(model.q0, model.p0, parameters=model.parameters)
+    run = alone(step, {"m": 2.0, "g": 9.81, "l": 1.0}, 0.01, 40, q, p)
+    assert result.work[1] == run.report.work != 0
+    assert result.quantity_height[1] == run.quantity("height")[-1]
+    assert result.energy_error_max[1] == run.report.energy_error_max
+
+
+def test_no_fast_path_no_constraint_no_parameter():
+    """A tableau-free corner: nothing is swept side by side, nothing needs to be consistent."""
+    x, px = sp.symbols("x px", real=True)
+    model = gs.Model(gs.System([x], [px], (), H=px**2 / 2 + x**4, name="quartic"), {}, [1.0], [0.0])
+    result = gs.sweep(model, {"dt": [0.01, 0.02, 0.05]}, scheme="EMS", steps=50, solver="newton")
+    run = alone(gs.stepper("EMS", system=model.system), {}, 0.05, 50, [1.0], [0.0],
+                solver="newton")
+    assert np.array_equal(result.q[2], run.q[-1])
+
+
+def test_a_duration_gives_each_step_its_number():
+    result = gs.sweep(TOP, {"dt": [1e-3, 3e-4, 7e-3]}, scheme="EMS", duration=0.02)
+    assert list(result.steps_done) == [20, 67, 3]
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(1, 9), st.integers(1, 40), st.integers(1, 3), st.integers(0, 2**31))
+def test_tiles_cover_every_cell_once_and_change_nothing(rows, columns, workers, seed):
+    numbers = np.random.default_rng(seed)
+    over = {"gamma": list(numbers.uniform(6e-4, 3e-3, rows)),
+            "dt": list(numbers.uniform(1e-4, 3e-3, columns))}
+    study = plan(TOP, over, scheme="G-L", stages=2, steps=3)
+    with pytest.MonkeyPatch.context() as patch:
+        whole = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3)
+        patch.setattr(tiles, "_cells_of_a_tile", lambda study, stored: int(numbers.integers(1, 30)))
+        fixed = tiles.tile_shape(study)
+        patch.setattr(tiles, "tile_shape", lambda study, stored=True: fixed)
+        seen = np.zeros(study.shape, dtype=int)
+        for tile in tiles.tiles_of(study):
+            seen[tile.slices] += 1
+        assert (seen == 1).all()
+        parts = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3, workers=workers)
+    assert parts.equals(whole)
+
+
+# ---------------------------------------------------------------- cells that fail
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_a_diverging_cell_is_nan_with_its_reason_and_the_others_stay():
+    over = {"gamma": [1.6e-3], "dt": [1e-3, 0.3, 2e-3, 50.0]}
+    result = gs.sweep(TOP, over, scheme="G-L", stages=3, steps=10)
+    good = gs.sweep(TOP, {"gamma": [1.6e-3], "dt": [1e-3, 2e-3]}, scheme="G-L", stages=3, steps=10)
+    assert list(result.status[0] == 0) == [True, False, True, False]
+    assert result.isel(dt=[0, 2]).drop_vars("dt").equals(good.drop_vars("dt"))
+    lost = result.isel(gamma=0, dt=1)
+    assert np.isnan(lost.q).all()
+    assert np.isnan(lost.energy_error_max)
+    assert lost.steps_done < 10
+    assert int(lost.status) in meanings()
+    words = result.status.attrs["flag_meanings"].split()
+    assert words[result.status.attrs["flag_values"].index(int(lost.status))] in (
+        "not_converged", "singular_matrix", "not_finite")
+
+
+@pytest.mark.parametrize("scheme", ["G-L 2", "EMS"])
+def test_a_start_off_the_constraints_is_told(scheme):
+    q = np.array([TOP.q0, 1.001 * TOP.q0, TOP.q0])
+    p = np.array([TOP.p0, TOP.p0, TOP.p0 + 0.1 * TOP.q0])
+    result = gs.sweep(TOP, {"start": (q, p)}, scheme=scheme, dt=1e-3, steps=5)
+    assert list(result.status) == [0, BAD_START, BAD_START]
+    assert list(result.steps_done) == [5, 0, 0]
+    assert np.isnan(result.q[1:]).all()
+
+
+def test_a_start_is_judged_with_the_parameters_of_its_cell():
+    """g of the pendulum has l in it: the start fits one length only."""
+    model = pendulum_model()
+    result = gs.sweep(model, {"l": [1.0, 1.5], "m": [1.0, 2.0]}, scheme="G-L", stages=2, steps=5)
+    assert result.status.values.tolist() == [[0, 0], [BAD_START, BAD_START]]
+
+
+@pytest.mark.parametrize("count", [2, 3, 50])
+def test_logarithmic_range_ends_at_the_largest_double(count):
+    largest = np.finfo(float).max
+    values = value_axis("gamma", {"from": 1e300, "to": largest, "count": count,
+                                  "spacing": "log"}).columns["gamma"]
+    assert (values[0], values[-1]) == (1e300, largest)
+    assert (np.diff(values) > 0).all()
+
+
+# ---------------------------------------------------------------- what cannot be swept
+
+
+@pytest.mark.parametrize(("over", "options", "fragments"), [
+    ({}, {}, ["Nothing varies"]),
+    ({"gamma": []}, {}, ["gamma", "no list"]),
+    ({"I1": [1e-3, -1e-3]}, {}, ["I1", "-0.001", "positive"]),
+    ({"gamma": [1e-3, 0]}, {}, ["gamma", "nonzero"]),
+    ({"gamma": [[1e-3]]}, {}, ["gamma"]),
+    ({"gamma": "abc"}, {}, ["gamma"]),
+    ({"gamma": [float("nan")]}, {}, ["finite"]),
+    ({"gama": [1e-3]}, {}, ["gama"]),
+    ({"dt": [0.0, 1e-3]}, {"dt": None}, ["dt"]),
+    ({"gamma": {"from": 0, "to": 1, "count": 3, "spacing": "log"}}, {}, ["logarithm"]),
+    ({"gamma": {"from": -1e-200, "to": 1e-200, "count": 3, "spacing": "log"}}, {}, ["logarithm"]),
+    ({"gamma": {"from": 1e-200, "to": 1e200, "count": 3, "spacing": "log"}}, {}, ["wider"]),
+    ({"gamma": {"from": 1e200, "to": 1e-200, "count": 3, "spacing": "log"}}, {}, ["wider"]),
+    ({"gamma": {"from": -1e308, "to": 1e308, "count": 3}}, {}, ["wider"]),
+    ({"gamma": {"from": 1e-3, "to": 1e-2}}, {}, ["count"]),
+    ({"gamma": {"from": 1e-3, "to": 1e-2, "count": 2, "spacing": "cubic"}}, {}, ["cubic"]),
+    ({"gamma": {"from": 1e-3, "to": 1e-2, "count": 2, "step": 1}}, {}, ["range"]),
+    ({"a": {"gamma": [1e-3]}, "b": {"gamma": [1e-3]}}, {}, ["varies along", "'a'", "'b'"]),
+    ({"a": {"gamma": [1e-3, 2e-3], "dt": [1e-3]}}, {"dt": None}, ["different lengths"]),
+    ({"a": {"nothing": [1.0]}}, {}, ["nothing"]),
+    ({"start": [1, 2]}, {}, ["start"]),
+    ({"start": {"q": [[1, 0, 0, 0]], "p": [[0, 0, 0]]}}, {}, ["shapes"]),
+    ({"start": {"q": [[1, 0, 0]], "p": [[0, 0, 0]]}}, {}, ["3 numbers"]),
+    ({"scheme": ["EMS"]}, {}, ["leave out scheme"]),
+    ({"gamma": [1e-3]}, {"scheme": None}, ["scheme is not given"]),
+    ({"gamma": [1e-3]}, {"scheme": "G-L x"}, ["G-L x"]),
+    ({"gamma": [1e-3]}, {"steps": None}, ["steps", "duration"]),
+    ({"gamma": [1e-3]}, {"duration": 1.0}, ["steps", "duration"]),
+    ({"gamma": [1e-3]}, {"steps": None, "duration": -1.0}, ["duration"]),
+    ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0, "every": 2}, ["every needs steps"]),
+    ({"gamma": [1e-3]}, {"steps": 0}, ["steps"]),
+    ({"gamma": [1e-3]}, {"every": 0}, ["every"]),
+    ({"gamma": [1e-3]}, {"solver": "python"}, ["python"]),
+    ({"gamma": [1e-3]}, {"real": "float128"}, ["float128"]),
+    ({"gamma": [1e-3]}, {"keep": ["energy"]}, ["'energy'", "energy_error_max"]),
+    ({"gamma": [1e-3]}, {"workers": 0}, ["workers"]),
+    ({"gamma": [1e-3]}, {"dt": None}, ["dt"]),
+    ({"gamma": [1e-3]}, {"parameters": {"mgl": "heavy"}}, ["mgl", "heavy"]),
+    ({"gamma": [1e-3]}, {"resume": True}, ["resume"]),
+    ([("gamma", [1e-3])], {}, ["no dict"]),
+])
+def test_refusals_come_before_anything_is_computed(over, options, fragments, monkeypatch):
+    monkeypatch.setattr(local_threads, "compute", None)
+    choice = {"scheme": "EMS", "steps": 10, "dt": 1e-3} | options
+    with pytest.raises(gs.InputError) as error:
+        gs.sweep("fast-top", over, **choice)
+    assert all(fragment in str(error.value) for fragment in fragments), str(error.value)
+
+
+def test_a_system_without_a_start_is_told_how_it_gets_one():
+    with pytest.raises(gs.InputError, match=r"is nothing to sweep; .* gs\.Model\(system, "):
+        gs.sweep(pendulum_model().system, {"dt": [0.1]}, scheme="EMS", steps=1)
+
+
+def test_studies_and_stores_travel():
+    study = plan(TOP, OVER, scheme="EMS", steps=5)
+    there = pickle.loads(pickle.dumps((study, Store(Path("x")))))[0]
+    tile = next(tiles.tiles_of(study))
+    fields = fields_of(study)
+    here = compute_tile.compute(study, fields, tile)
+    for name, values in compute_tile.compute(there, fields, tile).items():
+        assert np.array_equal(values, here[name])
