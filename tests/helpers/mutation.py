@@ -1,9 +1,9 @@
 """Mutation: change one place of the code, run the tests that execute it, see whether one fails.
 
-    python tests/helpers/mutation.py map                   which tests execute which line (needs coverage)
-    python tests/helpers/mutation.py run --mutants 300     take mutants at random, write log.jsonl, resume
-    python tests/helpers/mutation.py run --again           the survivors of the log, after a test was added
-    python tests/helpers/mutation.py table                 share caught by package, and the survivors
+    python mutation.py map                   which tests execute which line (needs coverage)
+    python mutation.py run --mutants 300     take mutants at random, write log.jsonl, resume
+    python mutation.py run --again           the survivors of the log, after a test was added
+    python mutation.py table                 share caught by package, and the survivors
 
 ``mutants.py`` has the changes, and what is left out. A mutant is caught when a test that executes
 its line fails or runs too long; it survives when all of them pass, about two minutes of them at
