@@ -38,7 +38,8 @@ ROOT = next(folder for folder in Path(__file__).resolve().parents
 EXPLAINED = ROOT / "tests" / "data" / "mutation_survivors.json"
 #: Test files that look at text, pages and packaging, or take minutes, and see no behaviour.
 UNRELATED = re.compile(
-    r"/(benchmarks|docs|fuzz|project|studies)/|bytecode|citations|first_call|naming|notebooks|residues")
+    r"/(benchmarks|docs|fuzz|studies)/|architecture|bare|citations|docstrings|first_call|naming|"
+    r"notebooks|packaging|project_files|recipes|residues|_mutants")
 
 
 # ---------------------------------------------------------------- as a plugin of pytest
