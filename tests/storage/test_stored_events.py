@@ -175,7 +175,7 @@ def test_a_run_that_an_event_has_ended_takes_no_more_steps(tmp_path) -> None:
     for steps in (60, 200):
         found = gs.record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": steps})
         assert found.status == "ended: stop"
-        assert "ended: stop, 29 of 60 steps" in repr(found)
+        assert "ended: stop, 29 of 60" in repr(found)
     assert as_files(tmp_path / "run.zarr") == before
     assert_same(found.trajectory(), step.integrate(**run))
 
@@ -192,26 +192,26 @@ def test_the_order_of_events_is_no_part_of_a_run(tmp_path, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(("events", "words"), [
-    ([], r"events was \{.*\} and is None"),
-    (EVENTS[:3], r"events\.never was \{.*\} and is None"),
-    ([*EVENTS, STOP], r"events\.stop was None and is \{'quantity': 'side'"),
+    ([], r"events was \{.*None"),
+    (EVENTS[:3], r"events\.never was \{.*None"),
+    ([*EVENTS, STOP], r"events\.stop was None.*\{'quantity': 'side'"),
     ([*EVENTS[:3], gs.Event("side", level=0.1, name="never")],
-     r"events\.never\.level was 5\.0 and is 0\.1"),
+     r"events\.never\.level.*5\.0.*0\.1"),
     ([*EVENTS[:3], gs.Event("side", level=5, direction=1, terminal=True, name="never")],
-     r"events\.never\.direction was 0 and is 1; events\.never\.terminal was False and is True"),
+     r"events\.never\.direction.*0.*1.*events\.never\.terminal.*False.*True"),
 ])
 def test_a_run_with_other_events_is_another_run(events, words, tmp_path) -> None:
     step, run = arguments(steps=3)
     gs.record(step, out=tmp_path / "run.zarr", **run)
     before = as_files(tmp_path / "run.zarr")
-    with pytest.raises(gs.InputError, match="holds another run and cannot.*" + words):
+    with pytest.raises(gs.InputError, match="another run.*" + words):
         gs.record(step, out=tmp_path / "run.zarr", resume=True, **run | {"events": events})
     assert as_files(tmp_path / "run.zarr") == before
 
 
 def test_names_that_arrays_cannot_have(tmp_path) -> None:
     step, run = arguments(events=gs.Event("side", name="../side"))
-    with pytest.raises(gs.InputError, match=r"The event '../side' names arrays of a store; give"):
+    with pytest.raises(gs.InputError, match=r"'\.\./side'"):
         gs.record(step, out=tmp_path / "run.zarr", **run)
     assert not (tmp_path / "run.zarr").exists()
 
@@ -227,7 +227,7 @@ def test_states_between_the_steps_of_a_stored_run(tmp_path) -> None:
     times = [0.0, 1.234, 2.8, float(whole.t[-2]) + 0.01, whole.t[-1]]
     assert_same(stored.at(times, stepper=step), whole.at(times))
     assert bits(stored.at(times, stepper=step).q[-1]) == bits(whole.events["stop"].q[0])
-    with pytest.raises(gs.InputError, match="outside of the run"):
+    with pytest.raises(gs.InputError, match="outside"):
         stored.at([5.0], stepper=step)
 
 
@@ -250,11 +250,11 @@ def damaged(store, **changes):
 
 
 @pytest.mark.parametrize(("changes", "words"), [
-    ({"events": {}}, r"events are \{\}, and .* were asked for"),
-    ({"events": 3}, "events are 3, and .* were asked for"),
+    ({"events": {}}, r"events are \{\}"),
+    ({"events": 3}, "events are 3"),
     ({"events": {"side": -1}}, r"events\.side is -1"),
-    ({"events": {"side": 7}}, "array 'event_side_t' has not 7 rows"),
-    ({"status": "ended: side"}, "status is 'ended: side', and that has not happened"),
+    ({"events": {"side": 7}}, "'event_side_t'.* 7 rows"),
+    ({"status": "ended: side"}, "'ended: side'"),
 ])
 def test_a_store_that_says_other_events_is_damaged(changes, words, tmp_path) -> None:
     step, run = arguments(steps=9, events=gs.Event("side"))
@@ -271,10 +271,10 @@ def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
     shutil.rmtree(tmp_path / "run.zarr" / "event_side_q" / "c")
     for use in (lambda: stored.events, stored.trajectory,
                 lambda: stored.export(tmp_path / "run.csv")):
-        with pytest.raises(gs.InputError, match="of array 'event_side_q' are missing"):
+        with pytest.raises(gs.InputError, match="'event_side_q'"):
             use()
     shutil.rmtree(tmp_path / "run.zarr" / "event_side_q")
-    with pytest.raises(gs.InputError, match="array 'event_side_q' is missing or cannot be read"):
+    with pytest.raises(gs.InputError, match=r"'event_side_q'.*missing"):
         gs.open_recording(tmp_path / "run.zarr")
 
 

@@ -217,13 +217,13 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ({"start": [1, 2]}, {}, ["start"]),
     ({"start": {"q": [[1, 0, 0, 0]], "p": [[0, 0, 0]]}}, {}, ["shapes"]),
     ({"start": {"q": [[1, 0, 0]], "p": [[0, 0, 0]]}}, {}, ["3 numbers"]),
-    ({"scheme": ["EMS"]}, {}, ["leave out scheme"]),
-    ({"gamma": [1e-3]}, {"scheme": None}, ["scheme is not given"]),
+    ({"scheme": ["EMS"]}, {}, ["leave", "scheme"]),
+    ({"gamma": [1e-3]}, {"scheme": None}, ["scheme", "given"]),
     ({"gamma": [1e-3]}, {"scheme": "G-L x"}, ["G-L x"]),
     ({"gamma": [1e-3]}, {"steps": None}, ["steps", "duration"]),
     ({"gamma": [1e-3]}, {"duration": 1.0}, ["steps", "duration"]),
     ({"gamma": [1e-3]}, {"steps": None, "duration": -1.0}, ["duration"]),
-    ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0, "every": 2}, ["every needs steps"]),
+    ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0, "every": 2}, ["every needs"]),
     ({"gamma": [1e-3]}, {"steps": 0}, ["steps"]),
     ({"gamma": [1e-3]}, {"every": 0}, ["every"]),
     ({"gamma": [1e-3]}, {"solver": "python"}, ["python"]),
@@ -244,7 +244,7 @@ def test_refusals_come_before_anything_is_computed(over, options, fragments, mon
 
 
 def test_a_system_without_a_start_is_told_how_it_gets_one():
-    with pytest.raises(gs.InputError, match=r"is nothing to sweep; .* gs\.Model\(system, "):
+    with pytest.raises(gs.InputError, match=r"sweep.*gs\.Model\(system, "):
         gs.sweep(pendulum_model().system, {"dt": [0.1]}, scheme="EMS", steps=1)
 
 

@@ -127,7 +127,7 @@ def test_shapes(scheme, stages):
         assert run.multipliers.shape == shapes[m]
         nodes = counts[scheme] - 1
         assert step.unknowns == (2 * n * stages + m * nodes if stages else 2 * n + m)
-        with pytest.raises(gs.GyrosparkError, match="not one rigid body"):
+        with pytest.raises(gs.GyrosparkError, match="rigid"):
             run.axis()
 
 
@@ -168,7 +168,7 @@ def test_project(name):
     """A state off the constraints is refused, and accepted once projected."""
     step, example = stepper_for(name, "G-L", 2), EXAMPLES[name]
     run = {"dt": 0.01, "parameters": example.parameters}
-    with pytest.raises(gs.InputError, match="off the constraints"):
+    with pytest.raises(gs.InputError, match="constraints"):
         step.step(example.q, example.p, **run)
     q, p = step.project(example.q, example.p, parameters=example.parameters)
     equations = example.by_hand(float)

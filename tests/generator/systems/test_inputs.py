@@ -138,7 +138,7 @@ def test_a_simulation_is_fed_as_it_goes():
         assert np.array_equal(copy.q, sim.q)
         assert sim.parameters["push"] == one
     assert sim.report.energy_error_max == run.report.energy_error_max
-    with pytest.raises(InputError, match="'pus' is no input of this system, which has push, pull"):
+    with pytest.raises(InputError, match=r"'pus'.*push, pull"):
         sim.advance(1, pus=2)
     with pytest.raises(InputError, match="Input push"):
         sim.advance(1, push="left")
@@ -155,7 +155,7 @@ def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
                             **what)
     found, read = varied.at([0.33]), gs.Trajectory.load(varied.save(tmp_path / "run.npz"))
     for forgotten in (found, read):
-        with pytest.raises(InputError, match="'push' changes in this run"):
+        with pytest.raises(InputError, match=r"'push'.*changes"):
             step.at(forgotten, [0.33])
 
 
@@ -265,8 +265,8 @@ def test_a_file_names_inputs(gyrospark, tmp_path):
                        "--set", "inputs.push=1").document
     other = step.integrate(model.q0, model.p0, **what, inputs=1)
     assert list(map(float, pushed["q"])) == other.q[-1].tolist()
-    for bad, said in ((FILE.replace('"2*push"', '"2*x"'), "in no force"),
-                      (FILE.replace("k = 4", "k = 4\npush = 1"), "give it once"),
+    for bad, said in ((FILE.replace('"2*push"', '"2*x"'), "force"),
+                      (FILE.replace("k = 4", "k = 4\npush = 1"), "once"),
                       (FILE.replace("k*x**2/2", "k*x**2/2 - push*x"), "as forces")):
         path.write_text(bad, encoding="utf-8")
         answer = gyrospark("run", path)
@@ -276,12 +276,12 @@ def test_a_file_names_inputs(gyrospark, tmp_path):
 
 
 @pytest.mark.parametrize(("inputs", "hold", "said"), [
-    (np.zeros((7, 2)), 1, r"shape \(7, 2\); give shape \(2,\) or shape \(8, 2\)"),
+    (np.zeros((7, 2)), 1, r"\(7, 2\).*\(2,\) or shape \(8, 2\)"),
     (np.zeros((8, 2)), 3, r"shape \(3, 2\)"),
     (np.zeros((8, 3)), 1, r"shape \(8, 3\)"),
-    ({"push": np.zeros(7), "pull": 0}, 1, r"Input push has shape \(7,\)"),
-    ({"push": 1}, 1, "Input 'pull' is not given"),
-    ({"push": 1, "pul": 2}, 1, "Input 'pul' is unknown"),
+    ({"push": np.zeros(7), "pull": 0}, 1, r"push.*\(7,\)"),
+    ({"push": 1}, 1, "'pull'"),
+    ({"push": 1, "pul": 2}, 1, "'pul'"),
     ([1, np.nan], 1, "not finite"),
     ([1, 2j], 1, "real numbers"),
     ([1, 2], 0, "hold"),
@@ -294,7 +294,7 @@ def test_inputs_of_wrong_shape_are_refused(inputs, hold, said):
 
 
 def test_inputs_that_nobody_declared_are_refused():
-    with pytest.raises(InputError, match="this system has none"):
+    with pytest.raises(InputError, match="has none"):
         gs.stepper("G-L", 2).integrate([1, 0, 0, 0], [0, 0, 0, 0], dt=0.1, steps=1, inputs=1,
                                        parameters=gs.problems.fast_top().parameters | {"gamma": 1})
     for H, g, more in ((u**2 - push * x, [], {}), (u**2 + v**2, [x - push], {}),
@@ -302,5 +302,5 @@ def test_inputs_that_nobody_declared_are_refused():
         with pytest.raises(InputError, match="as forces"):
             gs.System((x, y), (u, v), (), H, g, inputs=(push,), name="wrong", **more)
     step = stepper(pendulum)
-    with pytest.raises(InputError, match="'push' is not given"):
+    with pytest.raises(InputError, match="'push'"):
         step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.02, steps=8, parameters={"k": 2.0})

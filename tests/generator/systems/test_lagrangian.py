@@ -252,20 +252,20 @@ def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
-    ({"L": M * sp.sqrt(1 + VX**2) + VY**2}, "not quadratic in the velocities"),
-    ({"L": FREE + VX**3}, "not quadratic in the velocities"),
-    ({"L": M * VX**2 / 2}, "singular: motion with vy costs no kinetic energy"),
-    ({"L": M * (VX + X * VY) ** 2 / 2}, "singular: motion with vx, vy costs no kinetic energy"),
-    ({"L": FREE * sp.Abs(X)}, "mass matrix of system 'system' switches at"),
-    ({"v": (VX,)}, "2 coordinates and 1 velocities; give the velocity of each coordinate"),
-    ({"v": (VX, sp.Integer(1))}, "has 1 in velocities, which is no symbol"),
-    ({"L": M * (VX**2 + X**2) / 2, "v": (VX, X)}, "uses the name 'x' twice"),
-    ({"q": X}, "q = x is no sequence"),
-    ({"L": "x"}, "is no SymPy expression"),
-    ({"L": FREE + sp.Symbol("k")}, "L of system 'system' contains the unknown symbol 'k'"),
-    ({"forces": (VX, sp.Symbol("k"))}, "Force 1 of system 'system' contains the unknown symbol"),
-    ({"forces": (VX,)}, "has 1 forces on 2 coordinates"),
-    ({"constraints": (X * VX,)}, "a holonomic constraint depends on q, parameters"),
+    ({"L": M * sp.sqrt(1 + VX**2) + VY**2}, "quadratic"),
+    ({"L": FREE + VX**3}, "quadratic"),
+    ({"L": M * VX**2 / 2}, r"singular.*\bvy\b"),
+    ({"L": M * (VX + X * VY) ** 2 / 2}, "singular.*vx, vy"),
+    ({"L": FREE * sp.Abs(X)}, "switches"),
+    ({"v": (VX,)}, "2 coordinates.*1 velocities"),
+    ({"v": (VX, sp.Integer(1))}, "velocities.*symbol"),
+    ({"L": M * (VX**2 + X**2) / 2, "v": (VX, X)}, "'x'.*twice"),
+    ({"q": X}, "q = x"),
+    ({"L": "x"}, "SymPy"),
+    ({"L": FREE + sp.Symbol("k")}, "unknown symbol 'k'"),
+    ({"forces": (VX, sp.Symbol("k"))}, "Force 1.*unknown symbol"),
+    ({"forces": (VX,)}, "1 forces.*2 coordinates"),
+    ({"constraints": (X * VX,)}, "holonomic"),
 ])
 def test_bad_input_is_told_in_a_sentence(arguments, said):
     with refused(said):
@@ -273,14 +273,14 @@ def test_bad_input_is_told_in_a_sentence(arguments, said):
 
 
 def test_velocities_of_a_hamiltonian_system_are_refused(gl3):
-    with refused("heavy_top_gl3_gamma has no momenta: its system was given by its Hamiltonian"):
+    with refused("heavy_top_gl3_gamma.*Hamiltonian"):
         gl3.momenta([1, 0, 0, 0], [0, 0, 0, 0], parameters={})
 
 
 def test_velocities_of_another_shape_are_refused():
     system, parameters, q, v = case(double)
     step = gs.stepper("G-L", 3, system=system)
-    with refused(r"q and v have shapes \(2,\) and \(3,\)"):
+    with refused(r"\(2,\).*\(3,\)"):
         step.momenta(q, [*v, 0], parameters=parameters)
 
 
@@ -319,12 +319,12 @@ def test_andrews_mechanism_is_its_lagrangian_typed_in():
 def test_what_needs_h_written_out_says_so():
     """Profile control and certificates."""
     control = Spec.checked("G-L", 2).with_profile("control")
-    with refused("Profile control takes systems with an H, not yet those from a Lagrangian"):
+    with refused("control.*Lagrangian"):
         generate(control, system=double())
     system, parameters, q, v = case(double)
     p = gs.stepper("G-L", 3, system=system).momenta(q, v, parameters=parameters)
     model = gs.Model(system, parameters, q, p, dt=0.01, steps=5)
-    with refused("from a Lagrangian, and its H is not written out: promises are not proved"):
+    with refused("Lagrangian.*promises"):
         gs.certify(model, "G-L", 3)
 
 

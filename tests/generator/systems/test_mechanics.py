@@ -303,7 +303,7 @@ def test_a_velocity_that_is_no_rate_of_the_place_is_taken_as_given():
 
 
 def test_a_point_of_unknown_velocity_is_refused():
-    with refused("velocity of P in N is not known; place it from"):
+    with refused("P in N"):
         Motion(me.ReferenceFrame("N")).velocity(me.Point("P"))
 
 
@@ -356,14 +356,14 @@ def without_bodies():
 
 
 @pytest.mark.parametrize(("make", "said"), [
-    (lambda: particle(lambda q, u: u[1] - q[0] * u[0]), "nonholonomic constraint .* its integral"),
+    (lambda: particle(lambda q, u: u[1] - q[0] * u[0]), "nonholonomic.*integral"),
     (lambda: particle(lambda q, u: u[1] - u[0], places=lambda q: q[0] ** 2 + q[1] ** 2 - 1),
      "nonholonomic constraint"),
-    (not_integrable, "LagrangesMethod has the nonholonomic constraint"),
-    (bound_system, "System has the nonholonomic constraint"),
-    (with_function, r"contains f\(t\), which is no coordinate and no speed"),
-    (without_bodies, "KanesMethod has no bodies as yet"),
-    (lambda: 3, "method = 3 is no LagrangesMethod, KanesMethod or System"),
+    (not_integrable, "LagrangesMethod.*nonholonomic"),
+    (bound_system, "System.*nonholonomic"),
+    (with_function, r"f\(t\)"),
+    (without_bodies, "KanesMethod.*bodies"),
+    (lambda: 3, "method = 3.*LagrangesMethod, KanesMethod or System"),
 ])
 def test_what_is_no_holonomic_system_is_told_in_a_sentence(make, said):
     with refused(said):

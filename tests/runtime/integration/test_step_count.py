@@ -54,7 +54,7 @@ def test_what_is_named_fits(t_end, dt, t0):
         said = str(error)
     else:
         return
-    times, steps = re.search(r"fit: t_end = (.*), or dt = (.*)\.$", said).groups()
+    times, steps = re.search(r"t_end = (.*), or dt = (.*)\.$", said).groups()
     counts = [step_count(None, float(t), t0, dt) for t in times.split(" and ")]
     assert counts in ([1], [counts[0], counts[0] + 1])
     exact = (Fraction(t_end) - Fraction(t0)) / Fraction(dt)
@@ -73,16 +73,16 @@ def test_a_run_up_to_a_time_is_that_of_its_steps(gl3, gyrospark):
 
 def test_wrong_use_is_refused(gl3, gyrospark):
     for more in ({}, {"steps": 3, "t_end": 1}):
-        with refused("Give either steps, .* or t_end"):
+        with refused("steps.*t_end"):
             gl3.integrate(TOP.q0, TOP.p0, **more, **RUN)
-    with refused(r"t_end = -1.0 lies before t0 = 0.0, .* give dt = -0.001"):
+    with refused(r"t_end = -1\.0.*t0 = 0\.0.*dt = -0\.001"):
         gl3.integrate(TOP.q0, TOP.p0, t_end=-1, **RUN)
-    with refused("t_end = nan is not finite"):
+    with refused("t_end = nan"):
         gl3.integrate(TOP.q0, TOP.p0, t_end=float("nan"), **RUN)
     refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "1"),
                        "t_end = 0.9 and 1.2, or dt = 0.25 or 0.3333333333333333.")
     refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "1", "--steps", "3"),
-                       "--steps 3 and --t-end 1 are both given")
+                       "--steps 3 and --t-end 1")
     refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "soon"), "--t-end 'soon'")
 
 
@@ -102,9 +102,9 @@ def test_a_run_that_is_rounded(gl3, gyrospark):
     assert gl3.integrate(TOP.q0, TOP.p0, t_end=0.0306, round=True, **RUN).report.steps == 31
     said = gyrospark(*COMMAND, "--dt", "1e-3", "--t-end", "0.0306", "--round").document
     assert said["steps"] == 31
-    with refused("t_end = 0.0304 is no whole number"):
+    with refused(r"t_end = 0\.0304"):
         gl3.integrate(TOP.q0, TOP.p0, t_end=0.0304, **RUN)
-    with refused("round is for t_end"):
+    with refused("round.*t_end"):
         gl3.integrate(TOP.q0, TOP.p0, steps=3, round=True, **RUN)
     with refused("round = 1"):
         gl3.integrate(TOP.q0, TOP.p0, t_end=0.03, round=1, **RUN)

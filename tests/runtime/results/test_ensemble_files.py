@@ -90,12 +90,12 @@ def test_a_picture(tmp_path) -> None:
     assert (tmp_path / "run.png").stat().st_size > 5000
     assert [len(axes.lines) for axes in figure.axes] == [3, 3, 3]  # side, height, energy
     assert len(failing().plot(values=["x", "u", "height"]).axes) == 4
-    with refused("Unknown value of an ensemble 'w'"):
+    with refused("'w'"):
         ensemble().plot(values=["w"])
 
 
 def test_another_ending_is_refused(tmp_path) -> None:
-    with refused("end it in .npz, .csv, .nc"):
+    with refused(r"\.npz, \.csv, \.nc"):
         ensemble().save(tmp_path / "run.mat")
     with pytest.raises(gs.GyrosparkError):
         ensemble().save(tmp_path / "nowhere" / "run.npz")
