@@ -33,15 +33,15 @@ steps = 3
 #: What stands in the file → what is put in its place, and what is said of it.
 REMARKS = {
     "degrees": ("euler = [0.1, 0.2, 0.3]", "euler = [30, 45, 90]",
-                ["[start] euler is [30, 45, 90], taken as radians",
+                ["[start] euler", "[30, 45, 90]", "radians",
                  '["30 deg", "45 deg", "90 deg"]']),
     "unused parameter": ("l = 0.2", "l = 0.2\nlength = 3",
-                         ["[parameters] length is in no formula"]),
-    "unused mass": ("mass*9.81*l*R33", "l*R33", ["[body] mass is in no formula", "potential"]),
-    "length": ("euler = [0.1, 0.2, 0.3]", "quaternion = [2, 0, 0, 0]", ["length 2, not 1"]),
+                         ["[parameters] length", "no formula"]),
+    "unused mass": ("mass*9.81*l*R33", "l*R33", ["[body] mass", "no formula", "potential"]),
+    "length": ("euler = [0.1, 0.2, 0.3]", "quaternion = [2, 0, 0, 0]", ["length 2"]),
     "order": ("euler = [0.1, 0.2, 0.3]", "quaternion = [0, 0, 0, 1]",
-              ["read scalar first", "write (1, 0, 0, 0)"]),
-    "flat": ("inertia = [0.1, 0.1, 0.05]", "inertia = [0.11, 0.11, 0.23]", ["as if by rounding"]),
+              ["scalar", "write (1, 0, 0, 0)"]),
+    "flat": ("inertia = [0.1, 0.1, 0.05]", "inertia = [0.11, 0.11, 0.23]", ["rounding"]),
 }
 SILENT = {
     "as it is": ("", ""), "in degrees": ("euler = [0.1, 0.2, 0.3]", 'euler = ["400 deg", 0, 0]'),

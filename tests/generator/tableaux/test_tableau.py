@@ -165,7 +165,7 @@ def test_coefficients_of_large_polynomials_cancel_without_harm():
 
 @pytest.mark.parametrize("polynomial", [sp.Poly((X - 1) ** 2, X), sp.Poly(X**2 + 1, X)])
 def test_polynomial_without_simple_real_roots_is_refused(polynomial):
-    with pytest.raises(TableauError, match=r"sign change|distinct|simple"):
+    with pytest.raises(TableauError, match=r"change|distinct|simple"):
         enclose_roots(polynomial)
 
 
@@ -516,7 +516,7 @@ def test_numeric_refines_until_every_digit_is_certain(family, s):
 
 @pytest.mark.parametrize("digits", [0, -5, 1001, 10**9, True, 50.0, "50", None])
 def test_digits_that_numeric_cannot_give_are_refused(digits):
-    with pytest.raises(InputError, match=r"digits = .*from 1 to 1000") as refusal:
+    with pytest.raises(InputError, match=r"digits.* 1 to 1000") as refusal:
         gauss_lobatto(2).numeric(digits)
     assert repr(digits) in str(refusal.value)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import os
 import random
@@ -103,12 +104,12 @@ def test_pypi_compiler_is_the_last_choice(monkeypatch, tmp_path, script):
 
 
 @pytest.mark.parametrize(("chosen", "words"), [
-    ("/nonexistent", ["CC='/nonexistent'", "does not start", "No such file"]),
+    ("/nonexistent", ["CC='/nonexistent'", "start", os.strerror(errno.ENOENT)]),
     ("false", ["CC='false'", "exit code 1"]),
-    ("/", ["CC='/'", "does not start", "Permission denied"]),
-    ("gcc 'x", ["gcc 'x", "No closing quotation"]),
-    ("/dev/null", ["CC='/dev/null'", "does not start"]),
-    ("/opt/my gcc/bin/gcc", ["CC='/opt/my gcc/bin/gcc'", "does not start", "quote"]),
+    ("/", ["CC='/'", "start", os.strerror(errno.EACCES)]),
+    ("gcc 'x", ["gcc 'x", "quotation"]),
+    ("/dev/null", ["CC='/dev/null'", "start"]),
+    ("/opt/my gcc/bin/gcc", ["CC='/opt/my gcc/bin/gcc'", "start", "quote"]),
 ])
 def test_unusable_cc_is_told(chosen, words, monkeypatch, own_cache):
     monkeypatch.setenv("CC", chosen)
@@ -130,7 +131,7 @@ def test_unusable_cc_on_the_command_line():
     ("printf 'bad \\377 byte' >&2; exit 7", ["exit code 7", "bad", "byte"]),
     ("exit 0", ["made no", "heavy_top_ims_gamma"]),
     ("kill -9 $$", ["exit code -9"]),
-    ("for last; do :; done; echo nonsense > $last", ["does not load", "CC"]),
+    ("for last; do :; done; echo nonsense > $last", ["load", "CC"]),
 ], ids=["complains", "not UTF-8", "does nothing", "killed", "makes nonsense"])
 def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache):
     """Command and stderr are in the error; nothing stays in the cache that would be loaded."""

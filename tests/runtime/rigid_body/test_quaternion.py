@@ -154,7 +154,7 @@ def test_without_scipy(monkeypatch):
         (lambda: angular_velocity([1, 0, 0, 0], [1, 2, 3], INERTIA), "momentum p"),
         (lambda: to_rotation([0, 0, 0, 0]), "no attitude"),
         (lambda: to_rotation([np.nan, 0, 0, 0]), "no attitude"),
-        (lambda: from_rotation([1, 0, 0, 0]), r"neither a scipy\.spatial\.transform\.Rotation nor"),
+        (lambda: from_rotation([1, 0, 0, 0]), r"scipy\.spatial\.transform\.Rotation"),
     ],
 )
 def test_refusals(call, words):
