@@ -91,7 +91,7 @@ def test_signal_ends_a_run_at_a_commit(number, code, onward, whole, tmp_path):
     assert stored.steps_done < 2_000_000
     assert stored.states == stored.steps_done // 50 + 1
     assert stderr.count("\n") == 1
-    assert f"{stored.steps_done} of 2,000,000" in stderr
+    assert f"{stored.steps_done:,} of 2,000,000" in stderr
     assert "--resume" in stderr
     assert f"{stored.steps_done:,} steps of 0.001 s" in stdout
     if not onward:

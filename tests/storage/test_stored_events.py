@@ -260,7 +260,7 @@ def test_a_store_that_says_other_events_is_damaged(changes, words, tmp_path) -> 
     step, run = arguments(steps=9, events=gs.Event("side"))
     gs.record(step, out=tmp_path / "run.zarr", **run)
     damaged(tmp_path / "run.zarr", **changes)
-    with pytest.raises(gs.InputError, match="is damaged: " + words):
+    with pytest.raises(gs.InputError, match="damaged.*" + words):
         gs.open_recording(tmp_path / "run.zarr")
 
 

@@ -45,7 +45,7 @@ def test_more_than_is_borne_is_told(scheme, borne, gyrospark):
     answer = gyrospark(*RUN, "--scheme", *scheme, "--dt", above)
     assert answer.code == 0
     assert answer.stderr.count("\n") == 1
-    for part in (f"{1.02 * borne} rad", f"{borne}",
+    for part in (f"{1.02 * borne:.2f} rad", f"{borne:g}",
                  f"well below {borne / rate:.2g}."):
         assert part in answer.stderr
     assert answer.document["radians_per_step"] > borne
