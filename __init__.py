@@ -18,9 +18,10 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from . import exact, references
+    from .api import consistent, load_model, stepper, tableau
     from .certificates.certificate import Certificate, certify
     from .certificates.citations import Citations, cite
-    from .errors import (
+    from .core.errors import (
         CompilerError,
         GyrosparkError,
         InputError,
@@ -31,32 +32,37 @@ if TYPE_CHECKING:
         StorageError,
         TableauError,
     )
-    from .event import Event
-    from .facade import consistent, load_model, stepper, tableau
-    from .generator.bodies import example_models as models
-    from .generator.bodies import symbols
-    from .generator.bodies.model import Model
-    from .generator.bodies.multibody import Multibody
-    from .generator.bodies.rigid_body import body_system, rotation_matrix
-    from .generator.model_files.robots import load_urdf, read_urdf
+    from .core.event import Event
+    from .core.projection import Projection
+    from .generator.models.robots import load_urdf, read_urdf
+    from .generator.multibody import body_symbols as symbols
+    from .generator.multibody import example_models as models
+    from .generator.multibody.model import Model
+    from .generator.multibody.multibody import Multibody
+    from .generator.multibody.rigid_body import body_system, rotation_matrix
     from .generator.systems.system import System
-    from .projection import Projection
-    from .runtime.body import problems
-    from .runtime.body.inertia import gamma_fast, gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
-    from .runtime.body.quaternion import momentum, state_from_rotation
-    from .runtime.choice.frame_choice import choose_frame
-    from .runtime.choice.frame_search import FrameChoice
-    from .runtime.choice.gamma_choice import GammaChoice, choose_gamma
-    from .runtime.events.found import Crossings
-    from .runtime.output.trajectory import Trajectory
-    from .runtime.run.ensemble import Ensemble
-    from .runtime.run.section import Section, section
-    from .runtime.run.simulation import Simulation
-    from .runtime.run.stepper import Stepper
+    from .runtime.events.poincare_section import Section, section
+    from .runtime.results.crossings import Crossings
+    from .runtime.results.trajectory import Trajectory
+    from .runtime.rigid_body import problems
+    from .runtime.rigid_body.gamma_rules import (
+        gamma_fast,
+        gamma_h,
+        gamma_h_tilde,
+        gamma_m,
+        gamma_m_tilde,
+    )
+    from .runtime.rigid_body.quaternion import momentum, state_from_rotation
+    from .runtime.steppers.ensemble import Ensemble
+    from .runtime.steppers.simulation import Simulation
+    from .runtime.steppers.stepper import Stepper
+    from .runtime.tuning.frame_choice import choose_frame
+    from .runtime.tuning.frame_search import FrameChoice
+    from .runtime.tuning.gamma_choice import GammaChoice, choose_gamma
     from .storage.record import record
     from .storage.recording import Recording, open_recording
     from .sweeps.results import open_sweep
-    from .sweeps.sweep import sweep
+    from .sweeps.run_sweep import sweep
 
 #: Public name → where it lives; resolved on first use.
 _HOMES = {
@@ -64,59 +70,59 @@ _HOMES = {
     "certify": "certificates.certificate",
     "Citations": "certificates.citations",
     "cite": "certificates.citations",
-    "CompilerError": "errors",
-    "GyrosparkError": "errors",
-    "InputError": "errors",
-    "InputWarning": "errors",
-    "MissingDependencyError": "errors",
-    "StepFailed": "errors",
-    "Stopped": "errors",
-    "StorageError": "errors",
-    "TableauError": "errors",
-    "consistent": "facade",
-    "stepper": "facade",
-    "tableau": "facade",
-    "Model": "generator.bodies.model",
-    "Multibody": "generator.bodies.multibody",
-    "body_system": "generator.bodies.rigid_body",
-    "load_model": "facade",
-    "rotation_matrix": "generator.bodies.rigid_body",
+    "CompilerError": "core.errors",
+    "GyrosparkError": "core.errors",
+    "InputError": "core.errors",
+    "InputWarning": "core.errors",
+    "MissingDependencyError": "core.errors",
+    "StepFailed": "core.errors",
+    "Stopped": "core.errors",
+    "StorageError": "core.errors",
+    "TableauError": "core.errors",
+    "consistent": "api",
+    "stepper": "api",
+    "tableau": "api",
+    "Model": "generator.multibody.model",
+    "Multibody": "generator.multibody.multibody",
+    "body_system": "generator.multibody.rigid_body",
+    "load_model": "api",
+    "rotation_matrix": "generator.multibody.rigid_body",
     "System": "generator.systems.system",
-    "load_urdf": "generator.model_files.robots",
-    "read_urdf": "generator.model_files.robots",
-    "from_mechanics": "generator.mechanics.methods",
-    "Projection": "projection",
-    "Crossings": "runtime.events.found",
-    "Ensemble": "runtime.run.ensemble",
-    "Event": "event",
-    "FrameChoice": "runtime.choice.frame_search",
-    "choose_frame": "runtime.choice.frame_choice",
-    "GammaChoice": "runtime.choice.gamma_choice",
-    "choose_gamma": "runtime.choice.gamma_choice",
-    "gamma_fast": "runtime.body.inertia",
-    "gamma_h": "runtime.body.inertia",
-    "gamma_h_tilde": "runtime.body.inertia",
-    "gamma_m": "runtime.body.inertia",
-    "gamma_m_tilde": "runtime.body.inertia",
-    "momentum": "runtime.body.quaternion",
-    "state_from_rotation": "runtime.body.quaternion",
-    "Section": "runtime.run.section",
-    "section": "runtime.run.section",
-    "Simulation": "runtime.run.simulation",
-    "Stepper": "runtime.run.stepper",
-    "Trajectory": "runtime.output.trajectory",
+    "load_urdf": "generator.models.robots",
+    "read_urdf": "generator.models.robots",
+    "from_mechanics": "generator.systems.sympy_mechanics",
+    "Projection": "core.projection",
+    "Crossings": "runtime.results.crossings",
+    "Ensemble": "runtime.steppers.ensemble",
+    "Event": "core.event",
+    "FrameChoice": "runtime.tuning.frame_search",
+    "choose_frame": "runtime.tuning.frame_choice",
+    "GammaChoice": "runtime.tuning.gamma_choice",
+    "choose_gamma": "runtime.tuning.gamma_choice",
+    "gamma_fast": "runtime.rigid_body.gamma_rules",
+    "gamma_h": "runtime.rigid_body.gamma_rules",
+    "gamma_h_tilde": "runtime.rigid_body.gamma_rules",
+    "gamma_m": "runtime.rigid_body.gamma_rules",
+    "gamma_m_tilde": "runtime.rigid_body.gamma_rules",
+    "momentum": "runtime.rigid_body.quaternion",
+    "state_from_rotation": "runtime.rigid_body.quaternion",
+    "Section": "runtime.events.poincare_section",
+    "section": "runtime.events.poincare_section",
+    "Simulation": "runtime.steppers.simulation",
+    "Stepper": "runtime.steppers.stepper",
+    "Trajectory": "runtime.results.trajectory",
     "Recording": "storage.recording",
     "open_recording": "storage.recording",
     "record": "storage.record",
     "open_sweep": "sweeps.results",
-    "sweep": "sweeps.sweep",
+    "sweep": "sweeps.run_sweep",
 }
 
 #: The same for modules.
 _MODULES = {
-    "exact": "exact", "models": "generator.bodies.example_models",
-    "problems": "runtime.body.problems", "references": "references",
-    "symbols": "generator.bodies.symbols",
+    "exact": "exact", "models": "generator.multibody.example_models",
+    "problems": "runtime.rigid_body.problems", "references": "references",
+    "symbols": "generator.multibody.body_symbols",
 }
 
 __all__ = [
@@ -183,7 +189,7 @@ def __getattr__(name: str) -> Any:
     if name in _MODULES:
         return import_module(f".{_MODULES[name]}", __name__)
     if name in _HOMES:
-        from .errors import MissingDependencyError
+        from .core.errors import MissingDependencyError
 
         try:
             return getattr(import_module(f".{_HOMES[name]}", __name__), name)
@@ -201,7 +207,7 @@ def _missing(name: str, message: str) -> Any:
     from pathlib import Path
 
     def refuse(*arguments: object, **options: object) -> Any:
-        from .errors import MissingDependencyError
+        from .core.errors import MissingDependencyError
 
         raise MissingDependencyError(message)
 

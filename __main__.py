@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from types import ModuleType
 
-from .imports import imported_for_good
+from .core.lazy_imports import imported_for_good
 
 
 def main() -> None:

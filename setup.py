@@ -24,8 +24,8 @@ PREBUILT = os.environ.get("GYROSPARK_PREBUILT", "").split()
 PREBUILD = """
 import sys
 from pathlib import Path
-from gyrospark.facade import checked_in_files
-from gyrospark.runtime.build.prebuilt import FOLDER, prebuild
+from gyrospark.api import checked_in_files
+from gyrospark.runtime.compilation.prebuilt import FOLDER, prebuild
 prebuild({name: checked_in_files(name) for name in sys.argv[1:]}, FOLDER)
 """
 

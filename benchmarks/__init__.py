@@ -1,19 +1,19 @@
 """How fast, how exact: gyrospark beside other programs on the paper's fast top.
 
     tops.py         the problem, as gyrospark and as its peers see it
-    certificates/reference.py    where the top is at t = 1, 10, 100 and 1000 s, in long double
+    reference_states.py    where the top is at t = 1, 10, 100 and 1000 s, in long double
     peers/          one file a program; each is optional
     timing.py       CPU time, contestants in turn, medians
     contest.py      entries timed and judged: the table of ``gyrospark bench peers``
     steps.py        one step by each solver, over dense Newton: ``gyrospark bench step``
     ensembles.py    many tops at once: ``gyrospark bench ensemble``
     drift.py        energy and position over a long time: ``gyrospark bench drift``
-    growth.py       chains of bodies: ``gyrospark bench bodies``, with ``bodies.py`` and
+    growth.py       chains of bodies: ``gyrospark bench bodies``, with ``joined_bodies.py`` and
                     ``batches.py``
     storing.py      runs in memory and in a store: ``gyrospark bench store``
     sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
     events.py       events and states between steps: ``gyrospark bench events``
-    make_digits.py  digits of reference problems two ways: ``closed_forms.py``, ``loops.py``,
+    make_digits.py  digits of reference problems two ways: ``exact_motions_mp.py``, ``loops.py``,
                     ``equations.py``, ``extrapolation.py``
     callgrind.py    instructions of one step, which guard the speed in CI
 

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GyrosparkError
-from ..facade import stepper
-from ..runtime.output.trajectory import Trajectory
-from ..runtime.run.ensemble import Ensemble
-from ..runtime.run.stepper import Stepper
-from .linkages import Array, Linkage
+from ..api import stepper
+from ..core.errors import GyrosparkError
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.steppers.ensemble import Ensemble
+from ..runtime.steppers.stepper import Stepper
+from .peer_linkages import Array, Linkage
 from .timing import alternate
 
 __all__ = ["DT", "STAGES", "TRAJECTORIES", "BatchRow", "compare_batches", "starts"]

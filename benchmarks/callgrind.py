@@ -19,7 +19,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ..facade import files_of
+from ..api import files_of
 from ..generator.spec import Spec
 
 __all__ = ["ALLOWED", "FLAGS", "PATH", "STEPPERS", "Counter", "count_step", "find_counter",

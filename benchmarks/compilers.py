@@ -12,7 +12,7 @@ Jacobian, the starting guess) is compiled by gcc and clang at -O1 and -O3 with v
 
 A compiler that rounds in another order stays below the bound; one that takes a wrong number is
 above it by many powers of ten. Kernels, those of lanes too, are compared with their statements in
-NumPy as after each compilation (``runtime.build.kernel_check``), at as many points.
+NumPy as after each compilation (``runtime.compilation.kernel_check``), at as many points.
 
 With names, only those steppers; ``--minutes`` of CPU time after which no other one is begun.
 """
@@ -37,23 +37,23 @@ import cffi
 import numpy as np
 from numpy.typing import NDArray
 
-from ..catalogue import MODELS
-from ..errors import GyrosparkError
-from ..facade import ROOT, checked_in_files
-from ..generator.bodies.model import Model
-from ..generator.model_files.robots import load_urdf
+from ..api import ROOT, checked_in_files
+from ..core.errors import GyrosparkError
+from ..core.real_types import REALS
+from ..core.registry import MODELS
+from ..generator.models.robots import load_urdf
+from ..generator.multibody.model import Model
 from ..generator.pipeline import generate
-from ..generator.schemes.scheme import SchemeName
+from ..generator.schemes.named_schemes import SchemeName
 from ..generator.spec import Spec
-from ..real import REALS
-from ..references.catalogue import REFERENCES
-from ..runtime.body.problems import fast_top, free_body
-from ..runtime.build.compiler import SPEED_FLAGS, Compiler, compile_module, read_declarations
-from ..runtime.build.kernel_check import differences
-from ..runtime.build.manifest import read_manifest
-from ..runtime.build.objects import Part, objects_of
-from ..runtime.build.permutations import WITHOUT_PERMUTATIONS, has_permutation
-from ..runtime.build.verified import import_module
+from ..references.problem_registry import REFERENCES
+from ..runtime.compilation.compiler import SPEED_FLAGS, Compiler, compile_module, read_declarations
+from ..runtime.compilation.gcc_permutations import WITHOUT_PERMUTATIONS, has_permutation
+from ..runtime.compilation.kernel_check import differences
+from ..runtime.compilation.manifest import read_manifest
+from ..runtime.compilation.object_files import Part, objects_of
+from ..runtime.compilation.verified_build import import_module
+from ..runtime.rigid_body.problems import fast_top, free_body
 
 __all__ = ["BUILDS", "Build", "Difference", "Source", "compare", "compare_kernels", "main",
            "sources"]

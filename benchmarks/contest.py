@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GyrosparkError
+from ..core.errors import GyrosparkError
 from .peers.entry import Entry, Run
 from .peers.optional import Unavailable
-from .reference import distance, has
+from .reference_states import distance, has
 from .timing import alternate, stopwatch
 from .tops import State, energy, state_of, tops
 

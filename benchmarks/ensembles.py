@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..facade import stepper
-from ..runtime.body.quaternion import angular_velocity
+from ..api import stepper
+from ..runtime.rigid_body.quaternion import angular_velocity
 from .contest import Limits, Row, judged
 from .peers.entry import Entry, Run
 from .peers.heyoka_taylor import prepare_batch

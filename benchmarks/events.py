@@ -21,13 +21,13 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..errors import GyrosparkError
-from ..event import Event
-from ..facade import stepper
-from ..generator.bodies import symbols
-from ..generator.bodies.rigid_body import body_system, gravity_potential, mgl
+from ..api import stepper
+from ..core.errors import GyrosparkError
+from ..core.event import Event
+from ..generator.multibody import body_symbols
+from ..generator.multibody.rigid_body import body_system, gravity_potential, mgl
 from ..generator.systems.system import System
-from ..runtime.output.trajectory import Trajectory
+from ..runtime.results.trajectory import Trajectory
 from .peers import heyoka_taylor, scipy_dop853
 from .peers.optional import Unavailable, need, version
 from .timing import Sample, alternate, repeated
@@ -176,7 +176,7 @@ class FastTop:
 
     @staticmethod
     def _stepper(stages: int, real: Any = "double") -> Any:
-        height = LEVER * symbols.R[2, 2]
+        height = LEVER * body_symbols.R[2, 2]
         return stepper("G-L", stages, real=real, system=body_system(
             "watched_top", "gamma", gravity_potential(), (mgl,),
             quantities={"height": height}))

@@ -20,16 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GyrosparkError
-from ..generator.algebra.derivatives import derivative
-from ..generator.bodies.example_models import chain
-from ..generator.bodies.model import Model
+from ..core.errors import GyrosparkError
+from ..generator.multibody.example_models import chain
+from ..generator.multibody.model import Model
 from ..generator.pipeline import Generated, generate
 from ..generator.spec import Spec
-from ..generator.systems.structure import Structure
-from ..runtime.build.compiler import compile_module, find_compiler
-from ..runtime.output.trajectory import Trajectory
-from ..runtime.run.stepper import Stepper
+from ..generator.symbolic.derivatives import derivative
+from ..generator.systems.repeated_structure import Structure
+from ..runtime.compilation.compiler import compile_module, find_compiler
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.steppers.stepper import Stepper
 from .timing import Sample, alternate, repeated
 
 __all__ = ["COUNTS", "QUICK", "Size", "grow", "laws"]

@@ -12,7 +12,7 @@ from typing import Any
 
 import mpmath as mp
 
-from .closed_forms import Numbers
+from .exact_motions_mp import Numbers
 
 __all__ = ["bennett", "bricard", "four_bars", "slider_crank"]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..runtime.build.compiler import find_compiler
+from ..runtime.compilation.compiler import find_compiler
 from .peers.optional import version
-from .reference import about as reference_about
+from .reference_states import about as reference_about
 
 __all__ = ["about"]
 

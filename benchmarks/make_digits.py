@@ -24,16 +24,16 @@ from typing import Any
 
 import mpmath as mp
 
-from ..facade import stepper
-from ..references.catalogue import REFERENCES, reference
-from ..references.measuring import run_once
+from ..api import stepper
 from ..references.problem import Reference
-from ..references.truth import PATH
-from ..runtime.call.quad import exact
-from ..runtime.call.reals import rounding
-from . import closed_forms as forms
+from ..references.problem_registry import REFERENCES, reference
+from ..references.true_digits import PATH
+from ..references.work_precision import run_once
+from ..runtime.bindings.binary128 import exact
+from ..runtime.bindings.real_numbers import rounding
 from . import equations, loops
-from .closed_forms import Numbers
+from . import exact_motions_mp as forms
+from .exact_motions_mp import Numbers
 from .extrapolation import extrapolated
 
 __all__ = ["WAYS", "digits", "main"]

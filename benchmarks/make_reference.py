@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ..facade import stepper
+from ..api import stepper
 from .peers.heyoka_taylor import equations
 from .peers.optional import need
-from .reference import PATH, TIMES
+from .reference_states import PATH, TIMES
 from .tops import INERTIA, LEVER, Array, Top, axis, parameters, spin_of, tops
 
 __all__ = ["main"]

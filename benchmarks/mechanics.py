@@ -17,11 +17,11 @@ import sympy as sp
 from sympy.physics import mechanics as me
 
 from .._version import __version__
-from ..facade import stepper
-from ..generator.mechanics.methods import from_mechanics
-from ..runtime.run.stepper import Stepper
-from .bodies import T_END, BodyRow, Contest, Run
-from .linkages import Array
+from ..api import stepper
+from ..generator.systems.sympy_mechanics import from_mechanics
+from ..runtime.steppers.stepper import Stepper
+from .joined_bodies import T_END, BodyRow, Contest, Run
+from .peer_linkages import Array
 from .peers import pydy_mechanics
 from .peers.optional import Unavailable, version
 

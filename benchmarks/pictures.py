@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..references.measuring import LIMIT, Run
-from ..runtime.show.plots import figure_class
-from .bodies import BodyRow
+from ..references.work_precision import LIMIT, Run
+from ..runtime.plotting.trajectory_plots import figure_class
 from .contest import Row
 from .drift import Course
 from .growth import Size, laws
+from .joined_bodies import BodyRow
 
 if TYPE_CHECKING:
     from .sweeping import SweepRow

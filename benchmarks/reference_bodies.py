@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
-from ..references.measuring import Run
 from ..references.problem import Reference, largest_error
+from ..references.work_precision import Run
 from .peers import exudyn_scenes, mujoco_scenes
 from .peers.optional import Unavailable
 from .reference_scenes import Told, told

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..references.measuring import Run
 from ..references.problem import Reference, largest_error
+from ..references.work_precision import Run
 from . import equations
 from .peers.optional import Unavailable, need
 from .reference_bodies import measure_bodies

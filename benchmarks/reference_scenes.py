@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..generator.bodies.model import Model
-from ..generator.bodies.multibody import Multibody
+from ..generator.multibody.model import Model
+from ..generator.multibody.multibody import Multibody
 from ..references.mechanisms import EXAMPLES
 from ..references.problem import Reference
-from ..runtime.body.quaternion import rotation_matrix
+from ..runtime.rigid_body.quaternion import rotation_matrix
 from .peers.optional import Unavailable
 from .scenes import GROUND, Motion, Scene, SceneBody, SceneJoint, scene_of
 

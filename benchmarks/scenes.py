@@ -15,10 +15,10 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..body_values import inertia_matrix, tensor_of_inverse
-from ..generator.bodies.model import Model
-from ..generator.systems.places import BodyAt, JointAt
-from ..runtime.body.quaternion import angular_velocity, left_matrix, rotation_matrix
+from ..core.inertia import inertia_matrix, tensor_of_inverse
+from ..generator.multibody.model import Model
+from ..generator.systems.body_layout import BodyAt, JointAt
+from ..runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
 from .peers.optional import Unavailable
 
 __all__ = ["GROUND", "Motion", "Scene", "SceneBody", "SceneJoint", "SceneSpring", "scene_of"]

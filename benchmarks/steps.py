@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ..body_values import RepName
-from ..errors import GyrosparkError
-from ..facade import stepper
-from ..generator.schemes.scheme import SchemeName
-from ..naming import choose
-from ..runtime.body.inertia import gamma_m
-from ..runtime.body.problems import Problem, fast_top, free_body
-from ..runtime.run.stepper import SOLVERS as KNOWN
-from ..runtime.run.stepper import Stepper
+from ..api import stepper
+from ..core.arguments import choose
+from ..core.errors import GyrosparkError
+from ..core.inertia import RepName
+from ..generator.schemes.named_schemes import SchemeName
+from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.problems import Problem, fast_top, free_body
+from ..runtime.steppers.stepper import SOLVERS as KNOWN
+from ..runtime.steppers.stepper import Stepper
 from .peers.ours import SOLVERS, available
 from .timing import alternate, stopwatch
 

@@ -16,10 +16,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..facade import stepper
-from ..runtime.body.inertia import gamma_m
-from ..runtime.body.problems import fast_top
-from ..storage.durable import write_durably
+from ..api import stepper
+from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.problems import fast_top
+from ..storage.durable_files import write_durably
 from ..storage.record import record
 
 __all__ = ["CASES", "QUICK", "StoreRow", "compare_stores"]

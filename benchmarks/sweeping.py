@@ -29,11 +29,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import GyrosparkError
-from ..runtime.body.problems import fast_top
+from ..core.errors import GyrosparkError
+from ..runtime.rigid_body.problems import fast_top
 from ..sweeps.plan import plan
+from ..sweeps.run_sweep import run_study
 from ..sweeps.study import Study
-from ..sweeps.sweep import run_study
 from ..sweeps.tiles import Tile, cells_of
 from .peers.optional import Unavailable, need
 

@@ -1,7 +1,7 @@
 """What a model keeps when it is integrated: each promise of a scheme beside its measurement.
 
-Like ``facade`` and ``verification`` one of the places where generator and runtime meet: what must
-hold is derived (``promises``), what does hold is measured (``examination``).
+Like ``api`` and ``verification`` one of the places where generator and runtime meet: what must
+hold is derived (``guarantees``), what does hold is measured (``measured_properties``).
 """
 
 from __future__ import annotations
@@ -12,26 +12,30 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..arguments import as_mapping
-from ..body_values import RepName
-from ..catalogue import SYSTEMS
-from ..errors import InputError
-from ..facade import stepper as make_stepper
-from ..facade import tableau as make_tableau
-from ..generator.algebra.evaluation import as_rational
-from ..generator.bodies.model import Model
-from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SchemeName, scheme_named
-from ..markup import card, table
-from ..naming import choose, shown
-from ..real import REALS, RealName
-from ..remarks import listening
-from ..runtime.body.inertia import gamma_m
-from ..runtime.body.problems import Problem
-from ..runtime.call.checks import as_positive_count, as_step
-from ..runtime.run.stepper import Stepper
-from ..runtime.steps.follow import followed
-from .examination import Examination, Line
-from .promises import MeanPromises, Promises, SparkPromises
+from ..api import stepper as make_stepper
+from ..api import tableau as make_tableau
+from ..core.arguments import as_mapping, choose, shown
+from ..core.errors import InputError
+from ..core.html import card, table
+from ..core.inertia import RepName
+from ..core.real_types import REALS, RealName
+from ..core.registry import SYSTEMS
+from ..core.warnings import listening
+from ..generator.multibody.model import Model
+from ..generator.schemes.named_schemes import (
+    DEFAULT_SCHEME,
+    DEFAULT_STAGES,
+    SchemeName,
+    scheme_named,
+)
+from ..generator.symbolic.numeric_evaluation import as_rational
+from ..runtime.bindings.array_checks import as_positive_count, as_step
+from ..runtime.integration.frame_following import followed
+from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.problems import Problem
+from ..runtime.steppers.stepper import Stepper
+from .guarantees import MeanPromises, Promises, SparkPromises
+from .measured_properties import Examination, Line
 from .round_off import RoundOff
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .._version import __version__
-from ..errors import InputError
-from ..generator.schemes.scheme import SCHEMES
-from ..naming import shown
-from ..runtime.build.places import bodies_of
+from ..core.arguments import shown
+from ..core.errors import InputError
+from ..generator.schemes.named_schemes import SCHEMES
+from ..runtime.compilation.body_columns import bodies_of
 
 __all__ = ["WORKS", "Citations", "Work", "cite"]
 

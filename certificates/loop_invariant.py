@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import GyrosparkError
-from ..runtime.run.stepper import Stepper
+from ..core.errors import GyrosparkError
+from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["LoopDrift", "closed_loop", "loop_drift", "loop_integral"]
 

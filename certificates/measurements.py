@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import GyrosparkError, StepFailed
-from ..runtime.output.trajectory import Trajectory
-from ..runtime.run.stepper import Stepper
+from ..core.errors import GyrosparkError, StepFailed
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["OrderSeen", "Reversal", "constraint_scales", "order_seen", "reversal", "trend"]
 

@@ -16,12 +16,12 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..generator.algebra.evaluation import evaluate
-from ..generator.algebra.rounding import rounding
-from ..generator.algebra.sharing import parts_of
+from ..generator.symbolic.numeric_evaluation import evaluate
+from ..generator.symbolic.rounding_errors import rounding
+from ..generator.symbolic.shared_subexpressions import parts_of
 from ..generator.systems.system import System
-from ..runtime.output.trajectory import Trajectory
-from ..runtime.run.stepper import Stepper
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.steppers.stepper import Stepper
 from .measurements import constraint_scales
 
 __all__ = ["RoundOff"]

@@ -1,6 +1,6 @@
 """What ``gyrospark verify`` finds out about a stepper: symbols, measurement, compiled numbers.
 
-The one place besides ``facade`` where generator and runtime meet: it reads the coefficients back
+The one place besides ``api`` where generator and runtime meet: it reads the coefficients back
 out of the *compiled* module and compares them with the exact ones to the last bit.
 """
 
@@ -9,15 +9,15 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ..core.real_types import REALS, RealName
 from ..generator.pipeline import Generated, generate
 from ..generator.schemes.fast_tableau import FastTableau
-from ..generator.schemes.mean_conditions import check_mean_scheme
+from ..generator.schemes.midpoint_conditions import check_mean_scheme
 from ..generator.spec import Spec
 from ..generator.tableaux.conditions import Condition, check_tableau
 from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
 from ..generator.tableaux.tableau import FIELDS, Tableau
-from ..real import REALS, RealName
-from ..runtime.run.stepper import Stepper
+from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["Verdict", "verify_stepper"]
 

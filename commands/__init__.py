@@ -3,8 +3,7 @@
     generate, models, verify, run, sweep, export, reproduce, bench, cache   the commands
     reference                 one of the commands, too; models has ``examples`` in it
     options                   options that several of them share
-    run_outputs, run_report   where states go, and what is said of them
-    run_choices               steps, γ and co-moving frames, as they are asked for
+    run/                      ``run``: command, choices, outputs, report
     bench_tables              what ``bench`` prints
 
 Exit codes: 0 done, 1 a check failed or a step did not converge, 2 bad input or environment (one
@@ -25,8 +24,8 @@ from typing import Any, NoReturn
 import click
 
 from .._version import __version__
-from ..errors import CompilerError, GyrosparkError, InputWarning, StepFailed
-from ..runtime.notices import spoken
+from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed
+from ..core.progress import spoken
 from .bench import bench
 from .cache import cache
 from .export import export
@@ -34,7 +33,7 @@ from .generate import generate
 from .models import examples, models
 from .reference import reference
 from .reproduce import reproduce
-from .run import run
+from .run.command import run
 from .sweep import sweep
 from .verify import verify
 

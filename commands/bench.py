@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import InputError
-from ..naming import unknown
-from ..runtime.notices import hushed
+from ..core.arguments import unknown
+from ..core.errors import InputError
+from ..core.progress import hushed
 from .bench_tables import PRINT
 from .generate import write_files
 from .options import check_folder, json_option, real_number, whole_number
 
 if TYPE_CHECKING:
     from ..benchmarks.batches import BatchRow
-    from ..benchmarks.bodies import BodyRow
     from ..benchmarks.contest import Limits, Row
     from ..benchmarks.drift import Course
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
+    from ..benchmarks.joined_bodies import BodyRow
     from ..benchmarks.steps import Cell
     from ..benchmarks.storing import StoreRow
     from ..benchmarks.sweeping import SweepRow
@@ -104,7 +104,7 @@ def bench(
         raise unknown("benchmark", what, [*_WHAT, "all"])
     choice = _checked(peers, quick, t_end, rounds, base)
     if out is not None:  # before hours of work
-        from ..runtime.show.plots import figure_class
+        from ..runtime.plotting.trajectory_plots import figure_class
 
         check_folder("--out", out)
         figure_class()
@@ -132,7 +132,7 @@ def _refuse_without_extras(names: Sequence[str], out: Path | None) -> None:
     if {"store", "sweeps"} & set(names):
         from .. import storage  # noqa: F401
     if out is not None:
-        from ..runtime.show.plots import figure_class
+        from ..runtime.plotting.trajectory_plots import figure_class
 
         figure_class()
 
@@ -140,14 +140,14 @@ def _refuse_without_extras(names: Sequence[str], out: Path | None) -> None:
 def _checked(
     peers: str | None, quick: bool, t_end: str | None, rounds: str | None, base: str | None
 ) -> _Choice:
-    from ..benchmarks import reference
+    from ..benchmarks import reference_states
     from ..benchmarks.peers import chosen
 
     seconds = None if t_end is None else real_number("--t-end", t_end)
-    if seconds is not None and not reference.has(seconds):
-        times = ", ".join(map(str, reference.TIMES[:-1]))
+    if seconds is not None and not reference_states.has(seconds):
+        times = ", ".join(map(str, reference_states.TIMES[:-1]))
         raise InputError(f"There is no reference at t = {seconds:g} s; choose --t-end {times} or "
-                         f"{reference.TIMES[-1]}.")
+                         f"{reference_states.TIMES[-1]}.")
     count = whole_number("--rounds", rounds) if rounds is not None else 3 if quick else 5
     if count < 1:
         raise InputError(f"--rounds {count} measures nothing; give 1 or more.")
@@ -206,7 +206,7 @@ def _measure_growth(choice: _Choice, watch: Callable[[str], None]) -> Sequence[S
 
 
 def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[BodyRow]:
-    from ..benchmarks.bodies import PEERS, compare_bodies, linkages
+    from ..benchmarks.joined_bodies import PEERS, compare_bodies, linkages
     from ..benchmarks.mechanics import compare_mechanics, links
 
     peers = [peer for peer in PEERS if peer in choice.peers]
@@ -223,7 +223,7 @@ def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[B
 
 def _measure_batches(choice: _Choice, watch: Callable[[str], None]) -> Sequence[BatchRow]:
     from ..benchmarks.batches import compare_batches
-    from ..benchmarks.bodies import linkages
+    from ..benchmarks.joined_bodies import linkages
 
     if "gyrospark" not in choice.peers:
         return []

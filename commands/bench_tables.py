@@ -9,12 +9,12 @@ import click
 
 if TYPE_CHECKING:
     from ..benchmarks.batches import BatchRow
-    from ..benchmarks.bodies import BodyRow
     from ..benchmarks.contest import Row
     from ..benchmarks.drift import Course
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
+    from ..benchmarks.joined_bodies import BodyRow
     from ..benchmarks.steps import Cell
     from ..benchmarks.storing import StoreRow
     from ..benchmarks.sweeping import SweepRow
@@ -73,7 +73,7 @@ def _iterations(cell: Cell, solver: str) -> str:
 
 
 def _print_drift(courses: Sequence[Course]) -> None:
-    from ..benchmarks.reference import TIMES
+    from ..benchmarks.reference_states import TIMES
 
     times = [t for t in TIMES if any(p.t == t for c in courses for p in c.points)]
     columns = [text for t in times for text in (f"ΔH/H\n{t} s", f"dx (m)\n{t} s")]
@@ -112,7 +112,7 @@ def _print_growth(sizes: Sequence[Size]) -> None:
 
 
 def _print_bodies(rows: Sequence[BodyRow]) -> None:
-    from ..benchmarks.bodies import PEERS, T_END
+    from ..benchmarks.joined_bodies import PEERS, T_END
 
     if not rows:
         click.echo(f"Only {', '.join(PEERS)} have bodies on joints.")
@@ -132,7 +132,7 @@ def _print_bodies(rows: Sequence[BodyRow]) -> None:
 
 def _print_accuracies(rows: Sequence[BodyRow]) -> None:
     """Print the cheapest measured run of each program for each accuracy."""
-    from ..benchmarks.bodies import ACCURACIES, PEERS, cheapest
+    from ..benchmarks.joined_bodies import ACCURACIES, PEERS, cheapest
 
     entered = [peer for peer in PEERS if any(row.peer == peer for row in rows)]
     grid = _grid("CPU ms of the cheapest run with at most this error, and over the first program's",

@@ -17,7 +17,7 @@ def cache() -> None:
 @cache.command(name="list")
 def list_entries() -> None:
     """Print the cached files with their sizes."""
-    from ..runtime.build.cache import cache_folder, entries
+    from ..runtime.compilation.build_cache import cache_folder, entries
 
     found = entries()
     for path in found:
@@ -29,6 +29,6 @@ def list_entries() -> None:
 @cache.command()
 def clear() -> None:
     """Remove every cached file."""
-    from ..runtime.build import cache as store
+    from ..runtime.compilation import build_cache as store
 
     click.echo(f"{store.clear()} files removed from {store.cache_folder()}")

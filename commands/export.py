@@ -30,8 +30,8 @@ def export(
     gyrospark export night.zarr night.csv --euler ZYX --degrees
     gyrospark export night.zarr night.csv --columns "energy,wheel*"
     """
-    from ..storage.export import check_angles, check_export
     from ..storage.recording import open_recording
+    from ..storage.table_files import check_angles, check_export
 
     check_export(target)
     check_angles(target, euler, degrees=degrees)

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import InputError
-from ..generator.emission.profiles import PROFILES
+from ..core.arguments import listed
+from ..core.errors import InputError
+from ..core.lazy_imports import imported_for_good
+from ..core.progress import doing
+from ..generator.codegen.profiles import PROFILES
 from ..generator.spec import PAPER_SPECS, Spec
-from ..imports import imported_for_good
-from ..naming import listed
-from ..runtime.build.manifest import remarks_of
-from ..runtime.notices import doing
+from ..runtime.compilation.manifest import remarks_of
 from .options import (
     check_no_file,
     completing,
@@ -88,8 +88,8 @@ def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: boo
         write_files(made.source.files(), out)
         derived = time.perf_counter()
         if compile_it:
-            from ..facade import keep_files
-            from ..runtime.build.module import load_module
+            from ..api import keep_files
+            from ..runtime.compilation.stepper_module import load_module
 
             load_module(made.source.name, made.source.files())
             if spec.tableau is None and spec.model is None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
-from ..catalogue import MODELS, PROBLEMS, SYSTEMS
-from ..errors import InputError
-from ..naming import listed, proposal, shown
+from ..core.arguments import listed, proposal, shown
+from ..core.errors import InputError
+from ..core.registry import MODELS, PROBLEMS, SYSTEMS
 from .options import json_option
 
 __all__ = ["examples", "models"]

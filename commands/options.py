@@ -12,16 +12,16 @@ from typing import Any, ClassVar
 
 import click
 
-from ..body_values import REPS
-from ..catalogue import FRAMES, MODELS, SYSTEMS
-from ..errors import InputError
-from ..exact import Rounded, decimal
-from ..generator.schemes.scheme import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
+from ..core.arguments import listed
+from ..core.errors import InputError
+from ..core.exact_numbers import Rounded, decimal
+from ..core.file_formats import PICTURES, ending_of
+from ..core.inertia import REPS
+from ..core.progress import hush
+from ..core.real_types import REALS
+from ..core.registry import FRAMES, MODELS, SYSTEMS
+from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..generator.spec import Spec
-from ..naming import listed
-from ..real import REALS
-from ..runtime.notices import hush
-from ..runtime.show.endings import PICTURES, ending_of
 
 __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
            "check_writable", "completing", "euler_options", "frame_option", "json_option",
@@ -186,7 +186,7 @@ def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
 
 def check_film(path: Path) -> None:
     """Refuse a file of --animate that no film can be written to."""
-    from ..runtime.show.animation import check_film
+    from ..runtime.plotting.animation import check_film
 
     check_writable("--animate", path)
     check_film(path)
@@ -194,7 +194,7 @@ def check_film(path: Path) -> None:
 
 def check_picture(path: Path) -> None:
     """Refuse a file of --plot that no picture can be written to."""
-    from ..runtime.show.plots import check_target
+    from ..runtime.plotting.trajectory_plots import check_target
 
     check_writable("--plot", path)
     check_target(path)

@@ -13,8 +13,8 @@ from .generate import write_files
 from .options import check_ending, check_picture, check_writable, json_option
 
 if TYPE_CHECKING:
-    from ..references.measuring import Run
     from ..references.problem import Reference
+    from ..references.work_precision import Run
 
 __all__ = ["reference"]
 
@@ -43,10 +43,10 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
     """
     import json
 
-    from ..references.catalogue import names
-    from ..references.catalogue import reference as named
-    from ..references.measuring import measure
-    from ..references.page import page, reached
+    from ..references.problem_registry import names
+    from ..references.problem_registry import reference as named
+    from ..references.results_page import page, reached
+    from ..references.work_precision import measure
 
     if name == "list":
         _list([named(known) for known in names()], as_json)

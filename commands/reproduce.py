@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import MissingDependencyError
-from ..runtime.notices import hushed
+from ..core.errors import MissingDependencyError
+from ..core.progress import hushed
 from .generate import write_files
 from .options import check_folder, check_writable, json_option
 
 if TYPE_CHECKING:
-    from ..studies.model import Claim, Result, Table
+    from ..studies.study_result import Claim, Result, Table
 
 __all__ = ["reproduce"]
 
@@ -43,8 +43,8 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
     gyrospark reproduce all --out report
     gyrospark reproduce all --out report --summary docs/paper.md
     """
-    from ..studies.catalogue import chosen, compute
-    from ..studies.engine import Engine
+    from ..studies.case_runner import Engine
+    from ..studies.study_registry import chosen, compute
 
     names = chosen(name)
     out, remark = _report_folder(name, out, as_json=as_json)
@@ -53,7 +53,7 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
     with _progress(len(names), quiet=as_json) as (advance, watch):
         results = compute(names, Engine(watch=watch), advance)
     if out is not None:
-        from ..studies.report import report_files
+        from ..studies.report_page import report_files
 
         write_files(report_files(results), out)
     if summary is not None:
@@ -77,7 +77,7 @@ def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path 
     InputError, MissingDependencyError
         If it cannot be written.
     """
-    from ..runtime.show.plots import figure_class
+    from ..runtime.plotting.trajectory_plots import figure_class
 
     if out is not None:
         check_folder("--out", out)
@@ -128,7 +128,7 @@ def _progress(
 
 
 def _print_json(name: str, results: Sequence[Result]) -> None:
-    from ..studies.report import as_json, json_text
+    from ..studies.report_page import as_json, json_text
 
     text = as_json(results) if name == "all" else json_text(results[0].as_dict())
     click.echo(text, nl=False)
@@ -152,8 +152,8 @@ def _print(name: str, results: Sequence[Result], out: Path | None, summary: Path
 
 
 def _print_result(result: Result) -> None:
-    from ..studies.model import Table
-    from ..studies.report import heading
+    from ..studies.report_page import heading
+    from ..studies.study_result import Table
 
     click.echo(f"{heading(result)}\n{result.about}\n")
     if isinstance(result, Table):
@@ -166,7 +166,7 @@ def _print_table(table: Table) -> None:
     from rich.table import Table as Grid
     from rich.text import Text
 
-    from ..studies.report import MARKS, is_scientific, number_text
+    from ..studies.report_page import MARKS, is_scientific, number_text
     from ..studies.summary import counts_line, notes
 
     cells = {(cell.row, cell.column): cell for cell in table.cells}

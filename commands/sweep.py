@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import GyrosparkError, InputError, Stopped
-from ..runtime.interrupts import watched
+from ..core.errors import GyrosparkError, InputError, Stopped
+from ..core.interrupts import watched
 from .options import check_ending, check_picture, check_writable, json_option, whole_number
 
 if TYPE_CHECKING:
-    from ..sweeps.estimate import Estimate
+    from ..sweeps.cost_estimate import Estimate
+    from ..sweeps.run_sweep import Progress
     from ..sweeps.study import Study
-    from ..sweeps.sweep import Progress
 
 __all__ = ["sweep"]
 
@@ -54,8 +54,8 @@ def sweep(
     gyrospark sweep examples/studies/gamma_dt.toml --dask tcp://192.168.0.7:8786 --out /share/b.zarr
     """
     from ..sweeps.results import fields_of, is_complete
+    from ..sweeps.run_sweep import run_study
     from ..sweeps.study_file import load_study
-    from ..sweeps.sweep import run_study
 
     store = out if out is not None else Path(f"{study.stem}.zarr")
     check_writable("--out", store, folder=True)
@@ -71,7 +71,7 @@ def sweep(
     if workers is not None:
         threads = max(1, whole_number("--workers", workers))
     if dry_run:
-        from ..sweeps.estimate import estimate
+        from ..sweeps.cost_estimate import estimate
 
         _print_estimate(estimate(loaded.study, fields), loaded.study, threads, as_json=as_json)
         return 0
@@ -154,8 +154,8 @@ def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, A
 
 
 def _draw(store: Path, show: str, plot: Path, result: dict[str, Any]) -> GyrosparkError | None:
-    from ..sweeps.picture import draw
     from ..sweeps.results import open_sweep
+    from ..sweeps.sweep_plots import draw
 
     try:
         draw(open_sweep(store), show, plot)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..body_values import REPS, RepName
-from ..catalogue import SYSTEMS, entry_named
-from ..errors import InputError
-from ..generator.schemes.scheme import SCHEMES
+from ..core.errors import InputError
+from ..core.inertia import REPS, RepName
+from ..core.progress import doing
+from ..core.real_types import REALS
+from ..core.registry import SYSTEMS, entry_named
+from ..generator.schemes.named_schemes import SCHEMES
 from ..generator.spec import PAPER_SPECS, Spec, is_model_file
-from ..real import REALS
-from ..runtime.notices import doing
 from .options import (
     check_picture,
     json_option,
@@ -30,8 +30,8 @@ from .options import (
 if TYPE_CHECKING:
     from ..certificates.certificate import Certificate
     from ..certificates.verification import Verdict
-    from ..generator.bodies.model import Model
-    from ..runtime.body.problems import Problem
+    from ..generator.multibody.model import Model
+    from ..runtime.rigid_body.problems import Problem
 
 __all__ = ["verify"]
 
@@ -155,7 +155,7 @@ def _certify(
     count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
     Spec.checked(choice["scheme"], count, choice["rep"], tableau=choice["tableau"])
     from ..certificates.certificate import certify
-    from ..runtime.body.problems import Problem
+    from ..runtime.rigid_body.problems import Problem
 
     step_size = None if dt is None else real_number("--dt", dt)
     with doing(f"checking what {name} keeps"):
@@ -186,7 +186,7 @@ def _draw(
     rep: RepName | None, plot: Path,
 ) -> dict[str, Any]:
     """Draw order, work and precision; return what was measured."""
-    from ..certificates.accuracy import accuracy, draw
+    from ..certificates.accuracy_over_time import accuracy, draw
     from ..certificates.certificate import compiled
 
     known, step = compiled(model, choice["scheme"], count, rep, choice["tableau"], True)
@@ -203,8 +203,8 @@ def _model(name: str, rep: str | None) -> Model | Problem:
         own = {"rep": rep} if rep is not None and entry.kind == "model" else {}
         made: Model | Problem = entry.make(**own)
         return made
-    from ..generator.model_files.model_file import parse_model
-    from ..generator.text.text_file import model_text
+    from ..generator.models.model_file import parse_model
+    from ..generator.parsing.text_file import model_text
 
     return parse_model(model_text(name), name, rep)
 

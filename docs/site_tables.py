@@ -11,9 +11,9 @@ import site_uses
 
 import gyrospark as gs
 from gyrospark.certificates.citations import WORKS
-from gyrospark.generator.bodies.multibody import Multibody
-from gyrospark.generator.model_files.model_bodies import FORCES, JOINTS, ON_JOINTS
-from gyrospark.generator.model_files.model_expressions import CONSTANTS, FUNCTIONS
+from gyrospark.generator.models.formulas import CONSTANTS, FUNCTIONS
+from gyrospark.generator.models.multibody_file import FORCES, JOINTS, ON_JOINTS
+from gyrospark.generator.multibody.multibody import Multibody
 
 __all__ = ["API", "TABLES"]
 
@@ -22,11 +22,12 @@ ROOT = Path(__file__).resolve().parent.parent
 #: Page of the reference → what it tells, in order. Every public name is on one of them.
 API = {
     "runs": [
-        "stepper", "Stepper", "Trajectory", "gyrospark.runtime.output.body_motion.BodyMotion",
-        "gyrospark.runtime.output.joint_motion.JointMotion",
-        "gyrospark.runtime.output.report.Report", "Simulation", "Ensemble", "Event", "Crossings",
-        "section", "Section", "GyrosparkError", "InputError", "InputWarning", "StepFailed",
-        "Stopped", "CompilerError", "TableauError", "StorageError", "MissingDependencyError"],
+        "stepper", "Stepper", "Trajectory", "gyrospark.runtime.results.body_motion.BodyMotion",
+        "gyrospark.runtime.results.joint_motion.JointMotion",
+        "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "Event",
+        "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",
+        "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
+        "MissingDependencyError"],
     "systems": [
         "System", "from_mechanics", "Model", "Multibody", "body_system", "symbols", "load_model",
         "load_urdf", "read_urdf", "models", "problems", "references", "exact", "tableau",

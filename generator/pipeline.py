@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..body_values import REPS
-from ..catalogue import MODELS, SYSTEMS
-from ..errors import InputError, TableauError
-from ..real import REALS
-from .bodies.model import Model
-from .emission.emit import Source, emit
-from .model_files.model_file import load_model
-from .schemes.legendre_means import mean_scheme
-from .schemes.scheme import scheme_named
-from .schemes.schemes import MeanScheme, SparkScheme, hoisted, with_drive
+from ..core.errors import InputError, TableauError
+from ..core.inertia import REPS
+from ..core.real_types import REALS
+from ..core.registry import MODELS, SYSTEMS
+from .codegen.emit import Source, emit
+from .models.model_file import load_model
+from .multibody.model import Model
+from .normal_forms.canonical_system import canonical
+from .schemes.lagrangian_midpoint import mean_scheme
+from .schemes.named_schemes import scheme_named
+from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_drive
 from .spec import Spec, join_name
-from .spelling.canonical import canonical
-from .symmetry.frames import frame_of
-from .systems.redundancy import refuse_redundant_anywhere
+from .symmetry.frame_symmetries import frame_of
+from .systems.redundant_constraints import refuse_redundant_anywhere
 from .systems.smoothness import refuse_kinks
 from .systems.system import System
 from .tableaux.conditions import Condition, check_tableau
@@ -63,8 +63,8 @@ def generate(
         Generate although required conditions of the tableau are violated, or constraints of the
         system depend on each other.
     structured : bool, optional
-        Whether the C loops over the instances of the system's forms (``structure``); by default
-        where that saves work.
+        Whether the C loops over the instances of the system's forms (``repeated_structure``); by
+        default where that saves work.
 
     Raises
     ------

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..body_values import REPS
-from ..catalogue import FRAMES, MODELS, SYSTEMS, unknown_name
-from ..errors import InputError
-from ..naming import choose, listed, shown, whole
-from ..real import REALS, RealName
-from .emission.profiles import PROFILES, ProfileName
-from .schemes.scheme import MAX_STAGES, SCHEMES, Scheme, scheme_named
-from .text.text_file import MODEL_FILES
+from ..core.arguments import choose, listed, shown, whole
+from ..core.errors import InputError
+from ..core.inertia import REPS
+from ..core.real_types import REALS, RealName
+from ..core.registry import FRAMES, MODELS, SYSTEMS, unknown_name
+from .codegen.profiles import PROFILES, ProfileName
+from .parsing.text_file import MODEL_FILES
+from .schemes.named_schemes import MAX_STAGES, SCHEMES, Scheme, scheme_named
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
 

@@ -13,24 +13,24 @@
 
 Modules::
 
-    problem     what a problem is: model, digits, invariants, what others published
-    truth       the digits, from digits.json, which benchmarks/make_digits.py writes
-    mechanisms  car axis, Andrews' squeezing mechanism
-    governor    the flyball governor with stiff dampers
-    linkages    four-bars in a row, Bricard's, Bennett's, a spatial slider-crank
-    pendulums   the pendulum in a plane and on a sphere
-    surfaces    Neumann's oscillator, the geodesic of an ellipsoid, a bead on a wire that turns, a
-                mass that grows
-    bodies      free bodies, and tops that are integrable
-    catalogue   all of them by name
-    measuring   error against cost
-    page        the page of the documents
+    problem           what a problem is: model, digits, invariants, what others published
+    true_digits       the digits, from digits.json, which benchmarks/make_digits.py writes
+    mechanisms        car axis, Andrews' squeezing mechanism
+    governor          the flyball governor with stiff dampers
+    linkages          four-bars in a row, Bricard's, Bennett's, a spatial slider-crank
+    pendulums         the pendulum in a plane and on a sphere
+    surfaces          Neumann's oscillator, the geodesic of an ellipsoid, a bead on a wire that
+                      turns, a mass that grows
+    rigid_bodies      free bodies, and tops that are integrable
+    problem_registry  all of them by name
+    work_precision    error against cost
+    results_page      the page of the documents
 """
 
-from .catalogue import names, reference
-from .measuring import Run, measure
 from .problem import Published, Reference
-from .truth import Truth
+from .problem_registry import names, reference
+from .true_digits import Truth
+from .work_precision import Run, measure
 
 __all__ = ["Published", "Reference", "Run", "Truth", "measure", "names", "reference"]
 

@@ -12,8 +12,8 @@ import numpy as np
 from .problem import Attempt, Reference
 
 if TYPE_CHECKING:
-    from ..generator.bodies.model import Model
-    from ..runtime.output.trajectory import Trajectory
+    from ..generator.multibody.model import Model
+    from ..runtime.results.trajectory import Trajectory
 
 __all__ = ["FLYBALL_GOVERNOR", "FLYBALL_GOVERNOR_STIFF"]
 
@@ -34,7 +34,7 @@ def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
     """
     import sympy as sp
 
-    from ..generator.bodies.model import Model
+    from ..generator.multibody.model import Model
     from ..generator.systems.system import System
 
     q = _, beta, s = sp.symbols("psi beta s", real=True)

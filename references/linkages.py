@@ -12,9 +12,9 @@ import numpy as np
 from .problem import Attempt, Published, Reference
 
 if TYPE_CHECKING:
-    from ..generator.bodies.model import Model
-    from ..generator.bodies.multibody import Multibody
-    from ..runtime.output.trajectory import Trajectory
+    from ..generator.multibody.model import Model
+    from ..generator.multibody.multibody import Multibody
+    from ..runtime.results.trajectory import Trajectory
 
 __all__ = ["BENNETT", "BRICARD", "BRICARD_PUSHED", "FOUR_BAR", "FOUR_BARS", "PARALLELOGRAM",
            "SLIDER_CRANK", "four_bars"]
@@ -67,7 +67,7 @@ def rod_inertia(along: Sequence[Fraction], mass: int = 1) -> tuple[tuple[Fractio
 
 def four_bars(count: int) -> Model:
     """Return so many four-bar linkages of rods in a row, upright, at 1 rad/s (IFToMM A02)."""
-    from ..generator.bodies.multibody import Multibody
+    from ..generator.multibody.multibody import Multibody
 
     build = Multibody(f"a02_{count}", gravity=(0, -9.81, 0))
     upright, lying = (1 / 12, 1e-3, 1 / 12), (1e-3, 1 / 12, 1 / 12)
@@ -119,7 +119,7 @@ PARALLELOGRAM = Reference(
 
 def _bricard(rate: float = 0.0) -> Model:
     """Five rods along edges of a cube; hinges begin to turn at ``rate``, to and fro by turns."""
-    from ..generator.bodies.multibody import Multibody
+    from ..generator.multibody.multibody import Multibody
 
     points = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
     build = Multibody("bricard", gravity=(0, -9.81, 0))
@@ -163,7 +163,7 @@ def _bennett() -> Model:
     axis 2 stay so all the way; x and y, which differ most at the start, are next to dependent half
     way: 4000 steps of 3-G-L then end 4e-11 away, of rounding, instead of 1e-15.
     """
-    from ..generator.bodies.multibody import Multibody
+    from ..generator.multibody.multibody import Multibody
 
     corners = {"A": (".8", "0", "-.3"), "B": ("0", ".8", ".3"), "C": ("-.8", "0", "-.3"),
                "D": ("0", "-.8", ".3")}
@@ -199,7 +199,7 @@ BENNETT = Reference(
 
 
 def _slider_crank() -> Model:
-    from ..generator.bodies.multibody import Multibody
+    from ..generator.multibody.multibody import Multibody
 
     build = Multibody("slider_crank_3d")
     rod = np.array([2, -1, -2]) / 3

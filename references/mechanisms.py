@@ -12,7 +12,7 @@ import numpy as np
 from .problem import Attempt, Published, Reference
 
 if TYPE_CHECKING:
-    from ..generator.bodies.model import Model
+    from ..generator.multibody.model import Model
 
 __all__ = ["ANDREWS", "CAR_AXIS"]
 
@@ -23,7 +23,7 @@ EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 
 
 def _car_axis() -> Model:
-    from ..generator.model_files.model_file import load_model
+    from ..generator.models.model_file import load_model
 
     return load_model(EXAMPLES / "car_axis.toml")
 
@@ -54,7 +54,7 @@ _START = ("-0.0617138900142764496358948458001", "0", "0.455279819163070380255912
 
 
 def _andrews() -> Model:
-    from ..generator.bodies.model import Model
+    from ..generator.multibody.model import Model
 
     typed = runpy.run_path(str(EXAMPLES / "andrews.py"))
     values: dict[str, Any] = {

@@ -11,8 +11,8 @@ import numpy as np
 from .problem import Attempt, Reference
 
 if TYPE_CHECKING:
-    from ..generator.bodies.model import Model
-    from ..runtime.output.trajectory import Trajectory
+    from ..generator.multibody.model import Model
+    from ..runtime.results.trajectory import Trajectory
 
 __all__ = ["SIMPLE_PENDULUM", "SPHERICAL_PENDULUM"]
 
@@ -23,7 +23,7 @@ def _point(name: str, axes: str, q: list[int], p: list[int]) -> Model:
     """Return a point of 1 kg on a rod of 1 m, gravity against the last axis."""
     import sympy as sp
 
-    from ..generator.bodies.model import Model
+    from ..generator.multibody.model import Model
     from ..generator.systems.system import System
 
     places = sp.symbols(list(axes), real=True)

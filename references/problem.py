@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from ..generator.schemes.scheme import SchemeName
-from .truth import Truth, truth
+from ..generator.schemes.named_schemes import SchemeName
+from .true_digits import Truth, truth
 
 if TYPE_CHECKING:
-    from ..generator.bodies.model import Model
-    from ..runtime.output.trajectory import Trajectory
+    from ..generator.multibody.model import Model
+    from ..runtime.results.trajectory import Trajectory
 
 __all__ = ["Attempt", "Published", "Reference", "largest_error"]
 
@@ -123,6 +123,6 @@ def _ratio(value: Any) -> tuple[int, int]:
     if hasattr(value, "as_integer_ratio"):
         top, bottom = value.as_integer_ratio()
         return int(top), int(bottom)
-    from ..runtime.call.quad import exact
+    from ..runtime.bindings.binary128 import exact
 
     return exact(value).as_integer_ratio()

@@ -12,8 +12,8 @@ import numpy as np
 from .problem import Attempt, Reference
 
 if TYPE_CHECKING:
-    from ..generator.bodies.model import Model
-    from ..runtime.output.trajectory import Trajectory
+    from ..generator.multibody.model import Model
+    from ..runtime.results.trajectory import Trajectory
 
 __all__ = ["BEAD", "ELLIPSOID", "GROWING_MASS", "NEUMANN"]
 
@@ -30,7 +30,7 @@ def _neumann() -> Model:
     """H = |p|²/2 + (x² + 2y² + 4z²)/2 on |q| = 1, with Uhlenbeck's integrals."""
     import sympy as sp
 
-    from ..generator.bodies.model import Model
+    from ..generator.multibody.model import Model
     from ..generator.systems.system import System
 
     q, p, stiff = sp.symbols("x y z", real=True), sp.symbols("px py pz", real=True), (1, 2, 4)
@@ -52,7 +52,7 @@ def _ellipsoid() -> Model:
     """
     import sympy as sp
 
-    from ..generator.bodies.model import Model
+    from ..generator.multibody.model import Model
     from ..generator.systems.system import System
 
     q, p, squares = sp.symbols("x y z", real=True), sp.symbols("px py pz", real=True), (1, 2, 4)
@@ -80,7 +80,7 @@ def _bead() -> Model:
     """H = |p|²/2 + g y on a wire that turns at 2 rad/s: x sin 2t = y cos 2t."""
     import sympy as sp
 
-    from ..generator.bodies.model import Model
+    from ..generator.multibody.model import Model
     from ..generator.systems.system import System
 
     (x, y), p, t = sp.symbols("x y", real=True), sp.symbols("px py", real=True), sp.Symbol("t")
@@ -95,7 +95,7 @@ def _growing_mass() -> Model:
     """L = e^(2ct) (v² − k² x²)/2, c = 1/4 and k = 1: time in the mass and in the spring."""
     import sympy as sp
 
-    from ..generator.bodies.model import Model
+    from ..generator.multibody.model import Model
     from ..generator.systems.system import System
 
     x, v, t = sp.symbols("x x_t t", real=True)

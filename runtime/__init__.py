@@ -1,15 +1,14 @@
-"""Keep and run: compile a stepper's C once, cache it, call it. Knows cffi and NumPy, no SymPy.
+"""Compile a stepper's C once, cache it, call it. Knows cffi and NumPy, no SymPy.
 
-    build/   text of a stepper to its loaded module
-    call/    compiled functions on arrays of every type
-    body/    the rigid body in numbers
-    choice/  γ chosen by measurement
-    events/  where a quantity crosses a level
-    show/    pictures, endings of files
-    output/  what a run returns, and its file
-    steps/   one integration, step by step
-    run/     steppers, single runs, ensembles
+A package imports only from packages above it.
 
-At the door: ``interrupts``, Ctrl-C and the end a cluster asks for, and ``notices``, what takes
-seconds is said.
+    compilation/  text of a stepper to its loaded module
+    bindings/     compiled functions on arrays of every type
+    rigid_body/   quaternions, inertia rules for γ, exact motions, the paper's problems
+    tuning/       γ, moving frames and Δt chosen by measurement
+    plotting/     figures, films, pages
+    results/      trajectories, diagnostics, crossings, tables, files
+    integration/  the step loop, its arguments, dense output, failed steps
+    events/       detection and location of events, Poincaré sections
+    steppers/     steppers, simulations, ensembles
 """

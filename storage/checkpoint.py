@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.call.binding import REASONS, Binding
-from ..runtime.call.wide import as_bytes, from_bytes
-from ..runtime.events.watch import TAIL, Memory
+from ..runtime.bindings.binding import REASONS, Binding
+from ..runtime.bindings.wide_numbers import as_bytes, from_bytes
+from ..runtime.events.detection import TAIL, Memory
 
 __all__ = ["Seen", "State", "pack", "room", "unpack"]
 

@@ -17,8 +17,8 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import BytesCodec, Crc32cCodec
 
-from ..errors import StorageError
-from . import durable
+from ..core.errors import StorageError
+from . import durable_files
 
 __all__ = ["Chunk", "codecs_of", "write_chunks"]
 
@@ -71,7 +71,7 @@ def _write(root: Path, chunk: Chunk) -> None:
         raise StorageError(f"The array {array.path!r} of {str(root)!r} is encoded in another way "
                            "than gyrospark does; choose another store.")
     path = root / array.path / array.metadata.encode_chunk_key(chunk.place)
-    durable.write_durably(path, _encoded(array, chunk.values))
+    durable_files.write_durably(path, _encoded(array, chunk.values))
 
 
 def _encoded(array: zarr.Array[Any], values: NDArray[Any]) -> Bytes:

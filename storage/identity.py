@@ -12,13 +12,13 @@ import numpy as np
 import zarr
 
 from .._version import __version__
-from ..errors import InputError
-from ..exact import digits_of, exact
+from ..core.errors import InputError
+from ..core.exact_numbers import digits_of, exact
 
 if TYPE_CHECKING:
-    from ..event import Event
-    from ..runtime.run.stepper import Stepper
-    from ..runtime.steps.integration import Run
+    from ..core.event import Event
+    from ..runtime.integration.step_loop import Run
+    from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["identity_of", "refuse_if_different", "versions", "written_by"]
 

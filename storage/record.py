@@ -1,4 +1,4 @@
-"""Records a run: begins its store, or goes on with it; ``course`` does the rest.
+"""Records a run: begins its store, or goes on with it; ``recorder`` does the rest.
 
 At every instant the store holds a run up to some commit. What is recorded is what
 ``Stepper.integrate`` returns, to the bit, however often a run was ended.
@@ -14,23 +14,17 @@ from typing import Any
 import zarr
 from numpy.typing import ArrayLike
 
-from ..arguments import as_flag
-from ..errors import InputError
-from ..event import Event, as_events, refuse_unusable_names
-from ..exact import Number
-from ..naming import shown, whole
-from ..runtime.call.binding import SolverName
-from ..runtime.call.checks import as_callback
-from ..runtime.choice.frame_choice import chosen
-from ..runtime.run.stepper import Stepper
-from ..runtime.steps.follow import followed
-from ..runtime.steps.integration import Run
-from .checkpoint import room
-from .course import Course
-from .durable import new_store_path, remove_parts, storage_errors
-from .fresh import appearing, is_new
-from .identity import identity_of, refuse_if_different, versions
-from .layout import (
+from ..core.arguments import as_flag, shown, whole
+from ..core.errors import InputError
+from ..core.event import Event, as_events, refuse_unusable_names
+from ..core.exact_numbers import Number
+from ..runtime.bindings.array_checks import as_callback
+from ..runtime.bindings.binding import SolverName
+from ..runtime.integration.frame_following import followed
+from ..runtime.integration.step_loop import Run
+from ..runtime.steppers.stepper import Stepper
+from ..runtime.tuning.frame_choice import chosen
+from .array_layout import (
     EXTENDS,
     create,
     extend,
@@ -38,10 +32,15 @@ from .layout import (
     fields_of_event,
     open_group,
 )
-from .lock import claim
+from .checkpoint import room
+from .durable_files import new_store_path, remove_parts, storage_errors
+from .identity import identity_of, refuse_if_different, versions
+from .recorder import Course
 from .recording import Recording
-from .soundness import COMPLETE, ENDED, FAILED, RUNNING, refuse_other_arrays
+from .staging import appearing, is_new
+from .validation import COMPLETE, ENDED, FAILED, RUNNING, refuse_other_arrays
 from .writer import CURE
+from .writer_lock import claim
 
 __all__ = ["record"]
 

@@ -11,21 +11,20 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..arguments import as_flag, as_path
-from ..errors import InputError, StepFailed
-from ..naming import listed
-from ..real import REALS
-from ..runtime.call.checks import as_positive_count
-from ..runtime.call.reals import from_text
-from ..runtime.events.found import Crossings
-from ..runtime.output.outputs import OUTPUTS, labels_of, parts, together
-from ..runtime.output.report import Report, known_fields
-from ..runtime.output.trajectory import Trajectory
-from .durable import one_line, store_path
-from .happened import crossings_in
+from ..core.arguments import as_flag, as_path, listed
+from ..core.errors import InputError, StepFailed
+from ..core.real_types import REALS
+from ..runtime.bindings.array_checks import as_positive_count
+from ..runtime.bindings.real_numbers import from_text
+from ..runtime.results.crossings import Crossings
+from ..runtime.results.diagnostics import Report, known_fields
+from ..runtime.results.run_arrays import OUTPUTS, labels_of, parts, together
+from ..runtime.results.trajectory import Trajectory
+from .array_layout import array_of, fields_of_event, names_of, open_group, wide_name
+from .durable_files import one_line, store_path
+from .event_store import crossings_in
 from .identity import written_by
-from .layout import array_of, fields_of_event, names_of, open_group, wide_name
-from .soundness import (
+from .validation import (
     FAILED,
     UNREADABLE,
     refuse_missing_blocks,
@@ -206,8 +205,8 @@ class Recording:
         self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False,
         columns: str | Iterable[str] | None = None,
     ) -> Path:
-        """Write the states to a .npz, .csv or .nc file; see ``storage.export``."""
-        from .export import export
+        """Write the states to a .npz, .csv or .nc file; see ``storage.table_files``."""
+        from .table_files import export
 
         return export(self, as_path("path", path, "night.csv"), euler=euler,
                       degrees=as_flag("degrees", degrees), columns=columns)

@@ -14,17 +14,17 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..runtime.call.wide import as_bytes
-from ..runtime.events.found import Crossings
-from ..runtime.output.outputs import OUTPUTS, States, parts, pieces, value_of
-from ..runtime.steps.integration import Rows, Run
+from ..runtime.bindings.wide_numbers import as_bytes
+from ..runtime.integration.step_loop import Rows, Run
+from ..runtime.results.crossings import Crossings
+from ..runtime.results.run_arrays import OUTPUTS, States, parts, pieces, value_of
+from .array_layout import CHECKPOINT, Field, array_of, attributes_of, consolidate, wide_name
 from .chunks import Chunk, write_chunks
-from .durable import storage_errors
-from .happened import Happened
-from .layout import CHECKPOINT, Field, array_of, attributes_of, consolidate, wide_name
+from .durable_files import storage_errors
+from .event_store import Happened
 
 if TYPE_CHECKING:
-    from ..runtime.call.binding import Binding
+    from ..runtime.bindings.binding import Binding
 
 __all__ = ["CURE", "Batch", "Writer", "stored_arrays"]
 

@@ -1,10 +1,10 @@
 """The paper, reproduced: every table and figure from compiled steppers, beside the printed one.
 
 One short file for each group of results; each says what it computes as data (problem, scheme,
-representation, parameter, Δt, number of steps, norm) and shares the engine:
+representation, parameter, Δt, number of steps, norm) and shares the runner of cases:
 
-``model``       what a result is: Table, Figure, Finding, with cells, panels and claims
-``engine``      runs a case once and remembers it; reference motions
+``study_result``  what a result is: Table, Figure, Finding, with cells, panels and claims
+``case_runner``   runs a case once and remembers it; reference motions
 ``verdict``     ours beside the paper's: agrees, round-off, misprint, differs
 ``printed``     the paper's numbers, as printed
 ``invariants``  Tables 2, 3, Figs. 5-7
@@ -19,6 +19,6 @@ representation, parameter, Δt, number of steps, norm) and shares the engine:
                 ``energy_law``, ``odd_proof``)
 ``newton_study`` and ``inexact_jacobian``  the iterations of Tables 8-14, not of the product
 ``fit``, ``labels``, ``drawing``, ``summary``  lines and slopes, words, SVG, Markdown
-``catalogue``   the name of every result → how to compute it
-``report``      one static page, JSON and CSV
+``study_registry``  the name of every result → how to compute it
+``report_page``   one static page, JSON and CSV
 """

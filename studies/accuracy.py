@@ -12,13 +12,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..body_values import REPS
-from ..naming import choose
-from ..runtime.body.closed_forms import RegularPrecession
-from .engine import Case, Engine, Quantity, scheme_of
+from ..core.arguments import choose
+from ..core.inertia import REPS
+from ..runtime.rigid_body.closed_forms import RegularPrecession
+from .case_runner import Case, Engine, Quantity, scheme_of
 from .labels import NORMS, row_name
-from .model import Cell, Claim, Figure, Panel, Series, Table
 from .printed import COLUMNS, MISPRINTS, TABLE_4, TABLE_6, TABLE_7
+from .study_result import Cell, Claim, Figure, Panel, Series, Table
 from .verdict import ROUND_OFF, judge, same_digits
 
 __all__ = ["figure_8", "figure_9", "table_4", "table_5", "table_6", "table_7"]

@@ -14,8 +14,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from . import equivalence, frames, gamma_auto, odd_stages, one_stage, zeros
-from .engine import Engine
-from .model import Finding
+from .case_runner import Engine
+from .study_result import Finding
 
 __all__ = ["FINDINGS"]
 

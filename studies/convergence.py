@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..body_values import RepName
-from ..real import RealName
-from .engine import Case, Engine, Quantity, scheme_of
+from ..core.inertia import RepName
+from ..core.real_types import RealName
+from .case_runner import Case, Engine, Quantity, scheme_of
 from .fit import fit_slope
 from .labels import PARAMETERS, letter
-from .model import Claim, Figure, Panel, Series
+from .study_result import Claim, Figure, Panel, Series
 
 __all__ = ["figure_10", "figure_16"]
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from ..runtime.show.plots import figure_class
-from .model import Panel, Series
+from ..runtime.plotting.trajectory_plots import figure_class
+from .study_result import Panel, Series
 
 __all__ = ["arrange", "draw", "inline"]
 

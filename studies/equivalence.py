@@ -8,16 +8,16 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..facade import stepper
-from ..generator.bodies.rigid_body import heavy_top
+from ..api import stepper
+from ..generator.multibody.rigid_body import heavy_top
 from ..generator.tableaux.families import lobatto_iiiab
 from ..generator.tableaux.tableau import Tableau
-from ..runtime.body.inertia import gamma_m
-from ..runtime.body.problems import fast_top
-from ..runtime.run.stepper import Stepper
-from .engine import Engine
-from .model import Claim, Finding
+from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.problems import fast_top
+from ..runtime.steppers.stepper import Stepper
+from .case_runner import Engine
 from .sampled_energy import run
+from .study_result import Claim, Finding
 
 __all__ = ["gradients_claim", "nodes_claim", "stages_claim", "study"]
 

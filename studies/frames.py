@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from .accuracy import SLIM_CONE, TOP, WIDE_CONE, Setting
-from .engine import Case, Engine, Quantity
+from .case_runner import Case, Engine, Quantity
 from .labels import NORMS
-from .model import Claim, Finding, Panel, Series
 from .printed import COLUMNS, TABLE_4, TABLE_6, TABLE_7, Printed
+from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["study"]
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.body.inertia import MEANS_BY_SYMBOL, gamma_m
-from .engine import Engine
+from ..runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, gamma_m
+from .case_runner import Engine
 from .fit import Line, fit_line
 from .gamma_trials import BODIES, METHODS, TIMES, Body, Trial
-from .model import Claim, Finding, Panel, Series
+from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["study"]
 

@@ -1,9 +1,9 @@
 """Motions, methods and the runs by which a chosen γ is judged.
 
-A motion is judged path by path (``runtime.motion_error``): the mean distance of each of the body's
-axes, in space, from where 6-stage Gauss-Lobatto with half the step, order 12, has it. Distances
-with the chosen γ are told in units of those with a recommendation; where the latter is off by more
-than 0.3 rad both runs have lost the motion, and the ratio says nothing.
+A motion is judged path by path (``runtime.tuning.motion_distance``): the mean distance of each of
+the body's axes, in space, from where 6-stage Gauss-Lobatto with half the step, order 12, has it.
+Distances with the chosen γ are told in units of those with a recommendation; where the latter is
+off by more than 0.3 rad both runs have lost the motion, and the ratio says nothing.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..facade import stepper
-from ..generator.schemes.scheme import SchemeName
-from ..runtime.body.inertia import MEANS_BY_SYMBOL, Aim, gamma_m
-from ..runtime.body.problems import Problem, fast_top, free_body, regular_precession
-from ..runtime.body.quaternion import euler_quaternion, momentum
-from ..runtime.choice.gamma_choice import GammaChoice, choose_gamma
-from ..runtime.choice.motion_error import MotionError, sizes
-from ..runtime.output.trajectory import Trajectory
+from ..api import stepper
+from ..generator.schemes.named_schemes import SchemeName
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, Aim, gamma_m
+from ..runtime.rigid_body.problems import Problem, fast_top, free_body, regular_precession
+from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
+from ..runtime.tuning.gamma_choice import GammaChoice, choose_gamma
+from ..runtime.tuning.motion_distance import MotionError, sizes
 
 __all__ = ["BODIES", "METHODS", "TIMES", "Body", "Trial", "asymmetric_top"]
 

@@ -15,14 +15,14 @@ from functools import cache, cached_property
 
 import sympy as sp
 
-from ..generator.bodies.rigid_body import double_momentum, heavy_top
-from ..generator.emission.emit import emit
+from ..core.real_types import REALS
+from ..generator.codegen.emit import emit
+from ..generator.multibody.rigid_body import double_momentum, heavy_top
 from ..generator.pipeline import tableau_of
-from ..generator.schemes.schemes import SparkScheme, hoisted
+from ..generator.schemes.step_equations import SparkScheme, hoisted
 from ..generator.spec import Spec
 from ..generator.systems.system import System
-from ..real import REALS
-from ..runtime.run.stepper import Stepper
+from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["InexactTop", "dropped_term", "inexact_stepper"]
 

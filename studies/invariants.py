@@ -15,10 +15,10 @@ from __future__ import annotations
 import numpy as np
 
 from .accuracy import Setting
-from .engine import Case, Engine, Quantity
+from .case_runner import Case, Engine, Quantity
 from .labels import NORMS, PARAMETERS, row_name
-from .model import Cell, Claim, Figure, Panel, Series, Table
 from .printed import COLUMNS
+from .study_result import Cell, Claim, Figure, Panel, Series, Table
 from .verdict import KEPT_EXACTLY, judge
 
 __all__ = ["KEPT", "figure_5", "figure_6", "figure_7", "table_2", "table_3"]

@@ -13,16 +13,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import cache
 
-from ..body_values import RepName
-from ..facade import stepper
-from ..generator.schemes.scheme import SchemeName
-from ..runtime.body.problems import fast_top
-from .engine import Engine, parameter_value
+from ..api import stepper
+from ..core.inertia import RepName
+from ..generator.schemes.named_schemes import SchemeName
+from ..runtime.rigid_body.problems import fast_top
+from .case_runner import Engine, parameter_value
 from .inexact_jacobian import inexact_stepper
 from .labels import PARAMETERS, letter
-from .model import Cell, Claim, Table
 from .newton_study import March, Rule, march
 from .printed_iterations import COPIED_ROWS, DIVERGENT, ITERATIONS, ROWS, STEPS, Row
+from .study_result import Cell, Claim, Table
 from .verdict import same_digits
 
 __all__ = ["table_9", "table_10", "table_11", "table_12", "table_13", "table_14", "within_one"]

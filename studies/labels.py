@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .engine import Quantity
+from .case_runner import Quantity
 
 __all__ = ["NORMS", "PARAMETERS", "letter", "row_name"]
 

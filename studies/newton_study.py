@@ -27,7 +27,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.run.stepper import Stepper
+from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["March", "Rule", "march"]
 

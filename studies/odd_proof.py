@@ -18,8 +18,8 @@ from ..generator.tableaux.families import lobatto_iiiab
 from ..generator.tableaux.tableau import Tableau
 from .body_frame import Top
 from .energy_law import energy_law, node_numbers, node_slope
-from .model import Claim
 from .one_step import energy_error
+from .study_result import Claim
 
 __all__ = [
     "RATIONAL_STATES",

@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..real import RealName
-from ..runtime.body.inertia import gamma_m
-from ..runtime.body.problems import fast_top
+from ..core.real_types import RealName
+from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.problems import fast_top
+from .case_runner import Engine
 from .energy_law import Law, energy_law, node_numbers
-from .engine import Engine
 from .fit import Line, fit_line
-from .model import Claim, Finding, Panel, Series
 from .odd_proof import (
     gamma_claim,
     identities_claim,
@@ -31,6 +30,7 @@ from .odd_proof import (
     variational_claim,
 )
 from .sampled_energy import energy_errors, run, top_along
+from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["Sweep", "law_growth", "limit", "study", "sweep", "turning_time"]
 

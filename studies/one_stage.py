@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.body.inertia import gamma_h, gamma_m
-from ..runtime.body.problems import fast_top
-from ..runtime.output.trajectory import Trajectory
-from .engine import Engine
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.rigid_body.gamma_rules import gamma_h, gamma_m
+from ..runtime.rigid_body.problems import fast_top
+from .case_runner import Engine
 from .fit import fit_line
-from .model import Claim, Finding, Panel, Series
 from .sampled_energy import energy_errors, run
+from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["study"]
 

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..body_values import RepName
-from ..real import RealName
-from .engine import Case, Engine, Quantity, scheme_of
+from ..core.inertia import RepName
+from ..core.real_types import RealName
+from .case_runner import Case, Engine, Quantity, scheme_of
 from .fit import Line, crossing, fit_line
 from .labels import letter
-from .model import Claim, Figure, Panel, Series
+from .study_result import Claim, Figure, Panel, Series
 
 __all__ = ["figure_11", "figure_12", "figure_13", "figure_14", "figure_15"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .engine import Quantity
+from .case_runner import Quantity
 
 __all__ = ["COLUMNS", "MISPRINTS", "TABLE_4", "TABLE_6", "TABLE_7", "Misprint", "Printed"]
 

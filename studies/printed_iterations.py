@@ -6,7 +6,7 @@ cell that our copy of the paper lost; None in Table 8 also where the paper has a
 
 from __future__ import annotations
 
-from ..generator.schemes.scheme import SchemeName
+from ..generator.schemes.named_schemes import SchemeName
 
 __all__ = [
     "COLUMNS_8",

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from ..body_values import RepName
-from ..facade import stepper
-from ..generator.schemes.scheme import SchemeName
-from ..runtime.body.problems import fast_top
-from .engine import Engine, parameter_value
+from ..api import stepper
+from ..core.inertia import RepName
+from ..generator.schemes.named_schemes import SchemeName
+from ..runtime.rigid_body.problems import fast_top
+from .case_runner import Engine, parameter_value
 from .inexact_jacobian import inexact_stepper
 from .labels import PARAMETERS, letter
-from .model import Cell, Claim, Table
 from .newton_study import Rule, march
 from .printed_iterations import COLUMNS_8, DIVERGENT, TABLE_8
+from .study_result import Cell, Claim, Table
 from .verdict import same_digits
 
 __all__ = ["largest_count", "table_8"]

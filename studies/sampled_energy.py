@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body_values import RepName
-from ..facade import stepper
-from ..generator.schemes.scheme import SchemeName
-from ..real import RealName
-from ..runtime.body.problems import fast_top
-from ..runtime.body.quaternion import rotation_matrix
-from ..runtime.output.trajectory import Trajectory
+from ..api import stepper
+from ..core.inertia import RepName
+from ..core.real_types import RealName
+from ..generator.schemes.named_schemes import SchemeName
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.rigid_body.problems import fast_top
+from ..runtime.rigid_body.quaternion import rotation_matrix
 from .body_frame import Top
 
 __all__ = ["energy_errors", "peak", "run", "top_along"]

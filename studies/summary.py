@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from .model import Cell, Claim, Figure, Finding, Result, Table, Verdict
+from .study_result import Cell, Claim, Figure, Finding, Result, Table, Verdict
 from .verdict import KEPT_EXACTLY, ROUND_OFF
 
 __all__ = [

@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 from decimal import ROUND_HALF_EVEN, Decimal
 
-from .model import Cell, Verdict
 from .printed import Misprint
+from .study_result import Cell, Verdict
 
 __all__ = ["KEPT_EXACTLY", "ROUND_OFF", "judge", "same_digits", "units_apart"]
 

@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 import sympy as sp
 
-from ..generator.bodies.rigid_body import double_momentum, gravity_potential, heavy_top, moments
-from ..generator.schemes.scheme import SchemeName
-from ..runtime.body.inertia import gamma_h, gamma_m
-from ..runtime.body.problems import fast_top
-from .engine import Engine
+from ..generator.multibody.rigid_body import double_momentum, gravity_potential, heavy_top, moments
+from ..generator.schemes.named_schemes import SchemeName
+from ..runtime.rigid_body.gamma_rules import gamma_h, gamma_m
+from ..runtime.rigid_body.problems import fast_top
+from .case_runner import Engine
 from .fit import Line, fit_line
-from .model import Claim, Finding, Panel, Series
 from .odd_stages import law_growth
 from .sampled_energy import energy_errors, peak, run
+from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["ErrorLine", "ZeroCase", "integrable_claim", "study"]
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..runtime.call.checks import as_positive_count
+from ..core.errors import InputError
+from ..runtime.bindings.array_checks import as_positive_count
 
 __all__ = ["SCHEME", "START", "Axis", "as_rows", "list_axis", "random_axis", "start_axis",
            "value_axis"]

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from ..errors import GyrosparkError, InputError, MissingDependencyError
-from ..extras import install
-from ..runtime.interrupts import Interrupts
-from ..storage.layout import Field
-from .compute import compute
+from ..core.errors import GyrosparkError, InputError, MissingDependencyError
+from ..core.extras import install
+from ..core.interrupts import Interrupts
+from ..storage.array_layout import Field
+from .compute_tile import compute
 from .results import Sink, Store
 from .study import Study
 from .tiles import Tile

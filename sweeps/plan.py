@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import as_mapping
-from ..errors import InputError
-from ..generator.schemes.scheme import SCHEMES
-from ..naming import listed, shown, whole
-from ..real import REALS
-from ..runtime.call.checks import as_positive_count
+from ..core.arguments import as_mapping, listed, shown, whole
+from ..core.errors import InputError
+from ..core.real_types import REALS
+from ..generator.schemes.named_schemes import SCHEMES
+from ..runtime.bindings.array_checks import as_positive_count
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
-from .model import base_parameters, resolve, starts
 from .study import Study, checked_study
+from .sweep_model import base_parameters, resolve, starts
 
 __all__ = ["plan"]
 

@@ -17,15 +17,11 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..arguments import as_items, as_path
-from ..errors import InputError
-from ..naming import proposal, shown
-from ..runtime.call.binding import REASONS
-from ..runtime.output.outputs import labels_of
-from ..storage.chunks import Chunk, write_chunks
-from ..storage.durable import DurableStore, storage_errors
-from ..storage.identity import written_by
-from ..storage.layout import (
+from ..core.arguments import as_items, as_path, proposal, shown
+from ..core.errors import InputError
+from ..runtime.bindings.binding import REASONS
+from ..runtime.results.run_arrays import labels_of
+from ..storage.array_layout import (
     QUANTITY,
     Field,
     array_of,
@@ -34,10 +30,13 @@ from ..storage.layout import (
     create_array,
     open_group,
 )
+from ..storage.chunks import Chunk, write_chunks
+from ..storage.durable_files import DurableStore, storage_errors
+from ..storage.identity import written_by
 from .axes import SCHEME
+from .cell_events import count_of, first_of
 from .study import Study
 from .tiles import Tile, tile_counts, tile_shape, tiles_of
-from .watched import count_of, first_of
 
 if TYPE_CHECKING:
     import xarray

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..event import Event, as_events, refuse_unusable_names
-from ..naming import choose, listed, proposal
-from ..real import REALS
-from ..runtime.call.binding import SOLVERS, SolverName
-from ..runtime.call.checks import as_positive_count, as_real, as_step
-from ..runtime.choice.symmetries import refuse_broken
-from ..runtime.steps.parameters import as_parameters
+from ..core.arguments import choose, listed, proposal
+from ..core.errors import InputError
+from ..core.event import Event, as_events, refuse_unusable_names
+from ..core.real_types import REALS
+from ..runtime.bindings.array_checks import as_positive_count, as_real, as_step
+from ..runtime.bindings.binding import SOLVERS, SolverName
+from ..runtime.integration.parameters import as_parameters
+from ..runtime.tuning.manifest_symmetries import refuse_broken
 from .axes import SCHEME, START, Axis
 
 if TYPE_CHECKING:
-    from ..runtime.run.stepper import Stepper
+    from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["Study", "checked_study"]
 

@@ -29,12 +29,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
-from ..event import Event, event_of_text
-from ..generator.model_files.model_table import load_toml
+from ..core.arguments import proposal, whole
+from ..core.errors import InputError
+from ..core.event import Event, event_of_text
+from ..generator.models.toml_tables import load_toml
+from ..generator.parsing.text_file import UnusableFileError, read_text
 from ..generator.spec import is_model_file
-from ..generator.text.text_file import UnusableFileError, read_text
-from ..naming import proposal, whole
 from .plan import plan
 from .study import Study, as_table
 

@@ -14,7 +14,7 @@ import gyrospark as gs
 from calls import SCHEMES, identify, late_failures
 from compilers import COMPILERS
 from gyrospark.commands import main, main_generate
-from gyrospark.errors import CompilerError
+from gyrospark.core.errors import CompilerError
 
 # Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
 # itself, and processes that run longer get a higher level. Set another one to test its code.

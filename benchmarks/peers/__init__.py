@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterable
 
-from ...errors import InputError
+from ...core.errors import InputError
 from .entry import Entry
 
 __all__ = ["OF_BODIES", "PEERS", "chosen", "entries"]

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from ...facade import tableau
-from ...runtime.body.quaternion import angular_velocity
-from ...runtime.build.compiler import find_compiler
+from ...api import tableau
+from ...runtime.compilation.compiler import find_compiler
+from ...runtime.rigid_body.quaternion import angular_velocity
 from ..tops import (
     INERTIA,
     MGL,

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.body.quaternion import rotation_matrix
-from ..linkages import Array, BodyStart, Hold, Linkage
+from ...runtime.rigid_body.quaternion import rotation_matrix
+from ..peer_linkages import Array, BodyStart, Hold, Linkage
 from .optional import need
 
 __all__ = ["PACKAGE", "SOLVERS", "Machine"]

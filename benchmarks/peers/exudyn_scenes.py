@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ...body_values import quaternion_of_matrix
-from ...runtime.body.quaternion import rotation_matrix
+from ...core.inertia import quaternion_of_matrix
+from ...runtime.rigid_body.quaternion import rotation_matrix
 from ..scenes import GROUND, Array, Motion, Scene, SceneBody, SceneJoint, SceneSpring
 from .optional import Unavailable, need
 

@@ -13,9 +13,9 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...body_values import quaternion_of_matrix
-from ...runtime.body.quaternion import rotation_matrix
-from ..linkages import Array, Hold, Linkage
+from ...core.inertia import quaternion_of_matrix
+from ...runtime.rigid_body.quaternion import rotation_matrix
+from ..peer_linkages import Array, Hold, Linkage
 from .optional import need
 
 __all__ = ["INTEGRATORS", "PACKAGE", "STIFFEST", "Machine", "text"]

@@ -13,8 +13,8 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from ...body_values import quaternion_of_matrix
-from ...runtime.body.quaternion import rotation_matrix
+from ...core.inertia import quaternion_of_matrix
+from ...runtime.rigid_body.quaternion import rotation_matrix
 from ..scenes import GROUND, Array, Motion, Scene, SceneJoint
 from .mujoco_bodies import STIFFEST, text
 from .optional import Unavailable, need

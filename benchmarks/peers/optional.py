@@ -6,7 +6,7 @@ import importlib
 import importlib.metadata
 from typing import Any
 
-from ...errors import GyrosparkError
+from ...core.errors import GyrosparkError
 
 __all__ = ["Unavailable", "need", "version"]
 

@@ -8,13 +8,13 @@ from functools import partial
 import numpy as np
 
 from ..._version import __version__
-from ...body_values import RepName
-from ...errors import InputError
-from ...facade import stepper
-from ...generator.schemes.scheme import SchemeName
-from ...naming import choose
-from ...runtime.body.quaternion import angular_velocity
-from ...runtime.run.stepper import SOLVERS as KNOWN
+from ...api import stepper
+from ...core.arguments import choose
+from ...core.errors import InputError
+from ...core.inertia import RepName
+from ...generator.schemes.named_schemes import SchemeName
+from ...runtime.rigid_body.quaternion import angular_velocity
+from ...runtime.steppers.stepper import SOLVERS as KNOWN
 from ..tops import FREE_RATE, INERTIA, State, parameters, tops
 from .entry import Entry, Run
 from .optional import Unavailable

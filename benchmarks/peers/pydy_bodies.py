@@ -14,8 +14,8 @@ import numpy as np
 import sympy as sp
 from sympy.physics import mechanics as me
 
-from ...runtime.body.quaternion import rotation_matrix
-from ..linkages import Array, Hold, Linkage
+from ...runtime.rigid_body.quaternion import rotation_matrix
+from ..peer_linkages import Array, Hold, Linkage
 from .optional import Unavailable, need
 
 __all__ = ["PACKAGE", "TOLERANCES", "Machine"]

@@ -16,7 +16,7 @@ import numpy as np
 import sympy as sp
 from sympy.physics import mechanics as me
 
-from ..linkages import Array
+from ..peer_linkages import Array
 from .optional import Unavailable, need
 
 __all__ = ["LIMIT", "PACKAGE", "TOLERANCES", "Machine"]

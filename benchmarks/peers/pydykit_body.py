@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.body.quaternion import angular_velocity
+from ...runtime.rigid_body.quaternion import angular_velocity
 from ..tops import INERTIA, MGL, Array, State, tops
 from .entry import Entry, Run
 from .optional import need, version

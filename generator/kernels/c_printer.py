@@ -8,9 +8,9 @@ from fractions import Fraction
 
 import sympy as sp
 
-from ...errors import InputError
-from ...real import Real
-from ..algebra.cardinal import Numeric
+from ...core.errors import InputError
+from ...core.real_types import Real
+from ..symbolic.cardinal_functions import Numeric
 
 __all__ = ["ON_LANES", "SWITCHES", "CPrinter"]
 

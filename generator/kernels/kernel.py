@@ -9,10 +9,10 @@ from itertools import count, islice
 
 import sympy as sp
 
-from ...real import Real
-from ..algebra.bounded_algebra import is_small
-from ..algebra.sharing import spelled_out, symbols_of
-from ..algebra.switches import Where
+from ...core.real_types import Real
+from ..symbolic.bounded_algebra import is_small
+from ..symbolic.shared_subexpressions import spelled_out, symbols_of
+from ..symbolic.switching_functions import Where
 from .c_printer import ON_LANES, CPrinter
 from .statements import Kernel, Statements, entries
 

@@ -1,7 +1,7 @@
 """A kernel as statements: what it shares is computed once, under a name, in any language.
 
-Neutral data: names, expressions, places of the outputs. ``kernel`` prints C of it, ``in_numpy``
-carries it out.
+Neutral data: names, expressions, places of the outputs. ``kernel`` prints C of it,
+``numpy_kernels`` evaluates it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import sympy as sp
 
-from ..algebra.sharing import Shared, name_of, parts_of, symbols_of, tree_size
+from ..symbolic.shared_subexpressions import Shared, name_of, parts_of, symbols_of, tree_size
 
 __all__ = ["Kernel", "Statements", "entries", "statements_of"]
 

@@ -26,17 +26,17 @@ from functools import cached_property
 
 import sympy as sp
 
-from ..algebra.bounded_algebra import expanded, is_small
-from ..algebra.switches import depends_by_steps, switches_of
 from ..kernels.statements import Kernel
+from ..symbolic.bounded_algebra import expanded, is_small
+from ..symbolic.switching_functions import depends_by_steps, switches_of
 from ..systems.jacobians import jacobian, shortest
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
-from .differences import vector
-from .inputs import time_input
-from .legendre import motion_kernels
-from .legendre_means import LagrangianIMS
-from .schemes import MeanScheme, common_kernels, drive_kernels, rate_kernels
+from .kernel_inputs import time_input
+from .lagrangian_kernels import motion_kernels
+from .lagrangian_midpoint import LagrangianIMS
+from .step_equations import MeanScheme, common_kernels, drive_kernels, rate_kernels
+from .system_differences import vector
 
 __all__ = ["FastLagrangian", "FastSystem", "fast_system"]
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import mpmath as mp
 
-from ...real import Real, round_binary
+from ...core.real_types import Real, round_binary
 from ..tableaux.multipliers import multiplier_inverse
 from ..tableaux.tableau import Tableau
 

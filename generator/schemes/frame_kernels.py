@@ -14,11 +14,11 @@ from fractions import Fraction
 import sympy as sp
 
 from ..kernels.statements import Kernel
-from ..symmetry.frames import Frame, Symmetry
+from ..symmetry.frame_symmetries import Frame, Symmetry
 from ..symmetry.rotations import Rotation, turned
-from ..systems.elimination import connected
+from ..systems.elimination_order import connected
 from ..systems.system import System
-from .differences import vector
+from .system_differences import vector
 
 __all__ = ["Turning"]
 

@@ -5,5 +5,5 @@
     symmetry_conditions  what a symmetry must satisfy, in exact arithmetic
     near_symmetries      how far a field is from being one
     momentum_maps        what is conserved, and how it was proved
-    frames               co-moving frames along symmetries
+    frame_symmetries     symmetries along which a frame may move
 """

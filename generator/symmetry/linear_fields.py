@@ -17,7 +17,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..bodies.rigid_body import left_matrix
+from ..multibody.rigid_body import left_matrix
 from ..systems.system import System
 
 __all__ = ["Field", "known_fields", "motions_of_space"]

@@ -28,8 +28,8 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ..algebra.residues import identically_zero
-from ..algebra.sharing import substitute
+from ..symbolic.finite_fields import identically_zero
+from ..symbolic.shared_subexpressions import substitute
 from ..systems.smoothness import on_any_side
 from ..systems.system import System
 from .linear_fields import Field, known_fields, motions_of_space

@@ -16,8 +16,8 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..algebra.derivatives import derivative
-from ..algebra.evaluation import Evaluator, evaluate, mp_context
+from ..symbolic.derivatives import derivative
+from ..symbolic.numeric_evaluation import Evaluator, evaluate, mp_context
 from ..systems.system import System
 from .linear_fields import Field
 

@@ -15,7 +15,7 @@ from fractions import Fraction
 
 import sympy as sp
 
-from ..systems.elimination import connected
+from ..systems.elimination_order import connected
 
 __all__ = ["Rotation", "commute", "rotation_of", "turned"]
 

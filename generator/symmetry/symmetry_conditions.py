@@ -19,9 +19,9 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..algebra.rational_spaces import NullSpace, reduced
-from ..algebra.residues import Residues, exactly
-from ..algebra.sharing import substitute
+from ..symbolic.finite_fields import Residues, exactly
+from ..symbolic.null_spaces import NullSpace, reduced
+from ..symbolic.shared_subexpressions import substitute
 from ..systems.system import System
 from .linear_fields import Field
 

@@ -1,15 +1,16 @@
-"""Systems: q, p, H, g and forces, and what is found out about them before anything is emitted.
+"""Systems: q, p, H, g and forces, and their analysis before code is generated.
 
-    system          a constrained Hamiltonian system and its derivatives
-    given           what a caller gives of one, checked
-    places          where bodies and joints are in it
-    given           what users give, as expressions
-    lagrangian      a system from its Lagrangian, M(q) never inverted in symbols
-    numeric_system  the same with numbers, in NumPy
-    redundancy      constraints that others imply
-    jacobians       matrices of derivatives
-    moving          a system in a co-moving frame
-    structure       the few forms that many terms have, and how they hang together
-    elimination     orders of rows that leave zeros what they are
-    smoothness      where sides do not meet smoothly
+    system                 a constrained Hamiltonian system and its derivatives
+    lagrangian             a system from its Lagrangian, M(q) never inverted in symbols
+    sympy_mechanics        a system from sympy.physics.mechanics
+    sympy_motion           how frames and points of sympy.physics.mechanics move
+    expression_arguments   expressions that a user passes, checked
+    body_layout            coordinates of bodies and joints in a system
+    numeric_system         g, g_q and H_p with numbers, in NumPy
+    redundant_constraints  constraints that others imply
+    jacobians              matrices of derivatives
+    moving_frame           a system in a co-moving frame
+    repeated_structure     the few templates that many terms share, and their sparsity
+    elimination_order      orders of rows that keep zeros
+    smoothness             points where an expression is not smooth
 """

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from ..algebra.bounded_algebra import can_be_factored, expanded
-from ..algebra.derivatives import derivative
+from ..symbolic.bounded_algebra import can_be_factored, expanded
+from ..symbolic.derivatives import derivative
 
 __all__ = ["difference", "gradient", "jacobian", "shortest", "symmetric_jacobian"]
 

@@ -22,12 +22,13 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...naming import shown
-from ..algebra.derivatives import derivative, slopes
-from ..algebra.evaluation import evaluate
-from ..algebra.identities import compare
-from ..algebra.sharing import (
+from ...core.arguments import shown
+from ...core.errors import InputError
+from ..parsing.tokens import shorten
+from ..symbolic.derivatives import derivative, slopes
+from ..symbolic.identities import compare
+from ..symbolic.numeric_evaluation import evaluate
+from ..symbolic.shared_subexpressions import (
     Shared,
     name_of,
     parts_of,
@@ -36,10 +37,9 @@ from ..algebra.sharing import (
     symbols_of,
     tree_size,
 )
-from ..algebra.switches import switches_of
-from ..text.tokens import shorten
-from .elimination import Elimination, eliminate
-from .given import as_expression, as_sequence
+from ..symbolic.switching_functions import switches_of
+from .elimination_order import Elimination, eliminate
+from .expression_arguments import as_expression, as_sequence
 from .system import System
 
 __all__ = ["LagrangianSystem", "from_lagrangian"]
@@ -149,7 +149,7 @@ class LagrangianSystem(System):
 
     @cached_property
     def mass_entries(self) -> list[sp.Expr]:
-        """M(q) as ``elimination`` stores it: the diagonal, then what is below it."""
+        """M(q) as ``elimination_order`` stores it: the diagonal, then what is below it."""
         found = [sp.Integer(0)] * self.elimination.entries
         for place, e in zip(self.mass, self._at_rest([*self.mass.values()]), strict=True):
             found[self.elimination.slot_of[place]] = e

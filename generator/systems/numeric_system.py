@@ -13,12 +13,11 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ...arguments import as_mapping
-from ...body_values import real_array
-from ...errors import InputError
-from ...naming import shown
-from ..algebra.derivatives import derivative
-from ..algebra.evaluation import evaluate
+from ...core.arguments import as_mapping, shown
+from ...core.errors import InputError
+from ...core.inertia import real_array
+from ..symbolic.derivatives import derivative
+from ..symbolic.numeric_evaluation import evaluate
 from .lagrangian import LagrangianSystem
 from .system import System
 

@@ -17,11 +17,11 @@ from typing import Any
 
 import sympy as sp
 
-from ...errors import InputError
-from ..algebra.derivatives import derivative
-from ..algebra.evaluation import Evaluator, mp_context
-from ..algebra.switches import on_side, switches_of
-from ..text.tokens import shorten
+from ...core.errors import InputError
+from ..parsing.tokens import shorten
+from ..symbolic.derivatives import derivative
+from ..symbolic.numeric_evaluation import Evaluator, mp_context
+from ..symbolic.switching_functions import on_side, switches_of
 from .system import System
 
 __all__ = ["Meeting", "Switching", "meeting", "on_any_side", "refuse_kinks"]

@@ -19,14 +19,13 @@ from typing import Any
 
 import sympy as sp
 
-from ...arguments import as_flag, as_items, as_mapping, as_text
-from ...errors import InputError
-from ...markup import card, table
-from ...naming import few, shown
-from ..text.c_names import is_taken
-from .given import as_expression, as_sequence, refuse_unless_symbols, shown_formula
+from ...core.arguments import as_flag, as_items, as_mapping, as_text, few, shown
+from ...core.errors import InputError
+from ...core.html import card, table
+from ..parsing.reserved_names import is_taken
+from .body_layout import BodyAt, JointAt
+from .expression_arguments import as_expression, as_sequence, refuse_unless_symbols, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
-from .places import BodyAt, JointAt
 
 __all__ = ["BodyAt", "System"]
 
@@ -77,9 +76,9 @@ class System:
     Notes
     -----
     All symbols stand for real numbers. Expressions may have SymPy's Abs, sign, Heaviside, Min, Max,
-    Piecewise, floor, ceiling and Mod (``switches``); Heaviside(0) is ½ unless it is said otherwise.
-    Derivatives are those of the side where q and p are. A constraint must have a continuous
-    derivative all the same, and EMS takes of H what is continuous.
+    Piecewise, floor, ceiling and Mod (``switching_functions``); Heaviside(0) is ½ unless it is said
+    otherwise. Derivatives are those of the side where q and p are. A constraint must have a
+    continuous derivative all the same, and EMS takes of H what is continuous.
     """
 
     q: tuple[sp.Symbol, ...]

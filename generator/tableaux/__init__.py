@@ -1,14 +1,14 @@
 """Tableaux: nodes and coefficients derived from their conditions, exact, and what they satisfy.
 
-    node_algebra    functions on a set of nodes, exactly
-    nodes           roots of polynomials, exact and in certified enclosures
-    families        Gauss-Lobatto, Lobatto IIIA-B and Radau-Lobatto, solved for from (A.8)-(A.16)
-    tableau         a SPARK tableau: exact until one door turns it into numbers
-    tableau_file    a user's own, from JSON
-    enclosures      its numbers in proved bounds
-    separation      whether a number written with radicals is zero
-    multipliers     M = Ā Ã, what multipliers do to constraints at the nodes
-    stability       R(z) of a fast decay: A-stable, L-stable, numerical damping
-    conditions      each condition as a residual, and predicates derived from it
-    observed_order  the order as measured
+    node_algebra       functions on a set of nodes, exactly
+    nodes              roots of polynomials, exact and in certified enclosures
+    families           Gauss-Lobatto, Lobatto IIIA-B and Radau-Lobatto from (A.8)-(A.16)
+    tableau            a SPARK tableau: exact, rounded once
+    tableau_file       a user's own, from JSON
+    enclosures         its numbers in proved bounds
+    separation_bounds  whether a number written with radicals is zero
+    multipliers        M = Ā Ã, the effect of multipliers on constraints at the nodes
+    stability          R(z) of a fast decay: A-stable, L-stable, numerical damping
+    conditions         each condition as a residual, and predicates derived from it
+    observed_order     the order as measured
 """

@@ -22,7 +22,7 @@ import sympy as sp
 
 from .multipliers import multiplier_condition, multiplier_inverse
 from .node_algebra import Nodes, column, magnitude, power
-from .separation import Rounding, vanishes_to
+from .separation_bounds import Rounding, vanishes_to
 from .stability import stability
 from .tableau import Tableau
 

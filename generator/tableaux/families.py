@@ -14,7 +14,7 @@ from typing import Any
 from sympy import QQ
 from sympy.polys.matrices import DomainMatrix
 
-from ...errors import TableauError
+from ...core.errors import TableauError
 from .node_algebra import Nodes, PolynomialNodes, column, power
 from .nodes import gauss_polynomial, lobatto_polynomial, radau_polynomial
 from .tableau import Tableau

@@ -24,7 +24,7 @@ from sympy import EXRAW, QQ
 from sympy.polys.matrices import DomainMatrix
 
 from .nodes import enclose_roots
-from .separation import Rounding, enclosure, vanishes_to
+from .separation_bounds import Rounding, enclosure, vanishes_to
 
 __all__ = ["Nodes", "PolynomialNodes", "ValueNodes", "column", "magnitude"]
 

@@ -16,7 +16,7 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
-from ...errors import TableauError
+from ...core.errors import TableauError
 
 __all__ = ["Enclosure", "enclose_roots", "exact_roots", "gauss_polynomial", "lobatto_polynomial",
            "radau_polynomial"]

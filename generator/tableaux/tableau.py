@@ -19,12 +19,12 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
-from ...errors import InputError
-from ...markup import card, formula, table
+from ...core.errors import InputError
+from ...core.html import card, formula, table
 from .enclosures import enclose_part, map_entries, widest_radius
 from .node_algebra import Nodes, ValueNodes
 from .nodes import BITS, Enclosure, exact_roots
-from .separation import Rounding
+from .separation_bounds import Rounding
 
 __all__ = ["FIELDS", "NumericTableau", "Tableau"]
 

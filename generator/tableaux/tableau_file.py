@@ -13,9 +13,9 @@
       "c_tilde": [0, "1/2", 1]
     }
 
-An entry is a string in the grammar of ``expressions``, a JSON integer or a JSON decimal; decimals
-count exactly as they are written. A decimal of more than 8 digits after the point is taken to be
-rounded, and the conditions on the tableau are then checked to the digits it has.
+An entry is a string in the grammar of ``exact_expressions``, a JSON integer or a JSON decimal;
+decimals count exactly as they are written. A decimal of more than 8 digits after the point is taken
+to be rounded, and the conditions on the tableau are then checked to the digits it has.
 
 ``A_hat`` (default: A), ``b_hat`` (b), ``c`` (row sums of A) and ``c_tilde`` (row sums of A_bar)
 may be left out, and so may the claims ``order``, ``symmetric`` and ``symplectic`` (true or false),
@@ -35,12 +35,12 @@ import sympy as sp
 from sympy import EXRAW
 from sympy.polys.matrices import DomainMatrix
 
-from ...errors import InputError, TableauError
-from ..text.c_names import KEYWORDS
-from ..text.expressions import decimal_digits, parse_expression
-from ..text.text_file import UnusableFileError, read_text
+from ...core.errors import InputError, TableauError
+from ..parsing.exact_expressions import decimal_digits, parse_expression
+from ..parsing.reserved_names import KEYWORDS
+from ..parsing.text_file import UnusableFileError, read_text
 from .node_algebra import ValueNodes, column
-from .separation import Rounding
+from .separation_bounds import Rounding
 from .tableau import FIELDS, Tableau
 
 __all__ = ["read_tableau"]

@@ -1,6 +1,8 @@
-"""Events: where a quantity of a run crosses a level.
+"""Events: where a quantity of a run crosses a level. Their record is ``results.crossings``.
 
-    found   where it happened
-    watch   the states of a run, looked at step by step
-    roots   zeros of many functions at once, in brackets
+    detection         steps in which a value changes its sign
+    root_finding      zeros of many functions at once, in brackets
+    location          where events happen, by short real steps
+    observer          the events of a long run, located in pieces
+    poincare_section  Poincaré sections of many starts
 """

@@ -10,7 +10,7 @@ import pytest
 
 import gyrospark as gs
 from calls import LATE, PARAMETERS, RUN, TOP, equal
-from gyrospark.runtime.call.binding import REASONS
+from gyrospark.runtime.bindings.binding import REASONS
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")

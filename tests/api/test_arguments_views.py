@@ -10,7 +10,7 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import RUN, TOP, refused
-from gyrospark.extras import install
+from gyrospark.core.extras import install
 from processes import FAST_TOP, python
 
 

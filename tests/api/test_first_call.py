@@ -7,10 +7,10 @@ import sys
 
 import pytest
 
+from gyrospark.core.lazy_imports import imported_for_good
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.system import System
-from gyrospark.imports import imported_for_good
 
 
 @pytest.mark.parametrize("scheme", [("G-L", 2), ("EMS", None)])
@@ -29,8 +29,8 @@ def test_what_is_imported_for_good_is_not_looked_through(monkeypatch):
         with imported_for_good("gyrospark"):
             assert gc.isenabled()
         assert gc.get_freeze_count() == 0
-        monkeypatch.delitem(sys.modules, "gyrospark.imports")
-        with imported_for_good("gyrospark.imports"):
+        monkeypatch.delitem(sys.modules, "gyrospark.core.lazy_imports")
+        with imported_for_good("gyrospark.core.lazy_imports"):
             assert not gc.isenabled()
         assert gc.isenabled()
         assert gc.get_freeze_count() > 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.catalogue import MODELS, PROBLEMS
+from gyrospark.core.registry import MODELS, PROBLEMS
 from hostile import WRONG, calls
 
 NAMES = [call.name for call in calls(None)]

@@ -15,8 +15,8 @@ import sympy as sp
 import gyrospark as gs
 from calls import RUN, TOP
 from gyrospark.certificates.certificate import Certificate
-from gyrospark.certificates.examination import Line
-from gyrospark.markup import curve, table
+from gyrospark.certificates.measured_properties import Line
+from gyrospark.core.html import curve, table
 
 HOSTILE = "<script>alert(1)</script> & \"x\""
 

@@ -12,7 +12,7 @@ import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP
 from gyrospark.certificates.verification import verify_stepper
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.run.start import Start
+from gyrospark.runtime.steppers.run_defaults import Start
 
 
 def built():

@@ -19,8 +19,8 @@ from calls import LATE, PARAMETERS, RUN, TOP, refused
 from forced_systems import PARAMETERS as DRAG
 from forced_systems import start as start_of
 from forced_systems import stepper_for
-from gyrospark.runtime.output.outputs import OUTPUTS
-from gyrospark.runtime.run import simulation
+from gyrospark.runtime.results.run_arrays import OUTPUTS
+from gyrospark.runtime.steppers import simulation
 from input_systems import pendulum, stepper
 from processes import ROOT
 from strategies import EPS

@@ -12,16 +12,16 @@ import pytest
 import gyrospark as gs
 from gyrospark.benchmarks import (
     batches,
-    bodies,
     contest,
     drift,
     ensembles,
     events,
     growth,
-    linkages,
+    joined_bodies,
+    peer_linkages,
     peers,
     pictures,
-    reference,
+    reference_states,
     steps,
     storing,
     sweeping,
@@ -32,9 +32,9 @@ from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_rati
 from gyrospark.benchmarks.peers import exudyn_bodies, mujoco_bodies, optional, ours, pydy_bodies
 from gyrospark.benchmarks.peers.entry import Entry
 from gyrospark.commands import bench_tables, main
-from gyrospark.extras import install
-from gyrospark.runtime.body.quaternion import rotation_matrix
-from gyrospark.sweeps.sweep import run_study
+from gyrospark.core.extras import install
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.sweeps.run_sweep import run_study
 
 SHORT = Limits(t_end=1.0, rounds=3, least=1e-4, most=60.0)
 
@@ -88,14 +88,14 @@ def test_reference_is_where_a_precise_run_ends():
     starts = tops.tops(8)
     ends = [step.integrate(top.q, top.p, dt=1e-3, steps=1000, every=1000,
                            parameters=tops.parameters()).q[-1] for top in starts]
-    assert reference.distance(np.array(ends), 1).max() < 1e-14
+    assert reference_states.distance(np.array(ends), 1).max() < 1e-14
 
 
 def test_reference_knows_its_times():
-    assert all(reference.reference_axes(t).shape == (8, 3) for t in reference.TIMES)
-    assert reference.has(10.0)
-    assert not reference.has(3.0)
-    assert {"made with", "checked with"} <= reference.about().keys()
+    assert all(reference_states.reference_axes(t).shape == (8, 3) for t in reference_states.TIMES)
+    assert reference_states.has(10.0)
+    assert not reference_states.has(3.0)
+    assert {"made with", "checked with"} <= reference_states.about().keys()
 
 
 def test_peers_begin_where_we_do():
@@ -120,7 +120,7 @@ def test_peers_begin_where_we_do():
 def test_a_row_of_each_entry():
     rows = compete([entry("still", still, 0.1)], SHORT)
     assert [row.name for row in rows] == ["still as it is"]
-    assert rows[0].error == pytest.approx(reference.distance(tops.tops()[0].q[None], 1)[0])
+    assert rows[0].error == pytest.approx(reference_states.distance(tops.tops()[0].q[None], 1)[0])
     assert rows[0].energy_error < 1e-15
     assert rows[0].norm_error < 1e-15
     assert len(rows[0].samples) == 3
@@ -301,7 +301,7 @@ def test_a_law_is_the_slope_of_large_chains():
     assert growth.laws(sizes[:4]) == {}
 
 
-@pytest.mark.parametrize("linkage", [linkages.chain_of(3), linkages.closed_loop()],
+@pytest.mark.parametrize("linkage", [peer_linkages.chain_of(3), peer_linkages.closed_loop()],
                          ids=lambda linkage: linkage.name)
 def test_linkages_are_held_where_both_bodies_are(linkage):
     """A joint of two bodies does not move at the start, seen from either: ẋ + ω × r agree."""
@@ -317,9 +317,9 @@ def test_linkages_are_held_where_both_bodies_are(linkage):
         np.testing.assert_allclose(a, b, atol=1e-13)
 
 
-def beside(peer: str, linkage: linkages.Linkage) -> list[bodies.BodyRow]:
+def beside(peer: str, linkage: peer_linkages.Linkage) -> list[joined_bodies.BodyRow]:
     """Rows of a quick run of one program; skips the test without that program."""
-    rows = bodies.compare_bodies([linkage], [peer], 1, 1e-4, quick=True)
+    rows = joined_bodies.compare_bodies([linkage], [peer], 1, 1e-4, quick=True)
     if rows[0].note.startswith("not installed"):
         pytest.skip(rows[0].note)
     assert rows[0].reference_error < 1e-14
@@ -330,7 +330,7 @@ def beside(peer: str, linkage: linkages.Linkage) -> list[bodies.BodyRow]:
 @pytest.mark.usefixtures("quick_builds")
 def test_exudyn_goes_where_we_go():
     """As its step goes to 0 it ends at our reference: another program, another formulation."""
-    coarse, fine = beside("exudyn", linkages.chain_of(2))
+    coarse, fine = beside("exudyn", peer_linkages.chain_of(2))
     assert fine.error < coarse.error / 3.5  # second order
     assert fine.limit < 1e-6
 
@@ -338,35 +338,36 @@ def test_exudyn_goes_where_we_go():
 @pytest.mark.usefixtures("quick_builds")
 def test_mujoco_goes_where_we_go():
     """The chain at once; the loop, held by a soft constraint, by a second order."""
-    row, = beside("mujoco", linkages.chain_of(2))  # no smaller step is needed
+    row, = beside("mujoco", peer_linkages.chain_of(2))  # no smaller step is needed
     assert row.error < 1e-6
-    coarse, fine = beside("mujoco", linkages.closed_loop())
+    coarse, fine = beside("mujoco", peer_linkages.closed_loop())
     assert fine.error < coarse.error / 3.5
     assert fine.limit < fine.error / 4  # of the next order
 
 
 @pytest.mark.usefixtures("quick_builds")
 def test_pydy_goes_where_we_go():
-    row, = beside("pydy", linkages.chain_of(2))
+    row, = beside("pydy", peer_linkages.chain_of(2))
     assert row.error < 1e-7
     assert row.us_per_step is None  # its steps are of any length
 
 
 @pytest.mark.usefixtures("quick_builds")
 def test_ours_arrives_on_bodies(tmp_path):
-    rows = bodies.compare_bodies([linkages.chain_of(2)], ["gyrospark"], 1, 1e-4, quick=True)
+    rows = joined_bodies.compare_bodies([peer_linkages.chain_of(2)], ["gyrospark"], 1, 1e-4,
+                                        quick=True)
     assert [row.dt for row in rows] == [1e-2, 5e-3]
     assert rows[1].error < rows[0].error / 12  # fourth order
     assert all(row.seconds and row.us_per_step for row in rows)
-    assert bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error) == rows[1]
-    assert bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error / 2) is None
+    assert joined_bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error) == rows[1]
+    assert joined_bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error / 2) is None
     assert drawn(pictures.draw_bodies, rows, tmp_path)
 
 
 @pytest.mark.usefixtures("quick_builds")
 def test_batches_of_bodies_are_beside_one_alone(capsys):
     """The same motions, from the lanes and without; the first start is the model's own."""
-    linkage, said = linkages.chain_of(2), []
+    linkage, said = peer_linkages.chain_of(2), []
     row, = batches.compare_batches([linkage], 3, quick=True, watch=said.append)
     assert len(said) == 1
     assert "G-L s=2" in said[0]
@@ -392,7 +393,8 @@ def test_bodies_without_a_program_are_a_row(monkeypatch, module):
         raise optional.Unavailable(f"not installed (pip install {module.PACKAGE})")
 
     monkeypatch.setattr(module, "need", missing)
-    row, = bodies.compare_bodies([linkages.chain_of(1)], [module.PACKAGE], 1, 1e-4, quick=True)
+    row, = joined_bodies.compare_bodies([peer_linkages.chain_of(1)], [module.PACKAGE], 1, 1e-4,
+                                        quick=True)
     assert f"pip install {module.PACKAGE})" in row.note
     assert not row.failed
 
@@ -403,14 +405,15 @@ def test_bodies_that_a_program_cannot_build_are_a_row(monkeypatch):
         raise RuntimeError("Failed to compile")
 
     monkeypatch.setattr(pydy_bodies, "Machine", broken)
-    row, = bodies.compare_bodies([linkages.chain_of(1)], ["pydy"], 1, 1e-4, quick=True)
+    row, = joined_bodies.compare_bodies([peer_linkages.chain_of(1)], ["pydy"], 1, 1e-4, quick=True)
     assert row.failed
     assert "Failed" in row.note
 
 
 @pytest.mark.usefixtures("quick_builds")
 def test_pydy_says_what_it_is_not_derived_for():
-    row, = bodies.compare_bodies([linkages.closed_loop()], ["pydy"], 1, 1e-4, quick=True)
+    row, = joined_bodies.compare_bodies([peer_linkages.closed_loop()], ["pydy"], 1, 1e-4,
+                                        quick=True)
     assert "loop" in row.note
     assert not row.failed
 
@@ -513,7 +516,7 @@ def test_a_peer_of_bodies_alone_has_no_top(bench):
 
 def test_each_program_of_bodies_has_a_column(capsys):
     """The cheapest that is exact enough, and its cost over that of the first program."""
-    rows = [bodies.BodyRow("chain", peer, "1", "x", 1e-3, seconds=seconds, error=error)
+    rows = [joined_bodies.BodyRow("chain", peer, "1", "x", 1e-3, seconds=seconds, error=error)
             for peer, seconds, error in (("gyrospark", 0.002, 1e-7), ("mujoco", 0.006, 1e-5),
                                          ("mujoco", 0.5, 1e-5), ("pydy", None, None))]
     bench_tables._print_accuracies(rows)
@@ -613,7 +616,8 @@ def test_command_refuses_in_a_sentence(bench, arguments, message):
 
 
 @pytest.mark.parametrize(("package", "extra", "arguments"), [
-    ("gyrospark.runtime.show.picture", "plot", ["--out", "new"]), ("zarr", "storage", ["store"])])
+    ("gyrospark.runtime.plotting.figure", "plot", ["--out", "new"]),
+    ("zarr", "storage", ["store"])])
 def test_command_says_what_is_missing_before_it_measures(
     bench, monkeypatch, tmp_path, package, extra, arguments
 ):

@@ -16,10 +16,10 @@ import sympy as sp
 import gyrospark as gs
 from command_line import EXAMPLE
 from generic_systems import EXAMPLES
-from gyrospark.certificates import certificate, examination
+from gyrospark.certificates import certificate, measured_properties
 from gyrospark.certificates.measurements import OrderSeen, order_seen, reversal, trend
 from gyrospark.certificates.round_off import RoundOff
-from gyrospark.generator.bodies.rigid_body import heavy_top
+from gyrospark.generator.multibody.rigid_body import heavy_top
 from strategies import EPS
 
 LOOP, REVERSAL, G, F = "loop invariant", "reversal", "largest |g(q)|", "largest |g_q H_p|"
@@ -375,12 +375,12 @@ def test_two_slopes_that_agree_are_found(law, dt, order):
 ])
 def test_what_is_said_of_the_slopes(monkeypatch, seen, found):
     """All that were seen, where no two agree; nothing is said against the method."""
-    monkeypatch.setattr(examination, "order_seen", lambda *_: seen)
+    monkeypatch.setattr(measured_properties, "order_seen", lambda *_: seen)
     run = SimpleNamespace(q=[0], p=[0], dt=0.1)
     measured = SimpleNamespace(step=SimpleNamespace(order=6), run=run, parameters={},
                                round_off=SimpleNamespace(sizes_of_steps=None),
                                switching=SimpleNamespace(named=""), decay=0.0)
-    line = examination.Examination._order(measured)
+    line = measured_properties.Examination._order(measured)
     assert line.found == found
     assert line.holds in (None, True)
 

@@ -19,8 +19,8 @@ import sympy as sp
 
 import gyrospark as gs
 from command_line import EXAMPLE
-from gyrospark.certificates.promises import MeanPromises, SparkPromises
-from gyrospark.generator.bodies.rigid_body import body_system, mgl, rotation_matrix
+from gyrospark.certificates.guarantees import MeanPromises, SparkPromises
+from gyrospark.generator.multibody.rigid_body import body_system, mgl, rotation_matrix
 from gyrospark.generator.symmetry.momentum_maps import momentum_maps
 from gyrospark.generator.tableaux.conditions import check_tableau
 from gyrospark.generator.tableaux.observed_order import observed_order

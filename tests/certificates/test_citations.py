@@ -9,7 +9,7 @@ import pytest
 import gyrospark as gs
 from calls import RUN, TOP
 from gyrospark.certificates.citations import WORKS
-from gyrospark.generator.schemes.scheme import SCHEMES
+from gyrospark.generator.schemes.named_schemes import SCHEMES
 from processes import ROOT
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import gyrospark as gs
 from command_line import EXAMPLE, FAILS, RUN, refused
-from gyrospark.commands.run import run
+from gyrospark.commands.run.command import run
 from processes import ROOT, call, cli
 
 IMS = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5"]

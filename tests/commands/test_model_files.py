@@ -344,7 +344,7 @@ def test_another_word_is_no_rule(ruled, gyrospark):
 
 
 def test_rules_are_those_of_the_option():
-    from gyrospark.body_values import RULES
-    from gyrospark.runtime.body.inertia import AIMS, MEANS
+    from gyrospark.core.inertia import RULES
+    from gyrospark.runtime.rigid_body.gamma_rules import AIMS, MEANS
 
     assert (*MEANS, *AIMS) == RULES

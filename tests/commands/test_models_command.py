@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import gyrospark as gs
-from gyrospark.catalogue import MODELS, PROBLEMS, SYSTEMS
+from gyrospark.core.registry import MODELS, PROBLEMS, SYSTEMS
 from processes import ROOT
 
 NAMES = [*PROBLEMS, *MODELS, *SYSTEMS]

@@ -8,7 +8,7 @@ import pytest
 import gyrospark as gs
 from calls import TOP
 from command_line import refused
-from gyrospark.catalogue import MODELS
+from gyrospark.core.registry import MODELS
 from processes import ROOT
 
 EXAMPLES = ROOT / "examples"

@@ -9,7 +9,7 @@ import pytest
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.certificates.accuracy import Accuracy, accuracy, draw
+from gyrospark.certificates.accuracy_over_time import Accuracy, accuracy, draw
 
 
 @pytest.mark.parametrize(("stages", "order"), [(2, 2), (3, 4)])
@@ -39,7 +39,7 @@ def test_steps_without_a_solution_are_left_out():
 def test_the_picture_shows_the_numbers(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     kept = []
-    monkeypatch.setattr("gyrospark.certificates.accuracy.save",
+    monkeypatch.setattr("gyrospark.certificates.accuracy_over_time.save",
                         lambda figure, target: kept.append(figure))
     found = Accuracy("a_stepper", 4, 1.0, [0.4, 0.2, 0.1], [1e-3, 6e-5, 0.0], [0.1, 0.2, 0.4])
     draw("top", found, tmp_path / "a.png")
@@ -67,5 +67,5 @@ def test_on_the_command_line(gyrospark, tmp_path, monkeypatch):
     said = gyrospark(*verify, "--plot", "order.txt")
     assert said.code == 2
     assert ".png" in said.stderr
-    monkeypatch.setitem(sys.modules, "gyrospark.runtime.show.picture", None)
+    monkeypatch.setitem(sys.modules, "gyrospark.runtime.plotting.figure", None)
     assert 'pip install "matplotlib>=' in gyrospark(*verify, "--plot", "order.png").stderr

@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
-from gyrospark.body_values import (
+from gyrospark.core.inertia import (
     as_inertia,
     inverse_entries,
     moments_of,
     tensor_of_inverse,
     unit_quaternions,
 )
-from gyrospark.generator.bodies.rigid_body import kinetic_energy
-from gyrospark.generator.model_files.model_file import parse_model
-from gyrospark.runtime.body.quaternion import (
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.generator.multibody.rigid_body import kinetic_energy
+from gyrospark.runtime.rigid_body.quaternion import (
     angular_velocity,
     from_rotation,
     momentum,

@@ -15,9 +15,9 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.exact import Rounded, as_double, decimal, digits_of, exact, nearest
-from gyrospark.runtime.call import quad
-from gyrospark.runtime.call.reals import as_float, from_text, rounding
+from gyrospark.core.exact_numbers import Rounded, as_double, decimal, digits_of, exact, nearest
+from gyrospark.runtime.bindings import binary128
+from gyrospark.runtime.bindings.real_numbers import as_float, from_text, rounding
 
 LONG = np.finfo(np.longdouble)
 
@@ -31,7 +31,8 @@ def whole(x):
     (np.float32(0.1), Fraction(float(np.float32(0.1)))),
     (np.longdouble(1) / 3, whole(np.longdouble(1) / 3)),
     (Decimal("0.1"), Fraction(1, 10)), (Fraction(1, 3), Fraction(1, 3)),
-    (mp.mpf(1) / 4, Fraction(1, 4)), (quad.quad(1) / 3, quad.exact(quad.quad(1) / 3)),
+    (mp.mpf(1) / 4, Fraction(1, 4)),
+    (binary128.quad(1) / 3, binary128.exact(binary128.quad(1) / 3)),
     (sp.Rational(1, 3), Fraction(1, 3)), (sp.Integer(7), Fraction(7)),
     (sp.Float("0.5", 50), Fraction(1, 2)), (Rounded(Fraction(1, 3)), Fraction(1, 3)),
     (Decimal("1e-99999999"), Fraction(0)), (mp.mpf(2) ** -99999999, Fraction(0)),
@@ -114,7 +115,7 @@ def test_the_nearest_number_of_a_type(value):
             assert all(error <= abs(whole(x) - value) for x in near)
     assert as_float(value, np.float64) == as_double(value)
     mantissa, exponent = nearest(value, 113, -16494)
-    assert quad.exact(quad.rounded(value)) == mantissa * Fraction(2) ** exponent
+    assert binary128.exact(binary128.rounded(value)) == mantissa * Fraction(2) ** exponent
 
 
 @pytest.mark.parametrize("x", [LONG.max, LONG.tiny, LONG.smallest_subnormal, LONG.tiny * 3 / 7])
@@ -146,10 +147,10 @@ def test_digits_give_the_number_back(value):
 
 
 def test_short_decimals_stay_short():
-    assert digits_of(quad.rounded(Fraction(1, 10))) == "0.1"
+    assert digits_of(binary128.rounded(Fraction(1, 10))) == "0.1"
     assert digits_of(rounding("long-double")(Fraction(1, 10))) == "0.1"
-    assert digits_of(quad.quad(0.1)) == 0.1
-    assert from_text(0.1, "float128") == quad.quad(0.1)
+    assert digits_of(binary128.quad(0.1)) == 0.1
+    assert from_text(0.1, "float128") == binary128.quad(0.1)
 
 
 @pytest.mark.parametrize(("value", "real"), [
@@ -168,4 +169,4 @@ def test_a_double_that_knows_its_digits():
     for again in (copy.deepcopy(tenth), copy.copy(tenth), pickle.loads(pickle.dumps(tenth))):
         assert again.whole == Fraction(1, 10)
     assert Rounded(Fraction(10) ** 400) == math.inf
-    assert quad.quad(tenth) == quad.rounded(Fraction(1, 10)) != quad.quad(0.1)
+    assert binary128.quad(tenth) == binary128.rounded(Fraction(1, 10)) != binary128.quad(0.1)

@@ -12,18 +12,18 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark import naming
-from gyrospark.body_values import REPS, RepName
-from gyrospark.catalogue import MODELS, PROBLEMS, SYSTEMS, entry_named
 from gyrospark.commands.verify import _model as model_of_verify
 from gyrospark.commands.verify import spec_of_name
-from gyrospark.generator.model_files.model_expressions import parse_formula
+from gyrospark.core import arguments
+from gyrospark.core.inertia import REPS, RepName
+from gyrospark.core.real_types import REALS, RealName
+from gyrospark.core.registry import MODELS, PROBLEMS, SYSTEMS, entry_named
+from gyrospark.generator.models.formulas import parse_formula
 from gyrospark.generator.pipeline import generate, tableau_of
-from gyrospark.generator.schemes.scheme import SCHEMES, SchemeName
+from gyrospark.generator.schemes.named_schemes import SCHEMES, SchemeName
 from gyrospark.generator.spec import Spec
-from gyrospark.real import REALS, RealName
-from gyrospark.runtime.body.inertia import AIMS, Aim
-from gyrospark.runtime.call.binding import SOLVERS, SolverName
+from gyrospark.runtime.bindings.binding import SOLVERS, SolverName
+from gyrospark.runtime.rigid_body.gamma_rules import AIMS, Aim
 
 TOP = gs.problems.fast_top()
 
@@ -170,10 +170,10 @@ def test_wrong_names_of_a_run_are_proposed_for(gl3):
 
 
 def test_proposals_are_near():
-    assert naming.proposal("xyz", ["IMS", "EMS"]) == ""
-    assert naming.proposal(3, ["IMS"]) == naming.proposal("a", []) == ""
-    assert naming.proposal("g l", ["G-L"]) .endswith(" G-L?)")
-    assert naming.listed(["a"]) == "a"
+    assert arguments.proposal("xyz", ["IMS", "EMS"]) == ""
+    assert arguments.proposal(3, ["IMS"]) == arguments.proposal("a", []) == ""
+    assert arguments.proposal("g l", ["G-L"]).endswith(" G-L?)")
+    assert arguments.listed(["a"]) == "a"
 
 
 def test_help_names_them_all():

@@ -11,8 +11,8 @@ import pytest
 
 import gyrospark as gs
 from calls import TOP
-from gyrospark.generator.model_files.model_file import parse_model
-from gyrospark.remarks import listening, remark
+from gyrospark.core.warnings import listening, remark
+from gyrospark.generator.models.model_file import parse_model
 from processes import ROOT
 
 BODY = """

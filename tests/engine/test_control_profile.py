@@ -16,11 +16,11 @@ import pytest
 
 import gyrospark as gs
 from compilers import MAIN, compiler
-from gyrospark.errors import InputError
+from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.runtime.steppers.stepper import Stepper
 from processes import DATA, ROOT, call
 
 STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]

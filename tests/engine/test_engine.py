@@ -18,13 +18,13 @@ import pytest
 
 import gyrospark as gs
 from compilers import MAIN, compiler
-from gyrospark.generator.emission import emit
-from gyrospark.generator.emission.c_lines import WIDTH
-from gyrospark.generator.emission.emit_control import control_files, work_files
-from gyrospark.generator.emission.engine import ENGINE, Proved, engine_of, with_times
+from gyrospark.core.real_types import REALS
+from gyrospark.generator.codegen import emit
+from gyrospark.generator.codegen.c_lines import WIDTH
+from gyrospark.generator.codegen.emit_control import control_files, work_files
+from gyrospark.generator.codegen.engine import ENGINE, Proved, engine_of, with_times
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.tableau import FIELDS
-from gyrospark.real import REALS
 from processes import DATA, ROOT, call
 
 FILES = sorted(ENGINE.glob("*.h"))

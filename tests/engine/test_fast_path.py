@@ -10,11 +10,11 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.generator.bodies.rigid_body import free_body, heavy_top
+from gyrospark.core.real_types import REALS
+from gyrospark.generator.multibody.rigid_body import free_body, heavy_top
 from gyrospark.generator.schemes.fast_path import FastSystem, Folds
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
-from gyrospark.real import REALS
 
 FAMILIES = [*(gauss_lobatto(s) for s in range(1, 9)), *(lobatto_iiiab(s) for s in range(2, 9))]
 BODIES = {f"{make.__name__}_{rep}": make(rep) for make in (heavy_top, free_body)

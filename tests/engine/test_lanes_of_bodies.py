@@ -10,7 +10,7 @@ import pytest
 import gyrospark as gs
 from calls import equal
 from gyrospark.benchmarks.batches import starts
-from gyrospark.benchmarks.linkages import chain_of, closed_loop
+from gyrospark.benchmarks.peer_linkages import chain_of, closed_loop
 
 EPS = 2.0**-52
 

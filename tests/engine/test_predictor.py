@@ -51,7 +51,7 @@ def test_what_was_learnt_outlives_the_end_of_a_call(tmp_path, monkeypatch):
     run = {"q": TOP.q0, "p": TOP.p0, "dt": 0.01, "steps": 900, "every": 30,
            "parameters": PARAMETERS}
     whole = step.integrate(**run)
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 8)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 8)
     in_chunks = step.integrate(**run)
     assert in_chunks.q.tobytes() == whole.q.tobytes()
     assert in_chunks.report == whole.report

@@ -20,13 +20,13 @@ from calls import PARAMETERS, TOP
 from compilers import MAIN, compiler
 from forced_systems import PARAMETERS as DRAG
 from forced_systems import oscillator, pendulum
-from gyrospark.errors import InputError
-from gyrospark.generator.emission.reachable import reachable
+from gyrospark.core.errors import InputError
+from gyrospark.generator.codegen.reachable import reachable
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.build.compiler import read_declarations
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.runtime.compilation.compiler import read_declarations
+from gyrospark.runtime.steppers.stepper import Stepper
 from processes import ROOT, call
 
 STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gyrospark.runtime.call.binding import REASONS
+from gyrospark.runtime.bindings.binding import REASONS
 
 from .choices import Choices
 from .steppers import NAMES, Case, case

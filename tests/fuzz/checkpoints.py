@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 import gyrospark as gs
-from gyrospark.errors import GyrosparkError
-from gyrospark.runtime.events.found import Crossings
-from gyrospark.runtime.steps.integration import Rows, advance
-from gyrospark.storage import course, layout
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.runtime.integration.step_loop import Rows, advance
+from gyrospark.runtime.results.crossings import Crossings
+from gyrospark.storage import array_layout, recorder
 from gyrospark.storage.checkpoint import pack, unpack
 from work_memory import integers_of
 
@@ -58,13 +58,13 @@ class Case:
         self._record()
         self.run = stepper.checked_run(q, p, dt=1e-3, steps=120, every=3, parameters=parameters,
                                        t0=0.0, solver="auto", tolerance=None, max_iterations=50)
-        group = layout.open_group(self.path)
-        self.sound = np.asarray(layout.array_of(group, layout.CHECKPOINT)[:])
+        group = array_layout.open_group(self.path)
+        self.sound = np.asarray(array_layout.array_of(group, array_layout.CHECKPOINT)[:])
         state = unpack(self.binding, self.sound, len(self.events))
         assert state is not None
         assert pack(self.binding, state).tobytes() == self.sound.tobytes()
         report, work = (self.binding.image(part).size for part in (state.report, state.work))
-        numbers = 2 * len(gs.runtime.call.wide.as_bytes(state.q).reshape(-1))
+        numbers = 2 * len(gs.runtime.bindings.wide_numbers.as_bytes(state.q).reshape(-1))
         with tempfile.TemporaryDirectory() as folder:
             found = integers_of(stepper.name, stepper.files, Path(folder))
         at = {"report": 48 + numbers, "work": 48 + numbers + report}
@@ -77,8 +77,8 @@ class Case:
             self.integers += 3 * [(behind + 8 * i, 8) for i in range(1 + 2 * len(self.events))]
 
     def _record(self) -> None:
-        chunk, rows, seconds = course.COMMIT_SECONDS, layout._MOST_ROWS, course.next_chunk
-        course.COMMIT_SECONDS, layout._MOST_ROWS = 0.0, 16
+        chunk, rows, seconds = recorder.COMMIT_SECONDS, array_layout._MOST_ROWS, recorder.next_chunk
+        recorder.COMMIT_SECONDS, array_layout._MOST_ROWS = 0.0, 16
 
         def small(run: Any, done: int, most: int, *room: int) -> tuple[int, int]:
             return seconds(run, done, min(most, 6), *room)
@@ -87,16 +87,17 @@ class Case:
             if done > 70:
                 raise EndedError
 
-        course.next_chunk = small
+        recorder.next_chunk = small
         shutil.rmtree(self.path, ignore_errors=True)
-        busy, course.Writer.busy = course.Writer.busy, False  # type: ignore[assignment]
+        busy, recorder.Writer.busy = recorder.Writer.busy, False  # type: ignore[assignment]
         try:
             gs.record(self.stepper, **self.arguments, out=self.path, progress=progress)
         except EndedError:
             pass
         finally:
-            course.COMMIT_SECONDS, layout._MOST_ROWS, course.next_chunk = chunk, rows, seconds
-            course.Writer.busy = busy  # type: ignore[method-assign]
+            recorder.COMMIT_SECONDS, array_layout._MOST_ROWS = chunk, rows
+            recorder.next_chunk = seconds
+            recorder.Writer.busy = busy  # type: ignore[method-assign]
 
 
 @cache
@@ -176,8 +177,8 @@ def forged_store(choices: Choices, one: Case) -> str:
     elif kind == 2:
         fsync, os.fsync = os.fsync, lambda handle: None
         try:
-            group = layout.open_group(path, write=True)
-            layout.array_of(group, layout.CHECKPOINT)[:] = forged(choices, one)
+            group = array_layout.open_group(path, write=True)
+            array_layout.array_of(group, array_layout.CHECKPOINT)[:] = forged(choices, one)
         finally:
             os.fsync = fsync
     else:

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 
 import gyrospark as gs
-from gyrospark import facade
-from gyrospark.errors import GyrosparkError, InputError
+from gyrospark import api
+from gyrospark.core.errors import GyrosparkError, InputError
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.build.cache import keep, kept
-from gyrospark.runtime.run import evaluation
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.runtime.compilation.build_cache import keep, kept
+from gyrospark.runtime.steppers import evaluation
+from gyrospark.runtime.steppers.stepper import Stepper
 
 from .choices import Choices
 from .mutations import changed_bytes, changed_text, changed_tree
@@ -160,7 +160,7 @@ def question(loaded: gs.Trajectory) -> None:
 def check_source(data: bytes) -> str:
     """Read one damaged file of the cache: as it was written, or made anew."""
     choices = Choices(data)
-    name, content = "fuzz.source.json", dict(facade.files_of(spec()))
+    name, content = "fuzz.source.json", dict(api.files_of(spec()))
     before = os.environ.get("GYROSPARK_CACHE", "")
     os.environ["GYROSPARK_CACHE"] = str(scratch() / "cache")
     try:
@@ -190,7 +190,7 @@ def damaged(sound: bytes, choices: Choices) -> bytes:
 def check_manifest(data: bytes) -> str:
     """Make a stepper of a damaged manifest; if it can be had, use it."""
     choices = Choices(data)
-    files = dict(facade.files_of(spec()))
+    files = dict(api.files_of(spec()))
     name = f"{spec().name}.json"
     kind = choices.below(4)
     if kind < 3:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
-from gyrospark.errors import InputError
-from gyrospark.generator.model_files.model_expressions import FUNCTIONS, parse_formula, parse_number
-from gyrospark.generator.text.expressions import parse_expression
+from gyrospark.core.errors import InputError
+from gyrospark.generator.models.formulas import FUNCTIONS, parse_formula, parse_number
+from gyrospark.generator.parsing.exact_expressions import parse_expression
 
 from .choices import Choices
 from .mutations import changed_text

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-from gyrospark.errors import InputWarning
+from gyrospark.core.errors import InputWarning
 
 __all__ = ["CORPUS", "Failure", "Verdict", "corpus", "judge", "random_input", "shrunk"]
 

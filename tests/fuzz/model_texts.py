@@ -7,8 +7,8 @@ import tomllib
 from functools import cache
 from typing import Any
 
-from gyrospark.errors import InputError
-from gyrospark.generator.model_files.model_file import load_model
+from gyrospark.core.errors import InputError
+from gyrospark.generator.models.model_file import load_model
 
 from .choices import Choices
 from .formulas import formula

@@ -15,8 +15,8 @@ import pandas as pd
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.errors import GyrosparkError
-from gyrospark.runtime.call.binding import REASONS
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.runtime.bindings.binding import REASONS
 
 from .choices import Choices
 from .sentences import refuse_unless_sentence

@@ -6,7 +6,7 @@ import tomllib
 from functools import cache
 from typing import Any
 
-from gyrospark.errors import GyrosparkError
+from gyrospark.core.errors import GyrosparkError
 from gyrospark.sweeps.study_file import load_study
 
 from .choices import Choices

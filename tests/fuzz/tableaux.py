@@ -6,7 +6,7 @@ import json
 from functools import cache
 from typing import Any
 
-from gyrospark.errors import InputError
+from gyrospark.core.errors import InputError
 from gyrospark.generator.tableaux.tableau_file import read_tableau
 
 from .choices import Choices

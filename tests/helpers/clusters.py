@@ -27,8 +27,8 @@ from distributed.deploy import SpecCluster
 import gyrospark as gs
 from gyrospark.sweeps import cluster as on_cluster
 from gyrospark.sweeps import tiles
+from gyrospark.sweeps.run_sweep import run_study
 from gyrospark.sweeps.study_file import load_study
-from gyrospark.sweeps.sweep import run_study
 from gyrospark.sweeps.tiles import Tile
 
 WORK = on_cluster._compute

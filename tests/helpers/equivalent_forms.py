@@ -10,7 +10,7 @@ from typing import Any
 
 import sympy as sp
 
-from gyrospark.generator.spelling.terms import stand_in
+from gyrospark.generator.normal_forms.terms import stand_in
 from gyrospark.generator.systems.system import System
 
 HALF = sp.Rational(1, 2)

@@ -134,9 +134,9 @@ def main() -> None:
     import gyrospark.storage.record
     import gyrospark.sweeps.tiles
 
-    gyrospark.storage.layout._MOST_ROWS = int(os.environ.get("KILLING_ROWS", 2**14))
+    gyrospark.storage.array_layout._MOST_ROWS = int(os.environ.get("KILLING_ROWS", 2**14))
     if "KILLING_SECONDS" in os.environ:
-        gyrospark.storage.course.COMMIT_SECONDS = float(os.environ["KILLING_SECONDS"])
+        gyrospark.storage.recorder.COMMIT_SECONDS = float(os.environ["KILLING_SECONDS"])
     if "KILLING_WORK" in os.environ:
         gyrospark.sweeps.tiles._LEAST_STORED = int(os.environ["KILLING_WORK"])
     with contextlib.suppress(ImportError):

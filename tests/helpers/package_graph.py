@@ -1,4 +1,4 @@
-"""The rooms of the house, and which of them import from which, read from the files."""
+"""The packages, and which of them import from which, read from the files."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from pathlib import Path
 
 from processes import ROOT
 
-#: Folders with rooms inside, and folders that are one room.
+#: Packages of packages, and packages of modules.
 HALLS = ("generator", "runtime")
-WINGS = ("benchmarks", "certificates", "commands", "references", "storage", "studies", "sweeps")
-ROOT_ROOM = "the root"
-#: Above all others: where generator and runtime meet.
-DOOR = "facade"
+WINGS = ("benchmarks", "certificates", "commands", "core", "references", "storage",
+         "studies", "sweeps")
+#: Where generator and runtime meet, imported by those above them.
+API = "api"
 
 
 def files_of(folder: Path) -> list[Path]:
-    """Return the modules of a room."""
+    """Return the modules of a package."""
     return sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
 
 
 @cache
 def rooms() -> dict[str, list[Path]]:
-    """Return the files of each room; those at the door of a hall are a room named as the hall."""
-    found = {ROOT_ROOM: [p for p in files_of(ROOT) if p.stem not in ("setup", "__main__", DOOR)],
-             DOOR: [ROOT / f"{DOOR}.py"]}
+    """Return the modules of each package; those beside inner packages have the outer one's name."""
+    found = {API: [ROOT / "api.py", ROOT / "exact.py"]}
     for hall in HALLS:
         inner = sorted(path.parent for path in (ROOT / hall).glob("*/__init__.py"))
         found |= {f"{hall}/{folder.name}": files_of(folder) for folder in inner}
         found[hall] = files_of(ROOT / hall)
-    return found | {wing: files_of(ROOT / wing) for wing in WINGS}
+    return found | {wing: files_of(ROOT / wing) for wing in WINGS} | {
+        "commands": [*files_of(ROOT / "commands"), *files_of(ROOT / "commands" / "run")]}
 
 
 @cache
 def imports() -> dict[str, dict[str, set[str]]]:
-    """Return room → room it imports from → the pairs "module -> module" that do so.
+    """Return package → package it imports from → the pairs "module -> module" that do so.
 
     What only type checkers import is left out.
     """

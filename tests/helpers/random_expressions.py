@@ -22,8 +22,8 @@ import mpmath as mp
 import sympy as sp
 from hypothesis import strategies as st
 
-from gyrospark.generator.algebra.sharing import parts_of
-from gyrospark.generator.algebra.switches import Max, Min
+from gyrospark.generator.symbolic.shared_subexpressions import parts_of
+from gyrospark.generator.symbolic.switching_functions import Max, Min
 
 X = sp.symbols("x0:4", real=True)
 PARAMETERS = sp.symbols("a b", positive=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import sympy as sp
 
-from gyrospark.generator.algebra.derivatives import derivative
-from gyrospark.generator.algebra.evaluation import evaluate
+from gyrospark.generator.symbolic.derivatives import derivative
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import NumericSystem
 
 TINY = 1e-100

@@ -12,8 +12,8 @@ import numpy as np
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.bodies.example_models import multiply, turn
-from gyrospark.runtime.body.quaternion import rotation_matrix
+from gyrospark.generator.multibody.example_models import multiply, turn
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 E1, E2, E3 = np.eye(3)
 

@@ -10,8 +10,8 @@ import numpy as np
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.runtime.call.wide import as_bytes
-from gyrospark.storage import course, layout
+from gyrospark.runtime.bindings.wide_numbers import as_bytes
+from gyrospark.storage import array_layout, recorder
 from interruption import differences
 
 ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
@@ -67,8 +67,8 @@ def small_blocks(monkeypatch, rows, seconds=0.0):
     the power fails.
     """
     monkeypatch.setattr(os, "fsync", lambda handle: None)
-    monkeypatch.setattr(layout, "_MOST_ROWS", rows)
-    monkeypatch.setattr(course, "COMMIT_SECONDS", seconds)
+    monkeypatch.setattr(array_layout, "_MOST_ROWS", rows)
+    monkeypatch.setattr(recorder, "COMMIT_SECONDS", seconds)
 
 
 def recorded(stepper, out, **arguments):

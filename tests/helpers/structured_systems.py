@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import sympy as sp
 
-from gyrospark.generator.bodies.rigid_body import kinetic_energy, left_matrix, rotation_matrix
+from gyrospark.generator.multibody.rigid_body import kinetic_energy, left_matrix, rotation_matrix
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.system import System
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.runtime.steppers.stepper import Stepper
 
 
 def sling(*, driven: bool) -> System:

@@ -10,7 +10,7 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from gyrospark.runtime.build.compiler import find_compiler
+from gyrospark.runtime.compilation.compiler import find_compiler
 
 _INTEGERS = ("int", "long")
 

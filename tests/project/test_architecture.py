@@ -1,4 +1,4 @@
-"""ARCHITECTURE.md beside the files: what each room holds, and who imports whom."""
+"""ARCHITECTURE.md beside the files: what each package holds, and who imports whom."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ import re
 
 import pytest
 
-from package_graph import DOOR, HALLS, ROOT_ROOM, imports, reachable, reduced, rooms
+from package_graph import API, HALLS, imports, reachable, reduced, rooms
 from processes import ROOT
 
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
 #: The one arrow that goes up: a trajectory saves itself as .csv or .nc by what stores use for it.
-UPWARDS = {"runtime.output.trajectory -> storage.export"}
+UPWARDS = {"runtime.results.trajectory -> storage.table_files"}
 #: Lists of what is printed, and what is computed for one table of the paper: told by their index.
 UNLISTED = {"studies", "benchmarks"}
 
 
 def graph() -> dict[str, set[str]]:
-    """Return which room imports from which, without the arrow that goes up."""
+    """Return which package imports from which, without the arrow that goes up."""
     return {room: {other for other, pairs in others.items() if pairs - UPWARDS}
             for room, others in imports().items()}
 
 
 def test_no_circle():
-    """Rooms import downwards."""
+    """Packages import downwards."""
     below = {room: reachable(graph(), room) for room in graph()}
     circles = {room: sorted(imports()[room]) for room, others in below.items() if room in others}
     assert not circles
@@ -35,7 +35,7 @@ def test_no_circle():
 def test_packages_list_their_modules(room):
     """Each module has a line in its package's docstring."""
     files = rooms()[room]
-    if room not in (ROOT_ROOM, DOOR):
+    if room != API:
         text = (ROOT / room / "__init__.py").read_text(encoding="utf-8")
         missing = [path.stem for path in files if not re.search(rf"\b{path.stem}\b", text)]
         assert not missing, missing
@@ -43,7 +43,7 @@ def test_packages_list_their_modules(room):
 
 @pytest.mark.parametrize("hall", HALLS)
 def test_a_hall_lists_its_rooms_from_below(hall):
-    """Each room imports only from those that are listed above it."""
+    """Each package imports only from those that are listed above it."""
     text = (ROOT / hall / "__init__.py").read_text(encoding="utf-8")
     listed = re.findall(r"^    (\w+)/ ", text, flags=re.MULTILINE)
     known = {room for room in rooms() if room.startswith(f"{hall}/")}
@@ -54,13 +54,13 @@ def test_a_hall_lists_its_rooms_from_below(hall):
 
 
 def picture() -> str:
-    """Return the rooms and the fewest arrows that say who can reach whom, as Mermaid."""
+    """Return the packages and the fewest arrows that say who can reach whom, as Mermaid."""
     def key(room: str) -> str:
         return room.replace("/", "_").replace(" ", "_")
 
     lines = ["```mermaid", "flowchart TD"]
     for hall in HALLS:
-        lines += [f"  subgraph {hall}_", f'    {hall}["{hall}/ (its door)"]']
+        lines += [f"  subgraph {hall}_", f'    {hall}["{hall}/ (beside its packages)"]']
         lines += [f'    {key(room)}["{room.partition("/")[2]}/"]' for room in rooms()
                   if room.startswith(f"{hall}/")]
         lines.append("  end")
@@ -84,7 +84,7 @@ def test_the_picture_is_drawn_from_the_imports(request):
 def test_every_room_is_told():
     text = ARCHITECTURE.read_text(encoding="utf-8")
     for room in rooms():
-        assert f"`{room}/`" in text or room in (ROOT_ROOM, DOOR, *HALLS), room
+        assert f"`{room}/`" in text or room in (API, *HALLS), room
 
 
 def test_what_is_named_exists():

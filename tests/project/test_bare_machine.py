@@ -25,8 +25,8 @@ import pytest
 
 import documents
 import gyrospark as gs
-from gyrospark.extras import install
-from gyrospark.studies.catalogue import chosen
+from gyrospark.core.extras import install
+from gyrospark.studies.study_registry import chosen
 from gyrospark.sweeps.study_file import load_study
 from processes import PATIENCE, ROOT, call, environment
 

@@ -20,10 +20,10 @@ import documents
 import gyrospark
 from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
-from gyrospark.extras import install, packages_of
+from gyrospark.core.extras import install, packages_of
 from processes import FAST_TOP, ROOT, call, cli, python
 
-HALLS = ("certificates", "commands", "generator", "runtime", "storage", "sweeps")
+HALLS = ("certificates", "commands", "core", "generator", "runtime", "storage", "sweeps")
 #: Where code of the package lies; studies, examples and tests are no part of it.
 FACE = [p for p in ROOT.glob("*.py") if p.name != "setup.py"]
 SOURCES = sorted([*FACE, *(p for hall in HALLS for p in (ROOT / hall).rglob("*.py"))])
@@ -169,11 +169,11 @@ def test_run_command_imports_no_sympy():
 def test_runtime_and_generator_do_not_know_each_other():
     for path in (ROOT / "runtime").rglob("*.py"):
         for name in imports_of(path):
-            assert not name.startswith(("gyrospark.generator", "gyrospark.facade", "sympy",
+            assert not name.startswith(("gyrospark.generator", "gyrospark.api", "sympy",
                                         "jinja2", "gyrospark.commands")), (path, name)
     for path in (ROOT / "generator").rglob("*.py"):
         for name in imports_of(path):
-            assert not name.startswith(("gyrospark.runtime", "gyrospark.facade", "cffi",
+            assert not name.startswith(("gyrospark.runtime", "gyrospark.api", "cffi",
                                         "gyrospark.commands", "subprocess")), (path, name)
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.errors import CompilerError
-from gyrospark.facade import checked_in_files
-from gyrospark.runtime.build import module, prebuilt
+from gyrospark.api import checked_in_files
+from gyrospark.core.errors import CompilerError
+from gyrospark.runtime.compilation import prebuilt, stepper_module
 from processes import ROOT, environment
 
 NAME = "heavy_top_ims_gamma"
@@ -36,7 +36,7 @@ def no_compiler(wheel_folder, monkeypatch):
     def none():
         raise CompilerError("No C compiler was found.")
 
-    monkeypatch.setattr(module, "find_compiler", none)
+    monkeypatch.setattr(stepper_module, "find_compiler", none)
     monkeypatch.setattr(prebuilt, "FOLDER", wheel_folder)
     prebuilt._modules.cache_clear()
     yield
@@ -72,7 +72,7 @@ def test_lanes_too(no_compiler):
 def test_other_steppers_ask_for_a_compiler(no_compiler):
     files = checked_in_files(NAME)
     with pytest.raises(CompilerError, match="No C compiler"):
-        module.load_module(NAME, files | {f"{NAME}.c": files[f"{NAME}.c"] + "\n"})
+        stepper_module.load_module(NAME, files | {f"{NAME}.c": files[f"{NAME}.c"] + "\n"})
 
 
 def test_a_damaged_module_is_not_loaded(no_compiler, wheel_folder, tmp_path, monkeypatch):

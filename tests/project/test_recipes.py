@@ -63,7 +63,7 @@ class Recipe:
     @property
     def room(self) -> str:
         """Where it says that the change goes."""
-        return re.search(r"^Room: (?:the )?`?([\w/]+)", self.text, flags=re.MULTILINE)[1]
+        return re.search(r"^Package: `?([\w/]+)", self.text, flags=re.MULTILINE)[1]
 
     @property
     def changes(self) -> list[Change]:
@@ -189,7 +189,7 @@ def test_output(tmp_path):
     assert np.ptp(kept[:, 0, 2]) < 1e-14 * np.abs(kept).max()
     assert np.ptp(kept[:, 0, 0]) > 1e-3 * np.abs(kept).max()
     inertia = gs.problems.fast_top().inertia
-    omega = gs.runtime.body.quaternion.angular_velocity(q, p, inertia)
+    omega = gs.runtime.rigid_body.quaternion.angular_velocity(q, p, inertia)
     assert np.allclose(np.linalg.norm(kept[:, 0], axis=1),
                        np.linalg.norm(omega * inertia, axis=1), rtol=1e-14)
 

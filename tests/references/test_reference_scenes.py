@@ -15,8 +15,8 @@ from gyrospark.benchmarks.peers.mujoco_scenes import _tree
 from gyrospark.benchmarks.peers.optional import Unavailable
 from gyrospark.benchmarks.reference_bodies import measure_bodies
 from gyrospark.benchmarks.reference_scenes import andrews, at_start, told
-from gyrospark.references.catalogue import REFERENCES
 from gyrospark.references.problem import largest_error
+from gyrospark.references.problem_registry import REFERENCES
 
 #: Problems that record their bodies themselves, or are a point on a rod.
 RECORDED = ("simple-pendulum", "spherical-pendulum", "four-bar", "bricard", "bricard-pushed",

@@ -15,10 +15,10 @@ import gyrospark as gs
 from gyrospark.benchmarks import loops, make_digits
 from gyrospark.benchmarks.reference_peers import measure_peers
 from gyrospark.generator.systems.numeric_system import NumericSystem
-from gyrospark.references.catalogue import REFERENCES
-from gyrospark.references.measuring import LIMIT, measure
-from gyrospark.references.page import page, reached
 from gyrospark.references.problem import Attempt, largest_error
+from gyrospark.references.problem_registry import REFERENCES
+from gyrospark.references.results_page import page, reached
+from gyrospark.references.work_precision import LIMIT, measure
 from processes import ROOT
 
 every = pytest.mark.parametrize("name", REFERENCES)

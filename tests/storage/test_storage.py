@@ -13,7 +13,7 @@ from calls import LATE, PARAMETERS, TOP
 from forced_systems import PARAMETERS as FORCED
 from forced_systems import oscillator, pendulum, runner
 from gyrospark.storage import recording as recordings
-from gyrospark.storage.layout import block_rows, fields_of
+from gyrospark.storage.array_layout import block_rows, fields_of
 from stores import ARRAYS, START, assert_same, bits, recorded, small_blocks
 from structured_systems import made, start
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+from gyrospark.storage.array_layout import create_array
 from gyrospark.storage.chunks import Chunk, write_chunks
-from gyrospark.storage.layout import create_array
 from interruption import differences
 
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 import gyrospark.storage
-from gyrospark.storage import course
+from gyrospark.storage import recorder
 from stores import START, assert_same_bytes, recorded, small_blocks
 
 #: Clocks that someone can set.
@@ -45,9 +45,9 @@ def test_clock_that_jumps(gl3, tmp_path, monkeypatch):
 def test_number_of_commits_does_not_matter(clock, gl3, tmp_path, monkeypatch):
     """However the time since the last commit comes out: never, always, now and then."""
     small_blocks(monkeypatch, 64, seconds=5.0)
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 50)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 50)
     recorded(gl3, tmp_path / "whole.zarr", **START, steps=3000, every=3)
     times = itertools.accumulate(itertools.cycle(clock))
-    monkeypatch.setattr(course, "time", SimpleNamespace(monotonic=lambda: next(times)))
+    monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: next(times)))
     recorded(gl3, tmp_path / "run.zarr", **START, steps=3000, every=3)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")

@@ -14,7 +14,7 @@ import xarray
 
 import gyrospark as gs
 from command_line import FAILS, RUN, refused
-from gyrospark.runtime.output.states import headings
+from gyrospark.runtime.results.state_columns import headings
 from stored_runs import RUNS, forced_run
 from stores import START, Interrupted, assert_same, ends_after, small_blocks
 
@@ -139,7 +139,7 @@ def test_netcdf_is_the_dataset(stored, tmp_path):
 def test_unfinished_run(end, gl3, tmp_path, monkeypatch):
     """What was stored of it, and no more."""
     small_blocks(monkeypatch, 4)
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
     with pytest.raises(Interrupted):
         gs.record(gl3, **START, steps=200, out=tmp_path / "run.zarr", progress=ends_after(12))
     found = gs.open_recording(tmp_path / "run.zarr")
@@ -265,8 +265,8 @@ def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
         def full(*arguments, **options):
             raise OSError(28, "No space left on device")
 
-        patch.setattr("gyrospark.storage.export._write_csv", full)
-        patch.setattr("gyrospark.storage.export._write_netcdf", full)
+        patch.setattr("gyrospark.storage.table_files._write_csv", full)
+        patch.setattr("gyrospark.storage.table_files._write_netcdf", full)
         answer = gyrospark(*command)
     assert answer.code == 2
     assert "20 steps" in answer.stdout
@@ -283,7 +283,7 @@ def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
 
 def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):
     """Two runs to one file: the second is refused, and the first loses nothing."""
-    from gyrospark.storage.lock import claim
+    from gyrospark.storage.writer_lock import claim
 
     store = tmp_path / ".x.csv.zarr"
     (store / "work").mkdir(parents=True)
@@ -294,7 +294,7 @@ def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):
 
 def test_stopped_export_goes_on(gl3, gyrospark, monkeypatch, tmp_path):
     """A signal: the file has the states so far, the store beside it goes on."""
-    from gyrospark.runtime.interrupts import Interrupts
+    from gyrospark.core.interrupts import Interrupts
 
     long = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
             "20000", "--every", "10", "--out", "x.csv"]

@@ -14,7 +14,7 @@ import pytest
 
 import gyrospark as gs
 from fuzz.checkpoints import EDGES, STEPS, case
-from gyrospark.runtime.steps.integration import Rows, advance
+from gyrospark.runtime.integration.step_loop import Rows, advance
 from gyrospark.storage.checkpoint import pack, unpack
 from processes import ROOT, environment
 from work_memory import integers_of
@@ -100,14 +100,14 @@ def test_more_steps_than_the_run_has_are_refused(tmp_path):
     """A forged count of steps would write rows that are not there."""
     import shutil
 
-    from gyrospark.storage import layout
+    from gyrospark.storage import array_layout
 
     one, path = case(0), tmp_path / "run.zarr"
     shutil.copytree(one.path, path)
     state = state_of(one)
     state.report.steps = 121
-    group = layout.open_group(path, write=True)
-    layout.array_of(group, layout.CHECKPOINT)[:] = pack(one.binding, state)
+    group = array_layout.open_group(path, write=True)
+    array_layout.array_of(group, array_layout.CHECKPOINT)[:] = pack(one.binding, state)
     with pytest.raises(gs.InputError, match="checkpoint"):
         gs.record(one.stepper, **one.arguments, out=path, resume=True)
 

@@ -15,7 +15,7 @@ import pytest
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.storage.durable import write_durably
+from gyrospark.storage.durable_files import write_durably
 from processes import HELPERS, PATIENCE, environment
 from stores import START, assert_same_bytes, recorded, small_blocks
 
@@ -49,7 +49,7 @@ def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
     The store is gone on with when the disk is well again, and ends with the same bytes.
     """
     small_blocks(monkeypatch, 4)
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 9)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
     step, out = gs.stepper("EMS"), tmp_path / "run.zarr"
     arguments = START | {"steps": 20, "every": 2}
     recorded(step, tmp_path / "whole.zarr", **arguments)

@@ -15,8 +15,8 @@ import pytest
 import gyrospark as gs
 from forced_systems import PARAMETERS as FORCED
 from forced_systems import pendulum
-from gyrospark.runtime.build.compiler import find_compiler
-from gyrospark.runtime.call.memory import without_padding
+from gyrospark.runtime.bindings.struct_memory import without_padding
+from gyrospark.runtime.compilation.compiler import find_compiler
 from stores import assert_same_bytes, recorded
 
 DIRTY = """

@@ -86,7 +86,7 @@ def test_every_kind_of_run_opens_without_a_warning(make, tmp_path):
 def test_rows_to_come(gl3, tmp_path, monkeypatch):
     """The array has its length from the start; what is not computed yet is NaN, or 0."""
     small_blocks(monkeypatch, 4)
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
 
     def progress(done):
         if done > 20:

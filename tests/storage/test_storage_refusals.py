@@ -14,8 +14,8 @@ import pytest
 import gyrospark as gs
 from calls import PARAMETERS, TOP
 from command_line import RUN, refused
-from gyrospark.storage import course
-from gyrospark.storage.lock import claim
+from gyrospark.storage import recorder
+from gyrospark.storage.writer_lock import claim
 from processes import cli, environment
 from stores import START, Interrupted, as_files, assert_same_bytes, small_blocks
 
@@ -29,8 +29,8 @@ def begun(tmp_path_factory, gl3):
     out = tmp_path_factory.mktemp("begun") / "run.zarr"
     with pytest.MonkeyPatch.context() as patch:
         small_blocks(patch, 16)
-        patch.setattr("gyrospark.runtime.steps.integration._CHUNK", 10)
-        patch.setattr(course.Writer, "busy", False)  # a commit after each piece
+        patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 10)
+        patch.setattr(recorder.Writer, "busy", False)  # a commit after each piece
 
         def progress(done):
             if done >= 90:

@@ -15,7 +15,7 @@ import gyrospark as gs
 from calls import LATE, PARAMETERS, TOP
 from forced_systems import PARAMETERS as FORCED
 from forced_systems import pendulum
-from gyrospark.storage import course, layout
+from gyrospark.storage import array_layout, recorder
 from resumed_stores import check, in_pieces
 from stores import (
     START,
@@ -35,7 +35,7 @@ from stores import (
     ("auto", 2), pytest.param("newton", 6, marks=pytest.mark.slow), ("python", 6)])
 def test_each_scheme_ended_often(step, solver, pieces, tmp_path, monkeypatch):
     """A commit after every piece of 5 steps: 13 steps a row, four rows a block."""
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 5)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 5)
     small_blocks(monkeypatch, 4)
     ends = check(step, tmp_path, [pieces] * 30, **START, steps=130, every=13, solver=solver)
     assert ends > 20 / pieces
@@ -45,7 +45,7 @@ def test_each_scheme_ended_often(step, solver, pieces, tmp_path, monkeypatch):
 @pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
 def test_each_real_ended_often(scheme, stages, real, tmp_path, monkeypatch):
     """The padding of a long double is whatever was there: it must not get into the store."""
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
     small_blocks(monkeypatch, 4)
     step = gs.stepper(scheme, stages, real=real)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
@@ -54,7 +54,7 @@ def test_each_real_ended_often(scheme, stages, real, tmp_path, monkeypatch):
 
 
 def test_forces_ended_often(tmp_path, monkeypatch):
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
     small_blocks(monkeypatch, 4)
     for scheme in (("EMS", None), ("G-L", 2)):
         step = gs.stepper(*scheme, system=pendulum())
@@ -67,7 +67,7 @@ def test_forces_ended_often(tmp_path, monkeypatch):
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_steps_that_newton_took(tmp_path, monkeypatch):
     """Sweeps that do not converge leave a mark in the work memory, which the run goes on with."""
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 3)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 3)
     small_blocks(monkeypatch, 4)
     for dt in (0.024, 0.03):
         step = gs.stepper("G-L", 2)
@@ -81,7 +81,7 @@ def test_steps_that_newton_took(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_runs_that_fail(failures, every, tmp_path, monkeypatch):
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 3)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 3)
     small_blocks(monkeypatch, 4)
     for step, options, _ in failures:
         check(step, tmp_path, [1] * 60, q=LATE[0], p=LATE[1], steps=200, every=every, **options)
@@ -97,7 +97,7 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, schem
     step = gs.stepper(scheme, 3 if scheme == "G-L" else None)
     arguments = START | {"steps": steps, "every": every}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gyrospark.runtime.steps.integration._CHUNK", chunk)
+        patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", chunk)
         small_blocks(patch, rows, seconds)
         check(step, tmp_path, calls, **arguments)
         found = gs.open_recording(tmp_path / "pieces.zarr").trajectory()
@@ -110,7 +110,7 @@ def test_pieces_of_other_sizes(pieces, gl3, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 16)
     arguments = START | {"steps": 400, "every": 3}
     recorded(gl3, tmp_path / "whole.zarr", **arguments)
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 17)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 17)
     in_pieces(gl3, tmp_path / "pieces.zarr", pieces, **arguments)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "pieces.zarr")
 
@@ -125,7 +125,7 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
     out = tmp_path / "run.zarr"
     shutil.rmtree(out, ignore_errors=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gyrospark.runtime.steps.integration._CHUNK", 9)
+        patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
         small_blocks(patch, 4)
         for count in calls:
             with contextlib.suppress(Interrupted):
@@ -149,7 +149,7 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
     ("G-L", "double"), pytest.param("EMS", "long-double", marks=pytest.mark.slow)])
 def test_store_after_each_file_that_is_written(scheme, real, tmp_path, monkeypatch):
     """A process may end between any two of them: what the store says of itself fits its arrays."""
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 9)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
     small_blocks(monkeypatch, 4)
     step = gs.stepper(scheme, 3 if scheme == "G-L" else None, real=real)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
@@ -165,7 +165,7 @@ def test_store_after_each_file_that_is_written(scheme, real, tmp_path, monkeypat
                 shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("gyrospark.storage.durable.sync_folder", copy)
+        patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
         gs.record(step, out=out, **arguments)
     for path in copies:
         found = gs.open_recording(path)
@@ -220,10 +220,10 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
     arguments = START | {"steps": 100}
     small_blocks(monkeypatch, 8)
     recorded(gl3, tmp_path / "whole.zarr", **arguments)
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 10)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 10)
     with pytest.raises(Interrupted):
         gs.record(gl3, **arguments, out=tmp_path / "run.zarr", progress=ends_after(4))
-    monkeypatch.setattr(layout, "_MOST_ROWS", 64)
+    monkeypatch.setattr(array_layout, "_MOST_ROWS", 64)
     gs.record(gl3, **arguments, out=tmp_path / "run.zarr", resume=True)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")
 
@@ -249,7 +249,7 @@ def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path,
 
 def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 4)
-    monkeypatch.setattr("gyrospark.runtime.steps.integration._CHUNK", 7)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
     out, arguments = tmp_path / "run.zarr", START | {"every": 3}
     for steps, count in ((100, 0), (120, 5), (200, 4)):
         with pytest.raises(Interrupted):
@@ -280,8 +280,8 @@ def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
         shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("gyrospark.storage.durable.sync_folder", copy)
-        patch.setattr(course.Course, "go", lambda self, progress: None)
+        patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
+        patch.setattr(recorder.Course, "go", lambda self, progress: None)
         with pytest.raises(gs.StepFailed):  # it is not complete
             gs.record(gl3, **START, out=out, steps=90, resume=True)
     whole = gl3.integrate(**START, steps=90)

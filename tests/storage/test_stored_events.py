@@ -16,7 +16,7 @@ import gyrospark as gs
 from event_runs import assert_same_events, in_pieces, pendulum, start
 from forced_systems import PARAMETERS as FORCED
 from forced_systems import pendulum as dragged
-from gyrospark.storage import layout
+from gyrospark.storage import array_layout
 from stores import (
     Interrupted,
     as_files,
@@ -46,9 +46,9 @@ def arguments(real="double", **others):
 
 def small(patch, chunk, rows, seconds=0.0):
     """Let pieces, blocks of states and blocks of events be small."""
-    patch.setattr("gyrospark.runtime.steps.integration._WATCHED", chunk)
+    patch.setattr("gyrospark.runtime.integration.step_loop._WATCHED", chunk)
     small_blocks(patch, rows, seconds)
-    patch.setattr(layout, "_MOST_EVENTS", 2)
+    patch.setattr(array_layout, "_MOST_EVENTS", 2)
 
 
 # ---------------------------------------------------------------- ended anywhere
@@ -134,7 +134,7 @@ def test_store_after_each_file_that_is_written(ends, tmp_path, monkeypatch) -> N
 
     with monkeypatch.context() as patch:
         patch.setattr("gyrospark.storage.chunks._AT_ONCE", 1)
-        patch.setattr("gyrospark.storage.durable.sync_folder", copy)
+        patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
         gs.record(step, out=out, **run)
     assert len(copies) > 40
     counts = set()

@@ -14,16 +14,16 @@ from sympy import QQ
 
 from gyrospark import stepper
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
-from gyrospark.runtime.body.quaternion import momentum
+from gyrospark.runtime.rigid_body.quaternion import momentum
 from gyrospark.studies import odd_proof
 from gyrospark.studies.beyond import FINDINGS
 from gyrospark.studies.body_frame import Top, motion
+from gyrospark.studies.case_runner import Engine
 from gyrospark.studies.energy_law import energy_law, node_numbers
-from gyrospark.studies.engine import Engine
 from gyrospark.studies.equivalence import gradients_claim, nodes_claim, stages_claim
-from gyrospark.studies.model import Claim, Finding
 from gyrospark.studies.one_step import energy_error
 from gyrospark.studies.power_series import Series
+from gyrospark.studies.study_result import Claim, Finding
 from gyrospark.studies.zeros import integrable_claim
 
 #: Findings that rest on measurement alone.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.studies.engine import Engine, parameter_value
+from gyrospark.studies.case_runner import Engine, parameter_value
 from gyrospark.studies.inexact_jacobian import InexactTop, dropped_term, inexact_stepper
 from gyrospark.studies.iterations import (
     table_9,
@@ -96,7 +96,7 @@ def test_stagnation_is_not_divergence_unless_nothing_is_solved():
 @pytest.mark.parametrize("rep", ["gamma", "alpha"])
 def test_only_the_intended_term_is_dropped(rep):
     """d(L(q)ᵀ)·u with u = D L(q)p/4, written out by finite matrices instead of derivatives."""
-    from gyrospark.generator.bodies.rigid_body import heavy_top, left_matrix
+    from gyrospark.generator.multibody.rigid_body import heavy_top, left_matrix
 
     exact = heavy_top(rep)
     inexact = InexactTop(exact.q, exact.p, exact.parameters, exact.H, exact.constraints,

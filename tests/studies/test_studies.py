@@ -14,15 +14,22 @@ import pytest
 from click.testing import CliRunner
 
 from gyrospark.commands.reproduce import reproduce
-from gyrospark.errors import InputError
-from gyrospark.studies import accuracy, catalogue, convergence, invariants, parameter, report
+from gyrospark.core.errors import InputError
+from gyrospark.studies import (
+    accuracy,
+    convergence,
+    invariants,
+    parameter,
+    report_page,
+    study_registry,
+)
+from gyrospark.studies.case_runner import Case, Engine, parameter_value, scheme_of
 from gyrospark.studies.drawing import arrange, draw
-from gyrospark.studies.engine import Case, Engine, parameter_value, scheme_of
 from gyrospark.studies.fit import crossing, fit_line, fit_slope
 from gyrospark.studies.iterations import _near_claim
-from gyrospark.studies.model import Cell, Claim, Panel, Series, Table
 from gyrospark.studies.printed import MISPRINTS, TABLE_4, TABLE_6, TABLE_7, Misprint
-from gyrospark.studies.report import as_json, report_files
+from gyrospark.studies.report_page import as_json, report_files
+from gyrospark.studies.study_result import Cell, Claim, Panel, Series, Table
 from gyrospark.studies.summary import (
     failing,
     requirements,
@@ -50,7 +57,7 @@ def accuracy_tables(engine):
 
 @pytest.fixture(scope="module")
 def quick_results(engine):
-    return catalogue.compute(QUICK, engine)
+    return study_registry.compute(QUICK, engine)
 
 
 # ---------------------------------------------------------------- verdicts
@@ -280,7 +287,7 @@ def test_what_stands_below_a_letter_is_below_it(files):
                   else " ", files["index.html"].partition("<body>")[2], flags=re.DOTALL)
     assert "γ<sub>m</sub>" in page
     assert not re.search(r"[γαHpqN]\u0303?_\w", page)
-    assert (report.with_signs("a < b_1, file_name, q_t(0)")
+    assert (report_page.with_signs("a < b_1, file_name, q_t(0)")
             == "a &lt; b<sub>1</sub>, file_name, q_t(0)")
 
 
@@ -372,7 +379,7 @@ CLAIMS = {
 def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monkeypatch, tmp_path):
     """Piped, it says on stderr what it is at."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(catalogue, "RESULTS", {
+    monkeypatch.setattr(study_registry, "RESULTS", {
         f"table-{n}": lambda engine, n=n: Table(n, "t", "a", [], [CLAIMS[claim]] * 2)
         for n in (2, 3)})
     done = CliRunner().invoke(reproduce, ["all"], standalone_mode=False)
@@ -401,7 +408,7 @@ def test_what_is_known_of_table_10_is_bounded(what, met):
 def test_report_that_cannot_be_written_is_refused_at_once(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("mine")
-    monkeypatch.setattr(catalogue, "compute", None)  # nothing is computed
+    monkeypatch.setattr(study_registry, "compute", None)  # nothing is computed
     with pytest.raises(InputError, match=f"--out '{folder}'"):
         CliRunner().invoke(reproduce, ["table-2", "--out", folder], standalone_mode=False,
                            catch_exceptions=False)
@@ -409,8 +416,8 @@ def test_report_that_cannot_be_written_is_refused_at_once(folder, tmp_path, monk
 
 def test_catalogue_is_complete():
     expected = {f"table-{n}" for n in range(2, 15)} | {f"figure-{n}" for n in range(5, 17)}
-    assert {name for name in catalogue.RESULTS if not name.startswith("finding-")} == expected
-    assert catalogue.chosen("all") == list(catalogue.RESULTS)
+    assert {name for name in study_registry.RESULTS if not name.startswith("finding-")} == expected
+    assert study_registry.chosen("all") == list(study_registry.RESULTS)
 
 
 # ---------------------------------------------------------------- docs/paper.md
@@ -421,13 +428,14 @@ def test_catalogue_is_complete():
 def test_committed_summary_is_what_is_computed(name, engine):
     """These results are the same in the short version; the whole file is checked by -m slow."""
     committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    assert section(catalogue.RESULTS[name](engine)) in committed
+    assert section(study_registry.RESULTS[name](engine)) in committed
 
 
 @pytest.mark.slow
 def test_whole_committed_summary_is_what_is_computed():
     committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    assert write_summary(catalogue.compute(catalogue.chosen("all"), Engine())) == committed
+    computed = study_registry.compute(study_registry.chosen("all"), Engine())
+    assert write_summary(computed) == committed
 
 
 def test_summary_has_no_digits_of_round_off(quick_results):

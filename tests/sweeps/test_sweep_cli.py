@@ -8,10 +8,10 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.sweeps import tiles
-from gyrospark.sweeps.estimate import estimate
-from gyrospark.sweeps.picture import draw
+from gyrospark.sweeps.cost_estimate import estimate
 from gyrospark.sweeps.results import fields_of
 from gyrospark.sweeps.study_file import parse_study
+from gyrospark.sweeps.sweep_plots import draw
 from processes import ROOT, cli
 from sweep_studies import GAMMAS, OVER, STUDY, TOP, study_file
 

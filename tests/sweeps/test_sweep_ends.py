@@ -13,8 +13,8 @@ import pytest
 import gyrospark as gs
 from gyrospark.sweeps import cluster, tiles
 from gyrospark.sweeps.results import done_tiles
+from gyrospark.sweeps.run_sweep import run_study
 from gyrospark.sweeps.study_file import load_study
-from gyrospark.sweeps.sweep import run_study
 from interruption import differences
 from processes import HELPERS, call, environment, gyrospark_command, wait_for
 from sweep_studies import STUDY, study_file

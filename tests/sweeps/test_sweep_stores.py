@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.storage.lock import claim
-from gyrospark.sweeps import compute, local, tiles
-from gyrospark.sweeps.estimate import estimate
+from gyrospark.storage.writer_lock import claim
+from gyrospark.sweeps import compute_tile, local_threads, tiles
+from gyrospark.sweeps.cost_estimate import estimate
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import NOT_COMPUTED, done_tiles, fields_of
 from interruption import differences
@@ -48,13 +48,13 @@ def test_finished_cells_are_never_computed_again(tmp_path, small_tiles, monkeypa
     def counted(study, fields, tile):
         assert tile.place not in done
         computed.append(tile.place)
-        return compute.compute(study, fields, tile)
+        return compute_tile.compute(study, fields, tile)
 
     def ended(finished, everything):
         if finished >= ended.at:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(local, "compute", counted)
+    monkeypatch.setattr(local_threads, "compute", counted)
     for ended.at in (1, 200, 321):
         with pytest.raises(KeyboardInterrupt):
             gs.sweep(TOP, over, **choice, out=path, resume=True, workers=1, progress=ended)
@@ -137,9 +137,9 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
     over = {"gamma": list(np.linspace(8e-4, 2e-3, 300))}
     choice = {"scheme": "EMS", "dt": 1e-3, "steps": 5}
     gs.sweep(TOP, over, **choice, out=tmp_path / "whole.zarr")
-    from gyrospark.storage import durable
+    from gyrospark.storage import durable_files
 
-    write = durable.write_durably
+    write = durable_files.write_durably
 
     def full(path, data, workshop=None):
         full.left -= 1
@@ -148,7 +148,7 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
         write(path, data, workshop)
 
     path = tmp_path / "s.zarr"
-    monkeypatch.setattr(durable, "write_durably", full)
+    monkeypatch.setattr(durable_files, "write_durably", full)
     for full.left in itertools.count(1, 7):
         try:
             gs.sweep(TOP, over, **choice, out=path, resume=True)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.sweeps import compute, local, tiles
+from gyrospark.sweeps import compute_tile, local_threads, tiles
 from gyrospark.sweeps.axes import value_axis
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import BAD_START, Store, fields_of, meanings
@@ -236,7 +236,7 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ([("gamma", [1e-3])], {}, ["no dict"]),
 ])
 def test_refusals_come_before_anything_is_computed(over, options, fragments, monkeypatch):
-    monkeypatch.setattr(local, "compute", None)
+    monkeypatch.setattr(local_threads, "compute", None)
     choice = {"scheme": "EMS", "steps": 10, "dt": 1e-3} | options
     with pytest.raises(gs.InputError) as error:
         gs.sweep("fast-top", over, **choice)
@@ -253,6 +253,6 @@ def test_studies_and_stores_travel():
     there = pickle.loads(pickle.dumps((study, Store(Path("x")))))[0]
     tile = next(tiles.tiles_of(study))
     fields = fields_of(study)
-    here = compute.compute(study, fields, tile)
-    for name, values in compute.compute(there, fields, tile).items():
+    here = compute_tile.compute(study, fields, tile)
+    for name, values in compute_tile.compute(there, fields, tile).items():
         assert np.array_equal(values, here[name])

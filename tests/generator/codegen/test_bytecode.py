@@ -8,7 +8,7 @@ from pathlib import Path
 import jinja2
 import pytest
 
-from gyrospark.generator.emission.bytecode import Bytecode
+from gyrospark.generator.codegen.bytecode import Bytecode
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import gyrospark as gs
 from c_programs import STRICT, run, write
 from compilers import COMPILERS_OF_CPLUSPLUS, MAIN, OTHER, compiler, zig
 from forced_systems import pendulum as forced_pendulum
-from gyrospark.facade import files_of
+from gyrospark.api import files_of
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import PAPER_SPECS, Spec
 from mechanisms import slider_crank

@@ -14,10 +14,10 @@ from cffi.commontypes import COMMON_TYPES
 
 import gyrospark as gs
 from compilers import ALL_ERRORS, COMPILERS
-from gyrospark.errors import InputError
+from gyrospark.core.errors import InputError
+from gyrospark.generator.parsing.reserved_names import KEYWORDS, is_taken
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.text.c_names import KEYWORDS, is_taken
 from processes import ROOT, call
 
 HEADERS = """\

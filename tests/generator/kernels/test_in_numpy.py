@@ -13,9 +13,14 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.bodies.rigid_body import heavy_top
-from gyrospark.generator.kernels.in_numpy import carry_out
-from gyrospark.generator.schemes.schemes import MeanScheme, SparkScheme, common_kernels, hoisted
+from gyrospark.generator.kernels.numpy_kernels import carry_out
+from gyrospark.generator.multibody.rigid_body import heavy_top
+from gyrospark.generator.schemes.step_equations import (
+    MeanScheme,
+    SparkScheme,
+    common_kernels,
+    hoisted,
+)
 from gyrospark.generator.tableaux.families import gauss_lobatto
 
 EPSILON = np.finfo(float).eps

@@ -24,9 +24,8 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import InputError
-from gyrospark.generator.algebra.switches import Max, Min, Where
-from gyrospark.generator.bodies.rigid_body import heavy_top
+from gyrospark.core.errors import InputError
+from gyrospark.core.real_types import REALS
 from gyrospark.generator.kernels.c_printer import CPrinter
 from gyrospark.generator.kernels.kernel import (
     Constants,
@@ -35,10 +34,16 @@ from gyrospark.generator.kernels.kernel import (
     wrap,
 )
 from gyrospark.generator.kernels.statements import Kernel
-from gyrospark.generator.schemes.schemes import MeanScheme, SparkScheme, common_kernels, hoisted
+from gyrospark.generator.multibody.rigid_body import heavy_top
+from gyrospark.generator.schemes.step_equations import (
+    MeanScheme,
+    SparkScheme,
+    common_kernels,
+    hoisted,
+)
+from gyrospark.generator.symbolic.switching_functions import Max, Min, Where
 from gyrospark.generator.systems.system import System
 from gyrospark.generator.tableaux.families import gauss_lobatto
-from gyrospark.real import REALS
 
 DOUBLE = REALS["double"]
 THIRD, HALF = sp.Rational(1, 3), sp.Rational(1, 2)

@@ -21,7 +21,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import gyrospark as gs
-from gyrospark.runtime.body.quaternion import angular_velocity, axis, left_matrix, rotation_matrix
+from gyrospark.runtime.rigid_body.quaternion import (
+    angular_velocity,
+    axis,
+    left_matrix,
+    rotation_matrix,
+)
 from strategies import EPS
 
 MODELS = ["lagrange_top", "satellite", "double_pendulum", "double_top", "gimbal", "four_bar"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.errors import InputError, InputWarning
+from gyrospark.core.errors import InputError, InputWarning
 
 TILT = np.array([0.5, 0.5, -0.1, 0.7])
 HINGES = ("revolute", "align", "prismatic", "cylindrical", "planar", "screw")

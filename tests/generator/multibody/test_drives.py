@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
-from gyrospark.errors import InputError
+from gyrospark.core.errors import InputError
 from strategies import EPS
 
 MASS, INERTIA, ARM, GRAVITY = 0.8, 0.05, 0.4, 9.81

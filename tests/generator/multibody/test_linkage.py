@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.bodies.joints import Align, Connection, Joint, Revolute, Rod, Spring
-from gyrospark.generator.bodies.linkage import JOINTS, Linkage
+from gyrospark.generator.multibody.connections import JOINTS, Linkage
+from gyrospark.generator.multibody.joints import Align, Connection, Joint, Revolute, Rod, Spring
 
 TOPS = """
 name = "tops"

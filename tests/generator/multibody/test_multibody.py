@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
-from gyrospark.generator.algebra.evaluation import evaluate
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import NumericSystem
-from gyrospark.runtime.body.quaternion import angular_velocity, rotation_matrix
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity, rotation_matrix
 from strategies import EPS, unit_quaternions
 
 INERTIA = (0.1, 0.12, 0.03)

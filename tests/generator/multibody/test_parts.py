@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import gyrospark as gs
-from gyrospark.generator.bodies.poses import onto, rotation
-from gyrospark.generator.model_files.model_file import parse_model
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.generator.multibody.initial_poses import onto, rotation
 from strategies import EPS
 
 

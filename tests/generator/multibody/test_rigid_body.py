@@ -12,8 +12,8 @@ from functools import cache
 import pytest
 import sympy as sp
 
-from gyrospark.errors import InputError
-from gyrospark.generator.bodies.rigid_body import (
+from gyrospark.core.errors import InputError
+from gyrospark.generator.multibody.rigid_body import (
     alpha,
     double_momentum,
     free_body,

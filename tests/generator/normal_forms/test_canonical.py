@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from equivalent_forms import HALF, TEN, everywhere, lattice, links, rewritten, stand_ins
 from gyrospark.generator import pipeline
-from gyrospark.generator.algebra.identities import compare
-from gyrospark.generator.bodies.rigid_body import heavy_top, kinetic_energy
+from gyrospark.generator.multibody.rigid_body import heavy_top, kinetic_energy
+from gyrospark.generator.normal_forms import expansion
+from gyrospark.generator.normal_forms.canonical_system import canonical
+from gyrospark.generator.normal_forms.shortest_sum import cost
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.schemes import hoisted
+from gyrospark.generator.schemes.step_equations import hoisted
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.spelling import normal_form
-from gyrospark.generator.spelling.canonical import canonical
-from gyrospark.generator.spelling.compact import cost
-from gyrospark.generator.systems.structure import Structure
+from gyrospark.generator.symbolic.identities import compare
+from gyrospark.generator.systems.repeated_structure import Structure
 from gyrospark.generator.systems.system import System
 
 x, y, z = sp.symbols("x y z", real=True)
@@ -286,8 +286,8 @@ ENDLESS = {
 def test_nothing_is_multiplied_out_without_end(H, monkeypatch):
     """As many products of terms as are allowed for each part; H is what it was."""
     spent = []
-    spend = normal_form.NormalForm.spend
-    monkeypatch.setattr(normal_form.NormalForm, "spend",
+    spend = expansion.NormalForm.spend
+    monkeypatch.setattr(expansion.NormalForm, "spend",
                         lambda self, products: (spent.append(min(products, self.allowance)),
                                                 spend(self, products)))
     system = plane(H, *sorted(H.free_symbols - {x, y, px, py}, key=str))

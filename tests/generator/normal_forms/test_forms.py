@@ -6,7 +6,7 @@ import pytest
 import sympy as sp
 
 from equivalent_forms import HALF, stand_ins
-from gyrospark.generator.spelling.forms import Forms
+from gyrospark.generator.normal_forms.canonical_expressions import Forms
 
 x, y, z = sp.symbols("x y z", real=True)
 a, b = sp.symbols("a b", real=True)

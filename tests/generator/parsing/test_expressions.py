@@ -9,8 +9,8 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import InputError
-from gyrospark.generator.text.expressions import decimal_digits, parse_expression
+from gyrospark.core.errors import InputError
+from gyrospark.generator.parsing.exact_expressions import decimal_digits, parse_expression
 
 SQRT2, SQRT3 = sp.sqrt(2), sp.sqrt(3)
 

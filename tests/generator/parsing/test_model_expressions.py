@@ -10,14 +10,14 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import InputError
-from gyrospark.generator.algebra.switches import Max, Min, Where
-from gyrospark.generator.model_files.model_expressions import (
+from gyrospark.core.errors import InputError
+from gyrospark.generator.models.formulas import (
     CONSTANTS,
     FUNCTIONS,
     parse_formula,
     parse_number,
 )
+from gyrospark.generator.symbolic.switching_functions import Max, Min, Where
 
 x, y = sp.symbols("x y", real=True)
 k = sp.Symbol("k", real=True)

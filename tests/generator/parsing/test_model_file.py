@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.errors import InputError
-from gyrospark.generator.bodies.rigid_body import left_matrix
-from gyrospark.generator.model_files.attitude import from_euler
-from gyrospark.generator.model_files.model_file import parse_model
-from gyrospark.runtime.body import quaternion
+from gyrospark.core.errors import InputError
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.generator.models.start_attitude import from_euler
+from gyrospark.generator.multibody.rigid_body import left_matrix
+from gyrospark.runtime.rigid_body import quaternion
 from processes import ROOT
 
 EPS = float(np.finfo(float).eps)
@@ -473,7 +473,7 @@ def test_any_text_is_refused(text):
 
 def test_documented_forms_are_models():
     """The two files in the module's docstring."""
-    from gyrospark.generator.model_files import model_file
+    from gyrospark.generator.models import model_file
 
     blocks = (model_file.__doc__ or "").split("\n\n")
     found = [block for block in blocks if block.lstrip().startswith("name =")]

@@ -8,11 +8,11 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.errors import InputError
-from gyrospark.generator.model_files.model_expressions import parse_number
-from gyrospark.generator.model_files.model_file import parse_model
-from gyrospark.generator.text.grammar import ANGLES, RATES, UNITS
-from gyrospark.generator.text.tokens import names_in
+from gyrospark.core.errors import InputError
+from gyrospark.generator.models.formulas import parse_number
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.generator.parsing.grammar import ANGLES, RATES, UNITS
+from gyrospark.generator.parsing.tokens import names_in
 
 
 @pytest.mark.parametrize(("text", "value"), [

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.urdf.urdf import plain_name
+from gyrospark.generator.models.urdf import plain_name
 from robots import ARM, Motion
 
 START = {"angles": {"shoulder": 0.4, "slide-1": -0.15, "wheel": 2.0},

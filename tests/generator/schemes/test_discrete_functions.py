@@ -17,9 +17,9 @@ import sympy as sp
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from gyrospark.generator.algebra.identities import evaluate
-from gyrospark.generator.algebra.sharing import parts_of
-from gyrospark.generator.discrete.discrete_gradient import discrete_gradient
+from gyrospark.generator.schemes.discrete_gradient import discrete_gradient
+from gyrospark.generator.symbolic.identities import evaluate
+from gyrospark.generator.symbolic.shared_subexpressions import parts_of
 from random_expressions import (
     EXPRESSIONS,
     PARAMETERS,

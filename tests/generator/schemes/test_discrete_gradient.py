@@ -16,16 +16,23 @@ import sympy as sp
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import InputError
-from gyrospark.generator.algebra.sharing import spelled_out
-from gyrospark.generator.bodies.rigid_body import alpha, gamma, heavy_top, left_matrix, mgl, moments
-from gyrospark.generator.discrete.discrete_gradient import (
+from gyrospark.core.errors import InputError
+from gyrospark.generator.multibody.rigid_body import (
+    alpha,
+    gamma,
+    heavy_top,
+    left_matrix,
+    mgl,
+    moments,
+)
+from gyrospark.generator.schemes.discrete_gradient import (
     Difference,
     differentiate,
     discrete_gradient,
 )
-from gyrospark.generator.schemes.differences import constraint_increment, vector
-from gyrospark.generator.schemes.schemes import MeanScheme
+from gyrospark.generator.schemes.step_equations import MeanScheme
+from gyrospark.generator.schemes.system_differences import constraint_increment, vector
+from gyrospark.generator.symbolic.shared_subexpressions import spelled_out
 
 EPS = 2.0**-52
 x = sp.symbols("x0:3", real=True)

@@ -17,15 +17,15 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.errors import InputError
-from gyrospark.generator.algebra.identities import evaluate
-from gyrospark.generator.algebra.pieces import ScatteredError, pieces_of
-from gyrospark.generator.algebra.switches import as_switches
-from gyrospark.generator.discrete.discrete_gradient import discrete_gradient
+from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.mean_conditions import check_mean_scheme
-from gyrospark.generator.schemes.schemes import MeanScheme
+from gyrospark.generator.schemes.discrete_gradient import discrete_gradient
+from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
+from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.spec import Spec
+from gyrospark.generator.symbolic.identities import evaluate
+from gyrospark.generator.symbolic.piecewise import ScatteredError, pieces_of
+from gyrospark.generator.symbolic.switching_functions import as_switches
 from random_expressions import in_doubles
 from strategies import EPS
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.body.quaternion import left_matrix, rotation_matrix
+from gyrospark.runtime.rigid_body.quaternion import left_matrix, rotation_matrix
 from reference import (
     WORKING_DIGITS,
     Method,

@@ -10,7 +10,9 @@ import mpmath as mp
 import pytest
 import sympy as sp
 
-from gyrospark.generator.algebra.cardinal import (
+from gyrospark.core.real_types import REALS
+from gyrospark.generator.codegen.emit import TEMPLATES
+from gyrospark.generator.symbolic.cardinal_functions import (
     Asinhc,
     Atanc,
     Atanhc,
@@ -18,8 +20,6 @@ from gyrospark.generator.algebra.cardinal import (
     Sinhc,
     c_names_with_needs,
 )
-from gyrospark.generator.emission.emit import TEMPLATES
-from gyrospark.real import REALS
 
 FUNCTIONS = [f for g in (Sinc, Sinhc, Asinhc, Atanc, Atanhc) for f in (g, g.slope)]
 #: Around 0, where the form of a derivative changes, moderate and large.

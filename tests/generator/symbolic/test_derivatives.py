@@ -7,9 +7,9 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.generator.algebra.derivatives import derivative
-from gyrospark.generator.bodies.rigid_body import free_body, heavy_top
-from gyrospark.generator.schemes.schemes import hoisted
+from gyrospark.generator.multibody.rigid_body import free_body, heavy_top
+from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.symbolic.derivatives import derivative
 
 X = sp.symbols("x y z", real=True)
 M = sp.Symbol("m", positive=True)

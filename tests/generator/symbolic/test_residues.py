@@ -11,14 +11,14 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.generator.algebra.rational_spaces import NullSpace, reduced
-from gyrospark.generator.algebra.residues import (
+from gyrospark.generator.symbolic.finite_fields import (
     Residues,
     UnsuitablePrimeError,
     identically_zero,
     primes,
 )
-from gyrospark.generator.algebra.sharing import share
+from gyrospark.generator.symbolic.null_spaces import NullSpace, reduced
+from gyrospark.generator.symbolic.shared_subexpressions import share
 
 x, y, z = sp.symbols("x y z", real=True)
 r = sp.sqrt(x**2 + y**2)

@@ -9,9 +9,9 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.generator.algebra.evaluation import Evaluator, evaluate, mp_context
-from gyrospark.generator.algebra.rounding import rounding
-from gyrospark.generator.algebra.switches import Max, Where
+from gyrospark.generator.symbolic.numeric_evaluation import Evaluator, evaluate, mp_context
+from gyrospark.generator.symbolic.rounding_errors import rounding
+from gyrospark.generator.symbolic.switching_functions import Max, Where
 from strategies import EPS
 
 x, y = sp.symbols("x y", real=True)

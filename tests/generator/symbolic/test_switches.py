@@ -21,17 +21,17 @@ import sympy as sp
 import gyrospark as gs
 from c_programs import STRICT, run, write
 from compilers import compiler
-from gyrospark.errors import InputError
-from gyrospark.generator.algebra.derivatives import derivative
-from gyrospark.generator.algebra.evaluation import Evaluator, mp_context
-from gyrospark.generator.algebra.evaluation import evaluate as in_numpy
-from gyrospark.generator.algebra.identities import evaluate
-from gyrospark.generator.algebra.switches import as_switches, switches_of
+from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.fast_path import FastSystem
 from gyrospark.generator.spec import Spec
+from gyrospark.generator.symbolic.derivatives import derivative
+from gyrospark.generator.symbolic.identities import evaluate
+from gyrospark.generator.symbolic.numeric_evaluation import Evaluator, mp_context
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate as in_numpy
+from gyrospark.generator.symbolic.switching_functions import as_switches, switches_of
 from gyrospark.generator.systems.numeric_system import NumericConstraints
-from gyrospark.generator.systems.structure import Structure
+from gyrospark.generator.systems.repeated_structure import Structure
 from strategies import EPS
 
 x, y, u, v, t = sp.symbols("x y u v t", real=True)

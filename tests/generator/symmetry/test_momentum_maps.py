@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from generic_systems import EXAMPLES
-from gyrospark.generator.algebra.evaluation import evaluate
-from gyrospark.generator.bodies.rigid_body import body_system, heavy_top, mgl, rotation_matrix
+from gyrospark.generator.multibody.rigid_body import body_system, heavy_top, mgl, rotation_matrix
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.symmetry.momentum_maps import MAX_COORDINATES, momentum_maps
-from gyrospark.runtime.body.quaternion import left_matrix
-from gyrospark.runtime.body.quaternion import rotation_matrix as attitude
+from gyrospark.runtime.rigid_body.quaternion import left_matrix
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix as attitude
 
 SPACE = [f"angular momentum about e{k}" for k in (1, 2, 3)]
 BODY = [f"angular momentum about the body's axis {k}" for k in (1, 2, 3)]

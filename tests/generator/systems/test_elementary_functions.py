@@ -10,10 +10,10 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.bodies.rigid_body import free_body
+from gyrospark.generator.multibody.rigid_body import free_body
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.mean_conditions import check_mean_scheme
-from gyrospark.generator.schemes.schemes import MeanScheme
+from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
+from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.spec import Spec
 from strategies import EPS
 

@@ -20,13 +20,13 @@ import sympy as sp
 
 import gyrospark as gs
 from forced_systems import PARAMETERS, SYSTEMS, c, f, k, omega, start, stepper_for, tau, u, v, x, y
-from gyrospark.generator.bodies.rigid_body import free_body
+from gyrospark.generator.multibody.rigid_body import free_body
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.fast_path import FastSystem
-from gyrospark.generator.schemes.schemes import hoisted
+from gyrospark.generator.schemes.step_equations import hoisted
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.systems.structure import Structure
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.generator.systems.repeated_structure import Structure
+from gyrospark.runtime.steppers.stepper import Stepper
 from reference import WORKING_DIGITS, Equations, Method, doubles, numbers
 from strategies import EPS
 

@@ -19,7 +19,7 @@ import sympy as sp
 import gyrospark as gs
 from generic_systems import EXAMPLES, stepper_for
 from gyrospark.generator.systems.system import System
-from gyrospark.runtime.call.binding import REASONS
+from gyrospark.runtime.bindings.binding import REASONS
 from reference import WORKING_DIGITS, Method, doubles, numbers
 from strategies import EPS
 

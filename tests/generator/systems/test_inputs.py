@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.errors import InputError
+from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.runtime.steppers.stepper import Stepper
 from input_systems import k, pendulum, push, stepper, u, v, x, y
 from strategies import EPS
 

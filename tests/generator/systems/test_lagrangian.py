@@ -20,18 +20,18 @@ from sympy.core.cache import clear_cache
 import gyrospark as gs
 from calls import refused
 from compilers import MAIN, compiler
-from gyrospark.generator.algebra.sharing import Shared, share
-from gyrospark.generator.kernels.in_numpy import carry_out
+from gyrospark.generator.kernels.numpy_kernels import carry_out
 from gyrospark.generator.kernels.statements import Kernel
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.legendre import (
+from gyrospark.generator.schemes.lagrangian_kernels import (
     motion_kernels,
     newton_kernels,
     state_kernels,
 )
-from gyrospark.generator.schemes.schemes import hoisted
+from gyrospark.generator.schemes.step_equations import hoisted
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.build.objects import objects_of
+from gyrospark.generator.symbolic.shared_subexpressions import Shared, share
+from gyrospark.runtime.compilation.object_files import objects_of
 from lagrangians import bead, case, double
 from processes import ROOT, call
 from strategies import EPS

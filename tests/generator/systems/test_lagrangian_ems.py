@@ -15,8 +15,8 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.schemes.legendre_means import LagrangianEMS
-from gyrospark.generator.schemes.mean_conditions import check_mean_scheme
+from gyrospark.generator.schemes.lagrangian_midpoint import LagrangianEMS
+from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
 from lagrangians import PARAMETERS, bead, case, double
 from mechanics_systems import joints
 from strategies import EPS

@@ -10,7 +10,7 @@ import sympy as sp
 from scipy.linalg import expm
 
 import gyrospark as gs
-from gyrospark.errors import InputError
+from gyrospark.core.errors import InputError
 from strategies import EPS
 
 Q, V = sp.symbols("x y", real=True), sp.symbols("vx vy", real=True)

@@ -12,11 +12,11 @@ import sympy.physics.mechanics as me
 
 import gyrospark as gs
 from calls import refused
-from gyrospark.generator.algebra.derivatives import along
-from gyrospark.generator.algebra.evaluation import evaluate
-from gyrospark.generator.algebra.residues import vanish
-from gyrospark.generator.algebra.sharing import parts_of
-from gyrospark.generator.mechanics.motion import Motion
+from gyrospark.generator.symbolic.derivatives import along
+from gyrospark.generator.symbolic.finite_fields import vanish
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
+from gyrospark.generator.symbolic.shared_subexpressions import parts_of
+from gyrospark.generator.systems.sympy_motion import Motion
 from mechanics_systems import T, joints
 from strategies import EPS
 

@@ -14,7 +14,7 @@ import sympy.physics.mechanics as me
 from scipy.integrate import solve_ivp
 
 import gyrospark as gs
-from gyrospark.errors import InputError, InputWarning
+from gyrospark.core.errors import InputError, InputWarning
 
 T = me.dynamicsymbols._t
 M, I, LENGTH, K, C, G = sp.symbols("m I l k c g", positive=True)  # noqa: E741

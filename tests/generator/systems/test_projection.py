@@ -7,8 +7,8 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.core.projection import dependent_rows
 from gyrospark.generator.systems.numeric_system import NumericSystem
-from gyrospark.projection import dependent_rows
 from strategies import EPS
 
 x, y, z, a, b, c = sp.symbols("x y z a b c", real=True)

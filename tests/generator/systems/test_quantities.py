@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from compilers import COMPILERS
-from gyrospark.commands.run_outputs import Done
-from gyrospark.commands.run_report import as_text, result_of
-from gyrospark.errors import InputError
+from gyrospark.commands.run.outputs import Done
+from gyrospark.commands.run.report import as_text, result_of
+from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from processes import call

@@ -15,7 +15,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.algebra.switches import as_switches, switches_of
+from gyrospark.generator.symbolic.switching_functions import as_switches, switches_of
 from gyrospark.generator.symmetry.momentum_maps import momentum_maps
 from gyrospark.generator.systems.smoothness import Meeting, Switching, meeting
 from processes import cli

@@ -11,14 +11,18 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.generator.bodies.rigid_body import kinetic_energy, rotation_matrix
+from gyrospark.generator.multibody.rigid_body import kinetic_energy, rotation_matrix
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.schemes import hoisted
+from gyrospark.generator.schemes.step_equations import hoisted
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.systems.elimination import connected, eliminate, reverse_cuthill_mckee
-from gyrospark.generator.systems.structure import Structure
+from gyrospark.generator.systems.elimination_order import (
+    connected,
+    eliminate,
+    reverse_cuthill_mckee,
+)
+from gyrospark.generator.systems.repeated_structure import Structure
 from gyrospark.generator.systems.system import System
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.runtime.steppers.stepper import Stepper
 from structured_systems import made, start
 
 EPS = 2.0**-52

@@ -11,10 +11,10 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import InputError
-from gyrospark.generator.bodies.rigid_body import free_body, heavy_top
+from gyrospark.core.errors import InputError
 from gyrospark.generator.kernels.kernel import Constants
-from gyrospark.generator.schemes.schemes import common_kernels, hoisted
+from gyrospark.generator.multibody.rigid_body import free_body, heavy_top
+from gyrospark.generator.schemes.step_equations import common_kernels, hoisted
 from gyrospark.generator.systems.jacobians import gradient, jacobian, shortest, symmetric_jacobian
 from gyrospark.generator.systems.system import System
 

@@ -20,12 +20,12 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.errors import InputError
+from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.mean_conditions import check_mean_scheme
-from gyrospark.generator.schemes.schemes import MeanScheme
+from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
+from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.run.stepper import Stepper
+from gyrospark.runtime.steppers.stepper import Stepper
 from processes import ROOT
 from strategies import EPS
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.certificates.verification import verify_stepper
-from gyrospark.errors import TableauError
+from gyrospark.core.errors import TableauError
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.tableaux.conditions import _bounds, check_tableau, remarks
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab

@@ -7,8 +7,8 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import TableauError
-from gyrospark.generator.tableaux.separation import enclosure, vanishes
+from gyrospark.core.errors import TableauError
+from gyrospark.generator.tableaux.separation_bounds import enclosure, vanishes
 
 r2, r3, r5, r6 = map(sp.sqrt, (2, 3, 5, 6))
 

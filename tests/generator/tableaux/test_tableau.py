@@ -16,7 +16,8 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import InputError, TableauError
+from gyrospark.core.errors import InputError, TableauError
+from gyrospark.core.real_types import REALS, round_binary
 from gyrospark.generator.tableaux.conditions import (
     MATRICES,
     check_tableau,
@@ -37,7 +38,6 @@ from gyrospark.generator.tableaux.nodes import (
     lobatto_polynomial,
 )
 from gyrospark.generator.tableaux.tableau import FIELDS
-from gyrospark.real import REALS, round_binary
 
 X = sp.Symbol("x")
 SQRT3 = sp.sqrt(3)

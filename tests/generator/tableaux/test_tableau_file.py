@@ -14,7 +14,7 @@ import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gyrospark.errors import TableauError
+from gyrospark.core.errors import TableauError
 from gyrospark.generator.tableaux import tableau_file
 from gyrospark.generator.tableaux.conditions import check_tableau
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab

@@ -17,13 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.errors import CompilerError, InputError
+from gyrospark.core.errors import CompilerError, InputError
+from gyrospark.core.real_types import REALS, round_binary
 from gyrospark.generator.spec import Spec
-from gyrospark.real import REALS, round_binary
-from gyrospark.runtime.body.inertia import gamma_m
-from gyrospark.runtime.body.problems import fast_top
-from gyrospark.runtime.build.compiler import _refuse_without_quad, find_compiler
-from gyrospark.runtime.call import quad
+from gyrospark.runtime.bindings import binary128
+from gyrospark.runtime.compilation.compiler import _refuse_without_quad, find_compiler
+from gyrospark.runtime.rigid_body.gamma_rules import gamma_m
+from gyrospark.runtime.rigid_body.problems import fast_top
 from processes import cli
 from reference import reference
 from strategies import random_case, tableau_of
@@ -62,11 +62,11 @@ def bytes_of(bits):
 
 
 def number(bits):
-    return quad.from_bytes(np.frombuffer(bytes_of(bits), dtype=np.uint8)[None])[0]
+    return binary128.from_bytes(np.frombuffer(bytes_of(bits), dtype=np.uint8)[None])[0]
 
 
 def bits_of(value):
-    return int.from_bytes(quad.to_bytes(np.array([value], dtype=object)).tobytes(), "little")
+    return int.from_bytes(binary128.to_bytes(np.array([value], dtype=object)).tobytes(), "little")
 
 
 @settings(max_examples=500, deadline=None)
@@ -78,7 +78,7 @@ def test_every_number_keeps_its_bytes(bits):
         return
     significand = fraction + 2**112 * (exponent > 0)
     exact = significand * Fraction(2) ** (max(exponent, 1) - 16383 - 112)
-    assert quad.exact(value) == (-exact if bits >> 127 else exact)
+    assert binary128.exact(value) == (-exact if bits >> 127 else exact)
     assert bits_of(value) == (bits if significand else 0)  # mpmath has no −0
 
 
@@ -92,8 +92,8 @@ def test_known_numbers(bits, text):
 
 
 def test_ends_of_the_range():
-    assert quad.exact(number(1)) == Fraction(2) ** -16494  # the least subnormal number
-    assert quad.exact(number(1 << 112)) == Fraction(2) ** -16382
+    assert binary128.exact(number(1)) == Fraction(2) ** -16494  # the least subnormal number
+    assert binary128.exact(number(1 << 112)) == Fraction(2) ** -16382
     assert bits_of(mp.mpf(2) ** -16496) == 0
     assert bits_of(mp.mpf(2) ** 16384) == 0x7FFF << 112
     assert bits_of(mp.mpf(3) * mp.mpf(2) ** -16495) == 2  # a tie, to even
@@ -105,23 +105,23 @@ def test_more_bits_are_rounded_to_even(mantissa, exponent, negative):
     exact = (-1) ** negative * mantissa * Fraction(2) ** exponent
     with mp.workprec(400):
         value = mp.mpf(mantissa) * mp.mpf(2) ** exponent * (-1) ** negative
-    assert quad.exact(number(bits_of(value))) == round_binary(exact, 113)
-    assert quad.exact(quad.quad(value)) == round_binary(exact, 113)
+    assert binary128.exact(number(bits_of(value))) == round_binary(exact, 113)
+    assert binary128.exact(binary128.quad(value)) == round_binary(exact, 113)
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False) | st.integers(-2**100, 2**100))
 def test_other_types_are_taken_by_value(value):
-    assert quad.exact(quad.quad(value)) == Fraction(value)
+    assert binary128.exact(binary128.quad(value)) == Fraction(value)
     if isinstance(value, float):
-        assert quad.exact(quad.quad(np.longdouble(value) / 3)) == Fraction(
+        assert binary128.exact(binary128.quad(np.longdouble(value) / 3)) == Fraction(
             *(np.longdouble(value) / 3).as_integer_ratio())
 
 
 def test_arithmetic_has_113_bits_whatever_mpmath_is_set_to():
     with mp.workprec(20):
-        third = quad.quad(1) / 3
-    assert quad.exact(third) == round_binary(Fraction(1, 3), 113)
+        third = binary128.quad(1) / 3
+    assert binary128.exact(third) == round_binary(Fraction(1, 3), 113)
     assert pickle.loads(pickle.dumps(third)) == third
 
 
@@ -129,10 +129,10 @@ def test_literals_and_coefficients_are_correctly_rounded():
     step, real = stepper("G-L", 3), REALS["float128"]
     with mp.workdps(60):
         value = mp.mpf(real.literal(Fraction(1, 3)).removesuffix("F128"))
-    assert quad.exact(quad.quad(value)) == round_binary(Fraction(1, 3), 113)
+    assert binary128.exact(binary128.quad(value)) == round_binary(Fraction(1, 3), 113)
     compiled = step.binding.coefficients()
     exact = np.ravel(np.array(tableau_of("G-L", 3).A, dtype=object))
-    wanted = [round_binary(quad.exact(x), 113) for x in exact]
+    wanted = [round_binary(binary128.exact(x), 113) for x in exact]
     assert all(w in compiled for w in wanted)
 
 
@@ -145,9 +145,9 @@ def test_a_step_against_fifty_digits(method):
     step, rng = stepper(*method), np.random.default_rng(5)
     for index in range(3):
         case = random_case(rng, "gamma")
-        parameters = {name: quad.quad(x) * 10 / 9 for name, x in case.parameters.items()}
+        parameters = {name: binary128.quad(x) * 10 / 9 for name, x in case.parameters.items()}
         q, p = step.project(case.q, case.p, parameters=parameters)
-        case = replace(case, q=q, p=p, dt=quad.quad(case.dt) / 3 * (-1) ** index,
+        case = replace(case, q=q, p=p, dt=binary128.quad(case.dt) / 3 * (-1) ** index,
                        parameters=parameters)
         exact = reference(Spec(*method), case).step()
         for solver in ("auto", "newton", "python"):
@@ -185,7 +185,7 @@ def test_constraints_hold_to_round_off_and_the_manifest_says_float128():
     assert isinstance(run.report.constraint_max, float)
     assert run.q.dtype == object
     assert run.q.shape == (30, 4)
-    assert type(run.q[3, 1]) is quad.mpf
+    assert type(run.q[3, 1]) is binary128.mpf
     assert run.axis().dtype == float
     assert largest(run.g_errors) <= 4 * EPS
 
@@ -236,7 +236,7 @@ def test_a_saved_trajectory_comes_back(tmp_path):
     again = gs.Trajectory.load(run.save(tmp_path / "run"))
     for name in ("q", "p", "multipliers", "energies", "g_errors", "f_errors"):
         assert (getattr(again, name) == getattr(run, name)).all()
-        assert all(type(x) is quad.mpf for x in getattr(again, name).flat)
+        assert all(type(x) is binary128.mpf for x in getattr(again, name).flat)
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")

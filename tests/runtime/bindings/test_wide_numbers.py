@@ -18,9 +18,9 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import equal
-from gyrospark.exact import digits_of, exact
-from gyrospark.remarks import listening
-from gyrospark.runtime.call.reals import from_text, rounding
+from gyrospark.core.exact_numbers import digits_of, exact
+from gyrospark.core.warnings import listening
+from gyrospark.runtime.bindings.real_numbers import from_text, rounding
 from processes import cli
 from stores import assert_same
 from strategies import tableau_of

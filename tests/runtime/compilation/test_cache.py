@@ -18,9 +18,9 @@ from pathlib import Path
 import pytest
 
 import gyrospark as gs
-from gyrospark import facade
+from gyrospark import api
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.build import cache, compiler, module
+from gyrospark.runtime.compilation import build_cache, compiler, stepper_module
 from processes import FAST_TOP, PATIENCE, ROOT, call, cli, environment
 
 BUILD = FAST_TOP + """
@@ -30,7 +30,7 @@ print(*step.integrate(top.q0, top.p0, dt=1e-3, steps=5, parameters=parameters).q
 
 
 def files_of(scheme="IMS"):
-    return facade.files_of(Spec(scheme))
+    return api.files_of(Spec(scheme))
 
 
 def needs_cc():
@@ -114,7 +114,7 @@ def test_pypi_compiler_is_the_last_choice(monkeypatch, tmp_path, script):
 def test_unusable_cc_is_told(chosen, words, monkeypatch, own_cache):
     monkeypatch.setenv("CC", chosen)
     with pytest.raises(gs.CompilerError) as caught:
-        module.load_module("heavy_top_ims_gamma", files_of())
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
     for word in [*words, "set CC"]:
         assert word in str(caught.value)
     assert not kept(own_cache)
@@ -138,7 +138,7 @@ def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache)
     path = script(f'[ "$1" = --version ] && {{ echo mine; exit 0; }}\n{body}')
     monkeypatch.setenv("CC", str(path))
     with pytest.raises(gs.CompilerError) as caught:
-        module.load_module("heavy_top_ims_gamma", files_of())
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
     for word in words:
         assert word in str(caught.value)
     assert caught.value.command[0] == str(path)
@@ -147,7 +147,7 @@ def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache)
         assert str(path) in str(caught.value)
     assert not list(own_cache.glob("build-*"))
     with pytest.raises(gs.CompilerError):
-        module.load_module("heavy_top_ims_gamma", files_of())
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
 
 
 def test_compiler_gets_no_input(monkeypatch, script):
@@ -165,7 +165,7 @@ def test_warnings_of_the_kernel_are_errors(monkeypatch, tmp_path):
     name = "heavy_top_ims_gamma"
     files[f"{name}.c"] += "\nstatic inline int two(void) { int unused = 1; return 2; }\n"
     with pytest.raises(gs.CompilerError, match="unused") as caught:
-        module.load_module(name, files)
+        stepper_module.load_module(name, files)
     assert "-Wall" in caught.value.command
 
 
@@ -196,16 +196,16 @@ def test_a_temporary_folder_stands_in_for_one_that_cannot_be_used(
     folder = str(tmp_path / folder)
     monkeypatch.setenv("GYROSPARK_CACHE", folder)
     monkeypatch.setenv("CC", quick)
-    monkeypatch.setattr(cache, "_IN_PLACE", {})
+    monkeypatch.setattr(build_cache, "_IN_PLACE", {})
     ended = []
     monkeypatch.setattr("atexit.register", lambda *call, **options: ended.append((call, options)))
     with pytest.warns(gs.InputWarning, match="GYROSPARK_CACHE") as said:
-        module.load_module("heavy_top_ims_gamma", files_of())
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
     assert folder in str(said[0].message)
-    assert len(cache.entries()) == 2
-    cache.keep("x", [1])  # with no further warning
-    assert cache.kept("x") == [1]
-    place = cache.cache_folder()
+    assert len(build_cache.entries()) == 2
+    build_cache.keep("x", [1])  # with no further warning
+    assert build_cache.kept("x") == [1]
+    place = build_cache.cache_folder()
     assert place.stat().st_mode & 0o77 == 0
     for (function, *arguments), options in ended:
         function(*arguments, **options)
@@ -281,7 +281,7 @@ def test_killed_builds_leave_nothing_that_is_loaded(kills, own_cache, quick):
         for path in kept(own_cache):  # appeared whole or not at all
             assert path.read_bytes().startswith(b"\x7fELF")
             if path.with_name(path.name + ".json").is_file():
-                assert module._is_whole(path)
+                assert stepper_module._is_whole(path)
         if rng.random() < 0.3:
             done = build(own_cache, quick)
             assert done.returncode == 0, done.stderr
@@ -322,7 +322,7 @@ def test_many_processes_at_once(many, own_cache, quick):
     assert len({stdout for stdout, _ in said}) == 1
     assert not any(stderr for _, stderr in said)
     (only,) = kept(own_cache)
-    assert module._is_whole(only)
+    assert stepper_module._is_whole(only)
     assert not list(own_cache.glob("build-*"))
 
 
@@ -334,11 +334,11 @@ def test_cache_may_be_cleared_while_others_build(own_cache, quick):
         for _ in range(3)
     ]
     while any(process.poll() is None for process in processes):
-        cache.entries()
+        build_cache.entries()
         for left in own_cache.glob("build-*"):
             assert left.name.startswith("build-")
         time.sleep(0.05)
-        cache.clear()
+        build_cache.clear()
     for process in processes:
         stderr = process.communicate(timeout=PATIENCE)[1]
         # Cleared between publishing and loading, it may say so; it does not crash or hang.
@@ -379,7 +379,7 @@ def test_damaged_module_is_built_anew(damage, built, own_cache):
     done = build(own_cache, "cc")
     assert (done.returncode, done.stdout) == (0, expected), done.stderr
     (only,) = kept(own_cache)
-    assert module._is_whole(only)
+    assert stepper_module._is_whole(only)
 
 
 @pytest.mark.parametrize("proof", [
@@ -405,8 +405,8 @@ def test_whole_module_is_used_as_it_is(built, own_cache, monkeypatch):
     for name, data in content.items():
         (own_cache / name).write_bytes(data)
     monkeypatch.setenv("CC", "cc")
-    monkeypatch.setattr(module, "compile_verified", lambda *_: pytest.fail("compiled"))
-    loaded = module.load_module("heavy_top_ims_gamma", files_of())
+    monkeypatch.setattr(stepper_module, "compile_verified", lambda *_: pytest.fail("compiled"))
+    loaded = stepper_module.load_module("heavy_top_ims_gamma", files_of())
     assert loaded.lib.heavy_top_ims_gamma_step
 
 
@@ -414,27 +414,27 @@ def test_whole_module_is_used_as_it_is(built, own_cache, monkeypatch):
 def test_damaged_source_is_derived_anew(content, own_cache):
     spec = Spec("IMS", real="float")
     own_cache.mkdir()
-    path = own_cache / f"{spec.name}-{facade._source_key(spec)}.source.json"
+    path = own_cache / f"{spec.name}-{api._source_key(spec)}.source.json"
     path.write_bytes(content)
-    files = facade.files_of(spec)
+    files = api.files_of(spec)
     assert set(files) == {f"{spec.name}.{end}" for end in ("h", "c", "json")}
     assert path.read_bytes() != content
-    assert facade.files_of(spec) == files
+    assert api.files_of(spec) == files
 
 
 def test_kept_text_is_given_back_as_it_was_written_or_not_at_all(own_cache):
     """A bit that flips in the C of a kept source does not become another stepper."""
     content = {"a.c": "x = 0.25;", "a.json": "{}"}
-    assert cache.kept("a.source.json") is None
-    cache.keep("a.source.json", content)
-    assert cache.kept("a.source.json") == content
+    assert build_cache.kept("a.source.json") is None
+    build_cache.keep("a.source.json", content)
+    assert build_cache.kept("a.source.json") == content
     path = own_cache / "a.source.json"
     sound = path.read_bytes()
     for place in range(len(sound)):
         damaged = bytearray(sound)
         damaged[place] ^= 1
         path.write_bytes(damaged)
-        assert cache.kept("a.source.json") in (None, content), place
+        assert build_cache.kept("a.source.json") in (None, content), place
 
 
 # ---------------------------------------------------------------- manifests
@@ -465,27 +465,27 @@ def test_manifest_of_another_stepper_is_refused(old, new, words):
 def test_key_depends_on_everything_that_changes_the_binary(monkeypatch):
     files = files_of()
     cc = compiler.Compiler(("cc",), "cc 1.0")
-    keys = [cache.binary_key(files, cc)]
-    assert cache.binary_key(dict(reversed(files.items())), cc) == keys[0]
+    keys = [build_cache.binary_key(files, cc)]
+    assert build_cache.binary_key(dict(reversed(files.items())), cc) == keys[0]
     for name in files:
-        keys.append(cache.binary_key(files | {name: files[name] + " "}, cc))
-    keys.append(cache.binary_key(files, compiler.Compiler(("clang",), "cc 1.0")))
-    keys.append(cache.binary_key(files, compiler.Compiler(("cc", "-m32"), "cc 1.0")))
-    keys.append(cache.binary_key(files, compiler.Compiler(("cc",), "cc 1.1")))
+        keys.append(build_cache.binary_key(files | {name: files[name] + " "}, cc))
+    keys.append(build_cache.binary_key(files, compiler.Compiler(("clang",), "cc 1.0")))
+    keys.append(build_cache.binary_key(files, compiler.Compiler(("cc", "-m32"), "cc 1.0")))
+    keys.append(build_cache.binary_key(files, compiler.Compiler(("cc",), "cc 1.1")))
     with monkeypatch.context() as patch:
-        patch.setattr(cache, "cpu_description", lambda: "another CPU")
-        keys.append(cache.binary_key(files, cc))
+        patch.setattr(build_cache, "cpu_description", lambda: "another CPU")
+        keys.append(build_cache.binary_key(files, cc))
     with monkeypatch.context() as patch:
         patch.setattr(compiler.Compiler, "flags", property(lambda self: ["-O0"]))
-        keys.append(cache.binary_key(files, cc))
+        keys.append(build_cache.binary_key(files, cc))
     with monkeypatch.context() as patch:
-        patch.setattr(cache, "extension_suffix", lambda: ".another-python.so")
-        keys.append(cache.binary_key(files, cc))
+        patch.setattr(build_cache, "extension_suffix", lambda: ".another-python.so")
+        keys.append(build_cache.binary_key(files, cc))
     with monkeypatch.context() as patch:
-        patch.setattr(cache.cffi, "__version__", "99")
-        keys.append(cache.binary_key(files, cc))
+        patch.setattr(build_cache.cffi, "__version__", "99")
+        keys.append(build_cache.binary_key(files, cc))
     assert len(set(keys)) == len(keys)
-    assert cache.binary_key(files, cc) == keys[0]
+    assert build_cache.binary_key(files, cc) == keys[0]
     assert all(re.fullmatch("[0-9a-f]{32}", key) for key in keys)
 
 
@@ -498,28 +498,27 @@ def test_two_compilers_two_modules(own_cache, quick):
 def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
     """Changed text of the generator or a template, another version: no old source is used."""
     spec = Spec("IMS", real="float")
-    for folder in ("generator", "engine", "templates"):
+    for folder in ("core", "generator", "engine", "templates"):
         shutil.copytree(ROOT / folder, tmp_path / folder,
                         ignore=shutil.ignore_patterns("__pycache__"))
-    for path in ROOT.glob("*.py"):
-        shutil.copy(path, tmp_path)
 
     def key(spec=spec):
-        facade._generator_fingerprint.cache_clear()
-        return facade._source_key(spec)
+        api._generator_fingerprint.cache_clear()
+        return api._source_key(spec)
 
     here = key()
     with monkeypatch.context() as patch:
-        patch.setattr(facade, "ROOT", tmp_path)
+        patch.setattr(api, "ROOT", tmp_path)
         keys = [key()]
         assert keys == [here]
         for path in (tmp_path / "templates" / "stepper.c.jinja", tmp_path / "engine" / "judge.h",
-                     tmp_path / "generator" / "tableaux" / "nodes.py", tmp_path / "real.py"):
+                     tmp_path / "generator" / "tableaux" / "nodes.py",
+                     tmp_path / "core" / "real_types.py"):
             path.write_text(path.read_text(encoding="utf-8") + "\n", encoding="utf-8")
             keys.append(key())
         (tmp_path / "engine" / "judge.h").unlink()
         keys.append(key())
-        patch.setattr(facade, "__version__", "99")
+        patch.setattr(api, "__version__", "99")
         keys.append(key())
         keys.append(key(Spec("IMS", None, "alpha", real="float")))
     assert len(set(keys)) == len(keys)
@@ -543,17 +542,17 @@ def test_clearing_touches_only_what_is_ours(own_cache):
     for name in [*ours, *theirs]:
         (own_cache / name).touch()
     (own_cache / "folder").mkdir()
-    assert [p.name for p in cache.entries()] == sorted(ours)
-    assert cache.clear() == len(ours)
+    assert [p.name for p in build_cache.entries()] == sorted(ours)
+    assert build_cache.clear() == len(ours)
     assert {p.name for p in own_cache.iterdir()} == {*theirs, "folder"}
 
 
-def left(name, hours, mark=cache._MARKED):
+def left(name, hours, mark=build_cache._MARKED):
     """Make a build's folder of so many hours ago."""
     name.mkdir(parents=True)
     (name / "kernel.o").touch()
     if mark is not None:
-        (name / cache._MARK).write_text(mark)
+        (name / build_cache._MARK).write_text(mark)
     then = time.time() - hours * 3600
     os.utime(name, (then, then))
 
@@ -563,17 +562,17 @@ def test_old_build_folders_are_swept_up(own_cache, quick, monkeypatch):
     monkeypatch.setenv("CC", quick)
     for name, hours in (("oldbuild", 30), ("newbuild", 2), ("nowbuild", 0)):
         left(own_cache / f"gyrospark-build-{name}", hours)
-    module.load_module("heavy_top_ims_gamma", files_of())
+    stepper_module.load_module("heavy_top_ims_gamma", files_of())
     assert {p.name[-8:] for p in own_cache.glob("*build-*")} == {"newbuild", "nowbuild"}
-    cache.clear()
+    build_cache.clear()
     assert {p.name[-8:] for p in own_cache.glob("*build-*")} == {"nowbuild"}
 
 
 def test_folders_of_others_are_never_removed(own_cache, tmp_path):
     """However old: other names, no mark, another mark, a link, another owner."""
-    for name, mark in (("build-arm64", cache._MARKED), ("build-arm64/src", None),
+    for name, mark in (("build-arm64", build_cache._MARKED), ("build-arm64/src", None),
                        ("gyrospark-build-notmarkd", None), ("gyrospark-build-otherwis", "mine"),
-                       ("gyrospark-build-arm64-release", cache._MARKED)):
+                       ("gyrospark-build-arm64-release", build_cache._MARKED)):
         left(own_cache / name, 1000, mark)
     theirs = {*own_cache.rglob("*")}
     left(tmp_path / "gyrospark-build-elsewher", 1000)
@@ -584,10 +583,10 @@ def test_folders_of_others_are_never_removed(own_cache, tmp_path):
         os.chown(own_cache / "gyrospark-build-foreigns", 12345, 12345)
         theirs |= {*own_cache.rglob("gyrospark-build-foreigns/*")}
     left(own_cache / "gyrospark-build-reallyus", 1000)
-    with cache.workshop() as folder:
-        assert cache._BUILD_NAME.fullmatch(folder.name)
-        assert [p.name for p in folder.iterdir()] == [cache._MARK]
-    cache.clear()
+    with build_cache.workshop() as folder:
+        assert build_cache._BUILD_NAME.fullmatch(folder.name)
+        assert [p.name for p in folder.iterdir()] == [build_cache._MARK]
+    build_cache.clear()
     assert all(path.exists() for path in theirs)
     assert not (own_cache / "gyrospark-build-reallyus").exists()
 
@@ -598,8 +597,8 @@ def test_folders_of_others_are_never_removed(own_cache, tmp_path):
 def publish_both(own_cache, quick, monkeypatch):
     """Build a module and keep a text; return their files."""
     monkeypatch.setenv("CC", quick)
-    module.load_module("heavy_top_ims_gamma", files_of())
-    cache.keep("text.source.json", ["text"])
+    stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    build_cache.keep("text.source.json", ["text"])
     (built,) = kept(own_cache)
     return built, own_cache / "text.source.json"
 
@@ -613,9 +612,9 @@ def test_what_is_published_is_written_by_nobody_else(own_cache, quick, monkeypat
         os.umask(before)
     for path in (own_cache, built, text):
         assert not path.stat().st_mode & 0o022
-        assert cache.distrusted(path) == ""
-    assert module._is_whole(built)
-    assert cache.kept(text.name) == ["text"]
+        assert build_cache.distrusted(path) == ""
+    assert stepper_module._is_whole(built)
+    assert build_cache.kept(text.name) == ["text"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
@@ -632,12 +631,12 @@ def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_
             os.chown(path, 12345, 12345)
         else:
             path.chmod(0o764 if planted == "group writes" else 0o746)
-        assert cache.distrusted(path) != ""
-        assert not module._is_whole(path)
-    assert cache.kept("text.source.json") is None
-    monkeypatch.setattr(module, "compile_verified", lambda *given: pytest.fail("built anew"))
+        assert build_cache.distrusted(path) != ""
+        assert not stepper_module._is_whole(path)
+    assert build_cache.kept("text.source.json") is None
+    monkeypatch.setattr(stepper_module, "compile_verified", lambda *_: pytest.fail("built anew"))
     with pytest.raises(pytest.fail.Exception, match="built anew"):
-        module.load_module("heavy_top_ims_gamma", files_of())
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
@@ -655,36 +654,36 @@ def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache
     tmp_path.chmod(above)
     if owner is not None:
         os.chown(own_cache, owner, owner)
-    assert module._is_whole(built) is trusted
-    assert (cache.kept(text.name) == ["text"]) is trusted
+    assert stepper_module._is_whole(built) is trusted
+    assert (build_cache.kept(text.name) == ["text"]) is trusted
     if trusted:
-        with cache.workshop():
+        with build_cache.workshop():
             return
-    monkeypatch.setattr(cache, "_IN_PLACE", {})
+    monkeypatch.setattr(build_cache, "_IN_PLACE", {})
     with pytest.warns(gs.InputWarning, match="GYROSPARK_CACHE"):
-        folder = cache._usable(own_cache)
-    assert folder == cache.cache_folder() != own_cache
-    assert not cache.distrusted(folder)
+        folder = build_cache._usable(own_cache)
+    assert folder == build_cache.cache_folder() != own_cache
+    assert not build_cache.distrusted(folder)
 
 
 def test_empty_or_missing_cache_is_no_error(own_cache):
-    assert cache.entries() == []
-    assert cache.clear() == 0
+    assert build_cache.entries() == []
+    assert build_cache.clear() == 0
     assert not own_cache.exists()
 
 
 def test_cache_folder_is_the_users(monkeypatch, tmp_path):
     """Where it lies, by default and chosen; what is in it can be read by others only if it may."""
-    assert cache.cache_folder() == tmp_path / "cache"
+    assert build_cache.cache_folder() == tmp_path / "cache"
     monkeypatch.delenv("GYROSPARK_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     if sys.platform == "linux":
-        assert cache.cache_folder() == tmp_path / "xdg" / "gyrospark"
+        assert build_cache.cache_folder() == tmp_path / "xdg" / "gyrospark"
     monkeypatch.setenv("GYROSPARK_CACHE", "")
-    assert cache.cache_folder().name == "gyrospark"
-    with cache.workshop() as private:
+    assert build_cache.cache_folder().name == "gyrospark"
+    with build_cache.workshop() as private:
         assert stat.S_IMODE(private.stat().st_mode) == 0o700
-        assert Path(private).parent == cache.cache_folder()
+        assert Path(private).parent == build_cache.cache_folder()
     assert not private.exists()
 
 

@@ -14,14 +14,14 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.errors import CompilerError, InputWarning
-from gyrospark.generator.algebra.switches import Max
+from gyrospark.core.errors import CompilerError, InputWarning
+from gyrospark.core.real_types import REALS
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from gyrospark.real import REALS
-from gyrospark.runtime.build import kernel_check, kernel_text, verified
-from gyrospark.runtime.build.compiler import compile_module, find_compiler
-from gyrospark.runtime.build.module import load_module
+from gyrospark.generator.symbolic.switching_functions import Max
+from gyrospark.runtime.compilation import kernel_check, kernel_text, verified_build
+from gyrospark.runtime.compilation.compiler import compile_module, find_compiler
+from gyrospark.runtime.compilation.stepper_module import load_module
 from processes import ROOT
 
 
@@ -79,7 +79,7 @@ def compiled(name: str, folder):
     source = SPECS[name]().source
     path, checks = compile_module(source.name, source.files(), find_compiler(), folder)
     real = REALS[json.loads(source.manifest)["real"]]
-    return verified.import_module(source.name, path), checks, real
+    return verified_build.import_module(source.name, path), checks, real
 
 
 @pytest.fixture(scope="module", params=["curved EMS", "long-double"])
@@ -143,7 +143,7 @@ def test_a_wrong_object_is_compiled_again(part, pattern, kernel, tmp_path, monke
     """With flags that agree, which are recorded, and told once."""
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("CC", wrong_compiler(tmp_path, pattern, "-O1"))
-    monkeypatch.setattr(verified, "SAFER_FLAGS", ((), ("-O1",), ("-O0",)))
+    monkeypatch.setattr(verified_build, "SAFER_FLAGS", ((), ("-O1",), ("-O0",)))
     files = files_of("heavy_top_gl1_gamma")
     with pytest.warns(InputWarning, match=kernel):
         load_module("heavy_top_gl1_gamma", files, part)
@@ -157,7 +157,7 @@ def test_a_wrong_object_is_compiled_again(part, pattern, kernel, tmp_path, monke
 @pytest.mark.skipif(shutil.which("sed") is None, reason="the wrong compiler needs sed")
 def test_an_object_that_never_agrees_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(verified, "SAFER_FLAGS", ((), ("-O1",)))
+    monkeypatch.setattr(verified_build, "SAFER_FLAGS", ((), ("-O1",)))
     monkeypatch.setenv("CC", wrong_compiler(tmp_path, r"s/^    G\[0\]\[0\] = /&1.0e-9 + /", "none"))
     with pytest.raises(CompilerError, match="constraint_jacobian"):
         load_module("heavy_top_gl1_gamma", files_of("heavy_top_gl1_gamma"))

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark import facade
+from gyrospark import api
+from gyrospark.core.real_types import REALS
 from gyrospark.generator.spec import Spec
-from gyrospark.real import REALS
-from gyrospark.runtime.build import compiler, objects
-from gyrospark.runtime.run import evaluation
+from gyrospark.runtime.compilation import compiler, object_files
+from gyrospark.runtime.steppers import evaluation
 
 TOP = gs.problems.fast_top()
 MODULES = "heavy_top_*.so"
@@ -23,7 +23,7 @@ COUNT = 9  # more than the lanes of a register, and no multiple of them
 
 def files_of(real, scheme="IMS"):
     """Return the files of a stepper whose sweeps fail for long steps: Newton is behind them."""
-    return facade.files_of(Spec.checked(scheme, 2 if scheme == "G-L" else None, real=real))
+    return api.files_of(Spec.checked(scheme, 2 if scheme == "G-L" else None, real=real))
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeyp
     assert steps[0] == "0"
     assert steps[-1] == "12"  # Newton was asked on lanes
     monkeypatch.setattr(compiler, "objects_of", lambda name, files, part, whole: [
-        objects.Object("whole", files[f"{name}.h"])])
+        object_files.Object("whole", files[f"{name}.h"])])
     monkeypatch.setattr(compiler, "declarations_of", lambda name, header, part: header)
     monkeypatch.setattr(evaluation, "load_module", loaded_in_one_piece(evaluation.load_module))
     assert results(gs.Stepper(*named(files))) == apart
@@ -115,12 +115,13 @@ def test_a_module_has_its_functions_and_no_other():
     for real in REALS:
         name, files = named(files_of(real))
         header = files[f"{name}.h"]
-        every = objects._functions(name, header)
+        every = object_files._functions(name, header)
         assert {"step", "integrate_lanes", "hamiltonian", "increment_size"} < every
         made = {}
         for part in ("runs", "lanes"):
-            made[part] = objects._functions(name, objects.declarations_of(name, header, part))
-            defined = [found for one in objects.objects_of(name, files, part)
+            declared = object_files.declarations_of(name, header, part)
+            made[part] = object_files._functions(name, declared)
+            defined = [found for one in object_files.objects_of(name, files, part)
                        for found in every if not is_static(name, found, one.header)]
             assert sorted(defined) == sorted(made[part])
         assert made["runs"] | made["lanes"] == every
@@ -156,6 +157,6 @@ def test_the_kernel_is_compiled_while_the_wrapper_is_written(own_cache, monkeypa
 
 def test_a_stepper_without_lanes_is_one_object():
     files = {"a.h": "int a_step(void);\nint a_integrate_many(long count);\n", "a.c": ""}
-    assert objects.objects_of("a", files, "runs") == [
-        objects.Object("whole", files["a.h"], checks=("numbers",))]
-    assert objects.declarations_of("a", files["a.h"], "runs") == files["a.h"]
+    assert object_files.objects_of("a", files, "runs") == [
+        object_files.Object("whole", files["a.h"], checks=("numbers",))]
+    assert object_files.declarations_of("a", files["a.h"], "runs") == files["a.h"]

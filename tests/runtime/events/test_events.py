@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from event_runs import pendulum, period, start
 from gyrospark.commands import gyrospark
-from gyrospark.event import event_of_text
-from gyrospark.runtime.events.roots import zeros
+from gyrospark.core.event import event_of_text
+from gyrospark.runtime.events.root_finding import zeros
 
 EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from event_runs import pendulum, period, start
-from gyrospark.runtime.events.watch import Watch
-from gyrospark.runtime.run import crossings
+from gyrospark.runtime.events import location
+from gyrospark.runtime.events.detection import Watch
 
 #: Values beside their level, of two events.
 ROWS = st.lists(st.tuples(*[st.integers(-6, 6)] * 2), min_size=1, max_size=24)
@@ -126,7 +126,7 @@ def test_a_step_that_fails_behind_the_end_is_none_of_the_run() -> None:
     """A dip ends the run at once, whatever the steps behind it would do."""
     step = pendulum()
     whole = step.integrate(*start(), **dips(0.05), steps=100)
-    real = crossings.integrate
+    real = location.integrate
 
     def failing(binding, manifest, run, progress=None):
         found = real(binding, manifest, run, progress)
@@ -135,7 +135,7 @@ def test_a_step_that_fails_behind_the_end_is_none_of_the_run() -> None:
         raise gs.StepFailed(step=101, t=5.05, reason="was made to fail", trajectory=found)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(crossings, "integrate", failing)
+        patch.setattr(location, "integrate", failing)
         found = step.integrate(*start(), **dips(0.05), steps=100)
         assert found.t.tolist() == whole.t.tolist()
         assert found.report == whole.report
@@ -160,13 +160,13 @@ def test_of_two_ends_in_one_step_the_first_is_the_end(t0: float, dt: float) -> N
 
 def test_ctrl_c_where_events_are_solved_for(monkeypatch) -> None:
     """What was not solved is not told: the states come without events."""
-    real = crossings.crossings_of
+    real = location.crossings_of
 
     def interrupted(*arguments):
         os.kill(os.getpid(), signal.SIGINT)
         return real(*arguments)
 
-    monkeypatch.setattr(crossings, "crossings_of", interrupted)
+    monkeypatch.setattr(location, "crossings_of", interrupted)
     with pytest.raises(gs.Stopped, match="without events") as stopped:
         pendulum().integrate(*start(), dt=0.05, steps=60, parameters={"g": 1.0},
                              events=gs.Event("side"))

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from calls import PARAMETERS, TOP
 from generic_systems import EXAMPLES, stepper_for
-from gyrospark.runtime.call.binding import Binding
-from gyrospark.runtime.steps.consistency import defects_of_starts
+from gyrospark.runtime.bindings.binding import Binding
+from gyrospark.runtime.integration.consistency import defects_of_starts
 
 
 def by_each_coordinate(binding, keeps_f, parameters, q, p, dt):

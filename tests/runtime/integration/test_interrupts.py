@@ -16,8 +16,8 @@ import pytest
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP
 from command_line import RUN as COMMAND
-from gyrospark.runtime.interrupts import ctrl_c, watched
-from gyrospark.runtime.steps import integration
+from gyrospark.core.interrupts import ctrl_c, watched
+from gyrospark.runtime.integration import step_loop
 from gyrospark.sweeps.results import NOT_COMPUTED
 from processes import PATIENCE, catches, environment, gyrospark_command, wait_for
 from stores import START, assert_same, assert_same_states
@@ -62,7 +62,7 @@ def test_run_that_is_over_is_told_as_well(gl3):
 
 
 def test_choice_of_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
-    monkeypatch.setattr(integration, "advance",
+    monkeypatch.setattr(step_loop, "advance",
                         lambda *arguments: (interrupt(), 0)[1])  # of the first pilot
     with pytest.raises(gs.Stopped, match=r"first step.*γ") as error:
         gl3.integrate(**START | {"parameters": TOP.parameters | {"gamma": "auto"}}, steps=20)
@@ -152,10 +152,10 @@ def test_sweep_in_memory_comes_with_its_cells():
 def test_pace_follows_what_steps_cost(monkeypatch):
     """From 16 steps to 4096 where they are quick; a tenth of a second where they are not."""
     now = [0.0]
-    monkeypatch.setattr(integration.time, "thread_time", lambda: now[0])
+    monkeypatch.setattr(step_loop.time, "thread_time", lambda: now[0])
 
     def paces(cost, pieces=12):
-        pace, found = integration.Pace(), []
+        pace, found = step_loop.Pace(), []
         for _ in range(pieces):
             count = pace.begin()
             now[0] += cost * count
@@ -219,7 +219,7 @@ def test_command_without_a_file_reports_what_it_has(tmp_path):
 @pytest.mark.parametrize("out", [(), ("--out", "x.npz"), ("--out", "x.csv"), ("--out", "x.zarr")])
 def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):
     """The run is complete, and is told so, with its report."""
-    run = sys.modules["gyrospark.commands.run"]  # the package has the command under that name
+    run = sys.modules["gyrospark.commands.run.command"]
     report = run.result_of
     monkeypatch.setattr(run, "result_of", lambda *given: (interrupt(), report(*given))[1])
     answer = gyrospark(*COMMAND, *out)
@@ -254,7 +254,7 @@ def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):
 
 def test_error_of_ours_says_where_the_states_are(monkeypatch, tmp_path):
     """A traceback ends with the store that it leaves."""
-    from gyrospark.commands.run_outputs import Angles, integrate_to
+    from gyrospark.commands.run.outputs import Angles, integrate_to
     from gyrospark.storage.recording import Recording
 
     monkeypatch.chdir(tmp_path)

@@ -9,8 +9,8 @@ import pytest
 
 import gyrospark as gs
 from calls import RUN, TOP
-from gyrospark.runtime.show.animation import _faces, _upright
-from gyrospark.runtime.show.scene import scene_of
+from gyrospark.runtime.plotting.animation import _faces, _upright
+from gyrospark.runtime.plotting.scene import scene_of
 
 pytest.importorskip("matplotlib")
 
@@ -125,6 +125,6 @@ def test_what_is_no_film(tops, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(gs.MissingDependencyError, match="ffmpeg"):
         tops.animate(tmp_path / "a.mp4")
-    monkeypatch.setitem(sys.modules, "gyrospark.runtime.show.picture", None)
+    monkeypatch.setitem(sys.modules, "gyrospark.runtime.plotting.figure", None)
     with pytest.raises(gs.MissingDependencyError, match="matplotlib"):
         tops.body("a").plot()

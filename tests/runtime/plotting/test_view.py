@@ -15,7 +15,7 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import RUN, TOP
-from gyrospark.runtime.show.scene import scene_of
+from gyrospark.runtime.plotting.scene import scene_of
 from processes import DATA, ROOT
 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="without Node.js")
@@ -137,7 +137,7 @@ def test_a_spin_too_fast_to_be_followed_is_told(gl3):
 
 @needs_node
 def test_the_script_is_javascript_and_draws(tops, gl3, tmp_path):
-    subprocess.run(["node", "--check", ROOT / "runtime/show/view.js"], check=True)
+    subprocess.run(["node", "--check", ROOT / "runtime/plotting/view.js"], check=True)
     for run, bodies in ((tops, 2), (gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN), 1),
                         (gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN), 1),
                         (integrated(gs.models.gimbal(), 5, dt=-1e-3), 3)):

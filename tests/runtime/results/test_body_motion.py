@@ -8,9 +8,9 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import RUN, TOP
-from gyrospark.errors import InputWarning
-from gyrospark.generator.model_files.model_file import parse_model
-from gyrospark.runtime.output.joint_motion import _shortest
+from gyrospark.core.errors import InputWarning
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.runtime.results.joint_motion import _shortest
 
 EPS = float(np.finfo(float).eps)
 DT = 1e-3

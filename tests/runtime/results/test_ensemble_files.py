@@ -12,7 +12,7 @@ import xarray
 import gyrospark as gs
 from calls import refused
 from event_runs import pendulum, start
-from gyrospark.runtime.output.states import states_of
+from gyrospark.runtime.results.state_columns import states_of
 
 LENGTHS = [0.5, 1.0, 2.0]
 

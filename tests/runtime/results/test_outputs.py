@@ -11,9 +11,9 @@ import zarr
 
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP, equal, refused
-from gyrospark.runtime.output.outputs import OUTPUTS, parts
-from gyrospark.runtime.output.states import states_of
-from gyrospark.storage.layout import fields_of
+from gyrospark.runtime.results.run_arrays import OUTPUTS, parts
+from gyrospark.runtime.results.state_columns import states_of
+from gyrospark.storage.array_layout import fields_of
 
 
 def test_a_trajectory_has_a_field_for_each():

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.runtime.output.turning import fastest_turning
+from gyrospark.runtime.results.rotation_rate import fastest_turning
 
 RUN = ("run", "fast-top", "--json", "--steps", "20")
 SCHEMES = [("IMS",), ("EMS",), ("G-L", "--stages", "3")]

@@ -10,10 +10,10 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import TOP
-from gyrospark.generator.model_files.model_file import parse_model
-from gyrospark.runtime.body.quaternion import rotation_matrix
-from gyrospark.runtime.build.manifest import sizes_of
-from gyrospark.runtime.build.places import bodies_of, joints_of
+from gyrospark.generator.models.model_file import parse_model
+from gyrospark.runtime.compilation.body_columns import bodies_of, joints_of
+from gyrospark.runtime.compilation.manifest import sizes_of
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 VIEWS = ("rotation", "axis", "angular_velocity")
 EPS = float(np.finfo(float).eps)

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
-from gyrospark.runtime.body.euler import euler_angles
-from gyrospark.runtime.body.quaternion import euler_quaternion
+from gyrospark.runtime.rigid_body.euler_angles import euler_angles
+from gyrospark.runtime.rigid_body.quaternion import euler_quaternion
 
 SEQUENCES = [letters for found in itertools.product("xyz", repeat=3)
              if found[0] != found[1] != found[2]

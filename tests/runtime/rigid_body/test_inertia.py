@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.errors import InputError
-from gyrospark.runtime.body.inertia import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
+from gyrospark.core.errors import InputError
+from gyrospark.runtime.rigid_body.gamma_rules import gamma_h, gamma_h_tilde, gamma_m, gamma_m_tilde
 
 ALL = [gamma_m, gamma_h, gamma_m_tilde, gamma_h_tilde]
 FAST_TOP = (0.002, 0.002, 0.0008)

@@ -15,17 +15,22 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import gyrospark as gs
-from gyrospark.catalogue import PROBLEMS
-from gyrospark.errors import InputError, InputWarning
-from gyrospark.runtime.body.closed_forms import FreeRotation, SteadyRotation
-from gyrospark.runtime.body.problems import (
+from gyrospark.core.errors import InputError, InputWarning
+from gyrospark.core.registry import PROBLEMS
+from gyrospark.runtime.rigid_body.closed_forms import FreeRotation, SteadyRotation
+from gyrospark.runtime.rigid_body.problems import (
     Problem,
     cone_mass,
     fast_top,
     free_body,
     regular_precession,
 )
-from gyrospark.runtime.body.quaternion import angular_velocity, axis, left_matrix, rotation_matrix
+from gyrospark.runtime.rigid_body.quaternion import (
+    angular_velocity,
+    axis,
+    left_matrix,
+    rotation_matrix,
+)
 
 ASYMMETRIC = [(0.002, 0.0013, 0.0008), (5.0, 3.0, 2.5), (1.0, 0.6, 0.59)]
 ORDERS = list(itertools.permutations(range(3)))

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gyrospark.errors import InputError, MissingDependencyError
-from gyrospark.runtime.body.quaternion import (
+from gyrospark.core.errors import InputError, MissingDependencyError
+from gyrospark.runtime.rigid_body.quaternion import (
     angular_velocity,
     axis,
     euler_quaternion,

@@ -14,8 +14,8 @@ import sympy as sp
 from numpy.testing import assert_array_equal
 
 import gyrospark as gs
-from gyrospark.benchmarks.reference import distance
-from gyrospark.runtime.choice.frame_lines import Lines
+from gyrospark.benchmarks.reference_states import distance
+from gyrospark.runtime.tuning.frame_spectrum import Lines
 
 TOP = gs.problems.fast_top()
 CONE = gs.problems.regular_precession()

@@ -14,7 +14,7 @@ import sympy as sp
 from numpy.testing import assert_array_equal
 
 import gyrospark as gs
-from gyrospark.catalogue import SYSTEMS
+from gyrospark.core.registry import SYSTEMS
 
 TOP = gs.problems.fast_top()
 C = sp.Symbol("c", real=True)

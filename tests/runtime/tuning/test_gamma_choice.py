@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from calls import refused
-from gyrospark.generator.bodies.rigid_body import gamma, gravity_potential, kinetic_energy, mgl
-from gyrospark.runtime.body.inertia import MEANS_BY_SYMBOL, known_inertia
-from gyrospark.runtime.body.quaternion import rotation_matrix
-from gyrospark.runtime.choice.gamma_choice import PILOT_STEPS
-from gyrospark.runtime.choice.gamma_law import least
-from gyrospark.runtime.choice.gamma_pilots import WORTHWHILE
+from gyrospark.generator.multibody.rigid_body import gamma, gravity_potential, kinetic_energy, mgl
+from gyrospark.runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, known_inertia
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.runtime.tuning.gamma_choice import PILOT_STEPS
+from gyrospark.runtime.tuning.gamma_error_law import least
+from gyrospark.runtime.tuning.gamma_pilots import WORTHWHILE
 from gyrospark.studies.gamma_auto import ALLOWED, LONGER
 from gyrospark.studies.gamma_trials import BODIES, METHODS, TIMES, Body, Trial, asymmetric_top
 

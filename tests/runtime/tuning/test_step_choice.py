@@ -10,8 +10,8 @@ import pytest
 import gyrospark as gs
 from calls import PARAMETERS, TOP, refused
 from command_line import refused as refused_by_command
-from gyrospark.runtime.choice.motion_error import MotionError
-from gyrospark.runtime.choice.step_choice import choose_dt
+from gyrospark.runtime.tuning.motion_distance import MotionError
+from gyrospark.runtime.tuning.step_choice import choose_dt
 
 WANTED = {"error": 1e-6, "t_end": 0.4}
 COMMAND = ("run", "fast-top", "--json", "--t-end", "0.4")
@@ -74,7 +74,7 @@ def test_round_off_is_told(gl3):
 
 def test_what_fails_with_every_step_says_so(gl3, monkeypatch):
     """As does what needs more steps than a pilot may have."""
-    from gyrospark.runtime.choice import step_choice
+    from gyrospark.runtime.tuning import step_choice
 
     monkeypatch.setattr(step_choice, "_MOST", 64)
     with pytest.raises(gs.StepFailed):

@@ -1,0 +1,399 @@
+"""Where generator and runtime meet: sources from the checked-in folder, the cache, or SymPy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache, lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ._version import __version__
+from .core.arguments import as_flag, listed, shown
+from .core.errors import InputError
+from .core.inertia import RepName
+from .core.progress import doing
+from .core.projection import Projection, project
+from .core.real_types import RealName
+from .core.registry import MODELS
+from .core.warnings import listening, remark
+from .generator.parsing.text_file import UnusableFileError, is_urdf, model_text, read_text
+from .generator.schemes.named_schemes import SCHEMES, SchemeName
+from .generator.spec import Spec
+from .runtime.bindings.array_checks import as_array, as_real
+from .runtime.bindings.real_numbers import rounding
+from .runtime.compilation.build_cache import digest, keep, kept
+from .runtime.steppers.run_defaults import Start
+from .runtime.steppers.stepper import Stepper
+
+if TYPE_CHECKING:
+    from .generator.multibody.model import Model
+    from .generator.pipeline import Generated
+    from .generator.systems.system import System
+    from .generator.tableaux.tableau import Tableau
+
+__all__ = ["checked_in_files", "consistent", "files_of", "load_model", "model_stepper",
+           "named_model_stepper", "stepper", "stepper_of", "tableau"]
+
+ROOT = Path(__file__).resolve().parent
+
+
+def stepper(
+    scheme: SchemeName | None = None,
+    stages: int | None = None,
+    rep: RepName | None = None,
+    *,
+    system: str | Path | System | Model | None = None,
+    tableau: str | Path | Tableau | None = None,
+    real: RealName = "double",
+    frame: str | None = None,
+    allow_invalid: bool = False,
+) -> Stepper:
+    """Return a compiled stepper, generated and compiled on first use, from the cache after.
+
+    Parameters
+    ----------
+    scheme : SchemeName
+        ``"IMS"``, ``"EMS"``, ``"G-L"``, ``"LIIIA-B"``, ``"Radau-L"``; left out when a tableau is
+        given.
+    stages : int
+        Stages of a scheme that has a choice of them: G-L and Radau-L (from 1) or LIIIA-B (from 2).
+    rep : {"gamma", "alpha"}
+        Inertia representation of the named systems and of model files.
+    system : str, path, System or Model
+        ``"heavy_top"`` (default), ``"free_body"``, the name of one of ``gyrospark.models``, a model
+        file (TOML), a ``gyrospark.System`` or the system of a ``gyrospark.Model``.
+    tableau : path or Tableau
+        A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
+    real : RealName
+        ``"double"``, ``"float"``, ``"long-double"``, ``"float128"``: floating-point type of the
+        compiled code. Arrays of float128 hold mpmath numbers of 113 bits.
+    frame : {"symmetries"}, optional
+        Derive co-moving frames along the system's symmetries: a parameter omega for each of
+        ``Stepper.symmetries``, 0 where it is not given (docs/frames.md).
+    allow_invalid : bool
+        Use a tableau although it violates required conditions, and a system although some of its
+        constraints follow from others.
+
+    Raises
+    ------
+    InputError
+        For unusable choices, with the allowed ones; for redundant constraints, with their names.
+    TableauError
+        For a tableau that violates required conditions.
+    CompilerError
+        If there is no C compiler, or it fails.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> step = gs.stepper("G-L", stages=3, rep="gamma")
+    >>> step.order
+    6
+    """
+    if frame is None:
+        frame = getattr(system, "frame", None) or None  # of a Model
+    system = getattr(system, "system", system)
+    as_flag("allow_invalid", allow_invalid)
+    if isinstance(system, Path):
+        system = str(system)
+    named = system if isinstance(system, str) or system is None else None
+    file = Path(tableau) if isinstance(tableau, (str, Path)) else None
+    own_tableau = None if file is not None else tableau
+    if own_tableau is not None:
+        if scheme is not None or stages is not None:
+            raise InputError("A tableau fixes the scheme and its stages; leave out scheme and "
+                             "stages.")
+        spec = Spec.of_tableau(rep, named, real)
+    else:
+        spec = Spec.checked(scheme, stages, rep, named, real, file)
+    spec = spec.with_frame(frame)
+    if named is None and system is not None and rep is not None:
+        raise InputError("rep belongs to the named systems; a System brings its own H.")
+    return stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)
+
+
+def stepper_of(
+    spec: Spec, system: Any = None, tableau: Any = None, allow_invalid: bool = False
+) -> Stepper:
+    """Return the stepper of a spec; a system and a tableau take the place of the spec's."""
+    if tableau is None and spec.model is not None:
+        return model_stepper(spec, allow_invalid)[0]
+    if tableau is None and spec.tableau is None and system is None:
+        return _named_stepper(spec)
+    made = _generate(spec, system, tableau, allow_invalid)
+    return Stepper(made.source.name, made.source.files())
+
+
+def consistent(
+    system: System | Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, float], *,
+    t: float = 0.0,
+) -> Projection:
+    """Return the state next to (q, p) with g(q) = 0 and g_q H_p = 0, and what was moved.
+
+        q ← q − g_qᵀ (g_q g_qᵀ)⁻¹ g,   p ← p − g_qᵀ (g_q H_pp g_qᵀ)⁻¹ g_q H_p
+
+    until nothing moves, with steps halved while |g| would grow.
+
+    Parameters
+    ----------
+    system : System or Stepper
+        A system needs no compiler for this.
+    q, p : array_like, shape (n,)
+        A state near the constraints.
+    parameters : mapping
+        The value of every parameter by name.
+    t : float
+        The time, where constraints depend on it; g_q H_p + g_t = 0 is then asked for.
+
+    Returns
+    -------
+    Projection
+        ``.q``, ``.p``, and the report: largest moves, |g| and |g_q H_p| before and after by the
+        constraints' names. Printed it is a short table.
+
+    Raises
+    ------
+    InputError
+        Naming the constraints that depend on each other or cannot be met from here.
+    """
+    if isinstance(system, Stepper):
+        return system.consistent(q, p, parameters=parameters, t=t)
+    from .generator.systems.numeric_system import numeric
+    from .generator.systems.system import System as AnySystem
+
+    if not isinstance(system, AnySystem):
+        raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
+    state = (as_array("q", q, (system.n,), np.float64), as_array("p", p, (system.n,), np.float64))
+    return project(numeric(system, parameters, float(as_real("t", t))), *state)
+
+
+def load_model(
+    path: str | Path, rep: RepName | None = None, *, real: RealName = "double"
+) -> Model:
+    """Return the model of a TOML or URDF file: its system, parameters and start.
+
+    ``load_urdf`` takes more of a robot: where it starts, and what of its file is to be ignored.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 256 KiB of UTF-8.
+    rep : {"gamma", "alpha"}, optional
+        Takes the place of the file's ``[body] rep``.
+    real : RealName
+        The type of the numbers, as for ``stepper``. Those of a file are decimals and formulas,
+        rounded once: with ``"float128"`` to mpmath numbers of 113 bits, with ``"long-double"`` to
+        NumPy's.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    from .generator.models.model_file import load_model as load
+
+    number = rounding(Spec.checked("EMS", real=real).real)  # or says what may be chosen
+    return load(path, rep).in_type(number)
+
+
+def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Tableau:
+    """Return an exact SPARK tableau, of ``"G-L"``, ``"LIIIA-B"`` or ``"Radau-L"`` or a JSON file.
+
+    ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples, ``.order``
+    the derived order, ``.numeric(digits=50)`` the same as nested lists of mpmath numbers.
+    """
+    from .generator.pipeline import tableau_of
+
+    if isinstance(scheme, Path) or str(scheme).endswith(".json"):
+        if stages is not None:
+            raise InputError("A tableau file fixes its stages; leave out stages.")
+        found = tableau_of(Spec.checked(tableau=Path(scheme)))
+    else:
+        found = tableau_of(Spec.checked(scheme, stages))
+    if found is None:
+        names = [known.name for known in SCHEMES.values() if known.tableau is not None]
+        raise InputError(f"{scheme} has no SPARK tableau; choose {listed(names)}.")
+    return found
+
+
+@lru_cache(maxsize=64)
+def _named_stepper(spec: Spec) -> Stepper:
+    return Stepper(spec.name, files_of(spec))
+
+
+def model_stepper(
+    spec: Spec, allow_invalid: bool = False, settings: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Stepper, Start]:
+    """Return the stepper of a spec with a model file, and the numbers of the file.
+
+    Both are kept: the second time the same file asks for the same stepper, no SymPy is imported;
+    nor is it for other values of parameters that no other number of the file mentions. What is to
+    be said of the file is said every time.
+
+    Parameters
+    ----------
+    spec : Spec
+        With the file.
+    allow_invalid : bool
+        As for ``stepper``.
+    settings : mapping of str to str
+        Other values for keys of the file, as ``generator.model_file.read_model`` takes them.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    text = model_text(spec.model or "")
+    beside = is_urdf(spec.model or "") and "loops" in settings
+    loops = [model_text(settings["loops"])] if beside else []
+
+    def found(changes: Mapping[str, str]) -> tuple[Stepper, Start]:
+        return _kept_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
+                           lambda: _model_of_file(spec, text, changes), allow_invalid)
+
+    numbers = {key: number for key, value in settings.items()
+               if (number := _plain_number(value)) is not None}
+    if not settings or len(numbers) < len(settings) or is_urdf(spec.model or ""):
+        return found(settings)
+    made, start = found({})
+    if numbers.keys() <= {*start.free}:
+        return made, replace(start, parameters={**start.parameters, **numbers})
+    return found(settings)
+
+
+def named_model_stepper(
+    spec: Spec, name: str, options: Mapping[str, Any], allow_invalid: bool = False
+) -> tuple[Stepper, Start]:
+    """Return the stepper of one of ``gyrospark.models``, and the model's numbers; both are kept.
+
+    ``options`` are arguments of the model's function.
+    """
+    def make() -> tuple[Model, list[str]]:
+        arguments = {**options, **({"rep": spec.rep} if spec.rep else {})}
+        return MODELS[name].make(**arguments), []
+
+    return _kept_model(("named", name, allow_invalid, sorted(options.items())), spec, make,
+                       allow_invalid)
+
+
+def _kept_model(
+    what: tuple[Any, ...], spec: Spec, make: Callable[[], tuple[Model, list[str]]],
+    allow_invalid: bool,
+) -> tuple[Stepper, Start]:
+    """Return the stepper of a model and its numbers as they are kept, or make and keep them."""
+    own = "" if spec.tableau is None else _text_of(spec.tableau)
+    key = f"{what[0]}-{_source_key(spec, own, *what)}.source.json"
+    found = kept(key)
+    if found is None:
+        with listening() as heard:
+            name, files, start = _generate_model(spec, make, allow_invalid)
+        start = replace(start, remarks=heard)
+        keep(key, [name, files, start.as_json()])
+    else:
+        name, files, start = found[0], found[1], Start.from_json(found[2])
+    for said in start.remarks:
+        remark(said)
+    return Stepper(name, files), start
+
+
+def _generate_model(
+    spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool
+) -> tuple[str, dict[str, str], Start]:
+    from .generator.pipeline import generate
+
+    what = spec.model or spec.system
+    with doing(f"deriving {what} with {spec.method}", f"derived {what}"):
+        model, free = make()
+        source = generate(spec, model=model, allow_invalid=allow_invalid).source
+    return source.name, source.files(), replace(Start.of(model), free=free)
+
+
+def _model_of_file(
+    spec: Spec, text: str, settings: Mapping[str, str]
+) -> tuple[Model, list[str]]:
+    from .generator.models.model_file import read_model
+
+    found = read_model(text, spec.model or "", spec.rep or None, settings)
+    return found.model, found.free
+
+
+def _plain_number(text: str) -> float | None:
+    """Return the number that a text is, without units and formulas; None if it is none."""
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) and "_" not in text else None
+
+
+def _text_of(path: Path) -> str:
+    """Return the text of a tableau file; empty if it is unusable: reading it says why."""
+    try:
+        return read_text(path, 2**20)
+    except UnusableFileError:
+        return ""
+
+
+def files_of(spec: Spec) -> dict[str, str]:
+    """Return header, source and manifest of a named stepper without SymPy if they are known."""
+    found = checked_in_files(spec.name)
+    if found is not None:
+        return found
+    files: dict[str, str] | None = kept(_kept_name(spec))
+    if files is None:
+        files = _generate(spec, None, None, False).source.files()
+        keep_files(spec, files)
+    return files
+
+
+def keep_files(spec: Spec, files: dict[str, str]) -> None:
+    """Keep generated files for later calls."""
+    keep(_kept_name(spec), files)
+
+
+def _kept_name(spec: Spec) -> str:
+    return f"{spec.name}-{_source_key(spec)}.source.json"
+
+
+def checked_in_files(name: str) -> dict[str, str] | None:
+    """Return the files of a stepper in ``generated/``; None if it is not there."""
+    paths = [ROOT / "generated" / f"{name}.{end}" for end in ("h", "c", "json")]
+    if not all(path.is_file() for path in paths):
+        return None
+    return {path.name: path.read_text(encoding="utf-8") for path in paths}
+
+
+def _source_key(spec: Spec, *texts: object) -> str:
+    return digest([str(spec), *texts, _generator_fingerprint()])
+
+
+@cache
+def _generator_fingerprint() -> str:
+    """Return a hash of the generator's own text, so that no old source outlives a change to it."""
+    paths = [*(ROOT / "core").glob("*.py"), *(ROOT / "generator").rglob("*.py"),
+             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").glob("*.h")]
+    return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
+
+
+def _generate(
+    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool
+) -> Generated:
+    from .generator.pipeline import generate
+    from .generator.systems.system import System
+    from .generator.tableaux.tableau import Tableau
+
+    if system is not None and not isinstance(system, System):
+        raise InputError(f"system = {shown(system)} is neither a name nor a gyrospark.System.")
+    if own_tableau is not None and not isinstance(own_tableau, Tableau):
+        raise InputError(f"tableau = {shown(own_tableau)} is neither a file nor a tableau; make "
+                         "one with gyrospark.tableau.")
+    what = spec.name if system is None else f"{system.name} with {spec.method}"
+    with doing(f"deriving {what}", f"derived {what}"):
+        return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)

@@ -1,0 +1,124 @@
+"""How exact a stepper is on a model, over its step and over the time that it takes; its picture."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import StepFailed
+from ..core.warnings import listening
+from ..runtime.plotting.trajectory_plots import figure_class, save
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.steppers.stepper import Stepper
+
+__all__ = ["Accuracy", "accuracy", "draw"]
+
+Array = NDArray[Any]
+
+#: Steps of the longest of runs that are compared, and how often the step is halved from there.
+_MOST_STEPS, _HALVINGS = 250, 6
+#: The reference takes steps so many times shorter than the shortest that is judged.
+_FINER = 4
+#: The shortest CPU time that is told, in s.
+_TICK = 1e-6
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors of one motion at its end, for halved steps.
+
+    Attributes
+    ----------
+    stepper, order : str and int
+        Its name, and its order as derived.
+    t_end : float
+        Where the motion ends, in s.
+    dt, error, seconds : list of float
+        The step, max |y − y_ref| relative to the sizes of q and p, and the CPU time of the steps:
+        the least of three runs, less the least of three calls that take one step. Steps that find
+        no solution have none.
+    """
+
+    stepper: str
+    order: int
+    t_end: float
+    dt: list[float]
+    error: list[float]
+    seconds: list[float]
+
+    @property
+    def slopes(self) -> list[float]:
+        """log2 of successive errors' ratio."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found: list[float] = np.log2(np.divide(self.error[:-1], self.error[1:])).tolist()
+        return found
+
+
+def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
+             parameters: Mapping[str, Any]) -> Accuracy:
+    """Integrate a motion with the step 4 dt, halved six times, and compare its ends.
+
+    The reference is the same stepper's, with a step four times shorter than the shortest: of a
+    method of order r its own error is 4^−r of that one's.
+
+    Raises
+    ------
+    StepFailed
+        If the reference does not get to its end.
+    """
+    longest, count = 4 * dt, max(1, min(steps, _MOST_STEPS) // 4)
+
+    def run(step: float, n: int) -> tuple[Trajectory, float]:
+        begun = time.process_time()
+        with listening():
+            made = stepper.integrate(q, p, dt=step, steps=n, every=n, parameters=parameters)
+        return made, time.process_time() - begun
+
+    def least(step: float, n: int) -> tuple[Trajectory, float]:
+        return min((run(step, n) for _ in range(3)), key=lambda made: made[1])
+
+    finest = longest / 2**_HALVINGS / _FINER
+    reference, _ = run(finest, count * 2**_HALVINGS * _FINER)
+    _, call = least(finest, 1)
+    found: list[tuple[float, float, float]] = []
+    for k in range(_HALVINGS + 1):
+        try:
+            made, spent = least(longest / 2**k, count * 2**k)
+        except StepFailed:
+            continue
+        error = max(np.abs(a[-1] - b[-1]).max() / (np.abs(b).max() or 1.0) for a, b in (
+            (made.q, reference.q), (made.p, reference.p)))
+        found.append((longest / 2**k, float(error), max(spent - call, _TICK)))
+    dts, errors, seconds = (list(column) for column in zip(*found, strict=True))
+    return Accuracy(stepper.name, stepper.order, longest * count, dts, errors, seconds)
+
+
+def draw(model: str, found: Accuracy, target: Path) -> None:
+    """Draw the error over the step, beside a line of the derived order, and over the CPU time."""
+    figure = figure_class()(figsize=(9, 3.8), layout="constrained")
+    order, work = figure.subplots(1, 2, sharey=True)
+    dt, error, seconds = map(np.array, (found.dt, found.error, found.seconds))
+    shown = error > 0
+    order.loglog(dt[shown], error[shown], "o-", label=found.stepper)
+    if shown.any():
+        first = int(np.argmax(shown))
+        guide = error[first] * (dt / dt[first]) ** found.order
+        above = guide >= error[shown].min() / 10
+        order.loglog(dt[above], guide[above], "--", color="#7f8c8d", label=f"Δt^{found.order}")
+    order.set_xlabel("Δt [s]")
+    order.set_ylabel("relative error")
+    order.set_title(f"order, at t = {found.t_end:.4g} s", fontsize=10)
+    work.loglog(seconds[shown], error[shown], "o-", label=found.stepper)
+    work.set_xlabel("CPU time of the steps [s]")
+    work.set_title("work and precision", fontsize=10)
+    for axes in (order, work):
+        axes.grid(alpha=0.3, which="both")
+        axes.legend(fontsize=8)
+    figure.suptitle(f"{model} with {found.stepper}", fontsize=11)
+    save(figure, target)

@@ -1,0 +1,331 @@
+"""What a scheme promises of a model, and why: derived in exact algebra, not listed.
+
+A promise is made, is not made, or is made and broken: then a condition that it rests on is not
+met, exactly, however little of that a run may show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import sympy as sp
+
+from ..generator.schemes.named_schemes import scheme_named
+from ..generator.schemes.step_equations import MeanScheme
+from ..generator.schemes.system_differences import with_time
+from ..generator.symbolic.derivatives import derivative
+from ..generator.symbolic.finite_fields import identically_zero
+from ..generator.symbolic.identities import compare
+from ..generator.symbolic.shared_subexpressions import substitute
+from ..generator.symmetry.momentum_maps import MomentumMap
+from ..generator.systems.system import System
+from ..generator.tableaux.conditions import Condition, check_tableau, invariant_conditions
+from ..generator.tableaux.families import gauss_lobatto
+from ..generator.tableaux.stability import Stability, stability
+from ..generator.tableaux.tableau import Tableau
+
+__all__ = ["MeanPromises", "Promise", "Promises", "SparkPromises"]
+
+Numbers = Mapping[sp.Symbol, sp.Rational]
+
+
+@dataclass(frozen=True)
+class Promise:
+    """Whether something is promised, why or why not, and the condition that breaks the promise."""
+
+    made: bool
+    why: str
+    broken: str = ""
+
+
+class Promises(Protocol):
+    """What a certificate asks of a scheme on a system."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether step(−h) undoes step(h)."""
+
+    @property
+    def discrete(self) -> bool:
+        """Whether the discrete gradient carries the step."""
+
+    @property
+    def stability(self) -> Stability | None:
+        """What a step makes of a fast decay; None where q and p have no method in common."""
+
+    def loop(self) -> Promise:
+        """Return whether the map is symplectic: ∮p·dq stays."""
+
+    def energy(self) -> Promise:
+        """Return whether H less the work of the forces stays."""
+
+    def momentum(self, J: MomentumMap) -> Promise:
+        """Return whether a momentum map stays."""
+
+
+def forces_are_gradient(system: System, numbers: Numbers) -> bool:
+    """Whether F = −∇V(q, t): F_p = 0 and F_q is symmetric, identically and in exact algebra."""
+    forces = substitute(system.forces, numbers)
+    q, p = system.q, system.p
+    by_momentum = [[derivative(f, x)] for f in forces for x in p if f.has(x)]
+    curl = [[derivative(forces[i], q[j]), -derivative(forces[j], q[i])]
+            for i in range(len(forces)) for j in range(i)
+            if forces[i].has(q[j]) or forces[j].has(q[i])]
+    return bool(identically_zero([*by_momentum, *curl]))
+
+
+def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], numbers: Numbers) -> bool:
+    """Whether an expression is a polynomial of degree 2 at most: its third differences vanish."""
+    steps = [sp.Dummy(real=True) for _ in symbols]
+    moved = [substitute([e], {x: x + k * d for x, d in zip(symbols, steps, strict=True)})[0]
+             for k in range(4)]
+    terms = [factor * x for factor, x in zip((-1, 3, -3, 1), substitute(moved, numbers),
+                                             strict=True)]
+    return bool(identically_zero([terms]))
+
+
+def _not_exact(J: MomentumMap) -> Promise:
+    """Say of a map whose bracket with H is not zero everywhere what is known of it."""
+    if J.on_constraints:
+        return Promise(False, "{J, H} = 0 on the constraints only, as far as random points show: "
+                              "the motion keeps it, stages do not; write V for any q")
+    return Promise(False, f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
+                          "symmetry, J drifts as far as that allows")
+
+
+def _domain(J: MomentumMap) -> str:
+    return "" if J.any_parameters else " at these parameters"
+
+
+# ---------------------------------------------------------------- SPARK
+
+
+@dataclass(frozen=True)
+class SparkPromises:
+    """Promises of a SPARK method.
+
+    With b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j and b = b̂ it is symplectic,
+    and keeps every J bilinear in q and p: summed over a step,
+
+        J_(k+1) − J_k = Δt Σ_i b_i {J, H}(Q_i, P_i) − Δt Σ_j b̃_j Λ_jᵀ g_q(Q̃_j) X(Q̃_j),
+
+    where {J, H} = 0 everywhere and g_q X = 0 on g(Q̃_j) = 0. A J without q needs none of them.
+    """
+
+    system: System
+    numbers: Numbers
+    tableau: Tableau
+
+    @cached_property
+    def violation(self) -> str:
+        """The condition that keeps the tableau from being symplectic, or nothing."""
+        irrelevant = "" if self.system.m else "symplectic, constraints"
+        asked = [line for line in check_tableau(self.tableau)
+                 if line.name.startswith("symplectic") and line.name != irrelevant]
+        return _first_violated([*asked, invariant_conditions(self.tableau)[0]])
+
+    @property
+    def disclaimed(self) -> bool:
+        """Whether the tableau says of itself that it is not symplectic."""
+        return self.tableau.claims.get("symplectic") == 0
+
+    @property
+    def discrete(self) -> bool:
+        """Stages have gradients."""
+        return False
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tableau is: step(−h) then undoes step(h)."""
+        return any(line.name == "symmetric" and line.found == "yes"
+                   for line in check_tableau(self.tableau))
+
+    @property
+    def stability(self) -> Stability | None:
+        """R(z) of A and b, where Â and b̂ are the same."""
+        return stability(self.tableau)
+
+    def loop(self) -> Promise:
+        """Every SPARK method that does not deny it should be symplectic."""
+        if not forces_are_gradient(self.system, self.numbers):
+            return Promise(False, "the forces are no gradient in q and may do work on the loop")
+        if self.disclaimed:
+            return Promise(False, "; ".join(filter(None, (
+                "the tableau says that it is not symplectic", self.violation))))
+        return Promise(True, f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
+                             f"{self._digits}", self.violation)
+
+    def energy(self) -> Promise:
+        """H is kept if it is a quadratic invariant of a method that keeps those."""
+        order = f"an error of order {self.tableau.order} in Δt"
+        system = self.system
+        state = [*system.q, *system.p]
+        if system.m or system.is_timed or not is_quadratic(system.H, state, self.numbers):
+            return Promise(False, order)
+        violation = _first_violated(invariant_conditions(self.tableau))
+        if violation:
+            return Promise(False, f"{order}: H is quadratic, but {violation}")
+        return Promise(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
+                             f"and each by itself{self._digits}")
+
+    def momentum(self, J: MomentumMap) -> Promise:
+        """J is kept as the docstring of the class says."""
+        if not J.everywhere:
+            return _not_exact(J)
+        why = f"{{J, H}} = 0{_domain(J)} ({J.proof})"
+        if not J.A.any():
+            return Promise(True, f"{why}, and J is linear in p alone")
+        if self.disclaimed and self.violation:
+            return Promise(False, f"{why}; {self.violation}")
+        return Promise(True, f"{why}{self._digits}", self.violation)
+
+    @property
+    def _digits(self) -> str:
+        given = self.tableau.digits_given
+        return "" if given is None else f", to the {given} digits of the tableau"
+
+
+def _first_violated(lines: Sequence[Condition]) -> str:
+    return next((f"{line.equation} is off by {line.residual}" for line in lines
+                 if line.found != "yes"), "")
+
+
+# ---------------------------------------------------------------- IMS and EMS
+
+
+@dataclass(frozen=True)
+class MeanPromises:
+    """Promises of IMS and EMS: (Δq, Δp) = Δt (D_p, −D_q + F − Ḡᵀλ), each an identity in D.
+
+    H stays if D_q·Δq + D_p·Δp = ΔH and Ḡ·Δq = Δg, which EMS's D is made for; IMS's is for quadratic
+    H and g. J stays if p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0. Without constraints the
+    map is symplectic if D is the gradient at the midpoint: IMS's is, EMS's for quadratic H.
+    """
+
+    system: System
+    numbers: Numbers
+    name: str
+    #: As the generator derived it: 2 where D is symmetric in the end points.
+    order: int
+
+    @cached_property
+    def scheme(self) -> MeanScheme:
+        """The scheme with its D and Ḡ."""
+        return MeanScheme(self.system, scheme_named(self.name).discrete)
+
+    @property
+    def discrete(self) -> bool:
+        """Whether D is the discrete gradient."""
+        return self.scheme.discrete
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether D stays if the end points are exchanged: what order 2 is derived from."""
+        return self.order == 2
+
+    @property
+    def stability(self) -> Stability | None:
+        """F(q̄, p̄): for p' = λp the midpoint rule, that of one Gauss stage."""
+        return stability(gauss_lobatto(1))
+
+    def loop(self) -> Promise:
+        """Only without constraints, and with the gradient at the midpoint."""
+        if self.system.m:
+            return Promise(False, f"{self.name} does not project p: with constraints it promises "
+                                  "no ∮p·dq")
+        if not forces_are_gradient(self.system, self.numbers):
+            return Promise(False, "the forces are no gradient in q and may do work on the loop")
+        if not self.scheme.discrete:
+            return Promise(True, "the implicit midpoint rule")
+        if not self._is_midpoint:
+            return Promise(False, f"{self.name}'s D is not the gradient at the midpoint: it "
+                                  "promises no ∮p·dq")
+        return Promise(True, "D is the gradient at the midpoint: H is quadratic")
+
+    def energy(self) -> Promise:
+        """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
+        how = self._how_energy
+        if self.scheme.discrete:
+            timed = self.system.is_timed
+            law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * timed
+            return Promise(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
+                           "" if how else f"{law} is refuted")
+        if how:
+            return Promise(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
+                                 f"({how})")
+        return Promise(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
+
+    def momentum(self, J: MomentumMap) -> Promise:
+        """p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0."""
+        if not J.everywhere:
+            return _not_exact(J)
+        why = f"{{J, H}} = 0{_domain(J)}"
+        reach, kicks = self._field(J)
+        D_q, D_p = self.scheme.mean_rates
+        rate = [*(a * b for a, b in zip(kicks, D_p, strict=True)),
+                *(-a * b for a, b in zip(reach, D_q, strict=True))]
+        slides = [[a * b for a, b in zip(row, reach, strict=True)]
+                  for row in self.scheme.mean_constraint]
+        if not self._vanish(slides, J):
+            return Promise(False, f"{why}; g_q X = 0 is not seen off the constraints, where the "
+                                  "midpoints are")
+        how = self._vanish([rate], J)
+        if not how:
+            return Promise(False, f"{why}; D is not seen to turn as the gradient does")
+        return Promise(True, f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
+
+    # ------------------------------------------------------------ identities
+
+    @cached_property
+    def _is_midpoint(self) -> bool:
+        """Whether EMS's D and Ḡ are the gradients at the midpoint."""
+        midpoint = MeanScheme(self.system, discrete=False)
+        pairs = zip(_slopes(self.scheme), _slopes(midpoint), strict=True)
+        return bool(self._vanish([[a, -b] for a, b in pairs]))
+
+    @cached_property
+    def _how_energy(self) -> str:
+        """How ΔH = D·Δ and Δg = Ḡ·Δq are known; empty if they do not hold."""
+        scheme, system = self.scheme, self.system
+        (q, p), (dq, dp) = scheme.means, scheme.differences
+        slopes = [[*scheme.mean_gradient[0], *scheme.mean_gradient[1]],
+                  *([*row, *[sp.Integer(0)] * system.n] for row in scheme.mean_constraint)]
+        if system.is_timed:
+            rates = [scheme.mean_drive, *scheme.mean_constraint_rate]
+            slopes = [[*slope, rate] for slope, rate in zip(slopes, rates, strict=True)]
+        variables, means, differences = with_time(
+            [*system.q, *system.p], [*q, *p], [*dq, *dp], system.clock)
+        end, start = (
+            substitute([system.H, *system.constraints],
+                       {x: m + sign * d / 2 for x, m, d
+                        in zip(variables, means, differences, strict=True)})
+            for sign in (1, -1))
+        works = [[a * d for a, d in zip(slope, differences, strict=True)] for slope in slopes]
+        how = self._vanish([[b, -a, *(-w for w in work)]
+                            for a, b, work in zip(start, end, works, strict=True)])
+        if how or not self.scheme.discrete:
+            return how
+        found = compare([b - a for a, b in zip(start, end, strict=True)],
+                        [sp.Add(*work) for work in works], differences, thorough=False)
+        return found.how if found.holds else ""
+
+    def _field(self, J: MomentumMap) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """Return X = A q̄ + a and p̄ᵀA."""
+        system, (q, p) = self.system, self.scheme.means
+        at_mean = dict(zip([*system.q, *system.p], [*q, *p], strict=True))
+        reach = [derivative(J.J, x) for x in system.p]
+        kicks = [derivative(J.J, x) for x in system.q]
+        return substitute(reach, at_mean), substitute(kicks, at_mean)
+
+    def _vanish(self, sums: Sequence[Sequence[sp.Expr]], J: MomentumMap | None = None) -> str:
+        """Return how sums are known to vanish at these parameters, or at any that J holds for."""
+        numbers = {} if J is not None and J.any_parameters else self.numbers
+        return identically_zero([substitute(terms, numbers) for terms in sums])
+
+
+def _slopes(scheme: MeanScheme) -> list[sp.Expr]:
+    return [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
+            *(e for row in scheme.mean_constraint for e in row)]

@@ -1,0 +1,412 @@
+"""What a run of a model shows of the promises of its scheme, a line each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..core.errors import InputError
+from ..generator.multibody.model import Model
+from ..generator.symbolic.derivatives import derivative
+from ..generator.symbolic.numeric_evaluation import evaluate
+from ..generator.symbolic.rounding_errors import rounding
+from ..generator.symmetry.momentum_maps import (
+    MAX_COORDINATES,
+    MomentumMap,
+    momentum_map_of,
+    momentum_maps,
+)
+from ..generator.systems.smoothness import Switching
+from ..runtime.results.trajectory import Trajectory
+from ..runtime.steppers.stepper import Stepper
+from .guarantees import Promise, Promises
+from .loop_invariant import loop_drift
+from .measurements import order_seen, reversal, trend
+from .round_off import RoundOff
+
+__all__ = ["Examination", "Line"]
+
+#: A step too short to move anything: what the residual says is then of the state itself.
+_SHORT = 1e-30
+
+
+@dataclass(frozen=True)
+class Line:
+    """One promise of a scheme on a model.
+
+    Attributes
+    ----------
+    quantity : str
+        What is kept.
+    found : str
+        What was measured, for people.
+    expected : str
+        What it should be.
+    holds : bool or None
+        The verdict; None where the scheme promises nothing.
+    why : str
+        Where the expectation comes from.
+    value, bound : float or None
+        The number that is judged, and its bound.
+    """
+
+    quantity: str
+    found: str
+    expected: str
+    holds: bool | None
+    why: str
+    value: float | None = None
+    bound: float | None = None
+
+    def __repr__(self) -> str:
+        return f"<Line {self.quantity}: {self.found}; should be {self.expected}: {self.verdict}>"
+
+    @property
+    def verdict(self) -> str:
+        """``holds``, ``FAILS``, or ``-`` for a line that is for information."""
+        return {True: "holds", False: "FAILS", None: "-"}[self.holds]
+
+
+def judged(
+    quantity: str, found: str, expected: str, promise: Promise, value: float, bound: float
+) -> Line:
+    """Return a line that holds if its value is within its bound; NaN is not.
+
+    A promise that exact algebra refutes fails however small the value is, and the line then says
+    that the run does not show it.
+    """
+    within = bool(value <= bound)
+    why = promise.why
+    if promise.broken:
+        why = f"refuted in exact algebra: {promise.broken}"
+        found += " (not told from round-off in this run)" if within else ""
+    return Line(quantity, found, expected, within and not promise.broken, why, float(value),
+                float(bound))
+
+
+def told(
+    quantity: str, found: str, expected: str, why: str, value: float | None = None
+) -> Line:
+    """Return a line for information."""
+    return Line(quantity, found, expected, None, why, None if value is None else float(value))
+
+
+@dataclass(frozen=True)
+class Examination:
+    """One run of a model, and the lines that come of it."""
+
+    model: Model
+    step: Stepper
+    promises: Promises
+    run: Trajectory
+    parameters: dict[str, float]
+    round_off: RoundOff
+    follow: str = ""
+
+    @property
+    def steps(self) -> int:
+        """Steps of the run."""
+        return self.run.report.steps
+
+    @cached_property
+    def switching(self) -> Switching:
+        """Where H or forces switch sides, as |x| does: promises are of smooth motion."""
+        return Switching(self.model.system)
+
+    def lines(self) -> Iterator[Line]:
+        """Yield the lines, the strictest promises first."""
+        if self.follow:
+            yield told("co-moving frame", f"{self.follow} steps", "-",
+                       "each block keeps what the scheme keeps; that rates are chosen from the "
+                       f"state breaks it by O(Δt^{self.step.order}) from block to block; loops are "
+                       "measured with the rates of the start")
+        yield self._compiled_system()
+        yield self._loop()
+        yield self._reversal()
+        if self.step.m:
+            yield from self._constraints()
+        yield from self._energies()
+        yield from self._damping()
+        yield from self._momentum_maps()
+        yield self._order()
+        yield from self._quantities()
+
+    # ------------------------------------------------------------ the compiled equations
+
+    def _compiled_system(self) -> Line:
+        """Compare compiled H, H_p, H_q - F and g with the model's expressions, in units of ε.
+
+        All other lines are measured with the compiled stepper alone, which would agree with itself
+        if it were one of another system. The residual at x = 0 (SPARK; for IMS and EMS at the start
+        itself) is (-H_p, H_q - F, g) in the limit of a short step.
+        """
+        system, n, step = self.model.system, self.model.system.n, self.step
+        expressions = [system.H, *system.H_p, *system.minus_p_rate, *system.constraints]
+        rows = np.unique(np.linspace(0, self.steps, 5).astype(int))
+        at = self.round_off.values(rows)
+        expected = np.broadcast_to(evaluate(expressions, at), (len(expressions), len(rows)))
+        sizes = np.broadcast_to(rounding(expressions, at, {}), expected.shape)
+        still = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
+        stages = self._manifest["stages"] or 1
+        found = np.empty_like(expected)
+        for k, (q, p, t) in enumerate(zip(*(x[rows] for x in (self.run.q, self.run.p, self.run.t)),
+                                          strict=True)):
+            x = np.zeros(step.unknowns)
+            if self._manifest["unknowns_are_state"]:
+                x[: 2 * n] = *q, *p
+            r = step.residual(x, q, p, dt=_SHORT, parameters=still, t=t).astype(float)
+            end = 2 * stages * n
+            found[:, k] = [float(step.energy(q, p, parameters=still, t=t)), *-r[:n],
+                           *r[stages * n : (stages + 1) * n], *r[end : end + step.m]]
+        sizes = sizes + sizes.max() * self.round_off.epsilon  # some vanish, at a time of 1e-30 s
+        with np.errstate(all="ignore"):
+            off = np.abs(found - expected) / (self.round_off.epsilon * sizes)
+        off[found == expected] = 0.0
+        value = float(off.max())
+        return judged("compiled H, H_p, H_q − F, g", f"{value:.2g} times the estimated round-off",
+                      "≤ 16", Promise(True, "compiled from this model's H, g and F"), value, 16.0)
+
+    # ------------------------------------------------------------ symplecticity, symmetry
+
+    def _loop(self) -> Line:
+        quantity, promise = "loop invariant ∮p·dq", self.promises.loop()
+        rounded = self.round_off
+        loop = loop_drift(self.step, self.run.q[0], self.run.p[0], self._loop_sizes(),
+                          (rounded.q_sizes, rounded.p_sizes), dt=self.run.dt, steps=self.steps,
+                          parameters=self.parameters)
+        if loop is None or not loop.resolved:
+            why = f"refuted in exact algebra: {promise.broken}; " if promise.broken else ""
+            return Line(quantity, "no loop could be followed", "-",
+                        False if promise.broken else None,
+                        f"{why}neighbours of the start part too fast, or some have no step")
+        drift, bound = loop.drift / loop.scale, rounded.walk
+        found = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
+        if not promise.made:
+            return told(quantity, found, "not promised", promise.why, drift)
+        if self.switching.named and not promise.broken:
+            return told(quantity, found, "kept by smooth motion",
+                        f"across {self.switching.named} loops have kinks", drift)
+        return judged(quantity, found, f"drift ≤ {bound * loop.scale:.1e}", promise, drift, bound)
+
+    def _loop_sizes(self) -> tuple[Any, Any]:
+        """Return how far the loop may reach in each coordinate and momentum.
+
+        Momenta are worth the kinetic energy of the run, each by itself, so that a light body is
+        not torn away by the momentum of a heavy one; at rest the work that forces do on q.
+        """
+        system, n = self.model.system, self.model.system.n
+        q, p = (np.abs(x.astype(float)).max(axis=0) for x in (self.run.q, self.run.p))
+        widths = np.maximum(q, 0.1 * (q.max() or 1.0))
+        kinetic, work, inertia = float(np.ptp(self.run.energy())), 0.0, np.zeros(n)
+        rates = [*system.H_p, *system.H_q,
+                 *(derivative(v, x) for v, x in zip(system.H_p, system.p, strict=True))]
+        for at, _ in self.round_off.states(rates):
+            values = evaluate(rates, at)
+            momenta, places = (np.array([at[s] for s in part]) for part in (system.p, system.q))
+            kinetic = max(kinetic, float(np.abs((momenta * values[:n]).sum(axis=0)).max()))
+            work = max(work, float(np.abs(places * values[n : 2 * n]).sum(axis=0).max()))
+            inertia = np.maximum(inertia, np.abs(values[2 * n :]).max(axis=1))
+        with np.errstate(all="ignore"):
+            reach = np.sqrt((kinetic or work) / inertia)
+        return widths, np.where(np.isfinite(reach) & (reach > 0), reach, p.max() or 1.0)
+
+    def _reversal(self) -> Line:
+        quantity = "reversal, N steps and back"
+        sizes = self.round_off.sizes_of_steps(self.run.dt)
+        back = reversal(self.step, self.run, self.parameters, sizes)
+        if back is None:
+            return told(quantity, "a step of the way back, or of a neighbour, failed", "-",
+                        "neighbours part too fast")
+        kicks = 1 + self._kick / sizes[1]
+        bound = back.growth * kicks * self.round_off.epsilon * max(64, 8 * (2 * self.steps) ** 0.5)
+        value = max(back.q_error / sizes[0], back.p_error / sizes[1])
+        found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
+        if not self.promises.symmetric:
+            return told(quantity, found, "not promised", "the tableau is not symmetric", value)
+        if self.follow:
+            return told(quantity, found, f"O(Δt^{self.step.order})", "back with the rates of "
+                        "the start: the same steps back are those of each block's own rates", value)
+        jumps = self.switching.named_jumps(discrete=self.promises.discrete)
+        if jumps:
+            return told(quantity, found, "by the same steps back",
+                        f"forces jump at {jumps}: a step may have several ends, or none", value)
+        expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
+        promise = Promise(True, f"symmetric; neighbours part {back.growth:.3g} times")
+        return judged(quantity, found, expected, promise, value, bound)
+
+    @property
+    def _kick(self) -> float:
+        """What rounding of multipliers is worth in p: of those found from g alone, without T2."""
+        if self._projects or not self.step.m:
+            return 0.0
+        return float(self.round_off.impulse.max() / abs(self.run.dt))
+
+    @property
+    def _projects(self) -> bool:
+        return bool(self._manifest["keeps_momentum_constraint"])
+
+    @property
+    def _manifest(self) -> dict[str, Any]:
+        """What the stepper says of its scheme."""
+        about: dict[str, Any] = self.step.manifest["scheme"]
+        return about
+
+    # ------------------------------------------------------------ constraints and energy
+
+    def _constraints(self) -> Iterator[Line]:
+        """Judge every state but the start, which is the user's."""
+        unit = 16 * self.round_off.epsilon
+        g_size, f_size = (float(sizes.max()) for sizes in self.round_off.constraints)
+        g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
+        yield judged("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
+                     Promise(True, "g(q) = 0 is solved in every step: 16 ε of what rounding the "
+                                   "run is worth in it"), g, unit * g_size)
+        quantity = "largest |g_q H_p|"
+        if not self._projects:
+            yield told(quantity, f"{f:.1e}", "O(Δt²), comes back",
+                       f"{self._manifest['method']} has no projection of p", f)
+            return
+        yield judged(quantity, f"{f:.1e}", f"≤ {unit * f_size:.1e}",
+                     Promise(True, "T2 projects p in every step"), f, unit * f_size)
+
+    @cached_property
+    def moving(self) -> list[tuple[float, MomentumMap]]:
+        """The rates of the co-moving frame that are not 0, each with its momentum map."""
+        return [(rate, momentum_map_of(symmetry.A, symmetry.meaning, self.model.system,
+                                       any_parameters=not symmetry.condition))
+                for symmetry in self.step.symmetries
+                if (rate := float(self.parameters[symmetry.name]))]
+
+    def _energies(self) -> Iterator[Line]:
+        """Yield the line of H; in a co-moving frame a scheme's promise is one for H − Σ ω_i J_i."""
+        promise = self.promises.energy()
+        lost = [J.name for _, J in self.moving if not self.promises.momentum(J).made]
+        if not (promise.made and lost):
+            yield self._energy(promise)
+            return
+        yield self._energy(Promise(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
+                                          f"{', '.join(lost)}"))
+        q, p, rounded = self.run.q, self.run.p, self.round_off
+        if self.follow:
+            return  # another H − Σ ω_i J_i in each block
+        values = self.run.energy_error().astype(float)
+        bound = rounded.walk * rounded.energy
+        for rate, J in self.moving:
+            moved = J.values(q, p)
+            values = values - rate * (moved - moved[0])
+            bound += rounded.walk * abs(rate) * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
+        value = float(np.abs(values).max())
+        yield judged("energy in the frame, H − Σ ω_i J_i", f"largest error {value:.1e}",
+                     f"≤ {bound:.1e}", promise, value, bound)
+
+    def _energy(self, promise: Promise) -> Line:
+        works = self.model.system.forces or self.model.system.is_timed
+        quantity = "energy H less work" if works else "energy H"
+        error = self.run.energy_error().astype(float)
+        linear, swing = trend(self.run.t, error)
+        value = float(np.abs(error).max())
+        found = f"largest error {value:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
+        if not promise.made:
+            crossed = self.switching.named
+            why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
+            return told(quantity, found, f"O(Δt^{self.step.order})"
+                        f"{' between crossings' if crossed else ''}", promise.why + why, value)
+        bound = self.round_off.walk * self.round_off.energy
+        return judged(quantity, found, f"≤ {bound:.1e}", promise, value, bound)
+
+    def _damping(self) -> Iterator[Line]:
+        """Tell what becomes of dampers that are fast beside Δt, and what of oscillations."""
+        found = self.promises.stability
+        if found is None:
+            return
+        if self.decay:
+            why = "what decays faster than Δt is gone after a step" if found.l_stable else \
+                "what decays faster than Δt goes on as R(∞)^k: it rings"
+            stiffness = float(self.decay * abs(self.run.dt))
+            yield told("dampers", f"λΔt up to {stiffness:.2g}; {found}", "-", why, stiffness)
+        if found.damping is not None:
+            share, power = found.damping
+            yield told("numerical damping", f"{float(share):.2g} (ωΔt)^{power} of an oscillation "
+                       "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
+
+    @cached_property
+    def decay(self) -> float:
+        """λ, the fastest decay that dampers make: |eigenvalues| of ∂F/∂p over the run, in 1/s."""
+        system = self.model.system
+        damped = [i for i, force in enumerate(system.forces) if force.has(*system.p)]
+        slopes = [derivative(system.forces[i], system.p[j]) for i in damped for j in damped]
+        fastest = 0.0
+        for at, count in self.round_off.states(slopes) if damped else ():
+            values = evaluate(slopes, at).reshape(len(damped), len(damped), count)
+            usable = np.isfinite(values).all(axis=(0, 1))
+            rates = np.linalg.eigvals(values.transpose(2, 0, 1)[usable])
+            fastest = max(fastest, float(np.abs(rates).max(initial=0.0)))
+        return fastest
+
+    # ------------------------------------------------------------ momentum maps
+
+    def _momentum_maps(self) -> Iterator[Line]:
+        system, run, rounded = self.model.system, self.run, self.round_off
+        try:
+            found = momentum_maps(system, self.parameters, run.q[0], run.p[0])
+        except InputError as error:
+            yield told("momentum maps", "not searched", "-", str(error))
+            return
+        if not found:
+            searched = "any A and a" if system.n <= MAX_COORDINATES else "translations, rotations"
+            yield told("momentum maps", "none", "-",
+                       f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
+        for J in found:
+            values, promise = J.values(run.q, run.p), self._in_frame(J, self.promises.momentum(J))
+            value = float(np.abs(values - values[0]).max())
+            bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
+            text = f"{float(values[0]):.6g}, drift {value:.1e}"
+            if promise.made:
+                yield judged(J.name, text, f"drift ≤ {bound:.1e}", promise, value, bound)
+            else:
+                yield told(J.name, text, "not promised", promise.why, value)
+
+    def _in_frame(self, J: MomentumMap, promise: Promise) -> Promise:
+        """Return a promise for J as it is in the frame, where J turns unless it commutes."""
+        A = sum((rate * other.A for rate, other in self.moving), np.zeros_like(J.A))
+        size = np.abs(A).max() * np.abs(J.A).max()
+        if not promise.made or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
+                                and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
+            return promise
+        return Promise(False, f"it turns in the frame: kept to O(Δt^{self.step.order})")
+
+    # ------------------------------------------------------------ order, quantities
+
+    def _order(self) -> Line:
+        quantity, wanted = "order", self.step.order
+        run = self.run
+        seen = order_seen(self.step, run.q[0], run.p[0], run.dt, self.parameters,
+                          self.round_off.sizes_of_steps)
+        if seen is None:
+            return told(quantity, "errors are round-off", str(wanted),
+                        "fewer than three errors |y_h − y_(h/2)| stand out of it")
+        if not seen.agrees:
+            slopes = ", ".join(f"{slope:.2f}" for slope in seen.slopes)
+            return told(quantity, f"slopes {slopes}", str(wanted),
+                        "no two neighbours agree to 0.2: steps are too long for the order to show")
+        found = f"{seen.order:.2f} at Δt = {seen.dt:.2g}"
+        if self.switching.named:
+            return told(quantity, found, f"{wanted} between crossings",
+                        f"steps across {self.switching.named} have a lower one", seen.order)
+        if self.decay * seen.dt > 1:
+            return told(quantity, found, f"{wanted} once λΔt is small",
+                        f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
+                        "about that of the stages", seen.order)
+        lacking = wanted - seen.order  # a run may happen to be better than its method
+        promise = Promise(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
+        return judged(quantity, found, f"at least {wanted}", promise, lacking, 0.3)
+
+    def _quantities(self) -> Iterator[Line]:
+        for name in self.run.quantities:
+            values = self.run.quantity(name).astype(float)
+            drift = float(np.abs(values - values[0]).max())
+            yield told(name, f"{values[0]:.6g}, drift {drift:.1e}", "-", "", drift)

@@ -1,0 +1,353 @@
+"""``gyrospark run``: integrate a problem and report what happened to its invariants."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import click
+
+from ...core.arguments import listed, proposal
+from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
+from ...core.interrupts import watched
+from ...core.real_types import REALS
+from ...core.registry import MODELS, PROBLEMS, Entry, entry_named
+from ...core.warnings import listening, remark
+from ...generator.spec import is_model_file
+from ...runtime.bindings.binding import SOLVERS
+from ...runtime.compilation.manifest import remarks_of
+from ...runtime.plotting.scene import check_bodies
+from ...runtime.steppers.run_defaults import Start
+from ..options import (
+    DEFAULT,
+    Grouped,
+    completing,
+    euler_options,
+    json_option,
+    real_number,
+    spec_from,
+    stepper_options,
+    whole_number,
+    with_default_scheme,
+)
+from .choices import aim_of, frame_for, gamma_for, parameters_for, step_for
+from .outputs import Angles, check_targets, events_of, integrate_to, where_it_is
+from .report import (
+    about_choice,
+    as_text,
+    axis_errors,
+    json_text,
+    result_of,
+    warn_of_rest,
+)
+
+if TYPE_CHECKING:
+    from ...runtime.rigid_body.problems import Problem
+    from ...runtime.steppers.stepper import Stepper
+
+__all__ = ["run"]
+
+#: Below this many steps a run is over before a bar would be seen.
+_BAR_FROM = 20_000
+
+
+class Run(Grouped):
+    """``gyrospark run``."""
+
+    groups: ClassVar = {
+        "What runs": ("settings", "system", "scheme", "stages", "rep", "tableau", "real"),
+        "Steps": ("dt", "error", "steps", "t_end", "nearest", "t0"),
+        "Inertia and frame": ("gamma", "alpha", "frames"),
+        "What is looked for": ("watched_for", "reference"),
+        "What is written": ("out", "every", "euler", "degrees", "resume", "seed", "plot", "page",
+                            "film", "as_json"),
+        "How a step is solved": ("solver", "tolerance", "max_iterations"),
+    }
+
+
+@click.command(cls=Run, no_args_is_help=True,
+               context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
+@stepper_options
+@click.option("--gamma", metavar="{m,h,mt,ht,auto,auto-energy,fast,NUMBER}",
+              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m; without "
+                   "--scheme auto for a single body); auto: smallest error of the motion in short "
+                   "pilot runs, γ_m if any axis would get worse; auto-energy: smallest energy "
+                   "error; fast: fewest sweeps, from 6 stages on.")
+@click.option("--alpha", metavar="{m,h,mt,ht,auto,auto-energy,NUMBER}",
+              help="The same for --rep alpha.")
+@click.option("--frame", "frames", metavar="{auto,start,follow,NAME=RATE,...}", multiple=True,
+              help="Integrate in a co-moving frame along the system's symmetries: auto searches "
+                   "for its rates in short pilot runs (with --gamma auto for both at once), start "
+                   "takes the least squares of the start, follow those of the state every 100 "
+                   "steps ('follow 50': every 50); or rates in rad/s, omega_body=75.4.")
+@click.option("--dt", metavar="{DT,auto}",
+              help="Time step in seconds (default: the model file's); auto: for --error and "
+                   "--t-end, by pilot runs of ever halved steps.")
+@click.option("--error", metavar="E",
+              help="Of --dt auto: the largest error of the motion on the way to --t-end, attitudes "
+                   "in rad, points in parts of their reach.")
+@click.option("--t0", metavar="T", default="0", show_default=True,
+              help="Time at the start in seconds, for forces that depend on it.")
+@click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
+@click.option("--t-end", metavar="T",
+              help="Time of the last state in seconds, in place of --steps.")
+@click.option("--round", "nearest", is_flag=True,
+              help="End at the step next to --t-end, where no whole number of them leads there.")
+@click.option("--every", metavar="K", default="1", show_default=True,
+              help="Keep every K-th state, and the last.")
+@click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
+              help="auto (sweeps, Newton behind them), fixed-point (sweeps alone), newton, python.")
+@click.option("--tolerance", metavar="TOL", help="Of the Newton increment (default: round-off).")
+@click.option("--max-iterations", metavar="N", default="50", show_default=True,
+              help="Iterations of one step.")
+@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
+              help="Argument of the problem, e.g. radius_ratio=1.5 or inertia=2,1.3,0.8; of a "
+                   "model file a parameter, k=3, or a key, start.euler='[0, \"30 deg\", 0]'; of "
+                   "a robot where it starts, elbow='30 deg', elbow.rate=1, base=floating, and what "
+                   "of its file to do without, ignore=limits,collision or ignore=all.")
+@click.option("--event", "watched_for", metavar="TEXT", multiple=True,
+              help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
+                   '"height=0 down", "x=1.5 up stop" (the run ends there); with a name '
+                   '"landing: height=0". Beside [events] of a model file.')
+@click.option("--reference", is_flag=True,
+              help="Integrate a reference for the axis errors if there is no closed form.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write the states: .zarr (streamed, for runs of any length), .npz, .csv, .nc.")
+@euler_options
+@click.option("--resume", is_flag=True,
+              help="Go on with the run in --out NAME.zarr (.csv, .nc), to the same bits; also to "
+                   "more --steps. Begin it if there is none.")
+@click.option("--seed", metavar="N",
+              help="Kept with a stored run: of the random numbers that made its start.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+              help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
+@click.option("--view", "page", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write a page that moves, of bodies, joints and energy (.html).")
+@click.option("--animate", "film", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write a film of bodies and energy, six seconds long (.gif; .mp4 with ffmpeg).")
+@json_option
+def run(
+    problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
+    dt: str | None, error: str | None, t0: str, steps: str | None, t_end: str | None,
+    nearest: bool, every: str, solver: str, tolerance: str | None, max_iterations: str,
+    settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
+    euler: str | None, degrees: bool,
+    resume: bool, seed: str | None, plot: Path | None, page: Path | None, film: Path | None,
+    as_json: bool,
+    **choice: Any,
+) -> int:
+    """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
+    (.toml); or a robot (.urdf). Without --scheme by (DEFAULT), and a single body's γ then by pilot
+    runs.
+
+    \b
+    gyrospark run double_pendulum --view pendulum.html
+    gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
+    gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --t-end 10
+    gyrospark run fast-top --scheme G-L --stages 4 --dt auto --error 1e-9 --t-end 2
+    gyrospark run fast-top --scheme G-L --stages 3 --frame auto --dt 1e-2 --steps 1000
+    gyrospark run fast-top --scheme EMS --rep alpha --dt 1e-3 --steps 100000 --plot top.png
+    gyrospark run regular-precession --scheme G-L --stages 2 --gamma ht --dt 0.005 --steps 80 \\
+        --set radius_ratio=0.5 --json
+    gyrospark run fast-top --scheme G-L --stages 4 --dt 1e-3 --steps 1000000000 --every 1000 \\
+        --out night.zarr --resume
+    gyrospark run examples/satellite.toml --scheme G-L --stages 3
+    gyrospark run double_pendulum --dt 1e-3 --steps 5000 --event "px1=0 up"
+    gyrospark run examples/crane.urdf --set ignore=all --set "luffing=45 deg"
+    gyrospark run examples/pendulum.toml --scheme EMS --dt 1e-3 --steps 1000 --json
+    gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\
+        --set inertia=0.002,0.0013,0.0008 --set angular_velocity=30,-40,100
+    gyrospark run free-body --dt 0.01 --t-end 20 --set inertia=1,2,3 \\
+        --set angular_velocity=0.01,5,0.01 --animate flip.gif
+    """
+    entry = None if is_model_file(problem) else entry_named(problem)
+    options = {} if entry is None else _options(entry, settings)
+    chosen = entry.make(**options) if entry is not None and entry.kind == "problem" else None
+    check_targets(out, plot, page, film, resume=resume)
+    angles = Angles.checked(euler, out, degrees=degrees)
+    choice, note = with_default_scheme(choice)
+    choice["frame"] = "symmetries" if frames else None
+    if chosen is not None:
+        step, start = _stepper(chosen, choice), Start.of_problem(chosen)
+    else:
+        step, start = _model(problem, entry, options, settings, reference, choice)
+    if page is not None:
+        check_bodies(step.manifest)
+    angles.check_bodies(step.manifest)
+    if not as_json:  # before a step is taken
+        for said in (*note, *(f"{part}: {said}" for part, said in remarks_of(step.manifest))):
+            click.echo(said)
+    parameters = parameters_for(step, start, gamma, alpha)
+    begin = real_number("--t0", t0)
+    (q0, p0), moved = start.state, 0.0
+    if chosen is None or REALS[step.manifest["real"]].wide:
+        # The problem's start is on the constraints to double only, a file's to its own digits.
+        q0, p0, moved = _projected(step, start, parameters, begin)
+    how: dict[str, Any] = {
+        "solver": solver,
+        "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
+        "max_iterations": whole_number("--max-iterations", max_iterations),
+    }
+    step_size, count, measured = step_for(
+        step, start, {"q": q0, "p": p0, "t0": begin, "parameters": parameters, **how},
+        {"dt": dt, "error": error, "steps": steps, "t_end": t_end}, nearest)
+    aim = aim_of(start, parameters, gamma or alpha, unnamed=bool(note) and not frames)
+    state = q0, p0, begin
+    frame = frame_for(step, start, state, step_size, count, parameters, frames, aim)
+    parameters |= {} if frame is None else frame.values
+    made_choice = None if frame is not None and frame.has_gamma else gamma_for(
+        step, start, state, step_size, count,
+        {name: x for name, x in parameters.items() if name != "frame"}, aim)
+    if made_choice is not None:
+        parameters |= made_choice.values
+    arguments: dict[str, Any] = {
+        "q": q0, "p": p0, "t0": begin, "dt": step_size, "steps": count,
+        "every": whole_number("--every", every),
+        "parameters": parameters, **how,
+        **events_of(watched_for, start.events, step),
+    }
+    drawn = None if seed is None else whole_number("--seed", seed)
+    with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes
+        try:
+            with _progress(count, quiet=as_json) as progress, listening() as heard:
+                done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
+                                    progress=progress, angles=angles)
+            trouble = done.trouble
+            for said in dict.fromkeys(heard):
+                if isinstance(trouble, StepFailed):
+                    trouble.add_note(said)  # a failure is one line on stderr
+                else:
+                    remark(said)
+            result = result_of(start, step, done, begin)
+            result |= measured
+            if moved:
+                result["start_moved"] = moved
+            if made_choice is not None:
+                result |= about_choice(made_choice)
+            if frame is not None:
+                result |= frame.about
+            if chosen is not None and (reference or chosen.exact is not None):
+                with suppress(Stopped):  # a reference is a run as well
+                    result |= axis_errors(chosen, step, done.trajectory)
+            for key, target in (("plot", plot), ("view", page), ("animate", film)):
+                if target is None:
+                    continue
+                try:
+                    getattr(done.trajectory, key)(target)
+                    result[key] = str(target)
+                except GyrosparkError as error:  # the numbers are still printed
+                    trouble = trouble or error
+            warn_of_rest(done.trajectory, problem)
+            click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
+        except KeyboardInterrupt:  # the second signal
+            click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)
+            return 130
+    if trouble is None and interrupts.asked:
+        trouble = Stopped("Stopped while the report was made: the run is complete.",
+                          interrupts.signal)
+    if isinstance(trouble, Stopped):  # to click a KeyboardInterrupt is one like another
+        click.echo(f"gyrospark: {trouble}", err=True)
+        return 128 + trouble.signal
+    if trouble is not None:
+        raise trouble
+    return 0
+
+
+run.help = (run.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
+    "(MODELS)", listed(MODELS)).replace("(DEFAULT)", DEFAULT)
+
+
+def _options(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
+    """Return the settings as arguments of what makes a problem or a model."""
+    allowed = entry.options if settings else []
+    arguments: dict[str, Any] = {}
+    for setting in settings:
+        key, sign, value = setting.partition("=")
+        if not sign or key not in allowed:
+            raise InputError(
+                f"--set {setting!r} does not fit {entry.name}; write KEY=VALUE with KEY among "
+                f"{', '.join(allowed) or 'none: it takes no settings'}{proposal(key, allowed)}. "
+                "(Masses, lengths and the like are keys of a model file, "
+                f"{_file_like(entry.name)}; in Python they are parameters of a run.)"
+            )
+        numbers = [real_number(f"--set {key}", part) for part in value.split(",")]
+        arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)
+    return arguments
+
+
+def _file_like(name: str) -> str:
+    """Return an example of the same name, or one to begin with."""
+    own = f"examples/{name}.toml"
+    there = Path(__file__).parents[1].joinpath(own).is_file()
+    return own if there else "such as examples/pendulum.toml"
+
+
+def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
+    """Return the stepper of a built-in problem."""
+    from ...api import stepper_of
+
+    spec = spec_from(**{**choice, "system": choice["system"] or problem.system})
+    if spec.model is not None:
+        raise InputError(f"--system {str(spec.model)!r} has a start of its own; run it in place of "
+                         f"{problem.name}.")
+    return stepper_of(spec)
+
+
+def _model(
+    name: str, entry: Entry | None, options: dict[str, Any], settings: tuple[str, ...],
+    reference: bool, choice: dict[str, Any],
+) -> tuple[Stepper, Start]:
+    """Return the stepper of a named model, or of a model file, and the numbers of it."""
+    from ...api import model_stepper, named_model_stepper
+
+    if choice["system"] is not None:
+        raise InputError(f"--system {choice['system']!r} is given besides {name!r}; give one.")
+    if reference:
+        raise InputError(f"--reference is for the problems of the paper, not for {name!r}; run it "
+                         "with more stages and compare.")
+    if entry is not None:
+        return named_model_stepper(spec_from(**{**choice, "system": entry.name}), entry.name,
+                                   options)
+    changes = {}
+    for setting in settings:
+        key, sign, value = setting.partition("=")
+        if not sign:
+            raise InputError(f"--set {setting!r} has no value; write KEY=VALUE, such as k=3.")
+        changes[key.strip()] = value.strip()
+    return model_stepper(spec_from(**{**choice, "system": name}), settings=changes)
+
+
+def _projected(
+    step: Stepper, start: Start, parameters: dict[str, float], t0: Any
+) -> tuple[Any, Any, float]:
+    """Return the start on the constraints, and how far it was from there if a reader shall know.
+
+    A number typed with all its digits is not worth a word.
+    """
+    q, p = step.project(*start.state, parameters=parameters, t=t0)
+    moved = max((abs(float(new) - float(old)) for new, old in zip([*q, *p], [*start.q0, *start.p0],
+                                                            strict=True)), default=0.0)
+    size = max(map(abs, (*start.q0, *start.p0)))
+    return q, p, moved if moved > 1e-12 * size else 0.0
+
+
+@contextmanager
+def _progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None] | None]:
+    """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
+    if quiet or steps < _BAR_FROM or sys.stderr is None or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.completed:,} of {task.total:,} steps"), BarColumn(),
+               TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("steps", total=steps)
+        yield lambda done: bar.update(task, completed=done)
+
+

@@ -1,0 +1,265 @@
+"""Where the states of ``gyrospark run`` go: memory and .npz, or a store that they stream to."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
+from ...core.event import Event, as_events, event_of_text
+from ...core.file_formats import ENDINGS, PAGES, ending_of
+from ...runtime.compilation.body_columns import bodies_of
+from ..options import check_ending, check_film, check_picture, check_writable
+
+if TYPE_CHECKING:
+    from ...runtime.results.trajectory import Trajectory
+    from ...runtime.steppers.stepper import Stepper
+    from ...storage.recording import Recording
+
+__all__ = ["Angles", "Done", "check_targets", "events_of", "integrate_to", "where_it_is"]
+
+#: States in memory for pictures and errors of a stored run: more cannot be told apart.
+_SHOWN = 20_000
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run that came to an end, its own or another.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        All states, or of a stored run a selection for pictures; its report is of every step.
+    last : Trajectory
+        Ends with the last stored state.
+    steps : int
+        Taken now: a run that is gone on with has more.
+    out : str or None
+        What was written.
+    trouble : Exception or None
+        Why it ended early, or what could not be written.
+    ended_by : str or None
+        The event that ended it.
+    """
+
+    trajectory: Trajectory
+    last: Trajectory
+    seconds: float
+    steps: int
+    out: str | None
+    trouble: GyrosparkError | Stopped | None
+    ended_by: str | None = None
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Euler angles that a .csv file is to have beside the states."""
+
+    euler: str | None = None
+    degrees: bool = False
+
+    @classmethod
+    def checked(cls, euler: str | None, out: Path | None, *, degrees: bool) -> Angles:
+        """Return what the options ask for, or refuse it before a long run."""
+        if euler is None and not degrees:
+            return cls()
+        if out is None:
+            raise InputError("Euler angles are columns of a file; say which, --out NAME.csv.")
+        from ...storage.table_files import check_angles
+
+        check_angles(out, euler, degrees=degrees)
+        return cls(euler, degrees)
+
+    def check_bodies(self, manifest: Mapping[str, Any]) -> None:
+        """Refuse angles of a system without bodies."""
+        if self.euler is not None and not bodies_of(manifest):
+            raise InputError(f"System {manifest['system']['name']!r} has no rigid body, so no "
+                             "Euler angles; leave out --euler.")
+
+
+def check_targets(
+    out: Path | None, plot: Path | None, page: Path | None, film: Path | None, *, resume: bool
+) -> None:
+    """Refuse what cannot be written before a long run, not after it."""
+    if out is not None:
+        check_writable("--out", out, folder=_is_store(out))
+        check_ending("--out", out, ("", *ENDINGS, ".zarr"))
+    if plot is not None:
+        check_picture(plot)
+    if page is not None:
+        check_writable("--view", page)
+        check_ending("--view", page, PAGES)
+    if film is not None:
+        check_film(film)
+    if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
+        raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
+                         "the file that it shall become, NAME.csv or NAME.nc.")
+    if out is not None and (_is_store(out) or _is_exported(out, resume=resume)):
+        from ...storage.table_files import check_export  # says which package is missing
+
+        if not _is_store(out):
+            check_export(out)
+
+
+def events_of(texts: tuple[str, ...], own: Sequence[Event], step: Stepper) -> dict[str, Any]:
+    """Return the argument for the model's own events and what --event adds."""
+    events = [*own, *map(_named, texts)]
+    return {"events": as_events(events, step.manifest["system"])} if events else {}
+
+
+def _named(text: str) -> Event:
+    """Return the event that "height=0 down" says, or with a name "landing: height=0 down"."""
+    name, colon, rest = text.partition(":")
+    return event_of_text(rest, name.strip()) if colon else event_of_text(text)
+
+
+def _is_store(out: Path | None) -> bool:
+    return out is not None and ending_of(out) == ".zarr"
+
+
+def _is_exported(out: Path, *, resume: bool) -> bool:
+    """Whether a file is made of a store that the run streams to.
+
+    CSV needs none: where stores cannot be written it is made of what is in memory.
+    """
+    if ending_of(out) == ".csv" and not resume:
+        return all(find_spec(package) is not None for package in ("zarr", "filelock"))
+    return ending_of(out) in (".csv", ".nc")
+
+
+def integrate_to(
+    step: Stepper, out: Path | None, arguments: dict[str, Any], *, resume: bool, seed: int | None,
+    progress: Callable[[int], None] | None, angles: Angles,
+) -> Done:
+    """Integrate and write the states; what goes wrong on the way comes with all before it."""
+    if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
+        return _in_memory(step, out, arguments, progress, angles)
+    if _is_store(out):
+        return _stored(step, out, str(out), arguments, progress, resume=resume, seed=seed)
+    return _exported(step, out, arguments, progress, angles, resume=resume, seed=seed)
+
+
+def _exported(
+    step: Stepper, out: Path, arguments: dict[str, Any],
+    progress: Callable[[int], None] | None, angles: Angles, *, resume: bool, seed: int | None,
+) -> Done:
+    """Integrate into a store beside ``out``, which stays until its run has ended and is exported.
+
+    Whatever ends the process, --resume goes on.
+    """
+    store = store_beside(out)
+    if not resume:
+        _remove(store)
+    done = _stored(step, store, str(out), arguments, progress, resume=resume, seed=seed)
+    try:
+        _open(store).export(out, **vars(angles))
+    except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
+        saved = StorageError(f"{error} The states are in {str(store)!r}: the same command with "
+                             "--resume, or gyrospark export, writes them.")
+        return replace(done, out=None, trouble=done.trouble or saved)
+    except Exception as error:
+        error.add_note(f"The states are in {str(store)!r}; gyrospark export writes them.")
+        raise
+    ended = done.ended_by is not None or done.last.report.steps == arguments["steps"]
+    if isinstance(done.trouble, Stopped) and not ended:
+        return done  # the store goes on
+    _remove(store)
+    return done
+
+
+def store_beside(out: Path) -> Path:
+    """Return the store in which a run waits that becomes a file of another kind."""
+    return out.with_name(f".{out.name}.zarr")
+
+
+def where_it_is(out: Path | None) -> str:
+    """Return a sentence on what a run that ended at once has left; empty if that is nothing."""
+    if out is None:
+        return ""
+    store = out if _is_store(out) else store_beside(out)
+    if not store.exists():
+        return ""
+    return f"What is stored in {str(store)!r} is whole: the same command with --resume goes on."
+
+
+def _remove(store: Path) -> None:
+    """Remove a store that is no longer needed, unless a process is at it."""
+    from ...storage.writer_lock import claim, lock_file
+
+    with claim(store):
+        shutil.rmtree(store, ignore_errors=True)
+        lock_file(store).unlink(missing_ok=True)
+
+
+def _in_memory(
+    step: Stepper, out: Path | None, arguments: dict[str, Any],
+    progress: Callable[[int], None] | None, angles: Angles,
+) -> Done:
+    trouble: GyrosparkError | Stopped | None = None
+    written = None
+    started = time.perf_counter()
+    try:
+        trajectory = step.integrate(**arguments, progress=progress)
+    except (StepFailed, Stopped) as error:
+        if error.trajectory is None:  # a pilot run was stopped, and none of this one is done
+            raise
+        trouble, trajectory = error, error.trajectory
+    seconds = time.perf_counter() - started
+    try:
+        if out is not None:
+            written = str(trajectory.save(out) if angles.euler is None
+                          else trajectory.to_csv(out, **vars(angles)))
+    except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
+        trouble = trouble or error
+    if isinstance(trouble, Stopped):
+        trouble = _told(trouble, trajectory.report.steps, arguments["steps"], written)
+    return Done(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
+                _ended_by(trajectory, arguments))
+
+
+def _ended_by(trajectory: Trajectory, arguments: dict[str, Any]) -> str | None:
+    """Return the name of the event that has ended a run."""
+    ends = (one.name for one in arguments.get("events", ()) if one.terminal)
+    return next((name for name in ends if len(trajectory.events.get(name, ()))), None)
+
+
+def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
+    """Return what a signal has ended with where its states are, for people."""
+    from ...runtime.integration.step_loop import ended_at
+
+    where = "--out would keep its states." if written is None else f"It is in {written!r}."
+    if done < steps and written is not None:
+        where = f"Everything up to there is in {written!r}."
+    return Stopped(f"{ended_at(done, steps)} {where}", stopped.signal)
+
+
+def _stored(
+    step: Stepper, store: Path, name: str, arguments: dict[str, Any],
+    progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
+) -> Done:
+    from ...storage.record import record
+
+    before = _open(store).steps_done if resume and store.exists() else 0
+    trouble: GyrosparkError | Stopped | None = None
+    started = time.perf_counter()
+    try:
+        recording = record(step, **arguments, out=store, resume=resume, seed=seed,
+                           progress=progress)
+    except (StepFailed, Stopped) as error:
+        trouble, recording = error, _open(store)
+    seconds = time.perf_counter() - started
+    shown = recording.trajectory(thin=-(-len(recording) // _SHOWN))
+    last = recording.trajectory(first=len(recording) - 1)
+    return Done(shown, last, seconds, recording.steps_done - before, name, trouble,
+                _ended_by(shown, arguments))
+
+
+def _open(store: Path) -> Recording:
+    from ...storage.recording import open_recording
+
+    return open_recording(store)

@@ -1,0 +1,18 @@
+"""What every package uses: errors, arguments, numbers, registries. Nothing here imports upwards.
+
+    errors         every error that is raised on purpose
+    arguments      checks of names, paths, flags and lists, with the closest match for a wrong name
+    exact_numbers  real numbers of any kind, exactly, and their one rounding
+    real_types     floating-point types: float, double, long double, float128
+    inertia        moments of inertia, attitude and angles of a rigid body, checked
+    event          an event: a quantity of a run crosses a level
+    registry       named systems, problems and models
+    warnings       warnings about accepted but suspicious input
+    projection     states projected onto the constraints
+    html           tables and formulas as HTML for notebooks
+    file_formats   the ending of a file's name
+    interrupts     Ctrl-C and signals: finish the step, then stop
+    progress       messages about work that takes seconds
+    extras         optional packages and the command that installs them
+    lazy_imports   large imports without garbage collection
+"""

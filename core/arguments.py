@@ -1,0 +1,193 @@
+"""Checks of arguments that every package takes: names to choose from, paths, flags, lists, texts.
+
+A refusal names the argument and its value; for a name it lists the allowed ones and proposes the
+nearest. Numbers and arrays are checked by ``exact_numbers`` and ``runtime.bindings.array_checks``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import numbers
+import os
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+
+from .errors import InputError
+
+__all__ = ["as_flag", "as_items", "as_mapping", "as_path", "as_text", "choose", "few", "listed",
+           "proposal", "shown", "unknown", "whole", "why_unwritable"]
+
+Name = TypeVar("Name", bound=str)
+
+#: Names that are shown of a list.
+_FEW = 6
+
+
+def few(names: Iterable[object]) -> str:
+    """Return the first of some names, and how many there are if that is not all."""
+    found = [str(name) for name in names]
+    first = ", ".join(found[:_FEW]) or "none"
+    return first if len(found) <= _FEW else f"{first}, … ({len(found)})"
+
+
+def choose(what: str, value: Any, allowed: Collection[Name], more: str = "") -> Name:
+    """Return a value that is one of the allowed names.
+
+    Parameters
+    ----------
+    what : str
+        What is chosen, e.g. ``"scheme"``.
+    value
+        Anything a caller passed.
+    allowed : collection of str
+        The names; a mapping's keys do.
+    more : str
+        What else may be given, e.g. ``" or a model file"``.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(value, str):
+        for name in allowed:
+            if name == value:
+                return name
+    raise unknown(what, value, allowed, more)
+
+
+def unknown(what: str, value: Any, allowed: Iterable[str], more: str = "") -> InputError:
+    """Return the refusal of a name: the allowed ones, and the one that was probably meant."""
+    names = list(allowed)
+    return InputError(f"Unknown {what} {shown(value)}; choose {listed(names)}{more}"
+                      f"{proposal(value, names)}.")
+
+
+def proposal(
+    value: Any, allowed: Iterable[str], spelt: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Return " (did you mean …?)" if a name looks like one of the allowed, else nothing.
+
+    ``spelt`` has names beside these that must be spelt otherwise than they sound.
+    """
+    if not isinstance(value, str):
+        return ""
+    plain = {_plain(name): text for name, text in spelt.items()}
+    plain |= {_plain(name): name for name in allowed}
+    near = difflib.get_close_matches(_plain(value), plain, n=1, cutoff=0.6)
+    return f" (did you mean {plain[near[0]]}?)" if near else ""
+
+
+def _plain(name: str) -> str:
+    """Return a name without what people confuse: case, and the signs between words."""
+    return name.lower().replace("-", "").replace("_", "").replace(" ", "")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return "a, b or c"."""
+    *first, last = names
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def shown(value: Any, most: int = 80) -> str:
+    """Return a value as a message shows it: on one line, cut to what can be read."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # a repr of somebody else's; of an integer of 5000 digits, too
+        text = f"a value of type {type(value).__name__}"
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def whole(value: Any) -> int | None:
+    """Return a whole number of whatever type, 10.0 and 1e3 among them, as int; else None."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return None
+    try:
+        found: int = int(value)  # type: ignore[call-overload]
+    except (OverflowError, ValueError):  # infinity, NaN
+        return None
+    return found if found == value else None
+
+
+def as_path(name: str, value: Any, example: str) -> Path:
+    """Return the path of a file or folder.
+
+    Raises
+    ------
+    InputError
+        For what is neither text nor a path, and for names that no file can have.
+    """
+    usable = isinstance(value, (str, os.PathLike))
+    try:
+        path = Path(value) if usable else Path()
+        usable = usable and bool(path.name) and b"\0" not in os.fsencode(path)
+    except (TypeError, UnicodeError):  # a PathLike of bytes; half a character
+        usable = False
+    if not usable:
+        raise InputError(f"{name} = {shown(value)} is no file name; give one such as {example!r}.")
+    return path
+
+
+def why_unwritable(path: Path, error: Exception) -> str:
+    """Return why a file could not be written, with the cure where its folder is missing."""
+    if not path.parent.is_dir():
+        return (f"there is no folder {str(path.parent)!r}; make it, as with "
+                f"pathlib.Path({str(path.parent)!r}).mkdir(parents=True), or choose another")
+    return str(getattr(error, "strerror", None) or error)
+
+
+def as_flag(name: str, value: Any) -> bool:
+    """Return True or False.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} = {shown(value)} is neither True nor False.")
+    return bool(value)
+
+
+def as_mapping(name: str, value: Any, example: str) -> dict[str, Any]:
+    """Return a dict whose keys are names.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(value, Mapping):
+        raise InputError(f"{name} = {shown(value)} is no dict; give one such as {example}.")
+    for key in value:
+        if not isinstance(key, str):
+            raise InputError(f"{name} has the key {shown(key)}, which is no name; write text.")
+    return dict(value)
+
+
+def as_text(name: str, value: Any) -> str:
+    """Return a text.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(value, str):
+        raise InputError(f"{name} = {shown(value)} is no text; write it in quotes.")
+    return value
+
+
+def as_items(name: str, value: Any, what: str) -> list[Any]:
+    """Return the items of a list, a tuple or another row; text is none.
+
+    Raises
+    ------
+    InputError
+    """
+    items = None
+    if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
+        items = list(value)
+    if items is None:
+        raise InputError(f"{name} = {shown(value)} is no list of {what}.")
+    return items

@@ -1,0 +1,149 @@
+"""Every error that gyrospark raises on purpose; each message names the value and the cure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..runtime.results.trajectory import Trajectory
+    from ..runtime.steppers.ensemble import Ensemble
+
+__all__ = [
+    "CompilerError",
+    "GyrosparkError",
+    "InputError",
+    "InputWarning",
+    "MissingDependencyError",
+    "StepFailed",
+    "Stopped",
+    "StorageError",
+    "TableauError",
+]
+
+
+class GyrosparkError(Exception):
+    """Base of all errors that gyrospark raises on purpose."""
+
+
+class InputError(GyrosparkError, ValueError):
+    """A value that a caller passed is not usable; also a ``ValueError``."""
+
+
+class InputWarning(UserWarning):
+    """A value that a caller passed is taken as it is, and was perhaps meant otherwise."""
+
+
+class TableauError(InputError):
+    """A tableau, or the file it came from, is not usable."""
+
+
+class CompilerError(GyrosparkError):
+    """There is no C compiler, or it refused; carries the command and its stderr."""
+
+    def __init__(self, message: str, *, command: list[str] | None = None, stderr: str = "") -> None:
+        super().__init__(message)
+        self.command = command or []
+        self.stderr = stderr
+
+
+class MissingDependencyError(GyrosparkError, ImportError):
+    """An optional package is needed for this call and is not installed."""
+
+
+class StorageError(GyrosparkError):
+    """A store cannot be read or written: full, read-only, in use, damaged."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal asked a run, an ensemble or a sweep to end; nothing that was computed is lost.
+
+    It is in its store, or here, as the call would have returned it.
+
+    Attributes
+    ----------
+    signal : int
+        Number of the signal.
+    trajectory : Trajectory or None
+        The steps that ``Stepper.integrate`` has done.
+    ensemble : Ensemble or None
+        The steps that ``Stepper.integrate_ensemble`` has done; NaN after them.
+    dataset : xarray.Dataset or None
+        The cells that ``gyrospark.sweep`` has done; NaN in the others.
+    """
+
+    def __init__(
+        self, message: str, signal: int, *, trajectory: Trajectory | None = None,
+        ensemble: Ensemble | None = None, dataset: xarray.Dataset | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.signal = signal
+        self.trajectory = trajectory
+        self.ensemble = ensemble
+        self.dataset = dataset
+
+
+class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
+    """A step found no solution.
+
+    Attributes
+    ----------
+    step : int
+        Number of the failed step, counted from 1.
+    t : float
+        Time at the start of the failed step, in seconds.
+    reason : str
+        ``"not converged"`` (iterations ran out while increments still shrank), ``"stagnated"``
+        (increments stopped shrinking above what rounding explains), ``"diverged"``,
+        ``"singular matrix"`` or ``"not finite"``.
+    trajectory : Trajectory
+        Everything computed before the failed step.
+    increment : float or None
+        Size of Newton's last increment relative to the state, where it was looked for.
+    dt : float or None
+        A time step that was tried from there and succeeds, where one was looked for and found.
+    detail, cure : str
+        The reason with its figures, and what helps.
+    hint : str
+        What the system itself lets expect: forces that jump may leave a step without a solution.
+    """
+
+    def __init__(
+        self, *, step: int, t: float, reason: str, trajectory: Trajectory,
+        increment: float | None = None, dt: float | None = None, detail: str = "",
+        cure: str = "A smaller time step usually cures it",
+    ) -> None:
+        self.step = step
+        self.t = t
+        self.reason = reason
+        self.trajectory = trajectory
+        self.increment = increment
+        self.dt = dt
+        self.detail = detail or reason
+        self.cure = cure
+        super().__init__(f"{self.told}; everything before it is in .trajectory.")
+
+    @property
+    def hint(self) -> str:
+        """What the system itself lets expect of steps without a solution."""
+        jumps = self.trajectory.manifest["system"].get("jumps")
+        return "" if jumps is None else (
+            f" Forces jump at {jumps}: a step to there may have no solution; write them smooth, as "
+            "tanh(x/1e-3) for sign(x).")
+
+    @property
+    def told(self) -> str:
+        """What failed, where, why, and what helps."""
+        where = f"Step {self.step} at t = {self.t:.9g} s"
+        return f"{where} failed: {self.detail}.{self.hint} {self.cure}"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle by arguments: worker processes hand failures over."""
+        return _step_failed, ({
+            name: getattr(self, name) for name in
+            ("step", "t", "reason", "trajectory", "increment", "dt", "detail", "cure")},)
+
+
+def _step_failed(arguments: dict[str, Any]) -> StepFailed:
+    return StepFailed(**arguments)

@@ -1,0 +1,128 @@
+"""An event: a quantity of a run crosses a level. What is asked for, in Python and in words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .arguments import choose, shown
+from .errors import InputError
+from .exact_numbers import decimal, exact
+
+__all__ = ["DIRECTIONS", "Event", "as_events", "event_of_text", "refuse_unusable_names"]
+
+#: How a direction is written on the command line and in model files.
+DIRECTIONS = {"up": 1, "down": -1, "both": 0}
+_TEXT = re.compile(r"\s*(?P<quantity>[^=]+?)\s*=\s*(?P<level>\S.*?)"
+                   r"(?P<words>(?:\s+(?:up|down|both|stop))*)\s*")
+_NAME = re.compile("[A-Za-z0-9_]{1,40}")
+
+
+@dataclass(frozen=True)
+class Event:
+    """A quantity of the run crosses a level.
+
+    Attributes
+    ----------
+    quantity : str
+        A quantity, a coordinate or a momentum of the system, by its name.
+    level : number
+        In the quantity's own units.
+    direction : {-1, 0, 1}
+        Only where it falls, in either direction, only where it rises, along the time of the run
+        (which may go backwards).
+    terminal : bool
+        Whether the run ends there.
+    name : str, optional
+        Under which it is found in ``Trajectory.events``; by default the quantity's.
+
+    Raises
+    ------
+    InputError
+        For another direction, for a level that is no finite number.
+    """
+
+    quantity: str
+    level: Any = 0.0
+    direction: int = 0
+    terminal: bool = False
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.quantity, str):
+            raise InputError(f"An event's quantity is a name, not {shown(self.quantity)}.")
+        if type(self.direction) is not int or self.direction not in (-1, 0, 1):
+            raise InputError(f"direction = {shown(self.direction)} is none; give -1 (falling), 1 "
+                             "(rising) or 0 (both).")
+        if not isinstance(self.terminal, bool):
+            raise InputError(f"terminal = {shown(self.terminal)} is neither True nor False.")
+        if not isinstance(self.name, str):
+            raise InputError(f"An event's name is text, not {shown(self.name)}.")
+        level = exact(self.level)
+        if level is None or isinstance(level, float):
+            raise InputError(f"level = {shown(self.level)} is no finite number.")
+        object.__setattr__(self, "name", self.name or self.quantity)
+
+
+def as_events(given: Any, system: Mapping[str, Any]) -> tuple[Event, ...]:
+    """Return a caller's events, each of a quantity that the system has.
+
+    ``system`` has the names of its "quantities", "coordinates" and "momenta".
+
+    Raises
+    ------
+    InputError
+        For what is no event, an unknown quantity, two events of one name.
+    """
+    events = (given,) if isinstance(given, Event) else given
+    if not isinstance(events, Sequence) or not all(isinstance(one, Event) for one in events):
+        raise InputError(f"events = {shown(given)} is no list of events; give "
+                         'events=[gs.Event("height", level=0.0, direction=-1)].')
+    known = [*system.get("quantities", ()), *system["coordinates"], *system["momenta"]]
+    for one in events:
+        choose("quantity of an event", one.quantity, known)
+    names = [one.name for one in events]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(f"Two events are named {twice[0]!r}; give one of them another "
+                         'name, as in gs.Event(..., name="landing") or --event "landing: x=0".')
+    return tuple(events)
+
+
+def refuse_unusable_names(events: Sequence[Event], named: str) -> None:
+    """Refuse events whose names arrays cannot have; ``named`` is what goes by them.
+
+    Raises
+    ------
+    InputError
+    """
+    for one in events:
+        if not _NAME.fullmatch(one.name):
+            raise InputError(f"The event {one.name!r} names {named}; give it a name of letters, "
+                             'digits and "_", as in gs.Event(..., name="landing").')
+
+
+def event_of_text(
+    text: str, name: str = "", number: Callable[[str], Any] = decimal
+) -> Event:
+    """Return the event that ``"height=0 down stop"`` says.
+
+    ``number`` returns the level that a text says, None for what is none.
+
+    Raises
+    ------
+    InputError
+        For other text.
+    """
+    found = _TEXT.fullmatch(text)
+    level = None if found is None else number(found["level"])
+    words = [] if found is None else found["words"].split()
+    directions = [word for word in words if word in DIRECTIONS]
+    if found is None or level is None or len(directions) > 1:
+        raise InputError(f'The event {text!r} is not read; write "height=0", "height=0 down" or '
+                         '"height=0 up stop": a quantity, its level, up, down or both, and stop '
+                         "where the run shall end there.")
+    return Event(found["quantity"], level, DIRECTIONS[directions[0]] if directions else 0,
+                 "stop" in words, name)

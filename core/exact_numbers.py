@@ -1,0 +1,180 @@
+"""Real numbers of any kind as the numbers they are, and their one rounding.
+
+A Python float is the binary number that it holds: 0.1 is 0.1000000000000000055..., also where a
+wider type computes. More digits come as mpmath numbers, decimal.Decimal, fractions.Fraction,
+NumPy's long doubles, or SymPy's constants; none of these packages is imported here.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import re
+from decimal import Decimal
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    import numpy as np
+
+#: What is taken for a real number; mpmath's and SymPy's, which have no types to name, as well.
+Number: TypeAlias = "float | np.floating[Any] | Decimal | Fraction"
+
+#: Every floating-point type here has its range within 2^±this: numbers beyond are infinite, or 0.
+_RANGE = 20_000
+#: Of a constant such as π, to be rounded to 113 at the most: enough to be right.
+_CONSTANT_BITS = 256
+#: Of binary128: the bits of a number, the exponent of a subnormal number's last bit, and the
+#: decimals that tell any number from its neighbours.
+_QUAD, _QUAD_DIGITS = (113, -16494), 36
+_DECIMAL = re.compile(r"\s*([+-]?)(\d+\.?\d*|\.\d+)(?:[eE]([+-]?\d+))?\s*", re.ASCII)
+_NOT_FINITE = {"nan": math.nan, "inf": math.inf, "infinity": math.inf}
+
+
+class Rounded(float):
+    """A double that knows the number it was rounded from, as numbers typed in a file or command.
+
+    What computes in doubles takes it for one; a wider stepper gets all that was typed.
+    """
+
+    __slots__ = ("whole",)
+    whole: Fraction
+
+    def __new__(cls, whole: Fraction) -> Rounded:
+        """Return the double next to a number."""
+        made = super().__new__(cls, as_double(whole))
+        made.whole = whole
+        return made
+
+    def __getnewargs__(self) -> tuple[Fraction]:  # type: ignore[override]
+        """Pickle and copy by the whole number."""
+        return (self.whole,)
+
+
+def exact(value: Any) -> Fraction | float | None:
+    """Return a real number as a fraction; as a float what is not finite; None for anything else.
+
+    Text is no number: "auto" and "m" mean something else, and Decimal("0.1") says it.
+    """
+    if isinstance(value, Rounded):
+        return value.whole
+    if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "f") not in "fiu":
+        return None
+    if hasattr(value, "_mpf_"):  # of mpmath, and SymPy's Float
+        return _of_mpf(value.func(_CONSTANT_BITS, "n") if hasattr(value, "func") and not hasattr(
+            value, "is_number") else value._mpf_)
+    if isinstance(value, Decimal):
+        return _of_decimal(value)
+    if isinstance(value, numbers.Rational):  # int among them, and SymPy's
+        return _of_ratio(int(value.numerator), int(value.denominator))
+    if isinstance(value, numbers.Real):
+        ratio = getattr(value, "as_integer_ratio", None) or float(value).as_integer_ratio
+        try:
+            return Fraction(*ratio())  # of all floats, NumPy's among them, the method is there
+        except (OverflowError, ValueError):  # of infinity, of NaN
+            return float(value)
+    if getattr(value, "is_number", False) and getattr(value, "is_finite", False) and getattr(
+            value, "is_real", False):  # SymPy's pi/9, sqrt(2), ...
+        return exact(value.evalf(80))
+    return None
+
+
+def _of_mpf(value: tuple[int, int, int, int]) -> Fraction | float:
+    """Return mpmath's sign, mantissa, exponent and length as a number."""
+    sign, mantissa, exponent, length = value
+    if not mantissa:
+        special = {-456: math.inf, -789: -math.inf}
+        return Fraction(0) if exponent == 0 else special.get(exponent, math.nan)
+    if abs(exponent + length) > _RANGE:
+        return _beyond(exponent, negative=bool(sign))
+    return Fraction(-int(mantissa) if sign else int(mantissa)) * Fraction(2) ** exponent
+
+
+def _of_decimal(value: Decimal) -> Fraction | float:
+    if not value.is_finite():
+        return math.nan if value.is_nan() else math.copysign(math.inf, value)
+    if value and abs(value.adjusted()) > _RANGE:
+        return _beyond(value.adjusted(), negative=value < 0)
+    return Fraction(value)
+
+
+def _of_ratio(above: int, below: int) -> Fraction | float:
+    size = above.bit_length() - below.bit_length()
+    return _beyond(size, negative=above < 0) if abs(size) > _RANGE else Fraction(above, below)
+
+
+def _beyond(size: int, *, negative: bool) -> Fraction | float:
+    """Return what is too large or too small for every type, as all of them see it."""
+    if size < 0:
+        return Fraction(0)
+    return -math.inf if negative else math.inf
+
+
+def decimal(text: str) -> Fraction | float | None:
+    """Return the number that a text says, in plain decimals or with an exponent; None for others.
+
+    As ``float(text)`` but with all digits; without underscores and digits of other scripts, which
+    are rather a typo.
+    """
+    match = _DECIMAL.fullmatch(text)
+    if match is None:
+        sign, word = re.fullmatch(r"\s*([+-]?)(.*?)\s*", text, re.DOTALL).groups()  # type: ignore[union-attr]
+        number = _NOT_FINITE.get(word.lower())
+        return None if number is None else -number if sign == "-" else number
+    sign, digits, exponent = match.groups()
+    power = int((exponent or "0")[:12])  # the others make it no less infinite, or 0
+    return _of_decimal(Decimal(f"{sign}{digits}e{power}"))
+
+
+# ---------------------------------------------------------------- rounding
+
+
+def knowing(value: Any) -> float:
+    """Return a number as a double that knows its digits, if a double does not hold them."""
+    number = exact(value)
+    if isinstance(number, Fraction) and number != Fraction(as_double(number)):
+        return Rounded(number)
+    return float(value)
+
+
+def nearest(value: Fraction, bits: int, least: int) -> tuple[int, int]:
+    """Return m and e of the binary number m 2^e next to a value, ties to even.
+
+    m has at most ``bits`` bits, and e is at least ``least``: the last bit of a subnormal number.
+    """
+    size = abs(value.numerator).bit_length() - value.denominator.bit_length()
+    exponent = max(size - bits - 1, least)
+    while True:
+        mantissa = round(value / Fraction(2) ** exponent)  # to even
+        if abs(mantissa) <= 1 << bits:
+            return mantissa, exponent
+        exponent += 1
+
+
+def as_double(value: Fraction) -> float:
+    """Return the double next to a number; infinity beyond their range."""
+    try:
+        return float(value)
+    except OverflowError:
+        return -math.inf if value < 0 else math.inf
+
+
+# ---------------------------------------------------------------- text
+
+
+def digits_of(number: Any) -> Any:
+    """Return a double, long double or mpf of 113 bits as JSON can hold it, for ``decimal``.
+
+    As a float if it is one, else as text: the shortest of at least 33 digits that gives it back.
+    """
+    if float(number) == number or number != number:
+        return float(number)
+    if not hasattr(number, "context"):  # NumPy writes the shortest text itself
+        return str(number)
+    whole = exact(number)
+    for count in range(_QUAD_DIGITS - 3, _QUAD_DIGITS + 1):
+        text = number.context.nstr(number, count)
+        mantissa, exponent = nearest(Fraction(text), *_QUAD)
+        if mantissa * Fraction(2) ** exponent == whole:
+            return text
+    raise ArithmeticError(f"{number!r} has more than {_QUAD[0]} bits.")

@@ -1,0 +1,48 @@
+"""Packages that some calls need and the package itself does not: the extras of pyproject.toml.
+
+Messages name the packages, so that what they say to type works wherever gyrospark came from.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+__all__ = ["install", "packages_of"]
+
+_PACKAGE = __name__.partition(".")[0]
+_OWN = re.compile(rf"{_PACKAGE}\[([\w,-]+)\]")
+_EXTRA = re.compile(r"""extra\s*==\s*["']([\w-]+)["']""")
+
+
+def install(extra: str) -> str:
+    """Return the command that installs what an extra has, in backticks."""
+    return "`pip install " + " ".join(f'"{one}"' for one in packages_of(extra)) + "`"
+
+
+def packages_of(extra: str) -> list[str]:
+    """Return the requirements of an extra, those of the extras that it has in place of these."""
+    found: dict[str, None] = {}
+    for requirement in _extras()[extra]:
+        own = _OWN.match(requirement)
+        found |= dict.fromkeys(
+            [requirement.partition(";")[0].strip()] if own is None else
+            [one for name in own[1].split(",") for one in packages_of(name)])
+    return list(found)
+
+
+def _extras() -> dict[str, list[str]]:
+    """Return each extra's requirements: of the checkout that this is, or as it was installed."""
+    import tomllib  # both cost time, and most programs miss nothing
+    from importlib import metadata
+
+    project = Path(__file__).parents[1] / "pyproject.toml"
+    if project.is_file():
+        content = tomllib.loads(project.read_text(encoding="utf-8"))
+        extras: dict[str, list[str]] = content["project"]["optional-dependencies"]
+        return extras
+    found: dict[str, list[str]] = {}
+    for requirement in metadata.requires(_PACKAGE) or ():
+        for name in _EXTRA.findall(requirement):
+            found.setdefault(name, []).append(requirement)
+    return found

@@ -1,0 +1,308 @@
+"""What callers say of a rigid body in numbers: moments of inertia, attitude, angles.
+
+What no body can have is refused. What was perhaps meant otherwise is taken, with a remark that
+names the value and the cure: angles in degrees, a quaternion with the scalar last or of another
+length than 1, moments that only rounding can have made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any, Literal, TypeAlias, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arguments import shown
+from .errors import InputError
+from .exact_numbers import Rounded, exact, knowing
+from .warnings import remark
+
+__all__ = ["REPS", "RULES", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
+           "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
+           "inverse_entries", "is_tensor", "moments_of", "quaternion_of_matrix", "real_array",
+           "remark_on_angles", "tensor_of_inverse", "unit_quaternions"]
+
+#: The two representations of the inertia, by the parameter that each adds; ``RepName`` are its
+#: entries, for editors and type checkers.
+RepName = Literal["alpha", "gamma"]
+REPS: tuple[RepName, ...] = ("alpha", "gamma")
+#: Names that a value of γ or α may be given by: the means of the moments, and what a run chooses.
+RULES = ("m", "h", "mt", "ht", "auto", "auto-energy")
+
+Array = NDArray[np.float64]
+Moments: TypeAlias = tuple[float, float, float]
+Tensor: TypeAlias = tuple[Moments, Moments, Moments]
+#: Three principal moments, or the tensor in body axes.
+Inertia: TypeAlias = Moments | Tensor
+#: What callers give for one.
+InertiaLike: TypeAlias = Sequence[float] | Sequence[Sequence[float]] | NDArray[Any]
+
+#: Numbers written with two digits are right to 5 %: by so much the largest moment may exceed the
+#: sum of the others.
+_TWO_DIGITS = 0.05
+_EPS = float(np.finfo(float).eps)
+
+
+# ---------------------------------------------------------------- moments of inertia
+
+
+def real_array(value: Any) -> Array | None:
+    """Return real numbers of whatever type and shape as floats; None for anything else."""
+    if isinstance(value, (str, bytes, set, frozenset, Mapping)):
+        return None
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind not in "fiuO" or any(
+                isinstance(x, (str, bytes, bool, type(None))) for x in given.ravel().tolist()):
+            return None
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):  # ragged, symbols, beyond 1e308
+        return None
+
+
+def is_tensor(inertia: Any) -> bool:
+    """Whether an inertia is given as rows of numbers, a tensor."""
+    found = real_array(inertia)
+    return found is not None and found.ndim == 2
+
+
+def as_inertia(inertia: Any, what: str = "inertia") -> Inertia:
+    """Return the inertia of a body in kg m²: three principal moments, or a tensor in body axes.
+
+    A tensor that is diagonal comes back as its three moments.
+
+    Raises
+    ------
+    InputError
+        Unless it is three numbers above 0, or a symmetric positive definite 3 × 3 matrix, and
+        such as a body can have: no moment exceeds the sum of the other two.
+    """
+    given = as_moments_or_tensor(inertia, what)
+    I1, I2, I3 = sorted(moments_of(given))
+    excess = I3 - (I1 + I2)
+    if excess > 8 * _EPS * I3:
+        said = (f"The {what} is {shown(inertia)}, and no body has it: the principal moment "
+                f"{I3:.6g} exceeds the sum {I1 + I2:.6g} of the other two")
+        if excess > _TWO_DIGITS * I3:
+            raise InputError(
+                f"{said}; correct the moments. (Moments that fluid or rotors add to are "
+                "parameters of a gyrospark.System, which takes any.)")
+        remark(f"{said}. It is taken as it is, as if by rounding; give more digits.")
+    return given
+
+
+def as_moments_or_tensor(inertia: Any, what: str = "inertia") -> Inertia:
+    """Return an inertia whose moments are finite and above 0, and nothing else asked of them."""
+    if not is_tensor(inertia):
+        return as_moments(inertia, what)
+    tensor = np.array(inertia, dtype=float)
+    if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
+        raise InputError(f"The {what} {shown(inertia)} is not 3 × 3 finite numbers; give the "
+                         "tensor in body axes, or I1, I2 and I3, in kg m².")
+    size = float(np.abs(tensor).max())
+    if np.abs(tensor - tensor.T).max() > 1e-6 * size:
+        raise InputError(f"The {what} {shown(inertia)} is not symmetric, as inertia tensors are; "
+                         "give both products of inertia of a pair of axes one value, −∫xy dm.")
+    rows = [[_kept(x) for x in row] for row in inertia]
+    if not (np.tril(tensor, -1).any() or np.triu(tensor, 1).any()):
+        return as_moments([rows[i][i] for i in range(3)], what)
+    tensor = (tensor + tensor.T) / 2
+    if not size or np.linalg.eigvalsh(tensor / size).min() <= 8 * _EPS:
+        raise InputError(f"The {what} {shown(inertia)} is not positive definite: one of its "
+                         "principal moments is not above 0; correct its products of inertia.")
+    return cast("Tensor", tuple(tuple(
+        rows[i][j] if rows[i][j] == rows[j][i] else float(tensor[i, j]) for j in range(3))
+        for i in range(3)))
+
+
+def as_moments(inertia: Any, what: str = "inertia", *, zeros: int = 0) -> Moments:
+    """Return three principal moments as floats, or as given where those lose digits, in kg m².
+
+    Raises
+    ------
+    InputError
+        Unless there are three finite moments above 0; up to ``zeros`` of them may be 0.
+    """
+    found = real_array(inertia)
+    if found is None or found.ndim != 1:
+        raise InputError(
+            f"The {what} {shown(inertia)} is not three numbers; give I1, I2 and I3 in kg m².")
+    moments: list[float] = found.tolist()
+    if len(moments) != 3:
+        raise InputError(f"The {what} has {len(moments)} moments; give the three principal moments "
+                         "I1, I2, I3, or a 3 × 3 tensor.")
+    for axis, moment in enumerate(moments, start=1):
+        vanishing_allowed = moment == 0 and moments.count(0.0) <= zeros
+        if not math.isfinite(moment) or (moment <= 0 and not vanishing_allowed):
+            where = "" if what == "inertia" else f", in the {what}"
+            raise InputError(f"The moment I{axis} = {moment!r} kg m² must be finite and above 0"
+                             f"{where}.")
+    I1, I2, I3 = (_kept(moment) for moment in inertia)
+    return I1, I2, I3
+
+
+def _kept(value: Any) -> float:
+    """Return a number as it is given where a double would lose digits, else as a float."""
+    return cast("float", value) if isinstance(knowing(value), Rounded) else float(value)
+
+
+def moments_of(inertia: Inertia) -> Moments:
+    """Return the principal moments as floats; those of a tensor in rising order."""
+    if not is_tensor(inertia):
+        I1, I2, I3 = map(float, cast("Moments", inertia))
+        return I1, I2, I3
+    matrix = np.array(inertia, dtype=float)
+    size = np.abs(matrix).max()  # so that no square leaves the range of doubles
+    I1, I2, I3 = (np.linalg.eigvalsh(matrix / size) * size).tolist()
+    return I1, I2, I3
+
+
+def inertia_matrix(inertia: Inertia) -> Array:
+    """Return J, 3 × 3, in body axes, as doubles."""
+    return np.array(inertia_rows(inertia), dtype=float)
+
+
+def inertia_rows(inertia: Inertia) -> Sequence[Sequence[float]]:
+    """Return the rows of J, 3 × 3, in body axes, with all digits."""
+    if is_tensor(inertia):
+        return cast("Tensor", inertia)
+    I1, I2, I3 = cast("Moments", inertia)
+    return (I1, 0.0, 0.0), (0.0, I2, 0.0), (0.0, 0.0, I3)
+
+
+def inverse_entries(inertia: Inertia) -> list[float]:
+    """Return K11, K12, K13, K22, K23, K33 of J⁻¹ of a tensor, exactly: adj J / det J."""
+    J = [[Fraction(cast("Any", exact(x))) for x in row] for row in inertia_rows(inertia)]
+
+    def cofactor(i: int, j: int) -> Fraction:
+        (a, b), (c, d) = ((J[row][(j + 1) % 3], J[row][(j + 2) % 3])
+                          for row in ((i + 1) % 3, (i + 2) % 3))
+        return a * d - b * c
+
+    determinant = sum(J[0][j] * cofactor(0, j) for j in range(3))
+    return [knowing(cofactor(j, i) / determinant) for i in range(3) for j in range(i, 3)]
+
+
+def tensor_of_inverse(entries: Sequence[float]) -> Tensor:
+    """Return J of K11, K12, K13, K22, K23, K33 of J⁻¹.
+
+    Raises
+    ------
+    InputError
+        If they are those of no inertia.
+    """
+    K = np.zeros((3, 3))
+    K[np.triu_indices(3)] = np.array(entries, dtype=float)
+    K = K + np.triu(K, 1).T
+    size = np.abs(K).max()
+    if not (np.isfinite(size) and size and np.linalg.eigvalsh(K / size).min() > 0):
+        raise InputError(f"K11, K12, K13, K22, K23, K33 = {shown(list(entries))} are no J⁻¹: the "
+                         "matrix is not positive definite.")
+    J = np.linalg.inv(K / size) / size
+    return cast("Tensor", tuple(tuple(row) for row in ((J + J.T) / 2).tolist()))
+
+
+# ---------------------------------------------------------------- attitude
+
+
+def unit_quaternions(values: Any, what: str = "quaternion") -> Array:
+    """Return unit quaternions, scalar first, of one or of rows of any length but 0.
+
+    Raises
+    ------
+    InputError
+        Unless the last axis holds four finite numbers, not all 0.
+    """
+    q = real_array(values)
+    if q is None or q.ndim not in (1, 2) or q.shape[-1] != 4 or not np.isfinite(q).all():
+        raise InputError(f"The {what} is {shown(values)}; give 4 finite numbers, scalar first.")
+    sizes = np.abs(q).max(axis=-1, keepdims=True)
+    if not sizes.all():
+        raise InputError(f"The {what} is zero; take (1, 0, 0, 0) for no turn.")
+    scaled = q / sizes  # so that no square leaves the range of doubles
+    norms = np.linalg.norm(scaled, axis=-1, keepdims=True)
+    lengths = norms * sizes
+    unit: Array = np.where(abs(lengths - 1) <= 4 * _EPS, q, scaled / norms)  # or as it is
+    _remark_on_length(what, values, lengths.ravel())
+    _remark_on_order(what, values, unit)
+    return unit
+
+
+def _remark_on_length(what: str, values: Any, norms: Array) -> None:
+    """Say that quaternions are far from length 1: further than rounding explains.
+
+    Entries rounded to d decimals have errors of 10⁻ᵈ/2 each, and |q| one of 10⁻ᵈ at most; d = 2
+    is the fewest that anybody rounds to.
+    """
+    given = np.asarray(values)
+    eps = float(np.finfo(given.dtype).eps) if given.dtype.kind == "f" else _EPS
+    decimals = max(-int(Decimal(repr(float(x))).as_tuple().exponent) for x in given.ravel()[:400])
+    bound = 10.0 ** -min(max(decimals, 2), 17) + 4 * max(eps, _EPS)
+    worst = int(np.abs(norms - 1).argmax())
+    if abs(norms[worst] - 1) > bound:
+        where = "" if len(norms) == 1 else f" in row {worst + 1}"
+        remark(f"The {what}{where} has length {norms[worst]:.9g}, not 1, and was divided by it; "
+               "write a unit quaternion if another was meant.")
+
+
+def _remark_on_order(what: str, values: Any, unit: Array) -> None:
+    """Say that quaternions look as if their scalar stood last.
+
+    Nothing proves it. But all of them, read so, are turns by less than 60°, and by more than 120°
+    as they are read here: of random attitudes one in seventeen is like that.
+    """
+    last = np.abs(unit[..., 3])
+    if not (last > math.cos(math.pi / 6)).all():
+        return
+    first = np.atleast_2d(unit)[0]
+    here, there = (math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in first[[0, 3]])
+    moved = ", ".join(f"{x + 0.0:.6g}" for x in first[[3, 0, 1, 2]])
+    remark(f"The {what} {shown(values)} is read scalar first, a turn by {here:.0f}°. If its scalar "
+           f"stands last, a turn by {there:.0f}°, write ({moved}); else give it as a rotation, "
+           "which has this unsaid.")
+
+
+def quaternion_of_matrix(matrix: Any, what: str = "rotation") -> Array:
+    """Return the unit quaternion, scalar first and not negative, of a 3 × 3 rotation matrix.
+
+    Raises
+    ------
+    InputError
+        If it is no rotation.
+    """
+    R = real_array(matrix)
+    if R is None or R.shape != (3, 3) or not np.isfinite(R).all():
+        raise InputError(f"The {what} is {shown(matrix)}; give 3 × 3 finite numbers or a SciPy "
+                         "Rotation.")
+    with np.errstate(over="ignore", invalid="ignore"):  # no rotation, then
+        error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
+    if not error <= 1e-6 or determinant < 0:
+        raise InputError(
+            f"The {what} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
+            f"det R = {determinant:.3g}; give orthogonal columns, right-handed."
+        )
+    # 4 q qᵀ, every entry from R; the row with the largest diagonal loses no digits.
+    t = np.trace(R)
+    K = np.empty((4, 4))
+    K[0, 0] = 1 + t
+    K[0, 1:] = K[1:, 0] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    K[1:, 1:] = R + R.T + (1 - t) * np.eye(3)
+    q: Array = K[int(np.argmax(np.diag(K)))]
+    q = q / np.linalg.norm(q)
+    return q if q[0] >= 0 else -q
+
+
+# ---------------------------------------------------------------- angles
+
+
+def remark_on_angles(what: str, angles: Sequence[float], *, cure: str) -> None:
+    """Say that angles beyond a full turn look like degrees."""
+    if any(abs(x) > 2 * math.pi for x in angles):
+        listed = ", ".join(f"{x:.6g}" for x in angles)
+        remark(f"{what} is [{listed}], taken as radians, more than a turn; if degrees are meant, "
+               f"write {cure}.")
+

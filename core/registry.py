@@ -1,0 +1,102 @@
+"""Everything with a name that can be integrated: systems, problems and models, one list.
+
+    system     H and g alone: a stepper can be made for it
+    problem    a system of the paper with its numbers and, where known, its exact motion
+    model      bodies put together, with their numbers
+
+Python (``gs.problems``, ``gs.models``, ``stepper(system=...)``), the command line, certificates
+and sweeps all look names up here. An entry costs nothing until it is made.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+from .arguments import listed, proposal, shown
+from .errors import InputError
+
+__all__ = ["FRAMES", "MODELS", "PROBLEMS", "SYSTEMS", "Entry", "entry_named", "unknown_name"]
+
+_PACKAGE = __name__.partition(".")[0]
+_HOME = Path(__file__).resolve().parents[1]
+
+#: What ``frame`` may be: co-moving frames along the symmetries of a system (docs/frames.md).
+FRAMES = ("symmetries",)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A name, and where the function lives that makes what it stands for.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line; ``-`` and ``_`` are the same there.
+    kind : {"system", "problem", "model"}
+        What ``make`` returns: a System, a Problem or a Model.
+    home : str
+        The module of the function, which is called as the entry with ``_``.
+    """
+
+    name: str
+    kind: Literal["system", "problem", "model"]
+    home: str
+
+    def make(self, *arguments: Any, **options: Any) -> Any:
+        """Return what the name stands for; a system takes ``rep`` as its argument."""
+        return self._function(*arguments, **options)
+
+    @property
+    def about(self) -> str:
+        """What it is, the first sentence of its function's docstring."""
+        first = inspect.getdoc(self._function) or ""
+        return " ".join(first.partition("\n\n")[0].split()).removeprefix("Return ")
+
+    @property
+    def options(self) -> list[str]:
+        """The names of the arguments that ``make`` takes, but for ``rep``."""
+        return [name for name in inspect.signature(self._function).parameters if name != "rep"]
+
+    @property
+    def _function(self) -> Any:
+        module = import_module(f"{_PACKAGE}.{self.home}")
+        return getattr(module, self.name.replace("-", "_"))
+
+
+def _entries(kind: Literal["system", "problem", "model"], home: str, *names: str
+             ) -> dict[str, Entry]:
+    return {name: Entry(name, kind, home) for name in names}
+
+
+SYSTEMS = _entries("system", "generator.multibody.rigid_body", "heavy_top", "free_body")
+PROBLEMS = _entries("problem", "runtime.rigid_body.problems", "fast-top", "regular-precession",
+                    "free-body")
+MODELS = _entries("model", "generator.multibody.example_models", "lagrange_top", "satellite",
+                  "double_pendulum", "double_top", "gimbal", "four_bar", "chain")
+
+
+def entry_named(name: Any, what: str = "problem") -> Entry:
+    """Return the problem or model of a name.
+
+    Raises
+    ------
+    InputError
+        Naming them all.
+    """
+    for entry in (*PROBLEMS.values(), *MODELS.values()):
+        if isinstance(name, str) and name.replace("_", "-") == entry.name.replace("_", "-"):
+            return entry
+    raise unknown_name(what, name, [*PROBLEMS, *MODELS])
+
+
+def unknown_name(what: str, name: Any, names: Sequence[str]) -> InputError:
+    """Return the refusal of a name that is none of these; examples, which are files, are proposed.
+    """
+    files = {path.stem: f"examples/{path.name}" for path in (_HOME / "examples").glob("*.toml")}
+    return InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "
+                      f"ending in .toml or .urdf{proposal(name, names, spelt=files)}.")

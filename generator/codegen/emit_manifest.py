@@ -1,0 +1,247 @@
+"""The manifest: what the C promises, for those who call it and for those who read it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+import sympy as sp
+
+from ..._version import __version__
+from ...core.real_types import Real
+from ..kernels.kernel import Constants, EmittedKernel
+from ..schemes.fast_tableau import FastTableau
+from ..schemes.step_equations import MeanScheme, SparkScheme
+from ..symmetry.frame_symmetries import Frame
+from ..systems.body_layout import BodyAt, Entry, JointAt, Pull
+from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving_frame import energy_of
+from ..systems.smoothness import Switching
+from ..systems.system import System
+from ..tableaux.conditions import check_tableau, remarks
+from ..tableaux.tableau import Tableau
+from .emit_fast import fast_manifest
+from .emit_structure import operations_of
+from .profiles import ProfileName
+
+__all__ = ["SCHEMA", "frame_manifest", "hidden_constraints", "manifest_text"]
+
+SCHEMA = 2  # of the manifest; part of the cache key
+
+
+def hidden_constraints(
+    scheme: SparkScheme | MeanScheme, constants: Constants, forms: dict[str, Any]
+) -> list[str]:
+    """Return the constraints on the momenta as text."""
+    if forms["structured"]:
+        return ["G H_p + g_t" if scheme.system.is_timed else "G H_p"] * scheme.system.m
+    return [str(constants.spelled_out(f)) for f in scheme.system.hidden]
+
+
+def manifest_text(
+    name: str,
+    method: str,
+    scheme: SparkScheme | MeanScheme,
+    system: System,
+    constants: Constants,
+    real: Real,
+    kernels: list[EmittedKernel],
+    fast: dict[str, Any],
+    forms: dict[str, Any],
+    profile: ProfileName,
+    frame: Frame | None = None,
+) -> str:
+    """Return the manifest as JSON."""
+    tableau = scheme.tableau
+    content = {
+        "schema": SCHEMA,
+        "generator": __version__,
+        "name": name,
+        "profile": profile,
+        "system": {
+            "name": system.name,
+            "coordinates": [str(x) for x in system.q],
+            "momenta": [str(x) for x in system.p],
+            "parameters": {str(x): _domain(x) for x in system.parameters},
+            "hamiltonian": _hamiltonian(system, forms),
+            **_lagrangian(system),
+            "constraints": [str(g) for g in system.constraints],
+            "hidden": hidden_constraints(scheme, constants, forms),
+            "start_parameters": _start_parameters(scheme, system, constants, forms),
+            **_given_names(system),
+            "rigid_body": system.rigid_body,
+            **_bodies(system),
+            **_forces_and_quantities(system),
+            **Switching(system).said(
+                scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
+        },
+        "scheme": {
+            "method": method,
+            "kind": "spark" if tableau else "mean",
+            "stages": tableau.s if tableau else None,
+            "constraint_nodes": tableau.p + 1 if tableau else None,
+            "order": scheme.order,
+            "unknowns": scheme.size,
+            "unknowns_are_state": scheme.unknowns_are_state,
+            "multipliers": scheme.multipliers,
+            "keeps_momentum_constraint": tableau is not None,
+        },
+        **({} if frame is None else {"frame": frame_manifest(frame, system)}),
+        **_given_tableau(tableau),
+        "fast_path": fast_manifest(fast),
+        "real": real.name,
+        "operations": operations_of(forms) if forms["structured"]
+        else {k.name: k.operations for k in kernels},
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
+    """Say what holds of a given tableau and what does not; the families hold by derivation."""
+    if tableau is None or not tableau.given:
+        return {}
+    refusal = FastTableau(tableau).refusal
+    return {"tableau": {
+        "name": tableau.name,
+        "remarks": [*remarks(tableau),
+                    *([] if refusal is None else [f"no sweeps, Newton at every step: {refusal}"])],
+        "conditions": {line.name: {"found": line.found, "residual": line.residual}
+                       for line in check_tableau(tableau)},
+    }}
+
+
+def _start_parameters(
+    scheme: SparkScheme | MeanScheme, system: System, constants: Constants, forms: dict[str, Any]
+) -> list[str]:
+    """Return the parameters that decide whether a state is on the constraints.
+
+    Of a structured system, whose g_q H_p is never written out, all that could.
+    """
+    if not system.constraints:
+        return []
+    deciding = (energy_of(system), *system.constraints) if forms["structured"] else (
+        *system.constraints, *map(constants.spelled_out, scheme.system.hidden))
+    if isinstance(system, LagrangianSystem):
+        deciding = (system.L, *system.constraints)
+    found = {x for e in deciding for x in e.free_symbols}
+    return [str(x) for x in system.parameters if x in found]
+
+
+def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
+    """Return H as text: in full, or as so many terms of each form."""
+    if isinstance(system, LagrangianSystem):
+        return system.texts()[0]
+    if not forms["structured"]:
+        return str(energy_of(system))
+    return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
+
+
+def _lagrangian(system: System) -> dict[str, Any]:
+    """Return L and its velocities, where H is made of one."""
+    if not isinstance(system, LagrangianSystem):
+        return {}
+    return {"lagrangian": system.texts()[1], "velocity_names": [str(v) for v in system.velocities],
+            **({} if system.is_definite else {"indefinite": True}),
+            **({"placed": {name: {what: list(names) for what, names in one.items()}
+                           for name, one in system.placed.items()}} if system.placed else {})}
+
+
+def _forces_and_quantities(system: System) -> dict[str, Any]:
+    """Return what is said of forces, time and quantities; nothing of what is not there."""
+    said: dict[str, Any] = {}
+    if system.forces:
+        said["forces"] = [str(f) for f in system.forces]
+    if system.is_driven:
+        said["time"] = str(system.time)
+    if system.inputs:
+        said["inputs"] = [str(u) for u in system.inputs]
+    if system.is_timed:
+        said["time_in_H_or_g"] = True
+    if system.quantities:
+        said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
+        said["quantities_take_time"] = system.time is not None
+    return said
+
+
+def _bodies(system: System) -> dict[str, Any]:
+    """Return where bodies and joints are.
+
+    That of a ``rigid_body`` with I1, I2, I3 goes without saying.
+    """
+    if (system.rigid_body and len(system.bodies[0].inertia) == 3) or not system.bodies:
+        return {}
+    joints = {"joints": {joint.name: _joint(joint) for joint in system.joints}}
+    return {"bodies": {body.name: _body(body) for body in system.bodies},
+            **(joints if system.joints else {})}
+
+
+def _body(body: BodyAt) -> dict[str, Any]:
+    inertia = "inertia" if len(body.inertia) == 3 else "inverse_inertia"
+    place = {"x": [str(x) for x in body.x]} if body.x else {"origin": _entries(body.origin)}
+    centre = {"centre": _entries(body.centre)} if body.centre else {}
+    mass: dict[str, Any] = {} if body.mass is None else {"mass": _entries([body.mass])[0]}
+    return {"q": [str(x) for x in body.q], inertia: [str(x) for x in body.inertia], **place,
+            **centre, **mass}
+
+
+def _joint(joint: JointAt) -> dict[str, Any]:
+    pulls = {name: None if pull is None else {"kind": pull.kind, **_vectors(pull, "on_a", "on_b")}
+             for name, pull in joint.pulls}
+    places = _vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero")
+    return {"bodies": [joint.a, joint.b], **places, "constraints": pulls}
+
+
+def _vectors(one: JointAt | Pull, *names: str) -> dict[str, list[str | float]]:
+    """Return those of its vectors that it has."""
+    return {name: _entries(getattr(one, name)) for name in names if getattr(one, name)}
+
+
+def _entries(entries: Iterable[Entry]) -> list[str | float]:
+    """Return names of parameters and numbers."""
+    return [e if isinstance(e, float) else str(e) for e in entries]
+
+
+def _given_names(system: System) -> dict[str, list[str]]:
+    """Return the constraints' names where somebody gave them; g0, g1, … go without saying."""
+    names = list(system.constraint_names)
+    default = [f"g{i}" for i in range(system.m)]
+    return {} if names == default else {"constraint_names": names}
+
+
+def _domain(parameter: sp.Symbol) -> str:
+    """What a value must be, from the assumptions of the symbol."""
+    if parameter.is_positive:
+        return "positive"
+    return "nonzero" if parameter.is_nonzero else "real"
+
+
+# ---------------------------------------------------------------- co-moving frames
+
+
+def frame_manifest(frame: Frame, system: System) -> dict[str, Any]:
+    """Return the symmetries as JSON: A by its entries, conditions as polynomials that vanish."""
+    return {"symmetries": [{
+        "name": symmetry.name,
+        "group": group,
+        "meaning": symmetry.field.name,
+        "A": [[i, j, str(x)] for (i, j), x in sorted(symmetry.field.weights.items())],
+        "J": str(symmetry.momentum(system)),
+        "conditions": [_equation(e) for e in symmetry.conditions],
+        "vanishing": [_terms(e) for e in symmetry.conditions],
+    } for group, together in enumerate(frame.groups) for symmetry in together]}
+
+
+def _equation(e: sp.Expr) -> str:
+    """Return e = 0 as a sentence has it: I1 = I2."""
+    terms = sp.Add.make_args(e)
+    left = [t for t in terms if not t.could_extract_minus_sign()]
+    right = [-t for t in terms if t.could_extract_minus_sign()]
+    return f"{sp.Add(*left)} = {sp.Add(*right)}"
+
+
+def _terms(e: sp.Expr) -> list[list[Any]]:
+    """Return a polynomial as its terms: [coefficient, {parameter: power}]."""
+    symbols = sorted(e.free_symbols, key=str)
+    return [[str(x), {str(s): n for s, n in zip(symbols, powers, strict=True) if n}]
+            for powers, x in sp.Poly(e, *symbols).terms()]

@@ -1,0 +1,378 @@
+"""What the templates are told of a structured system: kernels of its forms, tables of instances.
+
+Every kernel works on local symbols: coordinates ``q``, momenta ``p`` and constants ``k`` of one
+instance. The functions of the whole system, which gather and scatter, are in
+``templates/forms.c.jinja``; they have the names that the other templates call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+
+from ...core.real_types import Real
+from ..kernels.kernel import Constants, Target, emit_kernel
+from ..kernels.statements import Kernel
+from ..schemes.kernel_inputs import time_input
+from ..schemes.step_equations import MeanScheme, SparkScheme
+from ..schemes.system_differences import increment_of, mean_gradient_of, mean_slopes_of, vector
+from ..systems.jacobians import gradient, jacobian, symmetric_jacobian
+from ..systems.repeated_structure import Form, Part, Structure
+
+__all__ = ["operations_of", "structure_context"]
+
+#: What a kernel is needed for: numbers (Newton, reports), lanes (sweeps), or both.
+NUMBERS, LANES, BOTH = "numbers", "lanes", "both"
+
+#: A kernel and what it is needed for.
+Placed = tuple[Kernel, str]
+
+
+def structure_context(
+    structure: Structure, scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
+) -> dict[str, Any]:
+    """Return what the templates of a structured system need."""
+    forms = (*structure.forms, *structure.constraint_forms, *structure.force_forms)
+    used = sorted({c for form in forms for i in form.instances for c in i.constants})
+    place = {c: at for at, c in enumerate(used)}
+    emit, between = _Emitter(constants, real), isinstance(scheme, MeanScheme)
+    attached = _Attached(structure)
+    constrained = bool(structure.system.m)
+    terms = [
+        _form(f"term{f}", form, place)
+        | {"kernels": emit.all(f"term{f}", term_kernels(form, between=between,
+                                                        constrained=constrained)),
+           "cells": attached.cells[f]}
+        for f, form in enumerate(structure.forms)
+    ]
+    joints = [
+        _form(f"joint{f}", form, place)
+        | {"kernels": emit.all(f"joint{f}", joint_kernels(form, between=between)),
+           "places": attached.places[f]}
+        for f, form in enumerate(structure.constraint_forms)
+    ]
+    pushes = [
+        _form(f"push{f}", form, place)
+        | {"kernels": emit.all(f"push{f}", push_kernels(form, time_input(structure.system)))}
+        for f, form in enumerate(structure.force_forms)
+    ]
+    if isinstance(scheme, MeanScheme):
+        for f, form in enumerate(structure.forms):
+            terms[f]["kernels"] += emit.all(f"term{f}", mean_term_kernels(form, scheme.discrete))
+        for f, form in enumerate(structure.constraint_forms):
+            joints[f]["kernels"] += emit.all(f"joint{f}",
+                                             mean_joint_kernels(form, scheme.discrete))
+    elimination = structure.elimination
+    positions, band = _band(structure, scheme)
+    second = _second_derivatives(structure, terms, pushes)
+    symbols = list(scheme.system.parameters)
+    return {
+        "structured": True,
+        "terms": terms,
+        "joints": joints,
+        "pushes": pushes,
+        "used_constants": [str(symbols[c]) for c in used],
+        "attached": attached,
+        "cells_cover": sorted(a for form in structure.forms for i in form.instances
+                              for a in i.p) == list(range(structure.system.n)),
+        "elimination": {
+            "entries": elimination.entries,
+            "order": elimination.order,
+            "counts": [len(rows) for rows in elimination.rows],
+            "flat_rows": [row for rows in elimination.rows for row in rows],
+            "flat_targets": [slot for slots in elimination.targets for slot in slots],
+            "before_counts": [len(pairs) for pairs in elimination.before],
+            "before_rows": [row for pairs in elimination.before for row, _ in pairs],
+            "before_slots": [slot for pairs in elimination.before for _, slot in pairs],
+        },
+        "second": second,
+        "positions": positions,
+        "band": band,
+        "form_kernels": [k[kind] for part in (*terms, *joints, *pushes) for k in part["kernels"]
+                         for kind in ("scalar", "lanes") if k[kind]],
+    }
+
+
+def _form(name: str, form: Form, place: dict[int, int]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "nq": len(form.q), "np": len(form.p), "nk": len(form.constants),
+        "rows": len(form.instances[0].rows),
+        "count": len(form.instances),
+        "q": [i.q for i in form.instances],
+        "p": [i.p for i in form.instances],
+        "k": [tuple(place[c] for c in i.constants) for i in form.instances],
+        "row": [i.rows for i in form.instances],
+        "text": [str(e).replace("**", "^") for e in form.expressions],
+    }
+
+
+class _Emitter:
+    """Emits each kernel of a form twice: for numbers and for lanes."""
+
+    def __init__(self, constants: Constants, real: Real) -> None:
+        self.constants, self.real = constants, real
+
+    def all(self, form: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
+        """Return what the template prints."""
+        emitted = []
+        for kernel, where in kernels:
+            named = Kernel(f"{form}_{kernel.name}", kernel.doc,
+                           {a: s for a, s in kernel.inputs.items() if s}, kernel.outputs,
+                           kernel.compensated)
+            scalar = emit_kernel(named, self.constants, self.real)
+            lanes = emit_kernel(named, self.constants, self.real, Target.lanes({}))
+            emitted.append({"name": kernel.name, "inputs": list(named.inputs),
+                            "scalar": scalar if where != LANES else None,
+                            "lanes": lanes if where != NUMBERS else None,
+                            "operations": scalar.operations})
+        return emitted
+
+
+def _inputs(form: Form, **more: Sequence[sp.Symbol]) -> dict[str, Sequence[sp.Symbol]]:
+    return {"q": form.q, "p": form.p, **more, "k": form.constants}
+
+
+def term_kernels(form: Form, *, between: bool, constrained: bool) -> list[Placed]:
+    """Return the kernels of a form of H.
+
+    Schemes between two states need no second derivatives; H_p for numbers and H_pp belong to the
+    constraint on the momenta.
+    """
+    part = form.system
+    at = _inputs(form)
+    gradients: dict[str, Any] = {"H_q": part.H_q} if form.q else {}
+    if form.p:
+        gradients = {"H_p": part.H_p} | gradients
+    kernels = [
+        (Kernel("energy", f"H of {_short(part.H)}", at, {"H": form.expressions[-1]}), BOTH),
+        (Kernel("gradient", "derivatives of H", at, gradients), NUMBERS if between else BOTH),
+    ]
+    second: dict[str, Any] = {"H_qq": part.H_qq} if form.q else {}
+    if form.p:
+        kernels.append((Kernel("velocity", "H_p", at, {"H_p": part.H_p}),
+                        BOTH if constrained else LANES))
+        kernels.append((Kernel("mass", "H_pp, the inverse of a mass", at, {"H_pp": part.H_pp}),
+                        BOTH))
+        second |= ({"H_pq": part.H_pq} if form.q else {}) | {"H_pp": part.H_pp}
+    if form.time is not None and not between:
+        kernels.append((Kernel("drive", "H_t", at, {"H_t": part.H_t}), BOTH))
+    kernels.append((Kernel("hessian", "second derivatives of H", at, second), NUMBERS))
+    dropped = {"gradient", "hessian"} if between else set()
+    if not constrained:
+        dropped |= {"mass"} | ({"velocity"} if between else set())
+    return [(kernel, where) for kernel, where in kernels
+            if kernel.outputs and kernel.name not in dropped]
+
+
+def joint_kernels(form: Form, *, between: bool) -> list[Placed]:
+    """Return the kernels of a form of constraints."""
+    rows = len(form.expressions)
+    d, lam = vector("d", len(form.q)), vector("lambda", rows)
+    G = jacobian(form.expressions, form.q)
+    pull = [sum((x * row[a] for x, row in zip(lam, G, strict=True)), sp.Integer(0))
+            for a in range(len(form.q))]
+    weighted = sum((x * g for x, g in zip(lam, form.expressions, strict=True)), sp.Integer(0))
+    K = symmetric_jacobian(gradient(weighted, form.q), form.q)
+    at = _inputs(form)
+    kernels = [
+        (Kernel("value", "g", at, {"g": list(form.expressions)}, compensated=True), BOTH),
+        (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", _inputs(form, d=d),
+                {"dg": [increment_of(g, form.q, d, form.time) for g in form.expressions]}), BOTH),
+        (Kernel("jacobian", "G = dg/dq", at, {"G": G}), BOTH),
+        (Kernel("pull", "G^T lambda", _inputs(form, **{"lambda": lam}), {"force": pull}),
+         NUMBERS if between else BOTH),
+        (Kernel("curvature", "K = d(G^T lambda)/dq", _inputs(form, **{"lambda": lam}), {"K": K}),
+         NUMBERS),
+    ]
+    if form.time is not None:
+        rates = [row[0] for row in jacobian(form.expressions, [form.time])]
+        kernels.append((Kernel("rate", "g_t", at, {"g_t": rates}), BOTH))
+    return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
+
+
+def push_kernels(form: Form, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
+    """Return the kernels of a form of forces."""
+    at = {"q": form.q, "p": form.p, **time, "k": form.constants}
+    F = list(form.expressions)
+    value = (Kernel("value", "F, which no potential has", at, {"F": F}), BOTH)
+    derivatives = {name: jacobian(F, symbols)
+                   for name, symbols in (("F_q", form.q), ("F_p", form.p)) if symbols}
+    if not derivatives:  # a force of t alone
+        return [value]
+    return [value, (Kernel("jacobian", "dF/dq and dF/dp", at, derivatives), NUMBERS)]
+
+
+def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
+    """Return the mean gradient of a form of H between two states, and its derivatives."""
+    nq, np = len(form.q), len(form.p)
+    qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
+    D_q, D_p = mean_gradient_of(form.system, (qm, pm), (dq, dp), discrete)
+    at = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
+    by_q, by_p = _by_increment(qm, dq), _by_increment(pm, dp)
+    outputs = {"D_q": D_q, "D_p": D_p}
+    second = {"D_qq": by_q(D_q) if nq else [], "D_qp": by_p(D_q) if nq and np else [],
+              "D_pq": by_q(D_p) if nq and np else [], "D_pp": by_p(D_p) if np else []}
+    drive = [] if form.time is None else [
+        (Kernel("mean_drive", "mean of dH/dt between two states", at,
+                {"D_t": mean_slopes_of(form.system, (qm, pm), (dq, dp), discrete)[-1]
+                 if form.system.is_timed else sp.Integer(0)}), BOTH)]
+    kernels = [
+        (Kernel("mean_gradient", "mean gradient of H between two states", at,
+                {a: e for a, e in outputs.items() if e}), BOTH if nq else NUMBERS),
+        (Kernel("mean_jacobian", "its derivatives by dq and dp", at,
+                {a: e for a, e in second.items() if e}), NUMBERS),
+    ]
+    if np:
+        kernels.append((Kernel("mean_velocity", "D_p", at, {"D_p": D_p}), LANES))
+    return [(kernel, where) for kernel, where in [*kernels, *drive] if kernel.outputs]
+
+
+def mean_joint_kernels(form: Form, discrete: bool) -> list[Placed]:
+    """Return G^T lambda between two states, and its derivative by dq."""
+    nq, rows = len(form.q), len(form.expressions)
+    qm, dq, lam = vector("qm", nq), vector("dq", nq), vector("lambda", rows)
+    G, rates = [], []
+    for g in form.expressions:
+        part = Part(form.q, tuple(vector("unused", nq)), form.constants, g, time=form.time)
+        slopes = mean_slopes_of(part, (qm, vector("pm", nq)), (dq, vector("dp", nq)), discrete)
+        G.append(slopes[:nq])
+        rates.append(slopes[-1] if part.is_timed else sp.Integer(0))
+    pull = [sum((x * row[a] for x, row in zip(lam, G, strict=True)), sp.Integer(0))
+            for a in range(nq)]
+    at = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
+    drive = [] if form.time is None else [
+        (Kernel("mean_rate", "g_t between two states",
+                {"qm": qm, "dq": dq, "k": form.constants}, {"g_t": rates}), BOTH)]
+    return [
+        *drive,
+        (Kernel("mean_pull", "G^T lambda between two states", at, {"force": pull}), BOTH),
+        (Kernel("mean_curvature", "its derivative by dq", at, {"K": _by_increment(qm, dq)(pull)}),
+         NUMBERS),
+        (Kernel("mean_jacobian", "G between two states",
+                {"qm": qm, "dq": dq, "k": form.constants}, {"G": G}), NUMBERS),
+    ]
+
+
+def _by_increment(means: list[sp.Symbol], differences: list[sp.Symbol]) -> Any:
+    """Return the derivative by a difference at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
+
+    def derive(expressions: list[sp.Expr]) -> list[list[sp.Expr]]:
+        by_mean, by_difference = jacobian(expressions, means), jacobian(expressions, differences)
+        return [[a / 2 + b for a, b in zip(row, other, strict=True)]
+                for row, other in zip(by_mean, by_difference, strict=True)]
+
+    return derive
+
+
+def _short(e: sp.Expr) -> str:
+    text = str(e).replace("**", "^")
+    return text if len(text) <= 100 else text[:97] + "..."
+
+
+class _Attached:
+    """Which constraints act on which cell of momenta, and where G and W keep their entries.
+
+    G is stored cell by cell, a row of a cell's momenta for each constraint that acts on it.
+    """
+
+    def __init__(self, structure: Structure) -> None:
+        slot_of = structure.elimination.slot_of
+        at: dict[tuple[int, int], int] = {}  # (row, coordinate) → place in G
+        self.cells: list[dict[str, list[Any]]] = []
+        self.slots: list[int] = []
+        self.entries = 0
+        for form in structure.forms:
+            cells: dict[str, list[Any]] = {"count": [], "place": [], "slot": []}
+            for instance in form.instances if form.p else ():
+                rows = structure.attached(instance)
+                cells["count"].append(len(rows))
+                cells["place"].append(self.entries)
+                cells["slot"].append(len(self.slots))
+                for i, row in enumerate(rows):
+                    at |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
+                    self.entries += len(instance.p)
+                    self.slots += [slot_of[row, other] for other in rows[: i + 1]]
+            self.cells.append(cells)
+        self.places = []
+        for form in structure.constraint_forms:
+            G = jacobian(form.expressions, form.q)
+            self.places.append([
+                [at.get((row, a), -1) if G[r][b] != 0 else -1
+                 for r, row in enumerate(instance.rows) for b, a in enumerate(instance.q)]
+                for instance in form.instances])
+        kept = {place for form in self.places for places in form for place in places}
+        self.is_full = kept.issuperset(range(self.entries))  # none of the entries is always 0
+
+
+def _second_derivatives(
+    structure: Structure, terms: list[dict[str, Any]], pushes: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Return where the rows of H_pp and of H_qp − F_p keep their entries, and set their places.
+
+    Row e holds what momentum e does: H_pp to the velocities of its cell, H_qp − F_p to forces.
+    """
+    n = structure.system.n
+    cell_first, cell_count = [0] * n, [0] * n
+    cell_row: list[int] = []
+    mixed: list[dict[int, int]] = [{} for _ in range(n)]
+    pp = 0
+    for form, term in zip(structure.forms, terms, strict=True):
+        term |= {"pp_start": pp, "mixed": []}
+        for instance in form.instances if form.p else ():
+            for a in instance.p:
+                cell_first[a], cell_count[a] = len(cell_row), len(instance.p)
+                cell_row += instance.p
+                pp += len(instance.p)
+                for b in instance.q:
+                    mixed[a].setdefault(b, len(mixed[a]))
+    for form in structure.force_forms:
+        for instance in form.instances:
+            for a in instance.p:
+                for row in instance.rows:
+                    mixed[a].setdefault(row, len(mixed[a]))
+    first = [0]
+    for entries in mixed:
+        first.append(first[-1] + len(entries))
+    for form, term in zip(structure.forms, terms, strict=True):
+        term["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
+                         for i in form.instances]
+    for form, push in zip(structure.force_forms, pushes, strict=True):
+        push["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
+                         for i in form.instances]
+    return {"cell_first": cell_first, "cell_count": cell_count, "cell_row": cell_row,
+            "mixed_first": first, "mixed_row": [b for entries in mixed for b in entries],
+            "pp_entries": pp, "mixed_entries": first[-1]}
+
+
+def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[int], int]:
+    """Return the place of each unknown (and its equation) in a narrow band, and how far it reaches.
+
+    Unknowns are numbered as the scheme numbers them: rates or increments of q, of p, multipliers.
+    """
+    n, m = structure.system.n, structure.system.m
+    s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
+    unknowns = {("q", a): [half * s * n + i * n + a for half in (0, 1) for i in range(s)]
+                for a in range(n)}
+    unknowns |= {("g", row): [2 * s * n + node * m + row for node in range(p)]
+                 for row in range(m)}
+    position: dict[int, int] = {}
+    first, last = {}, {}
+    for node in structure.band_order:
+        first[node] = len(position)
+        for unknown in unknowns[node]:
+            position[unknown] = len(position)
+        last[node] = len(position) - 1
+    reach = 0
+    for nodes in structure.coupled:
+        reach = max(reach, max(last[x] for x in nodes) - min(first[x] for x in nodes))
+    return [position[u] for u in range(len(position))], reach
+
+
+def operations_of(context: dict[str, Any]) -> dict[str, dict[str, int]]:
+    """Return the operations of one call of each kernel, by its C name."""
+    return {f"{part['name']}_{k['name']}": k["operations"]
+            for parts in ("terms", "joints", "pushes") for part in context[parts]
+            for k in part["kernels"]}

@@ -1,0 +1,157 @@
+"""What all kinds of model files share: parameters, formulas, quantities, run length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import sympy as sp
+
+from ...core.errors import InputError
+from ...core.warnings import remark
+from ..parsing.grammar import UNITS
+from ..parsing.tokens import names_in, shorten
+from ..symbolic.switching_functions import Where
+from .formulas import parse_formula
+from .toml_tables import Known, Table
+
+__all__ = ["Formulas", "Numbers", "divisors", "run_length"]
+
+MAX_PARAMETERS = 200
+#: Of all formulas of a file together.
+MAX_CHARACTERS = 20_000
+
+
+class Numbers:
+    """The values of [parameters] and [inputs]; each may be a formula of those above it."""
+
+    def __init__(self, content: Table) -> None:
+        table, inputs = content.table("parameters"), content.table("inputs")
+        if len(table.content) > MAX_PARAMETERS:
+            raise content.error("parameters", f"has {len(table.content)} entries and at most "
+                                              f"{MAX_PARAMETERS} are allowed; write fewer.")
+        #: The values, and the names that other numbers of the file mention.
+        self.values = Known()
+        table.constants = inputs.constants = content.constants = self.values
+        for name in table.items():
+            table.symbol(name, name)
+            self.values[name] = table.number(name, UNITS)
+        for name in inputs.items():
+            inputs.symbol(name, name)
+            if name in self.values:
+                raise inputs.error(name, "is among [parameters] too; give it once.")
+            self.values[name] = inputs.number(name, UNITS)
+
+
+@dataclass
+class Formulas:
+    """Reads the formulas of a file in its symbols; knows the file for the messages."""
+
+    content: Table
+    numbers: Numbers
+    characters: int = 0
+    mentioned: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.parameters = {name: sp.Symbol(name, real=True) for name in self.numbers.values}
+
+    def read(
+        self, table: Table, key: str, text: str, names: Mapping[str, sp.Expr],
+        constants: Iterable[sp.Symbol] = (),
+    ) -> sp.Expr:
+        """Return the formula of a key in the names given and the file's parameters.
+
+        ``constants`` are those of the names that exponents may contain beside the parameters.
+        """
+        self.characters += len(text)
+        if self.characters > MAX_CHARACTERS:
+            raise self.content.file_error(
+                f"up to {table.where}{key}, its formulas have {self.characters} characters and at "
+                f"most {MAX_CHARACTERS} are allowed; write them shorter.")
+        self.refuse_clash(names)
+        try:
+            formula = parse_formula(text, {**self.parameters, **names},
+                                    frozenset([*self.parameters.values(), *constants]))
+            self.mentioned |= names_in(text)
+            return formula
+        except InputError as error:
+            raise table.error(key, f"is no formula: {error}") from None
+
+    def read_all(
+        self, table: Table, key: str, names: Mapping[str, sp.Expr],
+        constants: Iterable[sp.Symbol] = (), count: int | None = None,
+    ) -> list[sp.Expr]:
+        """Return the formulas of a list."""
+        return [self.read(table, f"{key}, entry {i},", text, names, constants)
+                for i, text in enumerate(table.formulas(key, count), 1)]
+
+    def quantities(
+        self, names: Mapping[str, sp.Expr], constants: Iterable[sp.Symbol] = ()
+    ) -> dict[str, sp.Expr]:
+        """Return the formulas of [quantities]."""
+        table = self.content.table("quantities")
+        return {table.symbol(name, name): self.read(table, name, table.formula(name), names,
+                                                    constants) for name in table.items()}
+
+    def refuse_clash(self, names: Mapping[str, Any]) -> None:
+        """Refuse a parameter that has the name of something else."""
+        for name in self.parameters:
+            if name in names:
+                raise self.content.file_error(
+                    f"[parameters] {name} has the name of something else in this model "
+                    f"({shorten(', '.join(names), 120)}); choose another name.")
+
+    def remark_on_unused(self) -> None:
+        """Say which parameters nothing in the file mentions."""
+        mentioned = self.mentioned | self.numbers.values.mentioned
+        for name in self.content.table("parameters").items():
+            if name not in mentioned:
+                remark(f"[parameters] {name} is in no formula and no other number of the file; "
+                       "remove it, or write it where it is meant.")
+
+    def in_use(
+        self, expressions: Iterable[sp.Expr]
+    ) -> tuple[list[sp.Symbol], dict[sp.Symbol, sp.Symbol], dict[str, float]]:
+        """Return the parameters of a system, how to rename them in formulas, and their values.
+
+        A parameter that a formula divides by is declared nonzero, and refused when it is 0. One
+        that only other numbers of the file need does not belong to the system.
+        """
+        found = list(expressions)
+        used = set().union(*(e.free_symbols for e in found))
+        below = set().union(*(divisors(e) for e in found))
+        symbols, renamed, values = [], {}, {}
+        for name, symbol in self.parameters.items():
+            if symbol not in used:
+                continue
+            values[name] = self.numbers.values[name]
+            new = sp.Symbol(name, real=True, nonzero=True) if symbol in below else symbol
+            if symbol in below and values[name] == 0:
+                raise self.content.file_error(f"[parameters] {name} is 0, and a formula divides by "
+                                              "it; write another number.")
+            symbols.append(new)
+            renamed[symbol] = new
+        return symbols, renamed, values
+
+
+def divisors(expression: sp.Expr) -> set[sp.Symbol]:
+    """Return the symbols that an expression divides by, whichever sides of conditions hold."""
+    found, left = set(), [expression]
+    while left:
+        e = left.pop()
+        if e.is_Pow and e.base.is_Symbol and e.exp.is_number and e.exp.is_negative:
+            found.add(e.base)
+        left += e.args[:2] if isinstance(e, Where) else e.args
+    return found
+
+
+def run_length(content: Table) -> dict[str, Any]:
+    """Return dt and steps of [run] and the description, for a ``Model``."""
+    run = content.table("run")
+    run.allow("dt", "steps")
+    if "dt" in run and run.number("dt") == 0:
+        raise run.error("dt", "is 0, which makes no step; write a time step in seconds.")
+    return {"dt": run.number("dt") if "dt" in run else None,
+            "steps": run.count("steps") if "steps" in run else None,
+            "description": content.text("description", "")}

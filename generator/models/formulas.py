@@ -1,0 +1,379 @@
+"""Formulas of model files: arithmetic text in named symbols, read into SymPy expressions.
+
+The grammar is that of ``grammar`` with the functions below and the constant pi. Decimals are read
+exactly: 0.1 is 1/10. Constants are computed by ``bounded_numbers``; a formula is bounded by the
+length of its text, by its exponents, by the digits of its coefficients and by the number of terms
+it would have if it were multiplied out, all checked before SymPy is asked for anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from types import MappingProxyType
+from typing import Any
+
+import sympy as sp
+from mpmath import mp
+
+from ...core.errors import InputError
+from ...core.exact_numbers import Rounded, exact
+from ..parsing import bounded_numbers as numbers
+from ..parsing.bounded_numbers import Value, rational
+from ..parsing.grammar import parse_quantity
+from ..parsing.tokens import RefusedError, shorten
+from ..symbolic import switching_functions
+from ..symbolic.numeric_evaluation import as_rational
+
+__all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
+
+MAX_EXPONENT = 64
+MAX_TERMS = 5000
+MAX_BITS = 12_000
+#: Quotients, roots, powers and functions inside one another: derivatives and discrete gradients
+#: grow exponentially with it.
+MAX_LEVEL = 5  # beside one another, the sides of an if(...) do not count
+#: Of the argument of a function of a constant.
+MAX_ARGUMENT = 1000
+#: Bits of the integers into which SymPy turns a fractional power of a number: 12**(7/9) becomes
+#: 2**(5/9)*18**(1/3), and 12**0.7777777777 would need a number of 10^10 bits. It then looks for
+#: their factors, which takes seconds from 20,000 bits on unless division by small primes finds all.
+MAX_ROOT_BITS = 10_000
+MAX_SMOOTH_ROOT_BITS = 1_000_000
+_SMALL_PRIMES = 1000
+
+#: Name → the function and its number of arguments; −2: two or more.
+FUNCTIONS: Mapping[str, tuple[Callable[..., sp.Expr], int]] = MappingProxyType({
+    "sqrt": (sp.sqrt, 1), "exp": (sp.exp, 1), "log": (sp.log, 1),
+    "sin": (sp.sin, 1), "cos": (sp.cos, 1), "tan": (sp.tan, 1),
+    "asin": (sp.asin, 1), "acos": (sp.acos, 1), "atan": (sp.atan, 1), "atan2": (sp.atan2, 2),
+    "sinh": (sp.sinh, 1), "cosh": (sp.cosh, 1), "tanh": (sp.tanh, 1),
+    "abs": (sp.Abs, 1), "sign": (sp.sign, 1), "heaviside": (switching_functions.heaviside, 1),
+    "min": (switching_functions.smallest, -2), "max": (switching_functions.largest, -2),
+    "floor": (sp.floor, 1), "mod": (switching_functions.remainder, 2),
+    "if": (switching_functions.Where, 3),
+})
+CONSTANTS: Mapping[str, sp.Expr] = MappingProxyType({"pi": sp.pi})
+
+#: What a formula may consist of once SymPy has evaluated it.
+_KNOWN = frozenset([sp.exp, sp.log, sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan, sp.atan2,
+                    sp.sinh, sp.cosh, sp.tanh, sp.cot, sp.coth, sp.Abs, sp.sign, sp.floor,
+                    switching_functions.Where, switching_functions.Min, switching_functions.Max])
+
+
+@dataclass(frozen=True)
+class _Term:
+    """A formula, or a constant, with what bounds the next operation on it."""
+
+    expression: sp.Expr
+    constant: Value | None  # None for a formula
+    bits: int
+    terms: int
+    level: int = 0  # of quotients, roots and functions inside one another
+
+
+@dataclass(frozen=True)
+class _Condition:
+    """A condition, or whether it holds, with the formulas that it compares."""
+
+    chooser: switching_functions.Chooser
+    known: bool | None  # None where it depends on symbols
+    compared: tuple[_Term, ...]
+
+
+def parse_formula(
+    text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol] = frozenset()
+) -> sp.Expr:
+    """Return the formula that a text says, e.g. "m*g*l*cos(theta)".
+
+    Parameters
+    ----------
+    text : str
+        In the grammar of ``grammar``.
+    names : mapping
+        What each name stands for, beside the functions and pi.
+    exponents : set of Symbol
+        The symbols that may occur in an exponent, beside numbers from −64 to 64: parameters.
+
+    Raises
+    ------
+    InputError
+        With the position and the cure, for whatever is no formula, or one too large to derive a
+        stepper from.
+    """
+    return _parsed(text, names, exponents, {})
+
+
+def _parsed(
+    text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol],
+    units: Mapping[str, str],
+) -> sp.Expr:
+    arithmetic = _Formulas({**CONSTANTS, **names}, exponents)
+    formula = parse_quantity(text, arithmetic, "a formula such as m*g*z", units).expression
+    for number in formula.atoms(sp.Rational):
+        if number != 0 and abs(int(number.p).bit_length() - int(number.q).bit_length()) > 1000:
+            raise InputError(f"The formula {shorten(text)!r} contains a number of size "
+                             f"{sp.N(number, 3)}, which no double can hold; choose other units.")
+    return formula
+
+
+def parse_number(
+    text: str, values: Mapping[str, float] = MappingProxyType({}),
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> float:
+    """Return the number that a text says, e.g. "pi/6" or "2*r", with the values of other names.
+
+    It is a double that knows more digits than any type has. ``units`` are those of ``grammar`` that
+    it may have: "30 deg" is pi/6.
+
+    Raises
+    ------
+    InputError
+        With the position and the cure, for whatever is no finite number.
+    """
+    names = {name: as_rational(value) for name, value in values.items()}
+    number = exact(_parsed(text, names, frozenset(), units))
+    return Rounded(number) if isinstance(number, Fraction) else math.nan
+
+
+class _Formulas:
+    """SymPy expressions; each operation is checked before it is carried out."""
+
+    functions: Mapping[str, int] = MappingProxyType({n: count for n, (_, count)
+                                                     in FUNCTIONS.items()})
+
+    def __init__(self, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol]) -> None:
+        self.names = names
+        self.exponents = exponents
+
+    def literal(self, digits: int, exponent: int) -> _Term:
+        return _constant(rational(sp.Integer(digits) * sp.Integer(10) ** exponent))
+
+    def named(self, name: str) -> _Term:
+        expression = self.names[name]
+        if expression.is_number:
+            return _constant(numbers.named(expression))
+        return _Term(expression, None, 1, len(sp.Add.make_args(expression)))
+
+    def add(self, terms: Sequence[_Term]) -> _Term:
+        known = [t.constant for t in terms if t.constant is not None]
+        if len(known) == len(terms):
+            return _constant(numbers.add(known))
+        return _formula(terms, 0, sum(t.terms for t in terms), sp.Add)
+
+    def multiply(self, factors: Sequence[_Term]) -> _Term:
+        known = [f.constant for f in factors if f.constant is not None]
+        if len(known) == len(factors):
+            return _constant(numbers.multiply(known))
+        return _formula(factors, 0, math.prod(f.terms for f in factors), sp.Mul)
+
+    def negative(self, value: _Term) -> _Term:
+        return self.multiply([_constant(rational(sp.Integer(-1))), value])
+
+    def reciprocal(self, value: _Term) -> _Term:
+        if value.constant is not None:
+            return _constant(numbers.reciprocal(value.constant))
+        return _formula([value], 1, value.terms, lambda e: 1 / e)
+
+    def power(self, base: _Term, exponent: _Term) -> _Term:
+        self.check_exponent(exponent)
+        e = exponent.expression
+        _refuse_long_root(base.expression, e)
+        if base.constant is not None:
+            if e.is_Rational and e.q <= 2:
+                return _constant(numbers.power(base.constant, rational(e)))
+            if not _number(base.constant) > 0:
+                raise RefusedError(
+                    f"{shorten(str(base.expression))} has no power {shorten(str(e))}; write a "
+                    "base above 0, or an integer exponent"
+                )
+            if exponent.constant is not None:
+                return self.evaluated(sp.Pow, mp.power, [base.constant, exponent.constant])
+        size = math.floor(abs(_number(exponent.constant))) if exponent.constant is not None else 1
+        terms = math.comb(base.terms + size - 1, size)
+        product = replace(base, bits=base.bits * max(size, 1))
+        more = 0 if e.is_Integer and e >= 0 else 1 if e.is_Rational else 2
+        return _formula([product, exponent], more, terms, sp.Pow)
+
+    def check_exponent(self, exponent: _Term) -> None:
+        e = exponent.expression
+        if exponent.constant is None:
+            strange = sorted(map(str, e.free_symbols - self.exponents))
+            if strange:
+                raise RefusedError(
+                    f"The exponent depends on {strange[0]}; write numbers and parameters alone "
+                    "there, or use exp and log"
+                )
+        elif abs(_number(exponent.constant)) > MAX_EXPONENT:
+            raise RefusedError(
+                f"The exponent {shorten(str(e), 20)} is not within ±{MAX_EXPONENT}; lower it"
+            )
+
+    def call(self, function: str, arguments: Sequence[_Term]) -> _Term:
+        known = [a.constant for a in arguments if a.constant is not None]
+        make, _ = FUNCTIONS[function]
+        if function == "exp":  # SymPy makes exp(c*log(x)) the power x**c
+            for term in sp.Add.make_args(arguments[0].expression):
+                factor, logarithm = term.as_coeff_Mul()
+                if logarithm.func is sp.log:
+                    self.check_exponent(_constant(rational(factor)))
+                    _refuse_long_root(logarithm.args[0], factor)
+        if function == "mod" and arguments[1].constant is not None:
+            numbers.reciprocal(arguments[1].constant)  # refused for zero
+        if len(known) < len(arguments):
+            return _formula(arguments, 1, sum(a.terms for a in arguments), make)
+        if function in numbers.FUNCTIONS:
+            return _constant(numbers.FUNCTIONS[function](*known))
+        return self.evaluated(make, getattr(mp, function), known)
+
+    # ------------------------------------------------------------ conditions
+
+    def compare(self, sign: str, a: _Term, b: _Term) -> _Condition:
+        chooser = switching_functions.COMPARISONS[sign](a.expression, b.expression)
+        if a.constant is None or b.constant is None:
+            return _Condition(chooser, None, (a, b))
+        order = sp.Integer(numbers.order(a.constant, b.constant))
+        compare = switching_functions.COMPARISONS[sign]
+        holds = compare(order, sp.Integer(0))(sp.Integer(1), sp.Integer(0))
+        return _Condition(chooser, holds == 1, ())
+
+    def join(self, word: str, conditions: Sequence[_Condition]) -> _Condition:
+        ends = word == "or"  # what one of them alone decides
+        if any(c.known is ends for c in conditions):
+            return _Condition(conditions[0].chooser, ends, ())
+        left = [c for c in conditions if c.known is None]
+        if not left:
+            return _Condition(conditions[0].chooser, not ends, ())
+        together = switching_functions.some if ends else switching_functions.every
+        return _Condition(together([c.chooser for c in left]), None,
+                          tuple(t for c in left for t in c.compared))
+
+    def choose(self, condition: _Condition, yes: _Term, no: _Term) -> _Term:
+        if condition.known is not None:
+            return yes if condition.known else no
+        parts = (*condition.compared, yes, no)
+        return _formula(parts, 0, sum(a.terms for a in parts),
+                        lambda *made: condition.chooser(*made[-2:]))
+
+    def evaluated(
+        self, make: Callable[..., sp.Expr], number: Callable[..., Any], arguments: list[Value]
+    ) -> _Term:
+        """Return a function of constants, which must be a real number."""
+        places = [_number(a) for a in arguments]
+        if any(abs(x) > MAX_ARGUMENT for x in places):
+            raise RefusedError(
+                f"A function of {mp.nstr(max(places, key=abs), 5)} is asked for, which is not "
+                f"within ±{MAX_ARGUMENT}; work the number out"
+            )
+        with mp.workdps(100):
+            try:
+                value = number(*places)
+            except (ValueError, ZeroDivisionError):
+                value = mp.nan
+            if isinstance(value, mp.mpc) or not mp.isfinite(value) or abs(value) > mp.mpf(10)**50:
+                raise RefusedError(
+                    f"This function of {', '.join(mp.nstr(x, 5) for x in places)} is no real "
+                    "number of moderate size; write another argument"
+                )
+        bits = sum(a.bits for a in arguments) + 1
+        level = max(a.level for a in arguments) + 1
+        if level > numbers.MAX_LEVEL or bits > MAX_BITS:
+            raise RefusedError("This constant is too long; work it out and write a decimal")
+        exact = make(*(a.exact for a in arguments))
+        if exact.is_Rational:
+            return _constant(rational(exact))
+        _refuse_rough(exact)
+        return _constant(Value(exact, numbers.INTERVAL.mpf(mp.nstr(value, 95)) * numbers.NEARLY_ONE,
+                               bits, level))
+
+
+def _constant(value: Value) -> _Term:
+    return _Term(value.exact, value, value.bits, 1)
+
+
+def _number(value: Value) -> Any:
+    """Return a constant to 90 digits."""
+    with mp.workdps(100):
+        if value.is_rational:
+            return mp.mpf(int(value.exact.p)) / int(value.exact.q)
+        return mp.mpf(value.interval.mid)
+
+
+def _formula(
+    arguments: Sequence[_Term], more: int, terms: int, operation: Callable[..., sp.Expr]
+) -> _Term:
+    """Carry out an operation once its bounds are found good; the outcome may be a constant.
+
+    ``more`` is by how much the level rises above that of the arguments, ``terms`` how many there
+    would be, were the outcome multiplied out.
+    """
+    bits = sum(a.bits + 1 for a in arguments)
+    level = max(a.level for a in arguments) + more
+    if level > MAX_LEVEL:
+        raise RefusedError(
+            f"More than {MAX_LEVEL} quotients, roots and functions lie inside one another here; "
+            "simplify the formula"
+        )
+    if bits > MAX_BITS:
+        raise RefusedError(
+            f"The coefficients of this formula may need {bits} bits and at most {MAX_BITS} are "
+            "allowed; lower its powers or round its numbers"
+        )
+    if terms > MAX_TERMS:
+        raise RefusedError(
+            f"Multiplied out, this has {terms if terms < 10**9 else 'over 10^9'} terms and at most "
+            f"{MAX_TERMS} are allowed; lower its powers"
+        )
+    result = operation(*(a.expression for a in arguments))
+    _refuse_rough(result)
+    for factor in sp.Mul.make_args(result):
+        e = factor.exp if factor.is_Pow else sp.Integer(1)
+        if e.is_number and abs(e) > MAX_EXPONENT:
+            raise RefusedError(
+                f"This is the power {shorten(str(e), 20)} of {shorten(str(factor.base), 30)}, "
+                f"which is not within ±{MAX_EXPONENT}; lower it"
+            )
+    if result.is_number:
+        return _constant(numbers.named(result))
+    return _Term(result, None, bits, terms, level)
+
+
+def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
+    """Refuse a fractional power of numbers whose exponent has many digits."""
+    if not exponent.is_Rational or exponent.q <= 2:
+        return
+    for factor in sp.Mul.make_args(base):
+        if not factor.is_number:
+            continue
+        roots = [e.exp.q for e in factor.atoms(sp.Pow) if e.exp.is_Rational]
+        found = [x for x in factor.atoms(sp.Rational) if x not in (1, -1)]
+        bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) for x in found)
+        most = MAX_SMOOTH_ROOT_BITS if all(map(_is_smooth, found)) else MAX_ROOT_BITS
+        if bits * exponent.q * math.prod(roots) > most:
+            raise RefusedError(
+                f"The exponent {shorten(str(sp.N(exponent, 10)), 20)} of the number "
+                f"{shorten(str(factor), 30)} has too many digits; work the number out, or round "
+                "the exponent"
+            )
+
+
+def _is_smooth(x: sp.Rational) -> bool:
+    """Whether a number is made of small primes."""
+    rest = abs(int(x.p)) * int(x.q)
+    for divisor in range(2, _SMALL_PRIMES):
+        while rest and rest % divisor == 0:
+            rest //= divisor
+    return rest <= 1
+
+
+def _refuse_rough(result: sp.Expr) -> None:
+    """Refuse what is not real, not finite or not known, as SymPy found out."""
+    if result.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
+        raise RefusedError("This is not a real number for any value of its symbols; write another "
+                           "argument")
+    strange = sorted({type(f).__name__ for f in result.atoms(sp.Function) if f.func not in _KNOWN})
+    if strange:
+        raise RefusedError(f"This is {shorten(str(result), 40)}, and {strange[0]} is not known "
+                           "here; write it another way")

@@ -1,0 +1,239 @@
+"""A user's own model, read from a TOML file, or a robot from URDF (``urdf``).
+
+A body with a fixed point, ``single_body_file``:
+
+    name = "satellite"
+    potential = "3*mu/(2*r**3)*(I1*R31**2 + I2*R32**2 + I3*R33**2)"
+    [body]
+    inertia = [1.0, 2.0, 3.0]
+    [parameters]
+    mu = 3.986e14
+    r = 7e6
+    [start]
+    euler = [0, "30 deg", 0]
+    angular_velocity = [0, 0, 0.001]
+    [run]
+    dt = 10
+    steps = 1000
+
+or any holonomic Hamiltonian system, ``system_file``:
+
+    name = "pendulum"
+    [system]
+    coordinates = ["x", "y"]
+    momenta = ["px", "py"]
+    hamiltonian = "(px**2 + py**2)/(2*m) + m*g*y"
+    constraints = ["x**2 + y**2 - l**2"]
+    [parameters]
+    m = 1
+    g = 9.81
+    l = 0.5
+    [start]
+    q = [0.5, 0]
+    p = [0, 0]
+    [events]
+    bottom = "x=0 up"
+
+or several bodies with joints, ``multibody_file``. With ``frame = "symmetries"`` its steppers have
+co-moving frames. Formulas are read by ``formulas``;
+wherever a number stands, a text such as "pi/6" may stand too, and an angle or a rate in text may
+have a unit. ``description``, ``[run]``, ``[quantities]``, ``[events]`` and forces may be left out.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from ...core.arguments import as_path, choose, listed, proposal, shown
+from ...core.errors import InputError
+from ...core.event import Event, event_of_text
+from ...core.inertia import REPS, RepName
+from ...core.registry import FRAMES, SYSTEMS
+from ...core.warnings import listening, remark
+from ..multibody.model import Model
+from ..parsing.grammar import UNITS
+from ..parsing.reserved_names import KEYWORDS
+from ..parsing.text_file import is_urdf, model_text
+from .common_tables import Formulas, Numbers
+from .multibody_file import read_bodies
+from .robots import read_loops
+from .single_body_file import read_body
+from .system_file import read_system
+from .toml_tables import Table, load_toml
+from .urdf import read_settings
+
+__all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
+
+NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+
+#: The table that tells a kind of model → what reads it.
+KINDS: Mapping[str, Callable[[Table, str, Formulas, str | None], Model]] = {
+    "body": read_body,
+    "system": read_system,
+    "bodies": read_bodies,
+}
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """What a file says.
+
+    Attributes
+    ----------
+    model : Model
+        The system with its numbers.
+    free : list of str
+        The parameters that no other number of the file mentions: another value changes nothing
+        else.
+    """
+
+    model: Model
+    free: list[str]
+
+
+def load_model(path: str | Path, rep: RepName | None = None) -> Model:
+    """Return the model of a TOML file, or of a URDF file.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 256 KiB of UTF-8; URDF 1 MiB.
+    rep : {"gamma", "alpha"}, optional
+        Takes the place of the file's ``[body] rep``.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    file = as_path("path", path, "top.toml")
+    chosen = None if rep is None else choose("representation", rep, REPS)
+    return parse_model(model_text(file), file, chosen)
+
+
+def parse_model(text: str, path: str | Path, rep: str | None = None) -> Model:
+    """Return the model of a text that was read from a file; see ``load_model``."""
+    return read_model(text, path, rep).model
+
+
+def read_model(
+    text: str, path: str | Path, rep: str | None = None,
+    settings: Mapping[str, str] = MappingProxyType({}),
+) -> ModelFile:
+    """Return what a text says that was read from a file, with other values for some of its keys.
+
+    A key of ``settings`` is a parameter, or a table and a key: ``"start.euler"``; a value is text
+    as it would stand in the file, quotes left out.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure, for whatever in the file is no model.
+    """
+    with listening() as heard:
+        found = _read(text, path, rep, settings)
+    for said in dict.fromkeys(heard):
+        remark(f"In the model file {str(path)!r}: {said}")
+    return found
+
+
+def _read(
+    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
+) -> ModelFile:
+    if is_urdf(path):
+        own = dict(settings)
+        loops = read_loops(own.pop("loops")) if "loops" in own else None
+        build = read_settings(text, path, rep, own, loops.close if loops else None)
+        return ModelFile(loops.model(build) if loops else build.model(), [])
+    content = load_toml(text, Path(path))
+    for key, value in settings.items():
+        _set(content, key, value)
+    kinds = [kind for kind in KINDS
+             if kind in content or (kind == "bodies" and "point_masses" in content)]
+    shown = ", ".join(f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS)
+    if len(kinds) != 1:
+        found = " and ".join(f"[{kind}]" for kind in kinds) or "neither of them"
+        raise content.file_error(
+            f"it must have one table among {shown} and has {found}; write one.")
+    content.require("name", *(() if kinds == ["bodies"] else ("start",)))
+    formulas = Formulas(content, Numbers(content))
+    try:
+        model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
+        model = _with_events(model, content)
+        if "frame" in content:
+            model = replace(model, frame=content.choice("frame", FRAMES, ""))
+        formulas.remark_on_unused()
+        mentioned = formulas.numbers.values.mentioned
+        return ModelFile(model, [name for name in model.parameters if name in content.table(
+            "parameters") and name not in mentioned])
+    except InputError as error:
+        if str(error).startswith("The model file"):
+            raise
+        raise content.file_error(str(error)) from None
+
+
+def _with_inputs(model: Model, content: Table) -> Model:
+    """Return the model with what [inputs] names as inputs; their values are those by default."""
+    known = {str(x): x for x in model.system.parameters}
+    table = content.table("inputs")
+    for name in table.items():
+        if name not in known:
+            raise table.error(name, "is in no force; write it where it acts, or remove it.")
+    inputs = tuple(known[name] for name in table.items())
+    return replace(model, system=replace(model.system, inputs=inputs)) if inputs else model
+
+
+def _with_events(model: Model, content: Table) -> Model:
+    """Return the model with what [events] looks for."""
+    table = content.table("events")
+
+    def read(name: str) -> Event:
+        def level(text: str) -> float:
+            return Table({name: text}, table.where, table.file_error, table.constants).number(
+                name, UNITS)
+
+        return event_of_text(table.text(name), table.symbol(name, name), level)
+
+    return replace(model, events=[read(name) for name in table.items()])
+
+
+def _name(content: Table) -> str:
+    name = content.text("name")
+    if not NAME.fullmatch(name) or name in KEYWORDS:
+        raise content.error("name", f"is {name!r}; write at most 40 lower case letters, digits and "
+                                    "'_', with a letter first, and no keyword of C.")
+    if name in SYSTEMS:
+        raise content.error("name", f"is {name!r}, which is a built-in system; choose another.")
+    return name
+
+
+def _set(content: Table, key: str, value: str) -> None:
+    """Put a value in place of the file's, or beside its others."""
+    *path, last = key.split(".") if "." in key else ("parameters", key)
+    table: Any = content.content
+    for part in path:
+        if isinstance(table, list):  # [[bodies]] and their like, by name
+            table = next((one for one in table if isinstance(one, dict)
+                          and one.get("name") == part), None)
+        else:
+            table = table.get(part) if isinstance(table, dict) else None
+    known = list(content.table("parameters").content)
+    if not isinstance(table, dict) or ("." not in key and last not in known):
+        raise content.file_error(
+            f"it has no {shown(key)} to set; choose {listed(known or ['none of its parameters'])}, "
+            f"or a table and a key, such as start.euler{proposal(key, known)}.")
+    table[last] = _value(value)
+
+
+def _value(text: str) -> Any:
+    """Return a value as TOML has it; a formula needs no quotes."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
+    except (ValueError, RecursionError):
+        return text

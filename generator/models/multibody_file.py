@@ -1,0 +1,317 @@
+"""The model file of several bodies: [[bodies]], [[joints]], [[forces]], gravity.
+
+    name = "double_top"
+    [[bodies]]
+    name = "upper"
+    mass = 1
+    inertia = [0.1, 0.1, 0.02]
+    position = [0, 0, 0.5]
+    angular_velocity = [0, 0, 50]
+    [[bodies]]
+    name = "lower"
+    mass = 1
+    inertia = [0.1, 0.1, 0.02]
+    position = [0, 0, 1.5]
+    [[joints]]
+    name = "foot"
+    type = "fixed_point"
+    bodies = ["upper"]
+    at = [0, 0, 0]
+    [[joints]]
+    name = "hip"
+    type = "ball"
+    bodies = ["upper", "lower"]
+    at = [0, 0, 1]
+
+What the keys mean is told by ``multibody``. Formulas know, for a body named a, a_q0..a_q3, a_x,
+a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_omega3 (body axes)
+and t, beside the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
+Points with mass stand in [[point_masses]] with name, mass, position and velocity; wheels in
+[[rotors]] with name, bodies, mass, inertia = [along, across], axis, at or on_body, and rate: its
+bearing is the joint NAME_bearing. ``axis`` is in space at the start, ``axis_on_body`` in the axes
+of the first body. What acts on joints has ``joints`` in place of bodies:
+
+    [[joints]]
+    name = "mesh"
+    type = "gear"
+    joints = ["first", "second"]
+    teeth = [17, 43]
+    [[forces]]
+    name = "drive"
+    type = "motor"
+    joints = ["first"]
+    torque = "2 - 0.1*first_rate"
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
+from typing import Any, cast
+
+import sympy as sp
+
+from ...core.errors import InputError
+from ...core.inertia import REPS, RepName
+from ...core.warnings import remark
+from ..multibody.body import Body, Frame, Particle
+from ..multibody.connections import AXES
+from ..multibody.connections import JOINTS as KINDS
+from ..multibody.initial_poses import Attitude
+from ..multibody.model import Model
+from ..multibody.multibody import Multibody
+from ..parsing.grammar import ANGLES, RATES
+from .common_tables import Formulas, run_length
+from .single_body_file import ATTITUDES, inertia_numbers, read_attitude
+from .toml_tables import Table
+
+__all__ = ["finished", "join", "read_bodies", "telling"]
+
+MAX_BODIES = 100
+POINTS = ("on_a", "on_b")
+
+#: Type of a joint → all arguments of the method that makes it.
+JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters
+          for kind in (*KINDS, "gear", "couple")}
+#: Type of a force → the keys it takes beside name, type and bodies, or joints.
+FORCES = {
+    "spring": ("stiffness", "length", "damping", *POINTS),
+    "force": ("force", "on_body"),
+    "torque": ("torque",),
+    "joint_spring": ("stiffness", "damping", "rest"),
+    "motor": ("torque", "force"),
+}
+#: Types that act on so many joints.
+ON_JOINTS = {"gear": 2, "couple": 2, "joint_spring": 1, "motor": 1}
+#: Keys whose text may have a unit.
+WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "angle": ANGLES}
+
+
+def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+    """Return the model of a file with [[bodies]]; ``rep`` takes the place of every body's.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure; for redundant constraints with a smallest set to leave out.
+    """
+    content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "joints",
+                  "forces", "gravity", "potential", "without", "redundant", "parameters", "inputs",
+                  "run", "quantities", "points", "drives", "events")
+    gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
+    builder = Multibody(name, gravity=gravity, **run_length(content))
+    bodies = _bodies(content, builder, rep)
+    for kind, make in (("point_masses", _point_mass), ("rotors", _rotor)):
+        for table in content.tables(kind):
+            bodies[table.text("name", "")] = telling(table, partial(make, builder, bodies), table)
+    points = content.tables("points")
+    if points:
+        _parameters(builder, formulas)
+    for table in points:
+        bodies |= {table.text("name", ""): telling(
+            table, lambda table: _point(builder, table, formulas), table)}
+    for table in content.tables("joints"):
+        telling(table, lambda table: join(builder, bodies, table), table)
+    place, motion = _names(builder, bodies, formulas.parameters)
+    if not points:
+        _parameters(builder, formulas)
+    for table in content.tables("drives"):
+        telling(table, lambda table: _drive(builder, table, formulas), table)
+    for table in content.tables("forces"):
+        telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
+    if "potential" in content:
+        time = {} if "t" in formulas.parameters else {"t": builder.time}
+        builder.potential(formulas.read(content, "potential", content.formula("potential"),
+                                        place | time))
+    for key, e in formulas.quantities(motion).items():
+        builder.quantity(key, e)
+    return finished(builder, content)
+
+
+def finished(builder: Multibody, content: Table) -> Model:
+    """Return the model, without the redundant constraints that the file says."""
+    redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
+    model = builder.model(without=content.strings("without"), redundant=cast("Any", redundant))
+    if builder.redundancy and builder.redundancy.left_out:
+        remark(f"{builder.redundancy} They are left out, as the file asks.")
+    return model
+
+
+def _parameters(builder: Multibody, formulas: Formulas) -> None:
+    for parameter, value in formulas.numbers.values.items():
+        builder.parameter(parameter, value)
+
+
+def _point(builder: Multibody, table: Table, formulas: Formulas) -> Frame:
+    """Return a point of the ground that moves."""
+    table.allow("name", "path")
+    table.require("name", "path")
+    path = formulas.read_all(table, "path", {"t": builder.time}, count=3)
+    return builder.moving_point(table.symbol("name", table.text("name")), path)
+
+
+def _drive(builder: Multibody, table: Table, formulas: Formulas) -> None:
+    """Add a drive, whose angle is a formula of t."""
+    table.allow("name", "joint", "angle")
+    table.require("name", "joint", "angle")
+    law = formulas.read(table, "angle", table.formula("angle"), {"t": builder.time})
+    builder.drive(table.symbol("name", table.text("name")), table.text("joint"), angle=law)
+
+
+def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Frame]:
+    tables = content.tables("bodies")
+    count = len(tables) + sum(len(content.tables(kind)) for kind in ("point_masses", "rotors"))
+    if not 1 <= count <= MAX_BODIES:
+        raise content.error("bodies", f"has {count} tables with point_masses and rotors; write 1 "
+                                      f"to {MAX_BODIES}.")
+    found: dict[str, Frame] = {"ground": builder.ground}
+    for table in tables:
+        table.allow("name", "mass", "inertia", "rep", *REPS, "position", *ATTITUDES, "velocity",
+                    "angular_velocity")
+        table.require("name", "mass", "inertia")
+        name = table.symbol("name", table.text("name"))
+        found[name] = telling(table, lambda table: _body(builder, table, rep), table)
+    return found
+
+
+def _body(builder: Multibody, table: Table, rep: str | None) -> Body:
+    chosen = table.choice("rep", REPS, "gamma") if rep is None else rep
+    vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
+    if "angular_velocity" in table:
+        vectors["angular_velocity"] = table.vector("angular_velocity", 3, RATES)
+    q = read_attitude(table)
+    return builder.body(
+        table.text("name"), mass=table.number("mass"), inertia=inertia_numbers(table),
+        rep=cast("RepName", chosen), weight=table.number(chosen) if chosen in table else None,
+        rotation=None if q is None else Attitude(q), **cast("dict[str, Any]", vectors),
+    )
+
+
+def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
+    """Add a point with mass."""
+    table.allow("name", "mass", "position", "velocity")
+    table.require("name", "mass")
+    vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
+    return builder.point_mass(table.symbol("name", table.text("name")), mass=table.number("mass"),
+                              **cast("dict[str, Any]", vectors))
+
+
+def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
+    """Add a wheel on a body; its bearing is a joint that motors may name."""
+    table.allow("name", "bodies", "mass", "inertia", *AXES, "at", "on_body", "rate")
+    table.require("name", "bodies", "mass", "inertia")
+    vectors = {key: table.vector(key, 3) for key in (*AXES, "at", "on_body") if key in table}
+    return builder.rotor(
+        table.symbol("name", table.text("name")), *_frames(table, bodies, 1),
+        mass=table.number("mass"), inertia=table.vector("inertia", 2),
+        rate=table.number("rate", RATES) if "rate" in table else 0.0,
+        **cast("dict[str, Any]", vectors))
+
+
+def telling(table: Table, build: Callable[[Table], Any], argument: Table) -> Any:
+    """Call a builder and say which table its refusal belongs to."""
+    try:
+        return build(argument)
+    except InputError as problem:
+        if str(problem).startswith("The model file"):
+            raise
+        raise table.file_error(f"{table.where}{problem}") from None
+
+
+def _names(
+    builder: Multibody, bodies: Mapping[str, Frame], taken: Collection[str]
+) -> tuple[dict[str, sp.Expr], dict[str, sp.Expr]]:
+    """Return what formulas of the place know, and those of the motion."""
+    place: dict[str, sp.Expr] = {}
+    motion: dict[str, sp.Expr] = {"t": builder.time}
+    for name, body in bodies.items():
+        if isinstance(body, Particle):
+            place |= {str(x): x for x in body.x}
+            motion |= {str(x): x for x in body.p_x}
+        elif isinstance(body, Body):
+            R = body.rotation
+            place |= {str(x): x for x in (*body.q, *body.x)}
+            place |= {f"{name}_R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
+            motion |= {str(x): x for x in (*body.p, *body.p_x)}
+            motion |= {f"{name}_omega{i}": e for i, e in enumerate(body.angular_velocity, 1)}
+    for what, symbols in builder.measured(taken).items():
+        (place if what in ("angle", "travel") else motion).update(symbols)
+    return place, place | motion
+
+
+def join(
+    builder: Multibody, bodies: Mapping[str, Frame], table: Table,
+    told: Callable[[dict[str, Any]], dict[str, Any]] = dict,
+) -> None:
+    """Call the method of the joint's type with the keys of its table, as ``told`` has them."""
+    keys = {kind: {key: one for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
+            for kind, parameters in JOINTS.items()}
+    kind = _kind(table, {kind: tuple(found) for kind, found in keys.items()})
+    table.require("name", *(key for key, one in keys[kind].items() if one.default is one.empty))
+    ends: Sequence[Frame | str] = (
+        _joints(table, kind) if kind in ON_JOINTS else
+        _frames(table, bodies, 2 if "b" in JOINTS[kind] else 1))
+    values = {key: table.vector(key, 3) if "ArrayLike" in str(one.annotation) else
+              table.vector(key, 2) if "tuple" in str(one.annotation) else
+              table.number(key, WITH_UNITS.get(key, {}))
+              for key, one in keys[kind].items() if key in table}
+    getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **told(values))
+
+
+def _force(
+    builder: Multibody, bodies: Mapping[str, Frame], table: Table, formulas: Formulas,
+    motion: Mapping[str, sp.Expr],
+) -> None:
+    kind = _kind(table, FORCES)
+    points = {key: table.vector(key, 3) for key in ("on_body", *POINTS) if key in table}
+    if kind == "motor":
+        table.require("name")
+        efforts = {key: formulas.read(table, key, table.formula(key), motion)
+                   for key in FORCES[kind] if key in table}
+        builder.motor(table.symbol("name", table.text("name")), *_joints(table, kind), **efforts)
+        return
+    if kind in ("spring", "joint_spring"):
+        table.require("name", *(["stiffness"] if kind == "spring" else []))
+        numbers = {key: table.number(key) for key in FORCES[kind] if key in table
+                   and key not in POINTS}
+        ends: Sequence[Frame | str] = (
+            _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
+        getattr(builder, kind)(table.symbol("name", table.text("name")), *ends,
+                               **numbers, **points)
+        return
+    table.require(kind)
+    (body,) = _frames(table, bodies, 1)
+    if not isinstance(body, Body):
+        raise table.error("bodies", "is the ground, which nothing moves; name a body.")
+    entries = formulas.read_all(table, kind, motion, count=3)
+    getattr(builder, kind)(body, entries, **points)
+
+
+def _kind(table: Table, kinds: Mapping[str, tuple[str, ...]]) -> str:
+    """Return the type of a joint or force, its keys checked."""
+    table.require("type")
+    kind = table.choice("type", tuple(kinds), "")
+    ends = "joints" if kind in ON_JOINTS else "bodies"
+    table.require(ends)
+    table.allow("name", "type", ends, *kinds[kind])
+    return kind
+
+
+def _joints(table: Table, kind: str) -> list[str]:
+    """Return the names of the joints that something acts on."""
+    names = table.strings("joints")
+    if len(names) != ON_JOINTS[kind]:
+        raise table.error("joints", f"has {len(names)} names; write {ON_JOINTS[kind]}.")
+    return names
+
+
+def _frames(table: Table, bodies: Mapping[str, Frame], count: int) -> list[Frame]:
+    names = table.strings("bodies")
+    if len(names) != count:
+        raise table.error("bodies", f"has {len(names)} names; write {count}.")
+    for name in names:
+        if name not in bodies:
+            raise table.error("bodies", f"names {name!r}, which is none of "
+                                        f"{', '.join(bodies)}; correct it.")
+    return [bodies[name] for name in names]

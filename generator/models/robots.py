@@ -1,0 +1,186 @@
+"""Robots: a URDF file, and a TOML file of the joints that close its loops.
+
+    [[joints]]
+    name = "closing"
+    type = "revolute"
+    bodies = ["coupler", "base"]
+    on_a = [0.8, 0, 0]
+    on_b = [1, 0, 0]
+    axis = [0, 0, 1]
+    redundant = "leave out"
+
+``bodies`` are links; ``on_a``, ``on_b`` and ``on_body`` are in the frames of these, ``axis`` and
+``axis_a`` in that of the first, ``axis_b`` in that of the second, ``at`` in space at the start. All
+else, and ``without`` and ``redundant``, as in a model file (``multibody_file``). The start is moved
+to where the loops are closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core.arguments import as_path
+from ...core.errors import InputError
+from ...core.inertia import RepName
+from ..multibody.body import GROUND
+from ..multibody.model import Model
+from ..multibody.multibody import Multibody
+from ..parsing.text_file import model_text
+from .multibody_file import finished, join, telling
+from .toml_tables import Table, load_toml
+from .urdf import parse_urdf
+from .urdf_robot import HERE
+from .urdf_tree import Mount
+
+__all__ = ["Loops", "load_urdf", "read_loops", "read_urdf"]
+
+#: Keys of a joint → of which of its links they are told.
+_POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
+_AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
+
+
+def read_urdf(
+    path: str | Path, *, base: Literal["fixed", "floating"] = "fixed",
+    angles: Mapping[str, float | str] | None = None,
+    rates: Mapping[str, float | str] | None = None,
+    ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
+    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
+    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
+    rep: RepName = "gamma", loops: str | Path | None = None,
+) -> Multibody:
+    """Return the bodies and joints of a URDF file, to which more can be added.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 1 MiB of UTF-8; macros of xacro expanded.
+    base : {"fixed", "floating"}
+        Whether the root link is space, or a body.
+    angles, rates : mapping of str to float or text, optional
+        Angles or travels of joints at the start, and their rates (rad, m, rad/s, m/s; "45 deg",
+        "10 rpm" are texts); 0 by default. Joints with <mimic> follow theirs.
+    ignore : names
+        What to do without that a file has: "limits", "friction", "collision", "contact",
+        "transmission", "gazebo", "safety_controller", or "all". What is there and is not ignored
+        is refused. <visual> and <material> move nothing.
+    gravity : three floats
+        In space.
+    position, quaternion : optional
+        Where the frame of the root link is in space.
+    velocity, angular_velocity : three floats, optional
+        Of a floating root: of its centre of mass in space, and in its own axes.
+    rep : {"gamma", "alpha"}
+        Inertia representation.
+    loops : path, optional
+        A TOML file with the joints that close loops, which URDF has not (``loops``).
+
+    Returns
+    -------
+    Multibody
+        Bodies named as the first of the links that are fixed to each other, joints as joints,
+        with ``_`` for what no name in C has; axes of a body are those of its link.
+
+    Raises
+    ------
+    InputError
+        With file, link or joint, and cure.
+    """
+    return _read(path, loops, base=base, angles=angles, rates=rates, ignore=ignore,
+                 gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
+                 angular_velocity=angular_velocity, rep=rep)[0]
+
+
+def load_urdf(
+    path: str | Path, *, base: Literal["fixed", "floating"] = "fixed",
+    angles: Mapping[str, float | str] | None = None,
+    rates: Mapping[str, float | str] | None = None,
+    ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
+    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
+    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
+    rep: RepName = "gamma", loops: str | Path | None = None,
+) -> Model:
+    """Return the model of a robot in URDF: ``read_urdf(...).model()``, with its arguments.
+
+    With ``loops``, what that file says of redundant constraints is done.
+
+    Its system has the quantities JOINT_angle and JOINT_rate, or JOINT_travel and JOINT_speed.
+
+    Raises
+    ------
+    InputError
+        With file, link or joint, and cure.
+    """
+    build, closing = _read(
+        path, loops, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
+        position=position, quaternion=quaternion, velocity=velocity,
+        angular_velocity=angular_velocity, rep=rep)
+    return build.model() if closing is None else closing.model(build)
+
+
+def _read(
+    path: str | Path, loops: str | Path | None, **options: Any
+) -> tuple[Multibody, Loops | None]:
+    file = as_path("path", path, "robot.urdf")
+    closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
+    close = None if closing is None else closing.close
+    return parse_urdf(model_text(file), file, close=close, **options), closing
+
+
+@dataclass(frozen=True)
+class Loops:
+    """What closes the loops of a robot."""
+
+    content: Table
+
+    def close(self, builder: Multibody, links: Mapping[str, Mount]) -> None:
+        """Add the joints, between links."""
+        known = {"ground": Mount(GROUND, HERE, HERE), **links}
+        frames = {name: mount.frame for name, mount in known.items()}
+
+        def one(table: Table) -> Any:
+            names = table.strings("bodies")
+
+            def in_bodies(values: dict[str, Any]) -> dict[str, Any]:
+                mounts = [known[name] for name in names]
+                points = {key: mounts[i].inner.x + mounts[i].inner.R @ np.array(values[key], float)
+                          for key, i in _POINTS.items() if key in values}
+                axes = {key: mounts[i].space.R @ np.array(values[key], float)
+                        for key, i in _AXES.items() if key in values}
+                in_space = {"axis": "axis_in_space", "axis_on_body": "axis_in_space"}
+                return {in_space.get(key, key): one
+                        for key, one in (values | points | axes).items()}
+
+            return join(builder, frames, table, in_bodies)
+
+        for table in self.content.tables("joints"):
+            telling(table, one, table)
+
+    def model(self, builder: Multibody) -> Model:
+        """Return the model, without the redundant constraints that the file says."""
+        try:
+            return finished(builder, self.content)
+        except InputError as error:
+            if str(error).startswith("The model file"):
+                raise
+            raise self.content.file_error(str(error)) from None
+
+
+def read_loops(path: str | Path) -> Loops:
+    """Return the loops of a TOML file.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure.
+    """
+    content = load_toml(model_text(path), Path(path))
+    content.allow("joints", "without", "redundant")
+    if not content.tables("joints"):
+        raise content.file_error("it closes no loop; write [[joints]].")
+    return Loops(content)

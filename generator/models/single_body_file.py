@@ -1,0 +1,180 @@
+"""The model file of one body with a fixed point: [body], potential, [start] attitude and rotation.
+
+Formulas know q0..q3, R11..R33 (R(q), body to space axes), I1..I3 (J11..J33 of an inertia tensor),
+mass if it is given, and the file's parameters; torques and quantities know p0..p3, omega1..omega3
+(body axes) and t as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+from typing import Any, cast
+
+import sympy as sp
+
+from ...core.errors import InputError
+from ...core.inertia import (
+    REPS,
+    RULES,
+    Inertia,
+    Moments,
+    as_inertia,
+    inertia_rows,
+    inverse_entries,
+    is_tensor,
+    remark_on_angles,
+)
+from ...core.warnings import remark
+from ..multibody import initial_poses, rigid_body
+from ..multibody.model import Model, whole_array
+from ..multibody.rigid_body import INVERSE, Rep, body_system, moments, p, q
+from ..parsing.grammar import ANGLES, RATES
+from . import start_attitude
+from .common_tables import Formulas, run_length
+from .toml_tables import Table
+
+__all__ = ["ATTITUDES", "inertia_numbers", "read_attitude", "read_body"]
+
+ATTITUDES = ("quaternion", "euler", "rotation")
+
+
+def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+    """Return the model of a file with [body]; ``rep`` takes the place of the file's.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure.
+    """
+    content.allow("name", "description", "frame", "potential", "body", "parameters", "inputs",
+                  "start", "run", "quantities", "forces", "events")
+    body, forces = content.table("body"), content.table("forces")
+    body.allow("inertia", "mass", "rep", *REPS)
+    body.require("inertia")
+    chosen = body.choice("rep", REPS, "gamma") if rep is None else rep
+    inertia = _inertia(body)
+    tensor = is_tensor(inertia)
+    ruled = body.content.get(chosen) in RULES
+    weight = {} if ruled else _weight(body, chosen)
+    _add_mass(body, formulas)
+    if tensor:
+        _add_tensor(inertia, formulas)
+    letters = () if tensor else moments
+    place = _place(letters)
+    known = place if "t" in formulas.parameters else place | {"t": rigid_body.time}
+    potential = formulas.read(content, "potential", content.formula("potential"), known, letters) \
+        if "potential" in content else sp.Integer(0)
+    motion = place | _motion(INVERSE if tensor else moments)
+    forces.allow("torque")
+    torque = formulas.read_all(forces, "torque", motion, letters, 3) if "torque" in forces else []
+    quantities = formulas.quantities(motion, letters)
+    parameters, renamed, values = formulas.in_use([potential, *torque, *quantities.values()])
+    values |= weight | (
+        dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True)) if tensor else
+        dict(zip(map(str, moments), cast("Moments", inertia), strict=True)))
+    system = body_system(
+        name,
+        cast("Rep", chosen),
+        potential.xreplace(renamed),
+        parameters,
+        torque=[e.xreplace(renamed) for e in torque],
+        quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
+        tensor=tensor,
+    )
+    if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
+        remark("[body] mass is in no formula: what pulls at the body is the potential, such as "
+               '"mass*9.81*0.04*R33".')
+    q0, p0 = _start(content.table("start"), inertia)
+    return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
+                 rules={chosen: body.text(chosen)} if ruled else {},
+                 **run_length(content))
+
+
+def _inertia(body: Table) -> Inertia:
+    """Return the three principal moments that a table tells, or the tensor."""
+    try:
+        return as_inertia(inertia_numbers(body), "inertia")
+    except InputError as problem:
+        raise body.error("inertia", f"is none: {problem}") from None
+
+
+def inertia_numbers(body: Table) -> list[Any]:
+    """Return the numbers of an inertia: three, or three rows."""
+    return body.matrix("inertia", 3) if body.is_matrix("inertia") else body.vector("inertia", 3)
+
+
+def _weight(body: Table, rep: str) -> dict[str, float]:
+    """Return the value of γ or α, if it is given."""
+    if rep not in body:
+        return {}
+    if body.number(rep) == 0:
+        raise body.error(rep, "is 0, and the kinetic energy divides by it; write another number.")
+    return {rep: body.number(rep)}
+
+
+def _add_mass(body: Table, formulas: Formulas) -> None:
+    """Make the mass, if it is given, a parameter of the formulas."""
+    if "mass" not in body:
+        return
+    if body.number("mass") <= 0:
+        raise body.error("mass", f"is {body.number('mass')}; write a mass above 0, in kg.")
+    if "mass" in formulas.parameters:
+        raise body.error("mass", "is among [parameters] too; give it once.")
+    formulas.numbers.values["mass"] = body.number("mass")
+    formulas.parameters["mass"] = sp.Symbol("mass", real=True)
+
+
+def _add_tensor(inertia: Inertia, formulas: Formulas) -> None:
+    """Make the entries of J parameters of the formulas."""
+    entries = chain.from_iterable(inertia_rows(inertia))
+    for symbol, value in zip(rigid_body.tensor_symbols(), entries, strict=True):
+        formulas.numbers.values[str(symbol)] = value
+        formulas.parameters[str(symbol)] = symbol
+
+
+def _place(letters: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
+    """What formulas of the attitude know."""
+    R = rigid_body.rotation_matrix(q)
+    entries = {f"R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
+    return {str(symbol): symbol for symbol in (*q, *letters)} | entries
+
+
+def _motion(inertia: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
+    """What formulas of the motion know beside it."""
+    omega = rigid_body.angular_velocity(inertia=inertia)
+    return {str(symbol): symbol for symbol in (*p, rigid_body.time)} | {
+        f"omega{i}": e for i, e in enumerate(omega, 1)}
+
+
+def _start(start: Table, inertia: Inertia) -> tuple[list[float], list[float]]:
+    """Return q and p at t = 0."""
+    start.allow(*ATTITUDES, "angular_velocity")
+    start.require("angular_velocity")
+    q0 = read_attitude(start)
+    if q0 is None:
+        raise start.error("attitude", f"is missing; give one of {', '.join(ATTITUDES)}.")
+    return q0, start_attitude.momentum(q0, start.vector("angular_velocity", 3, RATES), inertia)
+
+
+def read_attitude(table: Table) -> list[float] | None:
+    """Return the unit quaternion that a table tells as quaternion, euler or rotation, if any."""
+    given = [key for key in ATTITUDES if key in table]
+    if not given:
+        return None
+    if len(given) > 1:
+        raise table.error("attitude", f"is given as {' and '.join(given)}; give one of them.")
+    key = given[0]
+    if key == "euler":
+        angles = table.vector(key, 3, ANGLES)
+        if table.is_plain(key):
+            degrees = ", ".join(f'"{x:.6g} deg"' for x in angles)
+            remark_on_angles(f"{table.where}euler", angles, cure=f"[{degrees}]")
+        return start_attitude.from_euler(*angles)
+    quaternion = table.vector(key, 4) if key == "quaternion" else None
+    matrix = table.matrix(key, 3) if key == "rotation" else None
+    try:
+        found = initial_poses.attitude(table.where.strip(" ,"), quaternion, matrix)
+    except InputError as problem:
+        raise table.error(key, f"is no attitude: {problem}") from None
+    return start_attitude.unit(quaternion) if quaternion else found.tolist()

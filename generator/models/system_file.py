@@ -1,0 +1,85 @@
+"""The model file of any holonomic Hamiltonian system: [system], [start] q and p."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from ..multibody.model import Model, whole_array
+from ..parsing.grammar import UNITS
+from ..systems.system import System
+from .common_tables import Formulas, run_length
+from .toml_tables import Table
+
+__all__ = ["read_system"]
+
+MAX_COORDINATES = 64
+
+
+def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+    """Return the model of a file with [system]; ``formulas`` knows its parameters.
+
+    Raises
+    ------
+    InputError
+        With file, key and cure.
+    """
+    content.allow("name", "description", "frame", "system", "parameters", "inputs", "start",
+                  "run", "quantities", "events")
+    table, start = content.table("system"), content.table("start")
+    if rep is not None:
+        raise content.file_error(f"it is a system with its own hamiltonian, and rep {rep!r} "
+                                 "belongs to models with [body]; leave it out.")
+    table.allow("coordinates", "momenta", "hamiltonian", "constraints", "constraint_names",
+                "forces", "time")
+    table.require("coordinates", "momenta", "hamiltonian")
+    q, p = (_symbols(table, key) for key in ("coordinates", "momenta"))
+    if len(q) != len(p):
+        raise table.error("momenta", f"has {len(p)} names for {len(q)} coordinates; write one for "
+                                     "each.")
+    for symbol in q.keys() & p.keys():
+        raise table.error("momenta", f"has the name {symbol!r}, which is a coordinate too; names "
+                                     "must differ.")
+    time = {"t": sp.Symbol("t", real=True)}
+    if "time" in table:
+        symbol = table.symbol("time", table.text("time"))
+        time = {symbol: sp.Symbol(symbol, real=True)}
+    state = q | p
+    # Where nothing declares a time, t may be the name of a coordinate or of a parameter.
+    taken = "time" not in table and not time.keys().isdisjoint({*state, *formulas.parameters})
+    known = {} if taken else time
+    H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | known)
+    constraints = formulas.read_all(table, "constraints", q | known)
+    uses_time = "forces" in table or "quantities" in content or "time" in table or any(
+        e.has(*time.values()) for e in (H, *constraints))
+    if uses_time:
+        for symbol in time:
+            if symbol in state:
+                raise table.error("time", f"is {symbol!r}, which is a coordinate or momentum; "
+                                          "choose another name.")
+    forces = formulas.read_all(table, "forces", state | time, count=len(q)) if (
+        "forces" in table) else []
+    quantities = formulas.quantities(state | time)
+    parameters, renamed, values = formulas.in_use([H, *constraints, *forces, *quantities.values()])
+    start.allow("q", "p")
+    start.require("q", "p")
+    system = System(
+        tuple(q.values()), tuple(p.values()), tuple(parameters), H.xreplace(renamed),
+        tuple(g.xreplace(renamed) for g in constraints),
+        name=name,
+        constraint_names=tuple(table.strings("constraint_names")),
+        forces=tuple(f.xreplace(renamed) for f in forces),
+        time=next(iter(time.values())) if uses_time else None,
+        quantities={key: e.xreplace(renamed) for key, e in quantities.items()},
+    )
+    q0, p0 = (whole_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
+    return Model(system, values, q0, p0, **run_length(content))
+
+
+def _symbols(table: Table, key: str) -> dict[str, sp.Symbol]:
+    names = table.names(key)
+    if not 1 <= len(names) <= MAX_COORDINATES:
+        raise table.error(key, f"has {len(names)} names; write 1 to {MAX_COORDINATES}.")
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise table.error(key, f"has the name {name!r} twice; names must differ.")
+    return {name: sp.Symbol(name, real=True) for name in names}

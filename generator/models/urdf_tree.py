@@ -1,0 +1,112 @@
+"""Where the links of a robot are; links that a fixed joint holds together become one body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import shown
+from ...core.errors import InputError
+from ..multibody.body import Frame
+from .urdf_robot import HERE, Joint, Link, Place, Robot, turn
+
+__all__ = ["Limb", "Mount", "limbs_of", "placed"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class Limb:
+    """Links that move as one, named by the first of them, to whose frame all is told.
+
+    Attributes
+    ----------
+    joint : Joint or None
+        What it hangs by; None for the root.
+    above : Limb or None
+        What it hangs on.
+    at : Place
+        Where the joint is in the frame of the limb above.
+    """
+
+    name: str
+    joint: Joint | None
+    above: Limb | None
+    at: Place
+    parts: list[tuple[Place, Link]] = field(default_factory=list)
+
+    def body(self) -> tuple[float, Array, Array]:
+        """Return mass, centre of mass, and inertia about it, in the frame of the limb.
+
+        Raises
+        ------
+        InputError
+            Unless there is mass.
+        """
+        mass = sum(link.mass for _, link in self.parts)
+        if mass <= 0:
+            raise InputError(
+                f"link {shown(self.name)} moves and has no mass, nor has what is fixed to it; give "
+                "it an <inertial> with mass and inertia, or make its joint fixed.")
+        centres = [place.x + place.R @ link.centre for place, link in self.parts]
+        centre: Array = sum((link.mass * c for (_, link), c in zip(self.parts, centres,
+                                                                   strict=True)),
+                            np.zeros(3)) / mass
+        inertia = np.zeros((3, 3))
+        for (place, link), c in zip(self.parts, centres, strict=True):
+            d = c - centre
+            inertia += place.R @ link.inertia @ place.R.T
+            inertia += link.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        return mass, centre, (inertia + inertia.T) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A link as part of a body, or of the ground: where its frame is there, and in space."""
+
+    frame: Frame
+    inner: Place
+    space: Place
+
+
+def limbs_of(robot: Robot) -> list[Limb]:
+    """Return the limbs, each after the one it hangs on, branch by branch."""
+    below: dict[str, list[Joint]] = {name: [] for name in robot.links}
+    for joint in robot.joints.values():
+        below[joint.parent].append(joint)
+    root = Limb(robot.root, None, None, HERE)
+    found = [root]
+    left: list[tuple[str, Limb, Place]] = [(robot.root, root, HERE)]
+    while left:
+        name, limb, place = left.pop()
+        limb.parts.append((place, robot.links[name]))
+        if limb.joint is not None and limb not in found:
+            found.append(limb)
+        for joint in reversed(below[name]):
+            at = place.then(joint.place)
+            if joint.kind == "fixed":
+                left.append((joint.child, limb, at))
+            else:
+                left.append((joint.child, Limb(joint.child, joint, limb, at), HERE))
+    return found
+
+
+def placed(limbs: list[Limb], base: Place, coordinates: Mapping[str, float]) -> dict[Limb, Place]:
+    """Return where each limb is in space, at these angles and travels of joints by name."""
+    found: dict[Limb, Place] = {}
+    for limb in limbs:
+        joint = limb.joint
+        if joint is None or limb.above is None:
+            found[limb] = base
+            continue
+        here = found[limb.above].then(limb.at)
+        value = coordinates.get(joint.name, 0.0)
+        if joint.kind == "prismatic":
+            here = here.then(Place(value * joint.axis, np.eye(3)))
+        elif joint.kind != "floating":
+            here = here.then(Place(np.zeros(3), turn(joint.axis, value)))
+        found[limb] = here
+    return found

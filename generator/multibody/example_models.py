@@ -1,0 +1,210 @@
+"""Models to start from, as ``gyrospark.models``: every function returns a ``Model``.
+
+    lagrange_top            a symmetric top in gravity                    n =  4, m =  1
+    satellite               attitude in a gravity gradient, orbiting      n =  4, m =  1
+    double_pendulum         two bars in a plane, free to leave it         n = 11, m =  5
+    double_top              a top on a top                                n = 11, m =  5
+    gimbal                  outer ring, inner ring, rotor                 n = 12, m =  9
+    four_bar                crank, coupler, rocker: a closed loop         n = 21, m = 20
+    chain(N)                N rods on ball joints                         n = 7N, m = 4N
+
+Lengths in m, masses in kg, angles in rad, unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ...core.arguments import shown, whole
+from ...core.errors import InputError
+from ...core.inertia import RepName, remark_on_angles
+from .body import Body, Frame
+from .initial_poses import finite, rotation
+from .model import Model
+from .multibody import Multibody
+
+__all__ = [
+    "chain", "double_pendulum", "double_top", "four_bar", "gimbal", "lagrange_top", "satellite",
+]
+
+Array = NDArray[Any]
+
+#: Of a chain: deriving it takes minutes.
+MOST_RODS = 1000
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+def lagrange_top(*, rep: RepName = "gamma") -> Model:
+    """Return a symmetric top in gravity that nutates: cos θ moves between two bounds."""
+    build = Multibody("lagrange_top", dt=0.002, steps=1000,
+                      description="Symmetric top in gravity, released with its axis at rest.")
+    build.top("a", mass=0.5, inertia=(0.004, 0.004, 0.001), centre=(0, 0, 0.08), rep=rep,
+              quaternion=turn((1, 0, 0), 0.6), angular_velocity=(0, 0, 60))
+    return build.model()
+
+
+def satellite(*, rep: RepName = "gamma", rate: float = 0.0011) -> Model:
+    """Return a satellite's attitude in orbit axes: z points up, y along the orbit's normal.
+
+    H = T − n l_y + (3/2) n² z·J z, with the orbit's rate n and l_y, z in space and body axes: the
+    gravity gradient pulls the axis of least inertia upright, and the orbit axes turn at n. H is
+    the constant of Jacobi. Time in s, n in rad/s.
+    """
+    build = Multibody("satellite", gravity=(0, 0, 0), dt=2.0, steps=3000,
+                      description="Attitude of a satellite in the gravity gradient of a circular "
+                                  "orbit, in orbit axes.")
+    body = build.top(
+        "a", mass=100.0, inertia=(30.0, 32.0, 6.0), centre=(0, 0, 0), rep=rep,
+        quaternion=multiply(turn((1, 0, 0), 0.15), turn((0, 1, 0), 0.3)),
+        angular_velocity=(0, rate, 2e-4),
+    )
+    n = build.parameter("n", rate, positive=True)
+    vertical = body.rotation[2, :]
+    gradient = sum((moment * z**2 for moment, z in zip(body.inertia, vertical, strict=True)),
+                   sp.Integer(0))
+    build.potential(-n * body.angular_momentum[1] + sp.Rational(3, 2) * n**2 * gradient)
+    return build.model()
+
+
+def double_pendulum(*, rep: RepName = "gamma", angles: tuple[float, float] = (1.2, 2.0)) -> Model:
+    """Return two uniform bars that hang on each other; they stay in the plane x = 0.
+
+    ``angles`` are those of the bars against the downward vertical, in rad.
+    """
+    found = finite("angles", angles, (2,)).tolist()
+    remark_on_angles("angles", found, cure=f"numpy.radians({found})")
+    build = Multibody("double_pendulum", dt=0.005, steps=1000,
+                      description="Two bars in a plane: a compound double pendulum.")
+    upper = build.top(
+        "a", mass=1.0, inertia=(1 / 3, 1 / 3, 0.01), centre=(0, 0, -0.5), rep=rep,
+        quaternion=turn((1, 0, 0), found[0]), angular_velocity=(0.5, 0, 0),
+    )
+    lower = build.body(
+        "b", mass=0.5, inertia=(0.5 * 0.8**2 / 12, 0.5 * 0.8**2 / 12, 0.005), rep=rep,
+        quaternion=turn((1, 0, 0), found[1]), angular_velocity=(-1.0, 0, 0),
+    )
+    build.ball("joint", upper, lower, on_a=(0, 0, -1), on_b=(0, 0, 0.4))
+    return build.model()
+
+
+def double_top(*, rep: RepName = "gamma") -> Model:
+    """Return a top whose tip stands, on a ball joint, on the head of another top."""
+    build = Multibody("double_top", dt=0.001, steps=2000, description="A top on a top.")
+    a = build.top(
+        "a", mass=1.0, inertia=(0.1, 0.12, 0.03), centre=(0, 0, 0.25), rep=rep,
+        quaternion=turn((1, 0, 0), 0.3), angular_velocity=(0.2, 0, 40),
+    )
+    b = build.body(
+        "b", mass=0.4, inertia=(0.012, 0.01, 0.006), rep=rep,
+        quaternion=turn((0, 1, 0), 0.4), angular_velocity=(0, 0.3, 70),
+    )
+    build.ball("joint", a, b, on_a=(0, 0, 0.5), on_b=(0, 0, -0.15))
+    return build.model()
+
+
+def gimbal(*, rep: RepName = "gamma") -> Model:
+    """Return a gyroscope in a gimbal: outer ring about z, inner ring about x, rotor about z.
+
+    All three turn about one point; the rotor's centre of mass lies above it on its axis.
+    """
+    build = Multibody("gimbal", dt=0.001, steps=2000,
+                      description="Unbalanced rotor in two gimbal rings.")
+    at_start = turn((1, 0, 0), 0.7)
+    outer = build.top("outer", mass=0.3, inertia=(0.004, 0.0022, 0.0022), centre=(0, 0, 0),
+                      rep=rep)
+    inner = build.top("inner", mass=0.2, inertia=(0.0011, 0.002, 0.0011), centre=(0, 0, 0),
+                      rep=rep, quaternion=at_start)
+    rotor = build.top("rotor", mass=0.5, inertia=(0.0008, 0.0008, 0.0015), centre=(0, 0, 0.02),
+                      rep=rep, quaternion=at_start)
+    axis = rotation(at_start)[:, 2]
+    build.align("frame", build.ground, outer, axis=(0, 0, 1), rate=0.5)
+    build.align("ring", outer, inner, axis=(1, 0, 0), rate=-0.3)
+    build.align("spindle", inner, rotor, axis_in_space=axis, rate=150.0)
+    return build.model()
+
+
+def four_bar(*, rep: RepName = "gamma", rate: float = 3.0) -> Model:
+    """Return a closed four-bar linkage in the plane z = 0 whose crank starts at ``rate``.
+
+    Four hinges in space take 20 freedoms from 18 although one remains: three of their equations
+    follow from the others, and the last hinge is made without them.
+    """
+    build = Multibody("four_bar", gravity=(0, -9.81, 0), dt=0.002, steps=2000,
+                      description="Planar four-bar linkage: crank, coupler, rocker.")
+    rate = float(finite("rate", rate, ()))
+    points = np.array([[0, 0, 0], [0, 0.4, 0], [0.9, 0.8, 0], [1.0, 0, 0]], dtype=float)
+    rates = _loop_rates(points, rate)
+    names = ("crank", "coupler", "rocker")
+    bars = [_bar(build, name, points[i], points[i + 1], rep) for i, name in enumerate(names)]
+    frames: list[Frame] = [build.ground, *bars, build.ground]
+    before = 0.0
+    for i, (point, now) in enumerate(zip(points, [*rates, 0.0], strict=True)):
+        build.revolute(f"hinge{i}", frames[i], frames[i + 1], axis=(0, 0, 1), at=point,
+                       rate=now - before)
+        before = now
+    return build.model(without=("hinge3: z", "hinge3: axis 1", "hinge3: axis 2"))
+
+
+def chain(count: int = 8, *, rep: RepName = "gamma") -> Model:
+    """Return a chain of equal rods on ball joints that hangs from a fixed point.
+
+    Every rod is a body with 7 coordinates, so that all joints and rods have one form.
+    """
+    rods = whole(count)
+    if rods is None or not 1 <= rods <= MOST_RODS:
+        raise InputError(f"A chain of {shown(count)} rods cannot be built; give a whole number "
+                         f"from 1 to {MOST_RODS}.")
+    build = Multibody(f"chain_{rods}", dt=0.002, steps=1000,
+                      description=f"{rods} rods on ball joints.")
+    above: Frame = build.ground
+    for i in range(rods):
+        rod = build.body(
+            f"b{i}", mass=0.2, inertia=(0.0017, 0.0015, 0.0002), rep=rep,
+            quaternion=multiply(turn((1, 0, 0), 0.4 * (-1) ** i), turn((0, 1, 0), 0.05 * i)),
+            angular_velocity=(0.2, -0.1, 5.0),
+        )
+        held = None if i else (0.0, 0.0, 0.0)
+        build.ball(f"j{i}", above, rod, on_a=held or (0, 0, -0.15), on_b=(0, 0, 0.15))
+        above = rod
+    return build.model()
+
+
+def turn(axis: tuple[float, float, float], angle: float) -> Array:
+    """Return the quaternion of a turn about a unit axis."""
+    half = angle / 2
+    return np.array([math.cos(half), *(math.sin(half) * x for x in axis)])
+
+
+def multiply(x: Array, y: Array) -> Array:
+    """Return Hamilton's product x ∘ y: first y, then x."""
+    (x0, *xv), (y0, *yv) = x, y
+    return np.array([x0 * y0 - np.dot(xv, yv),
+                     *(x0 * np.array(yv) + y0 * np.array(xv) + np.cross(xv, yv))])
+
+
+def _bar(build: Multibody, name: str, start: Array, end: Array, rep: RepName) -> Body:
+    """Add a uniform bar between two points of the plane z = 0, 1 kg/m and 3 cm thick."""
+    along = end - start
+    length = float(np.linalg.norm(along))
+    e = along / length
+    across = length * (length**2 + 0.03**2) / 12
+    return build.body(
+        name, mass=length, inertia=(length * 0.03**2 / 6, across, across), rep=rep,
+        position=(start + end) / 2,
+        rotation=np.array([[e[0], -e[1], 0], [e[1], e[0], 0], [0, 0, 1]]),
+    )
+
+
+def _loop_rates(points: Array, rate: float) -> tuple[float, float, float]:
+    """Return the bars' angular velocities: ω₁ d₁ + ω₂ d₂ + ω₃ d₃ = 0 for the bars' vectors d."""
+    d1, d2, d3 = np.diff(points[:, :2], axis=0)
+    second, third = np.linalg.solve(np.stack([d2, d3], axis=1), -rate * d1)
+    return rate, float(second), float(third)

@@ -1,0 +1,282 @@
+"""Where bodies are and how they move at the start, in numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import shown, unknown, whole
+from ...core.errors import InputError
+from ...core.inertia import (
+    REPS,
+    Inertia,
+    inertia_matrix,
+    quaternion_of_matrix,
+    real_array,
+    unit_quaternions,
+)
+from .rigid_body import left_matrix, rotation_matrix
+
+__all__ = ["Attitude", "Pose", "Start", "attitude", "check_rep", "clean", "conjugate", "count",
+           "direction", "finite", "in_range", "nonzero", "normals", "onto", "positive", "product",
+           "rotation", "settle", "start_of", "three", "three_or_none", "unit"]
+
+Array = NDArray[Any]
+
+#: Components smaller than this beside the vector, or its distance to walk, are rounding: zero.
+_ROUNDING = 2.0**-49
+
+
+@dataclass(eq=False)
+class Pose:
+    """Attitude and motion of a frame; None where it is not known yet.
+
+    Attributes
+    ----------
+    q : ndarray, shape (4,)
+        Unit quaternion.
+    R : ndarray, shape (3, 3)
+        From body to space axes.
+    x, v : ndarray, shape (3,), or None
+        Position and velocity of the origin in space.
+    spin : ndarray, shape (3,), or None
+        Angular velocity in space.
+    """
+
+    q: Array
+    R: Array
+    x: Array | None
+    v: Array | None
+    spin: Array | None
+
+    @classmethod
+    def ground(cls) -> Pose:
+        """Return the pose of space."""
+        zero = np.zeros(3)
+        return cls(np.array([1.0, 0, 0, 0]), np.eye(3), zero, zero, zero)
+
+    def space(self, r: Array) -> Array:
+        """Return where in space a point of the frame is."""
+        assert self.x is not None
+        where: Array = self.x + self.R @ r
+        return where
+
+    def momenta(self, inertia: Inertia) -> Array:
+        """Return p = 2 L(q)ᵀ J Ω (82)."""
+        assert self.spin is not None
+        L = numbers(left_matrix(self.q.tolist()))
+        p: Array = 2 * L.T @ (inertia_matrix(inertia) @ (self.R.T @ self.spin))
+        return p
+
+
+@dataclass
+class Start:
+    """What a caller says of a body's start."""
+
+    q: Array
+    x: Array | None
+    v: Array | None
+    omega: Array | None  # in body axes
+
+    def pose(self) -> Pose:
+        """Return the pose, unknown where nothing was said."""
+        R = rotation(self.q)
+        return Pose(self.q, R, self.x, self.v, None if self.omega is None else R @ self.omega)
+
+
+def start_of(
+    name: str, quaternion: Any, rotation: Any, position: Any, velocity: Any, omega: Any
+) -> Start:
+    """Return what a caller says of the start of a body."""
+    return Start(
+        attitude(f"body {name!r}", quaternion, rotation),
+        three_or_none(f"position of {name!r}", position),
+        three_or_none(f"velocity of {name!r}", velocity),
+        three_or_none(f"angular velocity of {name!r}", omega),
+    )
+
+
+def numbers(matrix: Any) -> Array:
+    """Return a SymPy matrix of numbers as an array."""
+    return np.array(matrix.tolist(), dtype=float)
+
+
+def onto(axis: Array) -> Array:
+    """Return a quaternion that turns the third axis into a direction, the shortest way."""
+    size = float(np.linalg.norm(axis))
+    x, y, z = axis / (size or 1.0)
+    across = math.hypot(x, y)
+    if not across:
+        return np.array([1.0, 0, 0, 0] if z >= 0 else [0.0, 1, 0, 0])
+    half = math.atan2(across, z) / 2
+    y, x = y / across, x / across
+    return np.array([math.cos(half), -y * math.sin(half), x * math.sin(half), 0.0])
+
+
+def rotation(q: Array) -> Array:
+    """Return R(q), 3 × 3."""
+    return numbers(rotation_matrix(q.tolist()))
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """A unit quaternion, scalar first, that nobody need doubt: it stands where a rotation may."""
+
+    q: Sequence[float]
+
+    def as_quat(self) -> Array:
+        """Return it as a SciPy Rotation does: scalar last."""
+        return np.array([*self.q[1:], self.q[0]])
+
+
+def attitude(what: str, quaternion: Any, matrix: Any) -> Array:
+    """Return the unit quaternion of a quaternion of any length, or of a rotation.
+
+    ``matrix`` is 3 × 3 from body to space axes, or a SciPy Rotation.
+
+    Raises
+    ------
+    InputError
+        For both, for the zero quaternion and for a matrix that is no rotation.
+    """
+    if quaternion is not None and matrix is not None:
+        raise InputError(f"{what} has a quaternion and a rotation; give one of them.")
+    if hasattr(matrix, "as_quat"):
+        scalar_last = real_array(matrix.as_quat())
+        if scalar_last is None or scalar_last.shape != (4,):
+            raise InputError(f"The rotation of {what} is {shown(matrix)}; give a single one.")
+        return unit(scalar_last[[3, 0, 1, 2]])
+    if matrix is not None:
+        return quaternion_of_matrix(matrix, f"rotation of {what}")
+    if quaternion is None:
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    q = unit_quaternions(quaternion, f"quaternion of {what}")
+    if q.shape != (4,):
+        raise InputError(f"The quaternion of {what} is {shown(quaternion)}; give 4 numbers.")
+    return q
+
+
+def unit(v: Array) -> Array:
+    """Return a vector's direction; its length may be any but zero."""
+    v = v / np.abs(v).max()  # so that no square leaves the range of doubles
+    direction: Array = v / np.linalg.norm(v)
+    return direction
+
+
+@contextmanager
+def in_range(what: str) -> Iterator[None]:
+    """Refuse what leads out of the range of doubles.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        with np.errstate(over="raise", invalid="raise"):
+            yield
+    except FloatingPointError:
+        raise InputError(f"The start of {what} leads out of the range of doubles: positions, "
+                         "velocities or rates are too large; take other units.") from None
+
+
+def three(what: str, value: Any) -> Array:
+    """Return three finite numbers."""
+    return finite(what, value, (3,))
+
+
+def finite(what: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return finite numbers of a shape as floats."""
+    array = real_array(value)
+    if array is None or array.shape != shape or not np.isfinite(array).all():
+        count = math.prod(shape)
+        raise InputError(f"The {what} is {shown(value)}; give {count} finite "
+                         f"number{'s' if count > 1 else ''}.")
+    return array
+
+
+def positive(what: str, value: Any) -> float:
+    """Return a finite number above 0."""
+    number = float(finite(what, value, ()))
+    if number <= 0:
+        raise InputError(f"The {what} is {number}; it must be above 0.")
+    return number
+
+
+def three_or_none(what: str, value: Any) -> Array | None:
+    """Return three numbers, or None where none are given."""
+    return None if value is None else three(what, value)
+
+
+def settle(
+    poses: Mapping[Any, Pose], attribute: str, steps: Sequence[Callable[[Mapping[Any, Pose]], bool]]
+) -> None:
+    """Let joints hand on what is known, from body to body; what nothing tells is zero."""
+    while True:
+        while sum(step(poses) for step in steps):
+            pass
+        unknown = next((p for p in poses.values() if getattr(p, attribute) is None), None)
+        if unknown is None:
+            return
+        setattr(unknown, attribute, np.zeros(3))
+
+
+def check_rep(name: str, rep: Any) -> None:
+    """Refuse what is no representation of the inertia."""
+    if not isinstance(rep, str) or rep not in REPS:
+        raise unknown(f"representation of body {name!r}:", rep, REPS)
+
+
+def count(value: Any) -> int:
+    """Return a number of steps."""
+    found = whole(value)
+    if found is None or found < 0:
+        raise InputError(f"steps = {shown(value)} is no whole number from 0 on.")
+    return found
+
+
+def nonzero(what: str, value: Any) -> float:
+    """Return γ or α."""
+    number = float(finite(what, value, ()))
+    if number == 0:
+        raise InputError(f"The {what} is 0, and the kinetic energy divides by it; give another "
+                         "number.")
+    return number
+
+
+def product(x: Any, y: Any) -> list[Any]:
+    """Return the product of two quaternions, scalar first: R(xy) = R(x) R(y)."""
+    (a, *u), (b, *v) = x, y
+    cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    return [a * b - sum(i * j for i, j in zip(u, v, strict=True)),
+            *(a * j + b * i + k for i, j, k in zip(u, v, cross, strict=True))]
+
+
+def conjugate(q: Any) -> list[Any]:
+    """Return the quaternion of the turn back."""
+    return [q[0], *(-x for x in q[1:])]
+
+
+def normals(axis: Array) -> tuple[Array, Array]:
+    """Return two unit vectors that are perpendicular to a unit vector and to each other."""
+    k = int(np.argmax(np.abs(axis)))
+    first = np.cross(np.roll(np.eye(3)[k], -1), axis)  # coordinate axes where the axis is one
+    first = direction(first / np.linalg.norm(first))
+    return first, direction(np.cross(axis, first))
+
+
+def clean(v: Array, *sizes: Array) -> Array:
+    """Return a vector whose components that are rounding, beside it or ``sizes``, are 0."""
+    size = max(float(np.abs(x).max()) for x in (v, *sizes))
+    return np.where(np.abs(v) <= _ROUNDING * size, 0.0, v)
+
+
+def direction(v: Array) -> Array:
+    """Return a unit vector without what is rounding: along an axis it has 1 or −1 there."""
+    v = clean(v)
+    return np.sign(v) if np.count_nonzero(v) == 1 else v

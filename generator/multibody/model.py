@@ -1,0 +1,178 @@
+"""A model: a system together with the numbers to run it with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_mapping, as_text, choose, few, shown, whole
+from ...core.errors import InputError
+from ...core.event import Event, as_events
+from ...core.exact_numbers import exact
+from ...core.html import card, table
+from ...core.inertia import RULES, Inertia, as_moments_or_tensor, real_array
+from ...core.registry import FRAMES
+from ..systems.system import System
+
+__all__ = ["Model", "whole_array"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A system, its parameters and a state to start from.
+
+    Attributes
+    ----------
+    system : System
+        H, constraints, forces and quantities; its name is the model's.
+    parameters : mapping of str to number
+        The value of every parameter of the system, but for those in ``bodies``, which may be
+        left to be chosen. Real numbers of any type; steppers round them to their own.
+    q0, p0 : ndarray, shape (n,)
+        State at t = 0, read-only; of floats, or of objects where numbers with more digits are
+        given.
+    bodies : mapping of str to tuple
+        Name of each inertia parameter (γ or α of a body) → the body's I₁, I₂, I₃ in kg m², or its
+        tensor, 3 × 3.
+    rules : mapping of str to str
+        Name of an inertia parameter without a value → the rule by which a run finds it, "m" where
+        nothing is said: "m", "h", "mt", "ht", "auto" or "auto-energy".
+    dt, steps : float and int, or None
+        A time step in s and a number of steps that suit the model, where it names them.
+    description : str
+        One sentence for people.
+    frame : str
+        "symmetries" where its steppers shall have co-moving frames.
+    events : tuple of Event
+        What its runs look for: ``step.integrate(..., events=model.events)``. ``gyrospark run``
+        does.
+    """
+
+    system: System
+    parameters: Mapping[str, float]
+    q0: Array
+    p0: Array
+    bodies: Mapping[str, Inertia] = field(default_factory=dict)
+    dt: float | None = None
+    steps: int | None = None
+    description: str = ""
+    frame: str = ""
+    rules: Mapping[str, str] = field(default_factory=dict)
+    events: Sequence[Event] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.system, System):
+            raise InputError(f"system = {shown(self.system)} is no gyrospark.System.")
+        as_text("description", self.description)
+        if not isinstance(self.frame, str) or self.frame:
+            choose("frame", self.frame, FRAMES)
+        object.__setattr__(self, "events", as_events(self.events, {
+            "quantities": self.system.quantities, "coordinates": map(str, self.system.q),
+            "momenta": map(str, self.system.p)}))
+        for name in ("q0", "p0"):
+            object.__setattr__(self, name, self._state(name, getattr(self, name)))
+        values = {name: self._number(f"parameter {name!r}", value) for name, value in as_mapping(
+            "parameters", self.parameters, "{'m': 1.0}").items()}
+        bodies = {name: as_moments_or_tensor(inertia) for name, inertia in as_mapping(
+            "bodies", self.bodies, "{'gamma': (I1, I2, I3)}").items()}
+        object.__setattr__(self, "parameters", MappingProxyType(values))
+        object.__setattr__(self, "bodies", MappingProxyType(bodies))
+        rules = as_mapping("rules", self.rules, "{'gamma': 'auto'}")
+        for name, rule in rules.items():
+            choose(f"rules[{name!r}]", rule, RULES)
+            if name not in bodies or name in values:
+                raise InputError(f"Model {self.name!r} has a rule for {name!r}, which is no "
+                                 "inertia parameter without a value; leave it out.")
+        object.__setattr__(self, "rules", MappingProxyType(dict(rules)))
+        if self.dt is not None:
+            object.__setattr__(self, "dt", self._number("dt", self.dt))
+        if self.steps is not None:
+            object.__setattr__(self, "steps", self._count(self.steps))
+        known = {str(symbol) for symbol in self.system.parameters}
+        for name in (*self.parameters, *self.bodies):
+            if name not in known:
+                raise InputError(
+                    f"Model {self.name!r} has a value for {name!r}, which is no parameter of its "
+                    f"system; the parameters are {', '.join(sorted(known)) or 'none'}."
+                )
+        missing = sorted(known - {*self.parameters, *self.bodies})
+        if missing:
+            raise InputError(f"Model {self.name!r} has no value for its parameter {missing[0]!r}; "
+                             "give one.")
+
+    def __repr__(self) -> str:
+        n, m = self.system.n, self.system.m
+        steps = "" if self.steps is None else f", {self.steps:,} steps"
+        run = "" if self.dt is None else f"; dt = {self.dt:g} s{steps}"
+        return (f"<Model {self.name}: {n} coordinates, {m} constraints, {len(self.parameters)} "
+                f"parameters, {len(self.bodies)} bodies{run}>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the numbers, and the system's formulas."""
+        rows = [("about", self.description or self.name),
+                ("step", "none named" if self.dt is None else f"{self.dt:g} s"),
+                ("steps", "none named" if self.steps is None else f"{self.steps:,}"),
+                ("parameters", few(f"{name} = {float(x):g}" for name, x in
+                                   self.parameters.items())),
+                ("q₀", few(f"{x:.6g}" for x in self.q0.astype(float))),
+                ("p₀", few(f"{x:.6g}" for x in self.p0.astype(float)))]
+        return card(f"Model {self.name}", table(rows), self.system._repr_html_())
+
+    @property
+    def name(self) -> str:
+        """The system's name."""
+        return self.system.name
+
+    def in_type(self, number: Callable[[Fraction], Any]) -> Model:
+        """Return the model with all its numbers rounded once, to the type of ``number``."""
+        def rounded(value: Any) -> Any:
+            if isinstance(value, tuple):
+                return tuple(map(rounded, value))
+            whole = exact(value)
+            return number(whole) if isinstance(whole, Fraction) else value
+
+        q0, p0 = (np.array([rounded(x) for x in values]) for values in (self.q0, self.p0))
+        return replace(
+            self, q0=q0, p0=p0, dt=rounded(self.dt),
+            parameters={name: rounded(x) for name, x in self.parameters.items()},
+            bodies={name: rounded(inertia) for name, inertia in self.bodies.items()})
+
+    def _state(self, name: str, values: ArrayLike) -> Array:
+        state = real_array(values)
+        if state is None or state.shape != (self.system.n,) or not np.isfinite(state).all():
+            raise InputError(f"{name} of model {self.name!r} is {shown(values)}; give "
+                             f"{self.system.n} finite numbers.")
+        known = [exact(x) for x in np.array(values, dtype=object).flat]
+        if None not in known and known != [Fraction(x) for x in state]:  # doubles lose digits
+            is_long = isinstance(values, np.ndarray) and values.dtype == np.longdouble
+            state = np.array(values, dtype=np.longdouble if is_long else object)
+        state.setflags(write=False)
+        return state
+
+    def _number(self, name: str, value: Any) -> Any:
+        """Return a finite number as it is given: wide steppers take all its digits."""
+        number = real_array(value)
+        if number is None or number.ndim or not np.isfinite(number):
+            raise InputError(f"{name} of model {self.name!r} is {shown(value)}; give a finite "
+                             "number.")
+        return float(number) if exact(value) is None else value
+
+    def _count(self, value: Any) -> int:
+        count = whole(value)
+        if count is None or count < 0:
+            raise InputError(f"steps of model {self.name!r} is {shown(value)}; give a whole number "
+                             "from 0 on.")
+        return count
+
+
+def whole_array(values: Sequence[float]) -> Array:
+    """Return doubles that know their digits as an array that does not lose them."""
+    return np.array(values, dtype=object)

@@ -1,0 +1,290 @@
+"""Exact numbers whose every operation is bounded in time and memory.
+
+A value carries an enclosing interval, which decides signs and zeros, and a bound on the size of
+its integers, which is checked before an operation is carried out. ``exact_expressions`` computes
+with these, whatever a text of unknown origin says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial, reduce
+from typing import Any
+
+import sympy as sp
+from mpmath.ctx_iv import MPIntervalContext
+from mpmath.libmp import mpf_floor, to_int
+
+from .tokens import RefusedError, shorten
+
+__all__ = ["FUNCTIONS", "ROOTS", "Value", "add", "multiply", "named", "order", "power", "rational",
+           "reciprocal"]
+
+MAX_EXPONENT = 64
+#: Bits of numerator and denominator: of a rational, of a number under a root, and (a bound on
+#: the sum over all terms, were the expression multiplied out) of an irrational.
+MAX_BITS = 4000
+MAX_RADICAND_BITS = 200
+MAX_IRRATIONAL_BITS = 12_000
+#: Of irrational factors that SymPy may gather under one root.
+MAX_PRODUCT_BITS = 1000
+#: Irrational sums, products and powers inside one another; SymPy's evaluation and printing take
+#: time exponential in it.
+MAX_LEVEL = 16
+INTERVAL = MPIntervalContext()
+INTERVAL.prec = 320
+
+#: What a number given to 100 digits is multiplied by to enclose it.
+NEARLY_ONE = 1 + INTERVAL.mpf([-1, 1]) / 10**90
+
+HALF = sp.Rational(1, 2)
+
+
+@dataclass(frozen=True)
+class Value:
+    """An exact value with what is needed to bound the next operation on it."""
+
+    exact: sp.Expr
+    enclosure: Any  # of an irrational; None where the value has no number (a free symbol)
+    bits: int
+    level: int = 0
+
+    @property
+    def is_rational(self) -> bool:
+        """Whether the value is a ratio of integers."""
+        return bool(self.exact.is_Rational)
+
+    @property
+    def interval(self) -> Any:
+        """An interval that contains the value; None for a free symbol."""
+        if self.is_rational:
+            return INTERVAL.mpf(int(self.exact.p)) / int(self.exact.q)
+        return self.enclosure
+
+
+def rational(number: sp.Rational) -> Value:
+    """Return a rational as a value, refused when it is too long."""
+    bits = max(int(number.p).bit_length(), int(number.q).bit_length())
+    if bits > MAX_BITS:
+        raise RefusedError(
+            f"The number has {bits} bits and at most {MAX_BITS} are allowed; write a shorter one"
+        )
+    return Value(number, None, bits)
+
+
+def _irrational(
+    bits: int, level: int, interval: Any, operation: Callable[..., sp.Expr], *arguments: sp.Expr
+) -> Value:
+    """Carry out an operation once its bounds are found good; the outcome may be rational."""
+    if interval is not None:
+        bits = max(bits, _binary_magnitude(interval))
+    if bits > MAX_IRRATIONAL_BITS:
+        raise RefusedError(
+            f"The integers of this expression may need {bits} bits and at most "
+            f"{MAX_IRRATIONAL_BITS} are allowed; lower its powers or write it in decimals"
+        )
+    if level > MAX_LEVEL:
+        raise RefusedError(
+            f"More than {MAX_LEVEL} irrational sums, products and powers lie inside one another; "
+            "multiply out or write the number in decimals"
+        )
+    exact = operation(*arguments)
+    return rational(exact) if exact.is_Rational else Value(exact, interval, bits, level)
+
+
+def _binary_magnitude(interval: Any) -> int:
+    """Return the larger |log2| of the ends of an interval, rounded up."""
+    return max(abs(int(exponent + bits)) for _, _, exponent, bits in interval._mpi_)
+
+
+def add(values: Sequence[Value]) -> Value:
+    """Return the sum."""
+    total = rational(sp.Integer(0))
+    for value in values:
+        if value.is_rational:
+            total = rational(total.exact + value.exact)
+    terms = [total, *(value for value in values if not value.is_rational)]
+    return _combine(terms, sp.Add, lambda a, b: a + b) if len(terms) > 1 else total
+
+
+def multiply(values: Sequence[Value]) -> Value:
+    """Return the product."""
+    product = rational(sp.Integer(1))
+    for value in values:
+        if value.is_rational:
+            product = rational(product.exact * value.exact)
+    factors = [product, *(value for value in values if not value.is_rational)]
+    bits = sum(factor.bits for factor in factors[1:] if not factor.exact.is_Add)
+    if bits > MAX_PRODUCT_BITS and len(factors) > 2:
+        raise RefusedError(
+            f"The integers of this product may need {bits} bits and at most {MAX_PRODUCT_BITS} "
+            "are allowed; write it shorter or in decimals"
+        )
+    return _combine(factors, sp.Mul, lambda a, b: a * b) if len(factors) > 1 else product
+
+
+def _combine(
+    values: Sequence[Value], operation: Callable[..., sp.Expr], on_intervals: Callable[..., Any]
+) -> Value:
+    """Add or multiply at once: one after the other would take quadratic time in SymPy."""
+    intervals = [value.interval for value in values]
+    interval = None if any(i is None for i in intervals) else reduce(on_intervals, intervals)
+    return _irrational(
+        sum(value.bits + 1 for value in values),
+        max(value.level for value in values) + 1,
+        interval,
+        operation,
+        *(value.exact for value in values),
+    )
+
+
+def _refuse_zero(value: Value) -> None:
+    if value.exact == 0:
+        raise RefusedError("This divides by zero; write a denominator other than 0")
+    if value.enclosure is not None and 0 in value.enclosure:
+        raise RefusedError(
+            "This divides by a number that cannot be told from zero to 90 digits; simplify it"
+        )
+
+
+def reciprocal(value: Value) -> Value:
+    """Return 1/value, refused for zero."""
+    _refuse_zero(value)
+    if value.is_rational:
+        return rational(1 / value.exact)
+    return _irrational_power(value, sp.Integer(-1))
+
+
+def power(base: Value, exponent: Value) -> Value:
+    """Return base**exponent for an integer or half-integer exponent."""
+    e = exponent.exact
+    if not e.is_Rational or e.q > 2 or abs(e) > MAX_EXPONENT:
+        raise RefusedError(
+            f"An exponent is an integer or a half-integer from -{MAX_EXPONENT} to {MAX_EXPONENT}, "
+            f"not {shorten(str(e))}; multiply factors out or take sqrt of sqrt"
+        )
+    if e < 0:
+        _refuse_zero(base)
+    if e.q == 2:
+        _refuse_root(base)
+    if base.is_rational and e.q == 1:
+        if base.bits * abs(e) > MAX_BITS + abs(e):
+            raise RefusedError(
+                f"This power has about {base.bits * abs(e)} bits and at most {MAX_BITS} are "
+                "allowed; lower the exponent"
+            )
+        return rational(base.exact**e)
+    return _irrational_power(base, e)
+
+
+def _irrational_power(base: Value, e: sp.Rational) -> Value:
+    bits = base.bits * (int(abs(e)) + int(e.q) - 1)
+    interval = _interval_power(base.interval, e)
+    operation = sp.Pow
+    if base.exact.is_Add and interval is not None and e not in (0, 1):
+        # A power of a real sum stays as it stands; SymPy would take long to find that out.
+        operation = partial(sp.Pow, evaluate=False)
+    return _irrational(bits, base.level + 1, interval, operation, base.exact, e)
+
+
+def _interval_power(interval: Any, exponent: sp.Rational) -> Any:
+    if interval is None:
+        return None
+    root = interval if exponent.q == 1 else INTERVAL.sqrt(interval)
+    return root ** int(exponent.p)
+
+
+def _refuse_root(value: Value) -> None:
+    interval = value.interval
+    if interval is not None and interval.b < 0:
+        raise RefusedError("This is the square root of a negative number; write one that is not")
+    if not value.is_rational and interval is not None and 0 in interval:
+        raise RefusedError(
+            "This is the square root of a number that cannot be told from zero to 90 digits; "
+            "simplify it"
+        )
+    if value.bits > MAX_RADICAND_BITS:
+        raise RefusedError(
+            f"The number under a root may need {value.bits} bits and at most {MAX_RADICAND_BITS} "
+            "are allowed; write it shorter"
+        )
+
+
+def _square_root(value: Value) -> Value:
+    return power(value, rational(HALF))
+
+
+def named(expression: sp.Expr) -> Value:
+    """Wrap the meaning of a name: a number, or anything with free symbols."""
+    if expression.is_Rational:
+        return rational(expression)
+    bits = sum(rational(number).bits for number in expression.atoms(sp.Rational)) + 1
+    if not (expression.is_number and expression.is_real):
+        return Value(expression, None, bits)
+    return Value(expression, INTERVAL.mpf(str(sp.N(expression, 100))) * NEARLY_ONE, bits)
+
+
+# ---------------------------------------------------------------- comparisons
+
+
+def order(a: Value, b: Value) -> int:
+    """Return −1, 0 or 1 as a < b, a = b or a > b; refused where 90 digits do not tell."""
+    if a.exact == b.exact:
+        return 0
+    difference = a.interval - b.interval
+    if 0 in difference:
+        raise RefusedError("Which of these numbers is larger cannot be told to 90 digits; simplify "
+                           "them")
+    return 1 if difference.a > 0 else -1
+
+
+def absolute(value: Value) -> Value:
+    """Return |value|."""
+    return multiply([sign(value), value])
+
+
+def sign(value: Value) -> Value:
+    """Return −1, 0 or 1."""
+    return rational(sp.Integer(order(value, rational(sp.Integer(0)))))
+
+
+def _heaviside(value: Value) -> Value:
+    return rational((sign(value).exact + 1) / 2)
+
+
+def largest(*values: Value) -> Value:
+    """Return the largest of some values."""
+    return reduce(lambda a, b: b if order(a, b) < 0 else a, values)
+
+
+def smallest(*values: Value) -> Value:
+    """Return the smallest of some values."""
+    return reduce(lambda a, b: b if order(a, b) > 0 else a, values)
+
+
+def floor(value: Value) -> Value:
+    """Return the largest whole number up to the value."""
+    if value.is_rational:
+        return rational(sp.floor(value.exact))
+    low, high = (int(to_int(mpf_floor(end))) for end in value.interval._mpi_)
+    if low != high:
+        raise RefusedError("Whether this is a whole number cannot be told to 90 digits; simplify "
+                           "it")
+    return rational(sp.Integer(low))
+
+
+def remainder(a: Value, b: Value) -> Value:
+    """Return a − b ⌊a/b⌋."""
+    whole = floor(multiply([a, reciprocal(b)]))
+    return add([a, multiply([rational(sp.Integer(-1)), b, whole])])
+
+
+#: What the text of a tableau may call; each takes and returns bounded values and refuses what it is
+#: not defined for.
+ROOTS: dict[str, Callable[..., Value]] = {"sqrt": _square_root}
+#: Those of model files that are carried out exactly.
+FUNCTIONS: dict[str, Callable[..., Value]] = ROOTS | {
+    "abs": absolute, "sign": sign, "heaviside": _heaviside, "min": smallest, "max": largest,
+    "floor": floor, "mod": remainder,
+}

@@ -1,0 +1,90 @@
+"""The words of arithmetic text, and refusals that say where in a text they belong."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from ...core.errors import InputError
+
+__all__ = ["RefusedError", "Token", "decimal_parts", "error_at", "names_in", "refuse_at", "shorten",
+           "tokens"]
+
+MAX_DECIMAL_EXPONENT = 400
+
+
+class RefusedError(Exception):
+    """An operation is not carried out: "reason; cure". The parser adds where in the text."""
+
+
+@dataclass(frozen=True)
+class Token:
+    """A piece of text: "number", "name", "sign" or "end", and where it begins, from 0."""
+
+    kind: str
+    text: str
+    position: int
+
+
+TOKEN = re.compile(
+    r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
+    r"|(?P<sign>\*\*|[<>=!]=|[-+*/(),<>])"
+    r"|(?P<space>[ \t\r\n]+)"
+)
+
+
+def tokens(text: str) -> Iterator[Token]:
+    """Split a text; the end of it is a token too."""
+    position = 0
+    while position < len(text):
+        match = TOKEN.match(text, position)
+        if match is None:
+            cure = {"^": "write ** for a power", "=": "write == for a comparison"}.get(
+                text[position], "use digits, names, + - * / ** ( and )")
+            raise error_at(text, position, f"The character {text[position]!r} has no meaning", cure)
+        kind = str(match.lastgroup)
+        if kind != "space":
+            yield Token(kind, match.group(), position)
+        position = match.end()
+    yield Token("end", "", len(text))
+
+
+def error_at(text: str, position: int, reason: str, cure: str = "") -> InputError:
+    """Return an error that names the position, counted from 1, and the text around it."""
+    around = text[max(0, position - 30) : position + 30]
+    message = f"{reason} (character {position + 1}, near {around!r})"
+    return InputError(f"{message}; {cure}." if cure else f"{message}.")
+
+
+def refuse_at(text: str, position: int, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function and say where in the text its refusal, if any, belongs."""
+    try:
+        return function(*arguments)
+    except RefusedError as refusal:
+        reason, _, cure = str(refusal).rpartition("; ")
+        raise error_at(text, position, reason, cure) from None
+
+
+def decimal_parts(literal: str) -> tuple[str, str, int]:
+    """Return the digits before and after the point and the decimal exponent of a literal."""
+    mantissa, _, exponent = literal.lower().partition("e")
+    whole, _, fraction = mantissa.partition(".")
+    if len(exponent.lstrip("+-0")) > 3 or abs(int(exponent or 0)) > MAX_DECIMAL_EXPONENT:
+        raise RefusedError(
+            f"The decimal exponent {shorten(exponent, 20)} is not within "
+            f"±{MAX_DECIMAL_EXPONENT}; write the number with a smaller one"
+        )
+    return whole, fraction, int(exponent or 0)
+
+
+def shorten(text: str, length: int = 60) -> str:
+    """Return a text cut to a length that fits a message."""
+    return text if len(text) <= length else text[: length - 1] + "…"
+
+
+def names_in(text: str) -> set[str]:
+    """Return the names that a text mentions."""
+    return {token.text for token in tokens(text) if token.kind == "name"}

@@ -1,0 +1,181 @@
+"""IMS and EMS of a system from its Lagrangian, whose H is exactly differenced for EMS.
+
+At the ends i = 0, 1 of a step M_i v_i = p_i − b_i, and H_i = ½ v_iᵀM_i v_i + V_i. As an identity in
+v₀, v₁, M₀ and M₁, with v̄ = (v₀ + v₁)/2,
+
+    ½ v₁ᵀM₁v₁ − ½ v₀ᵀM₀v₀ = v̄ᵀ(M₁v₁ − M₀v₀) − ½ v₀ᵀ(M₁ − M₀)v₁
+
+so that, with the discrete derivative D of Λ by q and t at fixed v₀ and v₁ (``discrete_gradient``),
+
+    ΔH = D_pH·Δp + D_qH·Δq + D_tH Δt,   D_pH = v̄,   D_qH = −D_qΛ,   D_tH = −D_tΛ
+    Λ(q, t) = ½ v₀ᵀM v₁ + bᵀv̄ − V
+
+Λ is L where v₀ = v₁: D becomes (−L_q, v, −L_t). Exchange of the ends leaves D as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import sympy as sp
+
+from ..kernels.statements import Kernel
+from ..symbolic.derivatives import along
+from ..symbolic.identities import Finding, compare
+from ..symbolic.shared_subexpressions import substitute
+from ..systems.lagrangian import LagrangianSystem
+from ..systems.system import System
+from .discrete_gradient import discrete_gradient
+from .kernel_inputs import time_input
+from .lagrangian_kernels import motion_kernels, newton_kernels
+from .step_equations import MeanScheme
+from .system_differences import LATE, vector, with_time
+
+__all__ = ["LagrangianEMS", "LagrangianIMS", "mean_scheme"]
+
+
+def mean_scheme(system: System, *, discrete: bool) -> MeanScheme:
+    """Return IMS or EMS of a system of either kind."""
+    if isinstance(system, LagrangianSystem):
+        return (LagrangianEMS if discrete else LagrangianIMS)(system, discrete)
+    return MeanScheme(system, discrete)
+
+
+@dataclass(frozen=True)
+class LagrangianIMS(MeanScheme):
+    """IMS of a Lagrangian: L_q at the midpoint, and at the velocity there."""
+
+    system: LagrangianSystem
+
+    def kernels(self) -> list[Kernel]:
+        """Return what moves p, its derivatives, and what constraints add."""
+        return [*self.motion_kernels(), *self.newton_kernels(), *self._constraint_kernels(),
+                *self.rate_kernels()]
+
+    def motion_kernels(self) -> list[Kernel]:
+        """Return what moves p and what drives H, for sweeps and Newton alike."""
+        return motion_kernels(self.system)
+
+    def newton_kernels(self) -> list[Kernel]:
+        """Return the derivatives of that along a direction."""
+        return newton_kernels(self.system)
+
+
+@dataclass(frozen=True)
+class LagrangianEMS(LagrangianIMS):
+    """EMS of a Lagrangian, in terms of the velocities of both ends."""
+
+    @cached_property
+    def ends(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+        """The symbols of v₀ and v₁."""
+        return vector("before", self.system.n), vector("after", self.system.n)
+
+    @cached_property
+    def mean_velocity(self) -> list[sp.Expr]:
+        """v̄."""
+        return [(a + b) / 2 for a, b in zip(*self.ends, strict=True)]
+
+    @cached_property
+    def between(self) -> sp.Expr:
+        """Λ(q, t); of a long L, whose M is longer still, L(v̄) − L(δ) + bᵀδ − V, δ = (v₁ − v₀)/2."""
+        system, (v0, v1) = self.system, self.ends
+        if system.is_long:
+            half = [(b - a) / 2 for a, b in zip(v0, v1, strict=True)]
+            mean, other = (substitute([system.L], dict(zip(system.velocities, v, strict=True)))[0]
+                           for v in (self.mean_velocity, half))
+            apart = (b * v for b, v in zip(system.rest_momenta, half, strict=True))
+            return sp.Add(mean, -other, *apart, -system.potential)
+        entries = zip(system.mass, system._at_rest([*system.mass.values()]), strict=True)
+        bilinear = (e * (v0[i] * v1[j] + v0[j] * v1[i]) / (2 if i != j else 4)
+                    for (i, j), e in entries)
+        linear = (b * v for b, v in zip(system.rest_momenta, self.mean_velocity, strict=True))
+        return sp.Add(*bilinear, *linear, -system.potential)
+
+    @cached_property
+    def _slopes(self) -> list[sp.Expr]:
+        """DΛ by q and, of a system that has time, by t."""
+        return discrete_gradient(self.between, *with_time(
+            self.system.q, self.means[0], self.differences[0], self.system.clock))
+
+    @cached_property
+    def mean_gradient(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """D_qH and D_pH in terms of q̄, Δq, v₀ and v₁."""
+        return [-e for e in self._slopes[: self.system.n]], self.mean_velocity
+
+    @cached_property
+    def mean_push(self) -> list[sp.Expr]:
+        """D_qΛ + F(q̄, v̄, t), n entries: Δp/Δt but for the constraint forces."""
+        slopes = self._slopes[: self.system.n]
+        if not self.system.forces:
+            return slopes
+        at_mean = dict(zip([*self.system.q, *self.system.velocities],
+                           [*self.means[0], *self.mean_velocity], strict=True))
+        forces = substitute(self.system.forces, at_mean)
+        return [d + f for d, f in zip(slopes, forces, strict=True)]
+
+    @cached_property
+    def mean_drive(self) -> sp.Expr:
+        """D_tH."""
+        return -self._slopes[-1]
+
+    @property
+    def _no_step(self) -> dict[sp.Symbol, sp.Expr]:
+        velocities = self.system.velocities
+        return super()._no_step | {x: v for side in self.ends
+                                   for x, v in zip(side, velocities, strict=True)}
+
+    @property
+    def _backwards(self) -> dict[sp.Symbol, sp.Expr]:
+        v0, v1 = self.ends
+        return super()._backwards | dict(zip([*v0, *v1], [*v1, *v0], strict=True))
+
+    def balance(self) -> Finding:
+        """Whether ΔH = D_pH·Δp + D_qH·Δq + D_tH Δt, for all v₀ and v₁."""
+        system = self.system
+        variables = with_time(system.q, self.means[0], self.differences[0], system.clock)
+        momenta, energies = [], []
+        for v, sign in zip(self.ends, (-1, 1), strict=True):
+            there = {x: m + sign * d / 2 for x, m, d in zip(*variables, strict=True)}
+            there |= dict(zip(system.velocities, v, strict=True))
+            *p, L = substitute([*system.L_v, system.L], there)
+            momenta.append(p)
+            energies.append(sp.Add(-L, *(a * b for a, b in zip(p, v, strict=True))))
+        gained = (v * (b - a) for v, a, b in zip(self.mean_velocity, *momenta, strict=True))
+        moved = (-d * dx for d, dx in zip(self._slopes, variables[2], strict=True))
+        small = self.differences[0] + [LATE] * system.is_timed
+        return compare([energies[1] - energies[0]], [sp.Add(*gained, *moved)], small)
+
+    # ------------------------------------------------------------ kernels
+
+    def motion_kernels(self) -> list[Kernel]:
+        """Return D_qΛ + F, and D_tH, at the velocities of both ends."""
+        at = self._at
+        less = " + F at the means" if self.system.forces else ""
+        kernels = [Kernel("mean_push", f"R = D_q(v0^T M v1/2 + b.v - V){less}",
+                          at | time_input(self.system), {"R": self.mean_push})]
+        if self.system.is_timed:
+            kernels.append(Kernel("mean_drive_of_velocities",
+                                  "D_t: mean of dH/dt between the ends", at,
+                                  {"D_t": self.mean_drive}))
+        return self._as_long(kernels)
+
+    def newton_kernels(self) -> list[Kernel]:
+        """Return d(dL/dq) of an end, and the change of ``mean_push`` as that end moves."""
+        n = self.system.n
+        wq, wv = vector("wq", n), vector("wv", n)
+        moving = [*self.means[0], *self.differences[0], *self.ends[1]]
+        change = along(self.mean_push, moving, [*(x / 2 for x in wq), *wq, *wv])
+        slope = [k for k in newton_kernels(self.system) if k.name == "slope_change"]
+        return [*slope, *self._as_long([
+            Kernel("mean_push_change", "dR as q1 and v1 move along (wq, wv)",
+                   self._at | time_input(self.system) | {"wq": wq, "wv": wv}, {"dR": change})])]
+
+    @property
+    def _at(self) -> dict[str, list[Any]]:
+        v0, v1 = self.ends
+        return {"qm": self.means[0], "dq": self.differences[0], "v0": v0, "v1": v1}
+
+    def _as_long(self, kernels: list[Kernel]) -> list[Kernel]:
+        return [replace(k, factors=not self.system.is_long) for k in kernels]

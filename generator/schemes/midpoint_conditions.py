@@ -1,0 +1,80 @@
+"""What IMS and EMS satisfy: proved as polynomial or rational identities, or seen at points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sympy as sp
+
+from ..symbolic.identities import Finding, compare
+from ..symbolic.shared_subexpressions import substitute
+from ..tableaux.conditions import Condition
+from .lagrangian_midpoint import LagrangianEMS
+from .step_equations import MeanScheme
+from .system_differences import with_time
+
+__all__ = ["check_mean_scheme"]
+
+
+def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
+    """Return consistency, symmetry and order; for EMS also the exact energy and constraint laws.
+
+    ``found`` says how each was found: "proved", or "seen" at random points (``identities``).
+    """
+    lines = [
+        _condition("consistent", "D(q, p, 0, 0) = (H_q, H_p)", scheme.consistency()),
+        _condition("symmetric", "D unchanged by exchange of the end points", scheme.symmetry()),
+    ]
+    order = 2 * lines[1].holds if lines[0].holds else 0
+    lines.append(Condition("order", "consistent and symmetric: 2", str(order), order == 2,
+                           str(order - 2) if order != 2 else "0", required=True))
+    if scheme.discrete:
+        lines += [_energy(scheme), _constraint(scheme)]
+    return lines
+
+
+def _energy(scheme: MeanScheme) -> Condition:
+    """ΔH = D_qH·Δq + D_pH·Δp: energy is kept exactly, the multiplier's work is λΔg = 0 (60)."""
+    timed = scheme.system.is_timed
+    law = "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * timed
+    if isinstance(scheme, LagrangianEMS):
+        return _condition("energy", law, scheme.balance())
+    variables = with_time(
+        [*scheme.system.q, *scheme.system.p], [*scheme.means[0], *scheme.means[1]],
+        [*scheme.differences[0], *scheme.differences[1]], scheme.system.clock)
+    slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
+             *([scheme.mean_drive] if timed else [])]
+    return _condition("energy", law, _increments([scheme.system.H], [slope], *variables))
+
+
+def _constraint(scheme: MeanScheme) -> Condition:
+    system, slopes = scheme.system, scheme.mean_constraint
+    if system.is_timed:
+        slopes = [[*row, rate] for row, rate in
+                  zip(slopes, scheme.mean_constraint_rate, strict=True)]
+    return _condition(
+        "constraint work", "g_k − g_(k−1) = Ḡ·Δq" + " + ḡ_t Δt" * system.is_timed,
+        _increments(system.constraints, slopes, *with_time(
+            system.q, scheme.means[0], scheme.differences[0],
+            system.clock)))
+
+
+def _increments(
+    expressions: Sequence[sp.Expr],
+    slopes: Sequence[Sequence[sp.Expr]],
+    variables: Sequence[sp.Symbol],
+    means: Sequence[sp.Symbol],
+    differences: Sequence[sp.Symbol],
+) -> Finding:
+    """Compare e(end) − e(start) with slope·difference."""
+    start, end = (
+        substitute(expressions, {x: m + sign * d / 2 for x, m, d
+                                 in zip(variables, means, differences, strict=True)})
+        for sign in (-1, 1)
+    )
+    work = [sp.Add(*(a * d for a, d in zip(slope, differences, strict=True))) for slope in slopes]
+    return compare([b - a for a, b in zip(start, end, strict=True)], work, differences)
+
+
+def _condition(name: str, equation: str, finding: Finding) -> Condition:
+    return Condition(name, equation, finding.how, finding.holds, finding.residual, required=True)

@@ -1,0 +1,112 @@
+"""The schemes that have names: one record each. What they promise is derived elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from ...core.arguments import choose
+
+if TYPE_CHECKING:
+    from ..tableaux.tableau import Tableau
+
+__all__ = ["DEFAULT_SCHEME", "DEFAULT_STAGES", "MAX_STAGES", "SCHEMES", "Scheme", "SchemeName",
+           "scheme_named"]
+
+#: The most stages of a family: tableaux of more have not been looked at.
+MAX_STAGES = 16
+
+#: What ``scheme`` may be; the keys of ``SCHEMES``, for editors and type checkers.
+SchemeName = Literal["IMS", "EMS", "G-L", "LIIIA-B", "Radau-L"]
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A scheme: a family of SPARK tableaux, or one mean value of the gradient.
+
+    Attributes
+    ----------
+    name : str
+        The paper's.
+    title : str
+        What the name stands for.
+    fewest : int
+        The fewest stages it has; 0 where it has none.
+    most : int
+        The most it has; where that is the fewest, nobody has to say them.
+    tableau : callable or None
+        Number of stages → its exact tableau; None for a mean value.
+    discrete : bool
+        Of a mean value: whether it is the discrete gradient, else the gradient at the midpoint.
+    sources : dict of str to str
+        Works that it is from, by their keys in ``certificates/citations.py``, and for what.
+    """
+
+    name: SchemeName
+    title: str
+    fewest: int = 0
+    tableau: Callable[[int], Tableau] | None = None
+    discrete: bool = False
+    most: int = MAX_STAGES
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """The name as file names have it: ``ims``, ``gl``, ``liiiab``."""
+        return self.name.lower().replace("-", "")
+
+    @property
+    def counted(self) -> bool:
+        """Whether it is a family: its number of stages has to be said."""
+        return 0 < self.fewest < self.most
+
+
+def _gauss_lobatto(stages: int) -> Tableau:
+    from ..tableaux.families import gauss_lobatto  # SymPy, only when needed
+
+    return gauss_lobatto(stages)
+
+
+def _lobatto_iiiab(stages: int) -> Tableau:
+    from ..tableaux.families import lobatto_iiiab
+
+    return lobatto_iiiab(stages)
+
+
+def _radau_lobatto(stages: int) -> Tableau:
+    from ..tableaux.families import radau_lobatto
+
+    return radau_lobatto(stages)
+
+
+SCHEMES: dict[SchemeName, Scheme] = {
+    scheme.name: scheme
+    for scheme in (
+        Scheme("IMS", "implicit midpoint scheme",
+               sources={"hairer2006": "the implicit midpoint rule and what it keeps"}),
+        Scheme("EMS", "energy-momentum preserving scheme", discrete=True, sources={
+            "gonzalez1996": "discrete gradients, energy and momentum",
+            "gonzalez1999": "the same with constraints",
+            "mclachlan1999": "discrete gradients as a class of methods"}),
+        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto),
+        Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab,
+               sources={"jay1996": "Lobatto IIIA-IIIB pairs with constraints"}),
+        Scheme("Radau-L", "Radau-Lobatto SPARK method", 1, _radau_lobatto,
+               sources={"hairer1996": "Radau IIA methods, L-stable"}),
+    )
+}
+#: What the command line takes where no scheme is named: order 6, symplectic.
+DEFAULT_SCHEME: SchemeName = "G-L"
+DEFAULT_STAGES = 3
+
+
+def scheme_named(name: Any) -> Scheme:
+    """Return the scheme of a name.
+
+    Raises
+    ------
+    InputError
+        Naming the allowed ones.
+    """
+    return SCHEMES[choose("scheme", name, SCHEMES)]

@@ -1,0 +1,373 @@
+"""What a step must solve, scheme by scheme, in terms of any system.
+
+SPARK (B.1), (B.2): unknowns k_1..k_s, k̂_1..k̂_s, Λ_0..Λ_{p−1};
+    r = [k_i − H_p(Q_i, P_i);  k̂_i + H_q(Q_i, P_i);  g(Q̃_l), l = 1..p]
+
+IMS (53) and EMS (61): unknowns Δq, Δp, λ;
+    r = [Δq/Δt − D_pH;  Δp/Δt + D_qH + Ḡᵀλ;  g(q + Δq)]
+with D the gradient at the midpoint (IMS) or the discrete gradient (EMS), Ḡ likewise of g.
+
+With forces F(q, p, t), H_q − F stands where H_q does: SPARK has F(Q_i, P_i, t + c_i Δt), IMS and
+EMS take F at the midpoint, F(q̄, p̄, t + Δt/2), so that ΔH = F·Δq holds exactly for EMS.
+
+Where t stands in H or g, SPARK has H_q(Q_i, P_i, t + c_i Δt) and g(Q̃_l, t + c̃_l Δt), and EMS takes
+time for one more variable of the discrete gradient, from t to t + Δt:
+
+    ΔH = D_qH·Δq + D_pH·Δp + D_tH Δt,   Δg = Ḡ Δq + ḡ_t Δt = 0,   so ΔH = F·Δq + (D_tH + λᵀḡ_t) Δt
+
+The last is the work of forces and drives; IMS has all of these at the midpoint.
+
+Either way the C loops over stages; only the kernels below are expressions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import sympy as sp
+
+from ..kernels.kernel import Constants
+from ..kernels.statements import Kernel
+from ..symbolic.identities import Finding, compare
+from ..symbolic.shared_subexpressions import substitute
+from ..systems.jacobians import jacobian
+from ..systems.lagrangian import LagrangianSystem
+from ..systems.moving_frame import MovingSystem, energy_of
+from ..systems.system import System
+from ..tableaux.tableau import Tableau
+from .kernel_inputs import time_input
+from .lagrangian_kernels import motion_kernels, newton_kernels, state_kernels
+from .system_differences import (
+    LATE,
+    constraint_increment,
+    discrete_jacobian,
+    discrete_slopes,
+    mean_gradient_of,
+    mean_slopes_of,
+    vector,
+)
+
+__all__ = ["MeanScheme", "SparkScheme", "common_kernels"]
+
+
+def common_kernels(system: System) -> list[Kernel]:
+    """Return the kernels that every scheme needs: H, F, g, and what projects onto them."""
+    if isinstance(system, LagrangianSystem):
+        return [*state_kernels(system), *(place_kernels(system) if system.m else []),
+                *rate_kernels(system)]
+    at_state = {"q": list(system.q), "p": list(system.p)}
+    kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy_of(system)})]
+    if system.forces:
+        kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
+                              at_state | time_input(system), {"F": list(system.forces)}))
+    if isinstance(system, MovingSystem) and system.carried:
+        kernels.append(Kernel("carried", "sum omega_i A_i q, by which the frame moves q",
+                              {"q": list(system.q)}, {"v": list(system.carried)}))
+    if system.m == 0:
+        return kernels
+    return [
+        *kernels,
+        *place_kernels(system),
+        Kernel(
+            "hidden_constraint",
+            "f(q, p) = 0 on the momenta: G H_p = 0 without its factors that cannot vanish",
+            at_state,
+            {"f": system.hidden},
+        ),
+        Kernel(
+            "hidden_matrix",
+            "W = (df/dp) G^T",
+            at_state,
+            {"W": system.hidden_matrix},
+        ),
+    ]
+
+
+def place_kernels(system: System) -> list[Kernel]:
+    """Return the kernels of the constraints as functions of q."""
+    q, d = list(system.q), vector("d", system.n)
+    return [
+        Kernel("constraint", "g(q)", {"q": q}, {"g": list(system.constraints)}, compensated=True),
+        Kernel(
+            "constraint_increment",
+            "g(q + d) - g(q), by discrete differentiation: no digit is lost for small d",
+            {"q": q, "d": d},
+            {"dg": constraint_increment(system, d)},
+        ),
+        Kernel("constraint_jacobian", "G = dg/dq", {"q": q}, {"G": system.G}),
+    ]
+
+
+@dataclass(frozen=True)
+class SparkScheme:
+    """Any (s, p)-SPARK method: T1 solves (B.1), T2 projects the momentum (A.6)."""
+
+    system: System
+    tableau: Tableau
+    #: x holds rates and multipliers themselves, not a state to be reached.
+    unknowns_are_state = False
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns of T1."""
+        return 2 * self.system.n * self.tableau.s + self.system.m * self.tableau.p
+
+    @property
+    def multipliers(self) -> int:
+        """How many multipliers a step reports for each constraint: Λ_0..Λ_p."""
+        return self.tableau.p + 1 if self.system.m else 0
+
+    @cached_property
+    def order(self) -> int:
+        """Order of convergence, derived from the tableau."""
+        return self.tableau.order
+
+    def kernels(self) -> list[Kernel]:
+        """Return the derivative kernels that the stage loops call."""
+        system = self.system
+        state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
+        if isinstance(system, LagrangianSystem):
+            return [*motion_kernels(system), *newton_kernels(system), *self._curvature()]
+        kernels = [
+            Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
+                   {"H_q": system.H_q, "H_p": system.H_p}),
+            Kernel("hessian", "H_qq, H_pq = dH_p/dq and H_pp", state,
+                   {"H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}),
+        ]
+        if system.forces:
+            kernels = [
+                Kernel("gradient", "H_q = dH/dq - F, H_p = dH/dp", state,
+                       {"H_q": system.minus_p_rate, "H_p": system.H_p}),
+                Kernel("hessian", "H_qq and H_qp, derivatives of H_q = dH/dq - F, and those of H_p",
+                       state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
+                               "H_pq": system.H_pq, "H_pp": system.H_pp}),
+            ]
+        return [*kernels, *drive_kernels(system), *rate_kernels(system), *self._curvature()]
+
+    def _curvature(self) -> list[Kernel]:
+        """Return the kernel of what constraints add to the derivatives."""
+        system, lam = self.system, vector("lambda", self.system.m)
+        return [Kernel("constraint_curvature", "K = d(G^T lambda)/dq",
+                       {"q": list(system.q), "lambda": lam}, {"K": system.curvature(lam)})
+                ] if system.m else []
+
+
+@dataclass(frozen=True)
+class MeanScheme:
+    """IMS (53) or EMS (61): one mean value of the gradient carries the whole step."""
+
+    system: System
+    discrete: bool  # EMS: the discrete gradient; IMS: the gradient at the midpoint
+    tableau = None
+    unknowns_are_state = True
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: q_k, p_k, λ."""
+        return 2 * self.system.n + self.system.m
+
+    @property
+    def multipliers(self) -> int:
+        """One λ for each constraint."""
+        return 1 if self.system.m else 0
+
+    @cached_property
+    def means(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+        """The symbols of q̄ and p̄."""
+        return vector("qm", self.system.n), vector("pm", self.system.n)
+
+    @cached_property
+    def differences(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+        """The symbols of Δq and Δp."""
+        return vector("dq", self.system.n), vector("dp", self.system.n)
+
+    @cached_property
+    def mean_gradient(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """D_qH and D_pH in terms of means and differences."""
+        return mean_gradient_of(self.system, self.means, self.differences, self.discrete)
+
+    @cached_property
+    def mean_rates(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """D_qH − F(q̄, p̄, t), −Δp/Δt but for the constraint forces, and D_pH."""
+        D_q, D_p = self.mean_gradient
+        if not self.system.forces:
+            return D_q, D_p
+        variables = [*self.system.q, *self.system.p]
+        at_mean = dict(zip(variables, [*self.means[0], *self.means[1]], strict=True))
+        forces = [f.xreplace(at_mean) for f in self.system.forces]
+        return [d - f for d, f in zip(D_q, forces, strict=True)], D_p
+
+    @cached_property
+    def mean_constraint(self) -> list[list[sp.Expr]]:
+        """Ḡ, m × n: discrete for EMS, g_q at the midpoint for IMS."""
+        if self.discrete:
+            return discrete_jacobian(self.system, self.means[0], self.differences[0])
+        at_mean = dict(zip(self.system.q, self.means[0], strict=True))
+        return [[e.xreplace(at_mean) for e in row] for row in self.system.G]
+
+    @cached_property
+    def mean_drive(self) -> sp.Expr:
+        """D_tH: discrete for EMS, H_t at the midpoint for IMS."""
+        return mean_slopes_of(self.system, self.means, self.differences, self.discrete)[-1]
+
+    @cached_property
+    def mean_constraint_rate(self) -> list[sp.Expr]:
+        """ḡ_t, m entries: discrete for EMS, g_t at the midpoint for IMS."""
+        if self.discrete:
+            slopes = discrete_slopes(self.system, self.means[0], self.differences[0])
+            return [row[-1] for row in slopes]
+        at_mean = dict(zip(self.system.q, self.means[0], strict=True))
+        return [e.xreplace(at_mean) for e in self.system.g_t]
+
+    @cached_property
+    def order(self) -> int:
+        """2 when the gradient is consistent and symmetric, 1 when only consistent.
+
+        Symmetric methods have even order, and D agrees with the exact mean of the gradient to no
+        more than O(Δ²).
+        """
+        if self.consistency(thorough=False).how == "refuted":
+            return 0
+        return 1 if self.symmetry(thorough=False).how == "refuted" else 2
+
+    def consistency(self, *, thorough: bool = True) -> Finding:
+        """Whether D = (H_q, H_p) for Δ = 0."""
+        system = self.system
+        at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
+        gradient = substitute([*system.H_q, *system.H_p, *self._rates_of_time], at_mean)
+        return compare(substitute(self._D, self._no_step), gradient, thorough=thorough)
+
+    def symmetry(self, *, thorough: bool = True) -> Finding:
+        """Whether exchange of the end points, which turns Δ into −Δ, leaves D as it is."""
+        return compare(self._D, substitute(self._D, self._backwards), self._differences,
+                       thorough=thorough)
+
+    @property
+    def _no_step(self) -> dict[sp.Symbol, sp.Expr]:
+        """What stands for what where both ends are one."""
+        return dict.fromkeys(self._differences, sp.Integer(0))
+
+    @property
+    def _backwards(self) -> dict[sp.Symbol, sp.Expr]:
+        """What stands for what where the ends are exchanged."""
+        return {x: -x for x in self._differences}
+
+    @property
+    def _rates_of_time(self) -> list[sp.Expr]:
+        """H_t and g_t, of what has time."""
+        return [self.system.H_t, *self.system.g_t] if self.system.is_timed else []
+
+    @property
+    def _D(self) -> list[sp.Expr]:
+        drives = [self.mean_drive, *self.mean_constraint_rate] if self.system.is_timed else []
+        return [*self.mean_gradient[0], *self.mean_gradient[1], *drives]
+
+    @property
+    def _differences(self) -> list[sp.Symbol]:
+        late = [LATE] if self.system.is_timed else []
+        return [*self.differences[0], *self.differences[1], *late]
+
+    def kernels(self) -> list[Kernel]:
+        """Return the mean gradient and its derivatives by Δq and Δp."""
+        system = self.system
+        by_q, by_p = self._by_increments()
+        inputs = {"qm": self.means[0], "pm": self.means[1],
+                  "dq": self.differences[0], "dp": self.differences[1]}
+        inputs |= time_input(system)
+        D_q, D_p = self.mean_rates
+        kind = "discrete gradient: H(q1,p1) - H(q0,p0) = D_q.dq + D_p.dp exactly" \
+            if self.discrete else "gradient at the midpoint"
+        less = "; from D_q, F(qm, pm, t) is subtracted" if system.forces else ""
+        kernels = [
+            Kernel("mean_gradient", f"D_q, D_p: {kind}{less}", inputs, {"D_q": D_q, "D_p": D_p}),
+            Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
+                   {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
+        ]
+        return [*kernels, *self._constraint_kernels(), *self.drive_kernels(),
+                *self.rate_kernels()]
+
+    def _constraint_kernels(self) -> list[Kernel]:
+        """Return the kernels of the constraints: G between the ends, and its derivative."""
+        if not self.system.m:
+            return []
+        by_q, _ = self._by_increments()
+        lam = vector("lambda", self.system.m)
+        force = [
+            sum((x * row[i] for x, row in zip(lam, self.mean_constraint, strict=True)),
+                sp.Integer(0))
+            for i in range(self.system.n)
+        ]
+        at = {"qm": self.means[0], "dq": self.differences[0]}
+        return [
+            Kernel("mean_constraint", "G between q0 and q1", at, {"G": self.mean_constraint}),
+            Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", at | {"lambda": lam},
+                   {"K": by_q(force)}),
+        ]
+
+    def drive_kernels(self) -> list[Kernel]:
+        """Return what drives H between the ends, where time stands in H or g."""
+        (qm, pm), (dq, dp) = self.means, self.differences
+        return [Kernel("mean_drive", "D_t: mean of dH/dt between the ends",
+                       {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_drive})
+                ] if self.system.is_timed else []
+
+    def rate_kernels(self) -> list[Kernel]:
+        """Return what moves g between the ends, where time stands in H or g."""
+        return [Kernel("mean_constraint_rate", "g_t between q0 and q1",
+                       {"qm": self.means[0], "dq": self.differences[0]},
+                       {"g_t": self.mean_constraint_rate})
+                ] if self.system.is_timed and self.system.m else []
+
+    def _by_increments(self) -> tuple[Any, Any]:
+        """Return derivatives by Δq and by Δp at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
+
+        def total(means: list[sp.Symbol], differences: list[sp.Symbol]) -> Any:
+            def derive(expressions: list[sp.Expr]) -> list[list[sp.Expr]]:
+                by_mean = jacobian(expressions, means)
+                by_difference = jacobian(expressions, differences)
+                return [
+                    [a / 2 + b for a, b in zip(row, other, strict=True)]
+                    for row, other in zip(by_mean, by_difference, strict=True)
+                ]
+
+            return derive
+
+        return (total(self.means[0], self.differences[0]),
+                total(self.means[1], self.differences[1]))
+
+
+def drive_kernels(system: System) -> list[Kernel]:
+    """Return what drives H at a time, where it stands in H or g."""
+    return [Kernel("drive", "H_t, the power of what drives H",
+                   {"q": list(system.q), "p": list(system.p)}, {"H_t": system.H_t})
+            ] if system.is_timed else []
+
+
+def rate_kernels(system: System) -> list[Kernel]:
+    """Return what moves g at a time, where it stands in H or g."""
+    return [Kernel("constraint_rate", "g_t, how fast the constraints move",
+                   {"q": list(system.q)}, {"g_t": system.g_t})
+            ] if system.is_timed and system.m else []
+
+
+def with_drive(system: System) -> System:
+    """Return the system with forces, none of which push, where a drive does work as they do."""
+    if not system.is_timed or system.forces:
+        return system
+    return replace(system, forces=(sp.Integer(0),) * system.n)
+
+
+def hoisted(system: System) -> tuple[System, Constants]:
+    """Return the system with its parameter-only subexpressions as constants of the run."""
+    time = () if system.time is None else (system.time,)
+    clock = {system.time: "_t", LATE: "_late"} if system.is_timed else {}
+    constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
+    defining = {name: constants.hoist(e) for name, e in system.defining.items()}
+    g = tuple(constants.hoist(e) for e in system.constraints)
+    forces = tuple(constants.hoist(e) for e in system.forces)
+    symbols = tuple(constants.definitions.values())
+    made: System = replace(system, parameters=symbols, constraints=g, forces=forces,
+                           quantities={}, **defining)
+    return made, constants

@@ -1,0 +1,95 @@
+"""Differences of H and g between two states: means, increments, and time as one variable more.
+
+They are exact: g(q + d) − g(q) loses no digit for small d, ΔH = D_qH·Δq + D_pH·Δp + D_tH Δt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+
+from ..systems.system import System
+from .discrete_gradient import discrete_gradient
+
+__all__ = ["LATE", "constraint_increment", "discrete_jacobian", "discrete_slopes", "increment_of",
+           "mean_gradient_of", "mean_slopes_of", "vector", "with_time"]
+
+#: How much later the other end of a difference is, where H or g depends on time.
+LATE = sp.Symbol("_late", real=True)
+
+
+def vector(name: str, count: int) -> list[sp.Symbol]:
+    """Return symbols _name0, _name1, …: no symbol of a system begins with an underscore."""
+    return [sp.Symbol(f"_{name}{i}", real=True) for i in range(count)]
+
+
+def constraint_increment(system: System, d: list[sp.Symbol]) -> list[sp.Expr]:
+    """Return g(q + d) − g(q) = Ḡ(q + d/2, d)·d, exact."""
+    return [increment_of(g, system.q, d, system.clock) for g in system.constraints]
+
+
+def increment_of(
+    g: sp.Expr, q: Sequence[sp.Symbol], d: list[sp.Symbol], time: sp.Symbol | None = None
+) -> sp.Expr:
+    """Return g(q + d) − g(q), exact and without loss of digits for small d.
+
+    With time it is g(q + d, t + late/2) − g(q, t − late/2).
+    """
+    means = [x + dx / 2 for x, dx in zip(q, d, strict=True)]
+    symbols, means, d = with_time(q, means, d, time)
+    slopes = discrete_gradient(g, symbols, means, d)
+    return sum((a * dx for a, dx in zip(slopes, d, strict=True)), sp.Integer(0))
+
+
+def with_time(
+    symbols: Sequence[Any], means: Sequence[Any], differences: Sequence[Any],
+    time: sp.Symbol | None,
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return the variables of a difference, and time behind them: t is its own mean."""
+    more = [[], [], []] if time is None else [[time], [time], [LATE]]
+    return ([*symbols, *more[0]], [*means, *more[1]], [*differences, *more[2]])
+
+
+def discrete_jacobian(
+    system: System, means: list[Any], differences: list[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Return Ḡ, m × n, with g(q₁) − g(q₀) = Ḡ (q₁ − q₀) exactly."""
+    return [slopes[: system.n] for slopes in discrete_slopes(system, means, differences)]
+
+
+def discrete_slopes(
+    system: System, means: list[Any], differences: list[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Return Ḡ with ḡ_t as its last column, if the system has time."""
+    variables = with_time(system.q, means, differences, system.clock)
+    return [discrete_gradient(g, *variables) for g in system.constraints]
+
+
+def mean_gradient_of(
+    system: System,
+    means: tuple[list[sp.Symbol], list[sp.Symbol]],
+    differences: tuple[list[sp.Symbol], list[sp.Symbol]],
+    discrete: bool,
+) -> tuple[list[sp.Expr], list[sp.Expr]]:
+    """Return D_qH and D_pH in terms of means and differences."""
+    D = mean_slopes_of(system, means, differences, discrete)
+    n = len(system.q)
+    return D[:n], D[n : n + len(system.p)]
+
+
+def mean_slopes_of(
+    system: System,
+    means: tuple[list[sp.Symbol], list[sp.Symbol]],
+    differences: tuple[list[sp.Symbol], list[sp.Symbol]],
+    discrete: bool,
+) -> list[sp.Expr]:
+    """Return D_qH, D_pH and, of a system that has time, D_tH."""
+    variables, all_means = [*system.q, *system.p], [*means[0], *means[1]]
+    if discrete:
+        return discrete_gradient(system.H, *with_time(
+            variables, all_means, [*differences[0], *differences[1]], system.clock))
+    at_mean = dict(zip(variables, all_means, strict=True))
+    time = [] if system.clock is None else [system.H_t]
+    return [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p, *time)]

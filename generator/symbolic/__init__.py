@@ -1,0 +1,14 @@
+"""Algebra on expressions, beside SymPy: bounded, without detours, and proved where it can be.
+
+    bounded_algebra        expansion and factoring, given up where they take too long
+    derivatives            derivatives without SymPy's detours
+    shared_subexpressions  expressions as graphs: a shared part is visited once
+    switching_functions    functions with two sides: |u|, max, where
+    piecewise              an expression with conditions as pieces of one variable
+    cardinal_functions     f(z)/z, which divided differences contain
+    numeric_evaluation     expressions as numbers, by NumPy or mpmath
+    rounding_errors        a running error analysis of an expression
+    identities             whether two expressions are the same function: proved, or sampled
+    finite_fields          whether an expression vanishes, decided modulo primes
+    null_spaces            null spaces over the rational numbers, exactly
+"""

@@ -1,0 +1,87 @@
+"""Derivatives of sums, products, powers and functions by SymPy's own rules, without its detours.
+
+The outcome is SymPy's, term by term. It differentiates every factor of a product zero times to
+form each term, and evaluates the logarithm of every base to multiply it with zero. Of functions
+with two sides (``switching_functions``) it is the derivative of the side: that of a step is 0, and
+there is no Dirac's delta.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import sympy as sp
+
+from .shared_subexpressions import Shared, name_of, parts_of, share, substitute
+from .switching_functions import Switch, Where, has_sides
+
+__all__ = ["along", "derivative", "slopes"]
+
+
+@lru_cache(maxsize=2**14)
+def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
+    """Return ∂e/∂x."""
+    if e.is_Atom:
+        return sp.Integer(int(e == x))
+    if e.is_Add:
+        return sp.Add(*(derivative(term, x) for term in e.args))
+    if e.is_Mul:
+        return sp.Add(*_product_terms(e.args, x))
+    if e.is_Pow and e.exp.is_number:
+        inner = derivative(e.base, x)
+        rate = e * (inner * e.exp / e.base)
+        if 0 < e.exp < 1 and has_sides(e.base):  # √max(x, 0) does not move where x < 0
+            return Where(sp.Integer(0), sp.Abs(inner), rate, sp.Integer(0))
+        return rate
+    if e.is_Pow:
+        by_base, by_exponent = (derivative(argument, x) for argument in e.args)
+        return e * (by_exponent * sp.log(e.base) + by_base * e.exp / e.base)
+    if isinstance(e, Shared):
+        return share(derivative(e.args[0], x))
+    if isinstance(e, (sp.sign, sp.floor)):
+        return sp.Integer(0)
+    if isinstance(e, Switch):
+        return e.pick(*(derivative(e.args[i], x) for i in e.branches))
+    if e.is_Function:
+        each = [derivative(argument, x) for argument in e.args]
+        return sp.Add(*(e.fdiff(i) * d for i, d in enumerate(each, 1) if d != 0))
+    return sp.diff(e, x)
+
+
+def _product_terms(factors: tuple[sp.Expr, ...], x: sp.Symbol) -> list[sp.Expr]:
+    inner = [derivative(factor, x) for factor in factors]
+    return [sp.Mul(*factors[:i], d, *factors[i + 1 :]) for i, d in enumerate(inner) if d != 0]
+
+
+def along(
+    expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol], way: Sequence[sp.Symbol]
+) -> list[sp.Expr]:
+    """Return the derivatives along a direction, forward: what is shared has one derivative."""
+    step = sp.Symbol("_step", real=True)
+    moved = substitute(expressions, {x: x + step * d for x, d in zip(symbols, way, strict=True)})
+    return substitute([derivative(e, step) for e in moved], {step: sp.Integer(0)})
+
+
+@lru_cache(maxsize=16)
+def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
+    """Return the derivatives by each symbol, backward: what is shared is gone through once.
+
+    They are together a few times as long as e, however many symbols there are.
+    """
+    shared = [part for part in parts_of([e]) if isinstance(part, Shared)]
+    names = {part: sp.Symbol(f"_r{i}", real=True) for i, part in enumerate(shared)}
+    *bodies, whole = substitute([*(part.args[0] for part in shared), e], names)
+    terms: dict[sp.Symbol, list[sp.Expr]] = {}
+
+    def pass_on(weight: sp.Expr, body: sp.Expr) -> None:
+        for term in sp.Add.make_args(body):
+            for x in sorted(term.free_symbols, key=name_of):
+                terms.setdefault(x, []).append(weight * derivative(term, x))
+
+    pass_on(sp.Integer(1), whole)
+    for part, body in zip(reversed(shared), reversed(bodies), strict=True):
+        if names[part] in terms:
+            pass_on(share(sp.Add(*terms[names[part]])), body)
+    back = {symbol: part for part, symbol in names.items()}
+    return substitute([sp.Add(*terms.get(x, ())) for x in symbols], back)

@@ -1,0 +1,164 @@
+"""Whether two expressions are the same function: proved by algebra, or seen at random points.
+
+Polynomials are compared term by term. For other functions there is no such normal form; they are
+evaluated with 60 digits at random points of their domain. Analytic functions that agree there
+to 30 digits are the same but for a chance that no computer will ever meet; it is called "seen"
+all the same, not "proved". A difference at one point refutes.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import mpmath as mp
+import sympy as sp
+
+from .cardinal_functions import Numeric
+from .shared_subexpressions import Shared, parts_of, symbols_of
+from .switching_functions import Where
+
+__all__ = ["Finding", "compare", "evaluate"]
+
+_DIGITS = 60
+_POINTS = 8
+_TRIES = 400
+#: Rational functions with more operations than this are not brought over one denominator.
+_MOST_OPERATIONS = 3000
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a comparison found; ``residual`` is text, "0" where the two sides agree."""
+
+    holds: bool
+    how: str
+    residual: str
+
+
+def compare(
+    left: Sequence[sp.Expr], right: Sequence[sp.Expr], small: Sequence[sp.Symbol] = (),
+    *, thorough: bool = True,
+) -> Finding:
+    """Compare two lists of expressions, entry by entry.
+
+    Random points have values about a tenth for the symbols in ``small``. Without ``thorough``,
+    only polynomials are compared by algebra.
+    """
+    pairs = [(a, b) for a, b in zip(left, right, strict=True) if a != b]
+    if not pairs:
+        return Finding(True, "proved", "0")
+    count = 0
+    for values in _points(pairs, set(small)):
+        worst = max((_difference(a, b, values) for a, b in pairs))
+        if worst > mp.mpf(10) ** (-_DIGITS // 2):
+            return Finding(False, "refuted", mp.nstr(worst, 3))
+        count += 1
+    if all(_is_equal(a, b, thorough) for a, b in pairs):
+        return Finding(True, "proved", "0")
+    if not count:
+        return Finding(False, "not decided", f"no real value at {_TRIES} random points")
+    return Finding(True, f"seen at {count} random points to {_DIGITS // 2} digits", "0")
+
+
+def _is_equal(a: sp.Expr, b: sp.Expr, thorough: bool) -> bool:
+    """Whether algebra proves a = b."""
+    symbols = symbols_of([a, b])
+    if all(e.is_polynomial(*symbols) for e in (a, b)):
+        return bool(sp.expand(a - b) == 0)
+    rational = thorough and all(e.is_rational_function(*symbols) for e in (a, b))
+    if rational and sp.count_ops(a) + sp.count_ops(b) < _MOST_OPERATIONS:
+        return bool(sp.numer(sp.together(a - b)).expand() == 0)
+    return False
+
+
+def _points(
+    pairs: Sequence[tuple[sp.Expr, sp.Expr]], small: set[sp.Symbol]
+) -> Iterator[dict[sp.Basic, Any]]:
+    """Yield values of every subexpression at random points where all of them are real."""
+    expressions = [e for pair in pairs for e in pair]
+    symbols = sorted(symbols_of(expressions), key=str)
+    draw, found = random.Random(1), 0
+    for attempt in range(_TRIES):
+        size = (1, Fraction(1, 4), 4)[attempt % 3]
+        lowest = -1 if attempt % 2 else Fraction(1, 4)
+        point = {}
+        for s in symbols:
+            low = Fraction(1, 4) if s.is_positive else lowest
+            point[s] = (low + (1 - low) * Fraction(draw.getrandbits(40), 2**40)) * size
+            if s in small:
+                point[s] /= 10
+        try:
+            values = evaluate(expressions, point)
+        except (ValueError, ArithmeticError):
+            continue
+        yield values
+        found += 1
+        if found == _POINTS:
+            return
+
+
+def _difference(a: sp.Expr, b: sp.Expr, values: Mapping[sp.Basic, Any]) -> Any:
+    """Return |a − b| relative to the larger, or to 1."""
+    return abs(values[a] - values[b]) / max(1, abs(values[a]), abs(values[b]))
+
+
+def evaluate(
+    expressions: Sequence[sp.Expr], point: Mapping[sp.Symbol, Fraction], digits: int = _DIGITS
+) -> dict[sp.Basic, Any]:
+    """Return the value of every subexpression at a point, as mpmath numbers.
+
+    Raises ``ValueError`` or ``ArithmeticError`` where one of them is not a finite real number; on
+    the sides of a ``Where`` it may be none, which is NaN, if it is not taken.
+    """
+    sides = set(parts_of(s for e in parts_of(expressions) if isinstance(e, Where)
+                         for s in e.args[2:]))
+    with mp.workdps(digits):
+        values: dict[sp.Basic, Any] = {
+            s: mp.mpf(x.numerator) / x.denominator for s, x in point.items()
+        }
+        for e in parts_of(expressions):
+            if e not in values:
+                value = _value_if_any(e, [values[a] for a in e.args])
+                if e not in sides and not mp.isfinite(value):
+                    raise ValueError(f"{e} is not a finite real number here.")
+                values[e] = value
+        for e in expressions:
+            if not mp.isfinite(values[e]):
+                raise ValueError(f"{e} is not a finite real number here.")
+        return values
+
+
+def _value_if_any(e: sp.Basic, arguments: list[Any]) -> Any:
+    """Return the value of e; NaN where it has none, or is infinite or complex."""
+    if not all(map(mp.isfinite, arguments[:2] if isinstance(e, Where) else arguments)):
+        return mp.nan
+    try:
+        value = _value(e, arguments)
+    except (ValueError, ArithmeticError):
+        return mp.nan
+    return mp.nan if isinstance(value, mp.mpc) or not mp.isfinite(value) else value
+
+
+def _value(e: sp.Basic, arguments: list[Any]) -> Any:
+    if e.is_Add:
+        return mp.fsum(arguments)
+    if e.is_Mul:
+        return mp.fprod(arguments)
+    if e.is_Pow:
+        return mp.power(*arguments)
+    if isinstance(e, Shared):
+        return arguments[0]
+    if isinstance(e, Numeric):
+        return e.value(*arguments)
+    if e.is_Rational:
+        return mp.mpf(int(e.p)) / int(e.q)
+    if e.is_number and not e.args:
+        return e._to_mpmath(mp.mp.prec)
+    function = {"Abs": mp.fabs}.get(e.func.__name__) or getattr(mp, e.func.__name__, None)
+    if function is None:
+        raise ValueError(f"{e.func.__name__!r} has no value here.")
+    return function(*arguments)

@@ -1,0 +1,145 @@
+"""Expressions as numbers: a walk over the tree, with NumPy or mpmath doing the arithmetic.
+
+No text is made and none is evaluated. Values may be arrays: one walk then serves many points, and
+complex ones differentiate, f'(x) = Im f(x + iε)/ε, to round-off without any formula for f'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from functools import reduce
+from operator import add, mul
+from typing import Any
+
+import mpmath
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.exact_numbers import exact
+from .shared_subexpressions import Shared
+from .switching_functions import Switch
+
+__all__ = ["Evaluator", "as_rational"]
+
+Array = NDArray[Any]
+
+#: SymPy's functions of one argument whose NumPy and mpmath names are these.
+_FUNCTIONS = {
+    sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.exp: "exp", sp.log: "log",
+    sp.sinh: "sinh", sp.cosh: "cosh", sp.tanh: "tanh",
+    sp.asin: "arcsin asin", sp.acos: "arccos acos", sp.atan: "arctan atan",
+}
+
+
+class Evaluator:
+    """Values of expressions at given values of their symbols; every subtree is computed once."""
+
+    def __init__(self, values: Mapping[sp.Symbol, Any], *, mp: Any = None) -> None:
+        self._known: dict[sp.Basic, Any] = dict(values)
+        self._mp = mp
+
+    def __call__(self, e: sp.Expr) -> Any:
+        """Return the value of an expression: a number, or an array as the values are."""
+        if e not in self._known:
+            self._known[e] = self._compute(e)
+        return self._known[e]
+
+    def define(self, symbol: sp.Symbol, value: Any) -> None:
+        """Give one more symbol a value."""
+        self._known[symbol] = value
+
+    def _compute(self, e: sp.Expr) -> Any:
+        if e.is_number and not e.free_symbols:
+            return self._number(e)
+        if e.is_Add:
+            return reduce(add, map(self, e.args))
+        if e.is_Mul:
+            return reduce(mul, map(self, e.args))
+        if e.is_Pow:
+            return self._power(e)
+        if e.func in _FUNCTIONS:
+            return self._function(_FUNCTIONS[e.func])(self(e.args[0]))
+        if e.func is sp.atan2:
+            return self._angle(*map(self, e.args))
+        if isinstance(e, Switch):
+            return self._switch(e)
+        if isinstance(e, Shared):
+            return self(e.args[0])
+        if e.func in (sp.Abs, sp.sign, sp.floor):
+            return self._of_sign(e.func, self(e.args[0]))
+        raise InputError(f"{e} cannot be computed: no value is known for "
+                         f"{str(e) if e.is_Symbol else e.func.__name__!r}.")
+
+    def _number(self, e: sp.Expr) -> Any:
+        if self._mp is not None:
+            return self._mp.mpmathify(e.evalf(self._mp.dps))
+        return np.float64(float(e))
+
+    def _power(self, e: sp.Pow) -> Any:
+        base, exponent = self(e.base), e.exp
+        if exponent == sp.Rational(1, 2):
+            return self._function("sqrt")(base)
+        if exponent.is_Integer:
+            return base ** int(exponent)
+        return base ** self(exponent)
+
+    def _switch(self, e: Switch) -> Any:
+        """Return one of the sides; mpmath, which has no NaN of logarithms, never sees the other."""
+        a, b = map(self, e.args[:2])
+        below, above = (e.args[i] for i in e.branches)
+        if self._mp is not None:
+            return self(below) if a.real < b.real else self(above)
+        return np.where(np.real(a) < np.real(b), self(below), self(above))[()]
+
+    def _angle(self, y: Any, x: Any) -> Any:
+        """Return atan2(y, x); of complex numbers, analytically, beside that of their real parts."""
+        functions = np if self._mp is None else self._mp
+        start = (np.arctan2 if self._mp is None else self._mp.atan2)(np.real(y), np.real(x))
+        if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
+            return start
+        c, s = functions.cos(start), functions.sin(start)
+        return start + self._function("arctan atan")((y * c - x * s) / (x * c + y * s))
+
+    def _of_sign(self, function: type[sp.Function], u: Any) -> Any:
+        """Return |u|, sign u or floor u; of complex u by its real part, so that |u| is analytic."""
+        if function is sp.floor:
+            return np.floor(np.real(u)) if self._mp is None else self._mp.floor(u.real)
+        sign = np.sign(np.real(u)) if self._mp is None else self._mp.sign(u.real)
+        return sign if function is sp.sign else sign * u
+
+    def _function(self, names: str) -> Callable[[Any], Any]:
+        numpy_name, mp_name = names.split()[0], names.split()[-1]
+        found: Callable[[Any], Any] = (
+            getattr(np, numpy_name) if self._mp is None else getattr(self._mp, mp_name))
+        return found
+
+
+def evaluate(expressions: Sequence[sp.Expr], values: Mapping[sp.Symbol, Any]) -> Array:
+    """Return the values, one row an expression, broadcast over the values' shapes.
+
+    What is beyond 1e308, or divides by zero, is infinite or NaN, for one point as for many:
+    Python's own floats would raise instead.
+    """
+    walk = Evaluator({symbol: np.asarray(v)[()] for symbol, v in values.items()})
+    shape = np.broadcast_shapes(*(np.shape(v) for v in values.values()))
+    with np.errstate(all="ignore"):
+        rows = [np.broadcast_to(walk(e), shape) for e in expressions]
+    return np.array(rows) if rows else np.zeros((0, *shape))
+
+
+def mp_context(digits: int) -> Any:
+    """Return an mpmath context of its own, so that nobody's precision is changed."""
+    context = mpmath.MPContext()
+    context.dps = digits
+    return context
+
+
+def as_rational(value: Any) -> sp.Rational:
+    """Return a finite real number of any type as it is, in SymPy's numbers."""
+    number = exact(value)
+    if not isinstance(number, Fraction):
+        raise TypeError(f"{value!r} is no finite real number")
+    return sp.Rational(number.numerator, number.denominator)

@@ -1,0 +1,249 @@
+"""Constraints that others imply are found before a stepper is made: refused by name, or left out.
+
+Where g_q has not full rank on g = 0, multipliers are not determined. A model is looked at where it
+starts; a system without numbers at random ones, at points that Gauss-Newton steps find on g = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.projection import dependent_rows
+from ..symbolic.numeric_evaluation import evaluate
+from ..symbolic.rounding_errors import rounding
+from .numeric_system import NumericConstraints
+from .system import System
+
+__all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere"]
+
+Array = NDArray[Any]
+EPS = float(np.finfo(float).eps)
+
+#: Systems with a larger g_q are not searched for points at random: it would take seconds.
+_LARGEST_SEARCH = 20_000
+_TRIES = 12
+
+
+@dataclass(frozen=True)
+class Redundancy:
+    """Which constraints of a model others imply; printed it is a sentence.
+
+    Attributes
+    ----------
+    model : str
+        Name of the model.
+    constraints : tuple of str
+        All of its constraints.
+    involved : tuple of str
+        Those that depend on each other.
+    left_out : tuple of str
+        A smallest set of them without which the others are independent.
+    """
+
+    model: str
+    constraints: tuple[str, ...]
+    involved: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, model: str, names: Sequence[str], involved: Sequence[int], left_out: Sequence[int]
+    ) -> Redundancy:
+        """Return it of the rows of constraints."""
+        return cls(model, tuple(names), *(tuple(names[i] for i in rows)
+                                          for rows in (involved, left_out)))
+
+    def __str__(self) -> str:
+        if not self.left_out:
+            return f"The {len(self.constraints)} constraints of {self.model!r} are independent."
+        verb = "is" if len(self.left_out) == 1 else "are"
+        return (f"{len(self.left_out)} of the {len(self.constraints)} constraints of "
+                f"{self.model!r} {verb} redundant. Leave out {_quoted(self.left_out)}; these "
+                f"depend on each other: {_quoted(self.involved)}.")
+
+    def refuse(self) -> None:
+        """Refuse constraints that others imply.
+
+        Raises
+        ------
+        InputError
+            With the names of all that take part, and of a smallest set to leave out.
+        """
+        if self.left_out:
+            raise InputError(str(self))
+
+
+def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redundancy:
+    """Return which constraints others imply at q; refuse a q where they happen to depend.
+
+    Parameters
+    ----------
+    what : str
+        Name of the model.
+    q : ndarray, shape (n,)
+        Where it starts; need not be on g = 0 exactly.
+
+    Raises
+    ------
+    InputError
+        For constraints that contradict each other, and in a position where more of them depend
+        on each other than elsewhere.
+    """
+    refuse_constant(what, constraints.expressions, constraints.constraint_names)
+    if not constraints.expressions:
+        return Redundancy(what, ())
+    found = nearest_point(constraints, q)
+    names = constraints.constraint_names
+    slopes = constraints.G(q if found is None else found)
+    if not np.isfinite(slopes).all():
+        endless = [i for i, row in enumerate(slopes) if not np.isfinite(row).all()]
+        raise InputError(
+            f"The constraints {_listed(names, endless)} of {what!r} have no finite gradient at the "
+            "start; start elsewhere, or in other units."
+        )
+    involved, left_out = dependent_rows(slopes)
+    if not involved:
+        return Redundancy(what, tuple(names))
+    if found is None:
+        raise InputError(
+            f"The constraints {_listed(names, involved)} of {what!r} contradict each other near "
+            "the start: no state meets them all. Check their points, axes and lengths, or leave "
+            f"out {_listed(names, left_out)}."
+        )
+    if _is_singular(constraints, found, len(left_out)):
+        raise InputError(
+            f"{what!r} starts in a singular position, where its constraints "
+            f"{_listed(names, involved)} depend on each other although they do not elsewhere; "
+            "start in another position."
+        )
+    return Redundancy.of(what, names, involved, left_out)
+
+
+def refuse_redundant_anywhere(system: System) -> None:
+    """Refuse constraints of a system that depend on each other wherever g = 0 is found.
+
+    Parameters and coordinates are drawn at random; a system for which no point on g = 0 is found,
+    which is large, or which has functions without a known value, is let pass.
+
+    Raises
+    ------
+    InputError
+        With the names of all that take part; also for constraints without q.
+    """
+    names = system.constraint_names
+    refuse_constant(system.name, system.constraints, names)
+    if not system.m or system.m * system.n > _LARGEST_SEARCH:
+        return
+    rng = np.random.default_rng(20)
+    on: list[tuple[list[int], list[int]]] = []  # verdicts where g = 0,
+    off: list[tuple[list[int], list[int]]] = []  # and where no such point was found
+    try:
+        while len(on) < 3 and len(off) < _TRIES:
+            constraints = NumericConstraints(
+                system.q, system.constraints, names, _draw(system, rng))
+            q = rng.standard_normal(system.n)
+            found = nearest_point(constraints, q)
+            slopes = constraints.G(q if found is None else found)
+            if not np.isfinite(slopes).all():
+                return
+            involved, left_out = dependent_rows(slopes)
+            if found is not None and not involved:
+                return
+            (off if found is None else on).append((involved, left_out))
+    except (InputError, TypeError, ArithmeticError, np.linalg.LinAlgError):
+        return  # a function that NumPy does not know, or not off the real axis
+    if on:
+        Redundancy.of(system.name, names, *on[-1]).refuse()
+    if all(involved for involved, _ in off):
+        raise InputError(
+            f"The constraints {_listed(names, off[-1][0])} of {system.name!r} depend on each other "
+            "everywhere, and no state was found that meets them all: they contradict each other."
+        )
+
+
+def refuse_constant(what: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
+    """Refuse constraints in which nothing can move: they hold always or never."""
+    for name, g in zip(names, constraints, strict=True):
+        if not g.free_symbols or (len(g.args) < 64 and not _varies(g) and sp.expand(g).is_number):
+            value = sp.expand(g)
+            says = "always holds; leave it out" if value == 0 else f"reads {value} = 0"
+            raise InputError(f"The constraint {name!r} of {what!r} contains no coordinate and "
+                             f"{says}.")
+
+
+def _varies(g: sp.Expr) -> bool:
+    """Whether an expression has clearly different values at random places: then it is no constant.
+
+    That is seen at once; the terms of a product of twelve sums are thousands.
+    """
+    rng = np.random.default_rng(21)
+    try:
+        at = {x: rng.uniform(0.5, 1.5, 4) for x in g.free_symbols}
+        values, noise = evaluate([g], at), EPS * rounding([g], at, {})
+    except (InputError, TypeError, ArithmeticError):
+        return False
+    return bool(np.isfinite(values).all() and np.ptp(values) > 1e6 * noise.max())
+
+
+def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
+    """Return a q with g(q) = 0 to round-off, by Gauss-Newton steps; None where they end above."""
+    with np.errstate(all="ignore"):
+        g = constraints.g(q)
+        for _ in range(60):
+            G = constraints.G(q)
+            if not (np.isfinite(G).all() and np.isfinite(g).all()):
+                return None
+            floor = 64 * EPS * (np.abs(G) @ np.abs(q) + EPS).max()
+            if np.abs(g).max() <= floor:
+                return q
+            step = np.linalg.lstsq(G, g, rcond=1e-10)[0]
+            fraction = 1.0
+            while fraction > 1e-4:
+                q_new, g_new = q - fraction * step, constraints.g(q - fraction * step)
+                if np.linalg.norm(g_new) < np.linalg.norm(g):
+                    break
+                fraction /= 2
+            else:
+                return None
+            q, g = q_new, g_new
+    return None
+
+
+def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> bool:
+    """Whether fewer constraints depend on others at a point nearby than here."""
+    rng = np.random.default_rng(21)
+    largest = np.abs(q).max() or 1.0  # taken out of the root of squares, which may be beyond 1e308
+    mean_size = largest * np.linalg.norm(q / largest) / np.sqrt(len(q))
+    slopes = constraints.G(q)
+    for _ in range(3):
+        way = rng.standard_normal(len(q))
+        way -= np.linalg.lstsq(slopes, slopes @ way, rcond=1e-10)[0]  # along g = 0
+        way *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(way), EPS)
+        near = nearest_point(constraints, q + way)
+        if near is not None:
+            return len(dependent_rows(constraints.G(near))[1]) < dependent
+    return False
+
+
+def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
+    """Return random values for all parameters, positive where they must be."""
+    values = {}
+    for symbol in (*system.parameters, *filter(None, (system.time,))):
+        value = float(rng.uniform(0.5, 2.0))
+        values[str(symbol)] = value if symbol.is_positive or rng.random() < 0.5 else -value
+    return values
+
+
+def _listed(names: Sequence[str], chosen: Sequence[int]) -> str:
+    return _quoted([names[i] for i in chosen])
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(map(repr, names))

@@ -1,0 +1,364 @@
+"""Systems of ``sympy.physics.mechanics``: its methods hold all that a Lagrangian needs.
+
+    LagrangesMethod  L, forces, holonomic constraints
+    KanesMethod      T of its bodies, loads, configuration constraints
+    System           T − V of its bodies, loads and actuators, holonomic constraints
+
+No equations of motion are formed. Coordinates q(t) become symbols of the same names; so do speeds
+u = q̇, other velocities are called q_t. The time ``dynamicsymbols._t`` may stand in anything: what
+moves or is driven by a law has it there. A load that is constant in the inertial frame, at a point
+whose place is known from a fixed one, has a potential, which becomes a part of L; what else acts is
+a generalised force F_i = ∂v/∂q̇_i · load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from sympy.core.function import AppliedUndef
+from sympy.physics import mechanics as me
+
+from ...core.arguments import as_flag, shown
+from ...core.errors import InputError
+from ...core.warnings import remark
+from ..parsing.tokens import shorten
+from ..symbolic.derivatives import derivative, slopes
+from ..symbolic.numeric_evaluation import evaluate
+from ..symbolic.shared_subexpressions import parts_of, substitute, symbols_of
+from .expression_arguments import as_sequence
+from .lagrangian import LagrangianSystem, from_lagrangian
+from .numeric_system import NumericConstraints
+from .redundant_constraints import nearest_point
+from .sympy_motion import Motion
+
+__all__ = ["from_mechanics"]
+
+#: Of singular values, relative to the largest, that count as 0.
+_SMALL = 1e-9
+
+
+@dataclass
+class Mechanics:
+    """What a method holds, in functions of time: q(t), q̇(t).
+
+    Attributes
+    ----------
+    motion : Motion
+        Of frames and points in the inertial frame, and what generalised speeds are in q and q̇.
+    q : list
+        Coordinates.
+    L : Expr
+        What is known of the Lagrangian before the loads.
+    loads : list
+        Pairs of a point and a force, or a frame and a torque.
+    constraints : list of Expr
+        g(q, t).
+    rates : list of Expr
+        Constraints on the velocities; ones that are not those of g are refused.
+    inputs : dict
+        What a controller says, as it was given → its symbol.
+    """
+
+    motion: Motion
+    q: list[sp.Expr]
+    L: sp.Expr
+    loads: list[Any]
+    constraints: list[sp.Expr]
+    rates: list[sp.Expr] = field(default_factory=list)
+    inputs: dict[sp.Expr, sp.Symbol] = field(default_factory=dict)
+
+
+def from_mechanics(
+    method: Any, *, name: str = "system", inputs: Sequence[Any] = (), bodies: bool = False
+) -> LagrangianSystem:
+    """Return the system of a method of ``sympy.physics.mechanics``.
+
+    Parameters
+    ----------
+    method : LagrangesMethod, KanesMethod or System
+        With its bodies and loads; its equations of motion need not be formed. Of a ``System``
+        potential energies of bodies count as loads do: give each force once.
+    name : str
+        A C identifier; begins the names of the generated files.
+    inputs : sequence of Symbol or dynamicsymbols
+        What a controller says in loads: held over a step, and given anew in each (``System``).
+    bodies : bool
+        Give runs where the bodies are: ``run.body(name)``, ``run.view(...)``. Places and axes of
+        those that are placed from a point at rest are quantities NAME_x, …, NAME_R11, ….
+
+    Returns
+    -------
+    System
+        As of ``System.from_lagrangian``: coordinates, speeds and constants keep their names.
+
+    Raises
+    ------
+    InputError
+        For nonholonomic constraints, and as ``System.from_lagrangian``.
+    """
+    readers = {me.LagrangesMethod: _of_lagrange, me.KanesMethod: _of_kane, me.System: _of_system}
+    reader = next((f for kind, f in readers.items() if isinstance(method, kind)), None)
+    if reader is None:
+        raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
+                         "of sympy.physics.mechanics.")
+    found = reader(method)
+    _remark_on_velocities(found.motion, getattr(method, "bodies", None) or ())
+    found.inputs = _inputs(inputs)
+    t = me.dynamicsymbols._t
+    rates = [x.diff(t) for x in found.q]
+    names = _names(found, rates)
+    F, potential = _generalised(found, names)
+    placed, shown_of = _places(found.motion, getattr(method, "bodies", None) or ()) if as_flag(
+        "bodies", bodies) else ({}, {})
+    L, *rest = _named(found, [found.L - potential, *found.constraints, *found.rates,
+                              *shown_of.values()], names)
+    m, last = len(found.constraints), len(rest) - len(shown_of)
+    g, bound = rest[:m], rest[m:last]
+    quantities = dict(zip(shown_of, rest[last:], strict=True))
+    q, v = [names[x] for x in found.q], [names[x] for x in rates]
+    _refuse_functions(name, [L, *g, *F], t)
+    given = tuple(found.inputs.values())
+    everything = [L, *g, *F, *quantities.values()]
+    parameters = sorted(symbols_of(everything) - {*q, *v, *given, t}, key=str)
+    system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
+                             t if t in symbols_of(everything) else None, name=name,
+                             inputs=given, quantities=quantities, placed=placed)
+    _refuse_nonholonomic(system, bound)
+    return system
+
+
+# ---------------------------------------------------------------- what a method holds
+
+
+def _of_lagrange(method: Any) -> Mechanics:
+    if len(method.coneqs) > len(method._hol_coneqs):
+        raise _nonholonomic("LagrangesMethod", method.coneqs[len(method._hol_coneqs)])
+    return Mechanics(Motion(method.inertial), list(method.q), method._L[0],
+                     [*(method.forcelist or ())], list(method._hol_coneqs))
+
+
+def _of_kane(method: Any) -> Mechanics:
+    if not method.bodies:
+        raise InputError("KanesMethod has no bodies as yet; give them as KanesMethod(..., "
+                         "bodies=[...]), or call its kanes_equations first.")
+    frame, u, rest = method._inertial, list(method.u), dict.fromkeys(method._uaux, sp.Integer(0))
+    kinematics = (method._k_ku_implicit * sp.Matrix(u)
+                  + method._k_kqdot_implicit * method._qdot + method._f_k_implicit)
+    speeds = _solved(list(kinematics), u)
+    rates = list(method._k_nh * sp.Matrix(u) + method._f_nh) if method._k_nh else []
+    motion = Motion(frame, speeds | rest)
+    return Mechanics(motion, list(method.q), motion.energy(method.bodies),
+                     [*(method.loads or ())], list(method._f_h), rates)
+
+
+def _of_system(method: Any) -> Mechanics:
+    if method.nonholonomic_constraints:
+        raise _nonholonomic("System", method.nonholonomic_constraints[0])
+    bodies = list(method.bodies)
+    if not bodies:
+        raise InputError("System has no bodies as yet; add them, or joints that have some.")
+    V = sp.Add(*(body.potential_energy for body in bodies))
+    loads = [*method.loads, *(load for actuator in method.actuators
+                              for load in actuator.to_loads())]
+    speeds = _solved(list(method.kdes), list(method.u)) if method.u else {}
+    rest = dict.fromkeys(method.u_aux, sp.Integer(0))
+    motion = Motion(method.frame, speeds | rest)
+    return Mechanics(motion, list(method.q), motion.energy(bodies) - V, loads,
+                     list(method.holonomic_constraints), list(method.velocity_constraints))
+
+
+def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Expr]:
+    """Return each generalised speed in terms of q and q̇, from kinematic differential equations."""
+    slopes = sp.Matrix(equations).jacobian(u)
+    constant = sp.Matrix(equations).xreplace(dict.fromkeys(u, sp.Integer(0)))
+    left = slopes.LUsolve(-constant)
+    return dict(zip(u, left, strict=True))
+
+
+def _remark_on_velocities(motion: Motion, bodies: Sequence[Any]) -> None:
+    """Warn of velocities that are no rates of places: a base that moves may stand still in them."""
+    pair = next(motion.contradictions(bodies), None)
+    if pair is not None:
+        point, near = pair
+        remark(f"In {motion.frame} the velocity of {point} is {shown(point.vel(motion.frame))} and "
+               f"that of {near} {shown(near.vel(motion.frame))}, which is not how its place from "
+               "there changes; velocities are taken as they are. A joint of SymPy sets its point "
+               "at rest in the axes of its first body: a base that moves needs a frame of its own, "
+               f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
+
+
+# ---------------------------------------------------------------- loads
+
+
+def _generalised(found: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
+    list[sp.Expr], sp.Expr
+]:
+    """Return the generalised forces of the loads, and the potential of those that have one.
+
+    F_i is the slope of the power Σ v·F along q̇_i, with F held: that goes backward through v once,
+    for all loads and all coordinates.
+    """
+    motion, held = found.motion, dict[sp.Expr, sp.Expr]()
+    power, potential = sp.Integer(0), sp.Integer(0)
+    for where, load in ((load[0], load[1]) for load in found.loads):
+        energy = _potential(motion, where, load, found.inputs)
+        if energy is not None:
+            potential += energy
+            continue
+        if isinstance(where, me.ReferenceFrame):
+            rates, axes = motion.turning(where), where
+        else:
+            rates, axes = motion.velocity(where)
+        for rate, pushed in zip(rates, motion.components(load, axes), strict=True):
+            symbol = sp.Symbol(f"_w{len(held)}", real=True)
+            held[symbol] = pushed
+            power += symbol * rate
+    (power,) = _named(found, [power], names)
+    forces = slopes(power, tuple(names[x.diff(me.dynamicsymbols._t)] for x in found.q))
+    pushes = dict(zip(held, _named(found, [*held.values()], names), strict=True))
+    return substitute(forces, pushes), potential
+
+
+def _potential(
+    motion: Motion, where: Any, load: Any, inputs: Mapping[sp.Expr, sp.Symbol]
+) -> sp.Expr | None:
+    """Return V = −F·r of a constant force, where r is known from a point at rest."""
+    if not isinstance(where, me.Point):
+        return None
+    components = load.to_matrix(motion.frame)
+    changing = {me.dynamicsymbols._t, *inputs}
+    if me.find_dynamicsymbols(components) or not changing.isdisjoint(components.free_symbols):
+        return None
+    place = motion.place(where)
+    if place is None:
+        return None
+    return -sp.Add(*(F * motion.along(k, place) for k, F in enumerate(components) if F != 0))
+
+
+def _places(motion: Motion, bodies: Sequence[Any]) -> tuple[
+    dict[str, dict[str, list[str]]], dict[str, sp.Expr]
+]:
+    """Return the quantities of each body's place and axes, and their expressions."""
+    placed: dict[str, dict[str, list[str]]] = {}
+    quantities: dict[str, sp.Expr] = {}
+    for body in bodies:
+        place = motion.place(body.masscenter)
+        if place is None:
+            continue
+        x = {f"{body.name}_{axis}": motion.along(k, place) for k, axis in enumerate("xyz")}
+        R = body.frame.dcm(motion.frame) if isinstance(body, me.RigidBody) else sp.zeros(0, 3)
+        axes = {f"{body.name}_R{i + 1}{j + 1}": R[j, i] for j in range(min(len(R), 2))
+                for i in range(3)}
+        quantities |= x | axes
+        placed[body.name] = {"x": list(x), "axes": list(axes)}
+    return placed, quantities
+
+
+# ---------------------------------------------------------------- names
+
+
+def _inputs(given: Sequence[Any]) -> dict[sp.Expr, sp.Symbol]:
+    """Return a symbol for each input, which may be a function of time."""
+    found: dict[sp.Expr, sp.Symbol] = {}
+    for u in as_sequence("inputs", given):
+        if isinstance(u, AppliedUndef):
+            found[u] = sp.Symbol(u.func.__name__, real=True)
+        elif isinstance(u, sp.Symbol):
+            found[u] = u
+        else:
+            raise InputError(f"Input {shown(u)} is neither a symbol nor a function of time; make "
+                             "it with sympy.Symbol or dynamicsymbols.")
+    return found
+
+
+def _names(found: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
+    """Return a symbol for each coordinate and each velocity."""
+    for x in found.q:
+        if not isinstance(x, AppliedUndef):
+            raise InputError(f"Coordinate {shown(x)} is no function of time; make it with "
+                             "sympy.physics.mechanics.dynamicsymbols.")
+    called = {rate: u.func.__name__ for u, rate in found.motion.speeds.items()}
+    names = {x: sp.Symbol(x.func.__name__, real=True) for x in found.q}
+    loads = [e for _, load in ((load[0], load[1]) for load in found.loads)
+             for components, _ in load.args for e in components]
+    own = symbols_of([found.L, *found.constraints, *loads]) | {*found.inputs.values()}
+    twice = {str(s) for s in own} & {str(s) for s in names.values()}
+    if twice:
+        raise InputError(f"{min(twice)!r} is a coordinate and a constant or an input; give one of "
+                         "them another name.")
+    taken = {str(s) for s in (*names.values(), *own)}
+    for x, rate in zip(found.q, rates, strict=True):
+        name = called.get(rate, f"{x.func.__name__}_t")
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        names[rate] = sp.Symbol(name, real=True)
+    return names
+
+
+def _named(
+    found: Mechanics, expressions: Sequence[sp.Expr], names: Mapping[sp.Expr, sp.Symbol]
+) -> list[sp.Expr]:
+    """Return expressions in symbols, generalised speeds in terms of q̇."""
+    return substitute(substitute(expressions, found.motion.speeds), {**names, **found.inputs})
+
+
+def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -> None:
+    """Refuse functions of time that are neither coordinates nor speeds."""
+    for part in parts_of(expressions):
+        if isinstance(part, (AppliedUndef, sp.Derivative)):
+            raise InputError(f"System {name!r} contains {part}, which is no coordinate and no "
+                             "speed; put an expression in its place, in t if it is a law.")
+
+
+# ---------------------------------------------------------------- constraints on velocities
+
+
+def _nonholonomic(what: str, constraint: sp.Expr) -> InputError:
+    return InputError(f"{what} has the nonholonomic constraint {shorten(str(constraint), 60)} = 0; "
+                      "a step solves holonomic ones, g(q, t) = 0: give its integral if it has one.")
+
+
+def _refuse_nonholonomic(system: LagrangianSystem, bound: Sequence[sp.Expr]) -> None:
+    """Refuse constraints on velocities that are not rates of g, seen at a random point of g = 0.
+
+    Of a(q, t) v + a₀(q, t) the row (a, a₀) is a combination of the rows (g_q, g_t).
+    """
+    if not bound:
+        return
+    at_rest = substitute(bound, dict.fromkeys(system.velocities, sp.Integer(0)))
+    rows = [[*(derivative(e, v) for v in system.velocities), rest]
+            for e, rest in zip(bound, at_rest, strict=True)]
+    q, values = _somewhere(system, symbols_of([e for row in rows for e in row]))
+    at: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
+    rates = [e for row, rate in zip(system.G, system.g_t, strict=True) for e in (*row, rate)]
+    own = evaluate(rates, at).reshape(system.m, system.n + 1)
+    for e, row in zip(bound, rows, strict=True):
+        slope = evaluate(row, at)
+        left = slope - own.T @ np.linalg.lstsq(own.T, slope, rcond=None)[0] if system.m else slope
+        if np.abs(left).max() > _SMALL * np.abs(slope).max():
+            raise _nonholonomic("The method", e)
+
+
+def _somewhere(
+    system: LagrangianSystem, more: set[sp.Symbol]
+) -> tuple[Any, dict[sp.Symbol, float]]:
+    """Return coordinates on g = 0, if any are found, and values of the parameters and of t."""
+    rng = np.random.default_rng(23)
+    time = {*filter(None, (system.time,))}
+    symbols = sorted({*system.parameters} | time | (more - {*system.q}), key=str)
+    for _ in range(12):
+        values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
+        q = rng.standard_normal(system.n)
+        if not system.m:
+            return q, values
+        numbers = NumericConstraints(system.q, system.constraints, system.constraint_names,
+                                     {str(s): x for s, x in values.items()})
+        found = nearest_point(numbers, q)
+        if found is not None:
+            return found, values
+    return q, values

@@ -1,0 +1,164 @@
+"""How frames and points of ``sympy.physics.mechanics`` move, in as few terms as there are joints.
+
+SymPy turns each part of a velocity all the way by itself, so that what it finds grows with the
+square of the way. Here components are turned from frame to frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import sympy as sp
+from sympy.core.function import AppliedUndef
+from sympy.physics import mechanics as me
+
+from ...core.errors import InputError
+from ..symbolic.finite_fields import vanish
+from ..symbolic.shared_subexpressions import parts_of, share, substitute
+
+__all__ = ["Motion"]
+
+
+@dataclass
+class Motion:
+    """How frames and points move in an inertial frame.
+
+    Vectors are turned from frame to frame, and what each frame adds is added there: bodies share
+    what is before the joint between them, so that T is about as long as one joint times their
+    number.
+
+    Attributes
+    ----------
+    frame : ReferenceFrame
+        The inertial one.
+    speeds : dict
+        Each generalised speed u(t) in terms of q and q̇.
+    """
+
+    frame: Any
+    speeds: Mapping[sp.Expr, sp.Expr] = field(default_factory=dict)
+    _turning: dict[Any, list[sp.Expr]] = field(default_factory=dict)
+    _axes: dict[Any, list[sp.Expr]] = field(default_factory=dict)
+
+    def energy(self, bodies: Iterable[Any]) -> sp.Expr:
+        """Return T of bodies; one that rests, or moves by a law of t alone, need have no mass."""
+        return sp.Add(*map(self._energy_of, bodies))
+
+    def _energy_of(self, body: Any) -> sp.Expr:
+        """Return ½ m v·v + ½ Ω·J·Ω, with Ω in the axes of the body."""
+        v = self.velocity(body.masscenter)[0]
+        rates = self.turning(body.frame) if isinstance(body, me.RigidBody) else []
+        if not any(isinstance(part, AppliedUndef) for part in parts_of([*v, *rates])):
+            return sp.Integer(0)
+        moving = body.mass * sp.Add(*(e**2 for e in v)) / 2 if any(v) else sp.Integer(0)
+        if not any(rates):
+            return moving
+        turning = sp.Matrix(rates)
+        J = body.central_inertia.to_matrix(body.frame)
+        return moving + (turning.T * J * turning)[0] / 2
+
+    def turning(self, axes: Any) -> list[sp.Expr]:
+        """Return the angular velocity of a frame in its own axes."""
+        if axes not in self._turning:
+            self._turning[axes] = self.components(axes.ang_vel_in(self.frame), axes)
+        return self._turning[axes]
+
+    def velocity(self, point: Any) -> tuple[list[sp.Expr], Any]:
+        """Return the velocity of a point, and the axes: the last of the frames on the way to it.
+
+        SymPy's own is the velocity that the nearest point was given, and the rate of the place
+        from there. From a point at rest it is the rate alone, which is shorter: that is taken where
+        exact arithmetic finds it to be the same.
+        """
+        near = _nearest(point, lambda other: self.frame in other._vel_dict)
+        if near is None:
+            raise InputError(f"The velocity of {point} in {self.frame} is not known; place it from "
+                             "a point whose velocity is set, or set its own.")
+        given, place = near.vel(self.frame), point.pos_from(near)
+        path = None if given == 0 else self.place(point)
+        if path is None:
+            axes = self._last(place, given)
+            return self._moved(place, given, axes), axes
+        axes = self._last(path)
+        short, long = self._moved(path, 0 * given, axes), self._moved(place, given, axes)
+        apart = [a - b for a, b in zip(short, long, strict=True)]
+        return short if vanish(substitute(apart, self.speeds)) else long, axes
+
+    def contradictions(self, bodies: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        """Yield pairs of points whose velocities differ by another rate than their places do."""
+        known = list(dict.fromkeys(point for body in bodies for point in _reached(body.masscenter)
+                                   if self.frame in point._vel_dict))
+        for point in known:
+            near = next((other for other in _reached(point)
+                         if other is not point and other in known), None)
+            if near is None:
+                continue
+            place, gap = point.pos_from(near), near.vel(self.frame) - point.vel(self.frame)
+            left = self._moved(place, gap, self._last(place, gap))
+            if not vanish(substitute(left, self.speeds)):
+                yield point, near
+
+    def place(self, point: Any) -> Any:
+        """Return the place of a point from the nearest one at rest, or None."""
+        rest = _nearest(point, lambda other: other._vel_dict.get(self.frame) == 0)
+        return None if rest is None else point.pos_from(rest)
+
+    def along(self, k: int, place: Any) -> sp.Expr:
+        """Return a place along an axis of the inertial frame, added up from frame to frame."""
+        axis, found = (self.frame.x, self.frame.y, self.frame.z)[k], sp.Integer(0)
+        for r, own in sorted(place.args, key=lambda part: len(self._path(part[1]))):
+            if (k, own) not in self._axes:
+                self._axes[k, own] = self.components(axis, own)
+            products = (a * b for a, b in zip(self._axes[k, own], r, strict=True))
+            found = share(found + sp.Add(*products))
+        return found
+
+    def _last(self, *vectors: Any) -> Any:
+        """Return the frame with the longest way to it that any of the vectors is given in."""
+        return max((own for vector in vectors for _, own in vector.args),
+                   key=lambda own: len(self._path(own)), default=self.frame)
+
+    def _moved(self, place: Any, velocity: Any, axes: Any) -> list[sp.Expr]:
+        """Return v + dr/dt in some axes; in those that r is given in it is r_t + Ω × r."""
+        rates = 0 * velocity
+        for r, own in place.args:
+            moved = r.diff(me.dynamicsymbols._t) + sp.Matrix(self.turning(own)).cross(r)
+            rates += me.Vector([(moved, own)])
+        return self.components(velocity + rates, axes)
+
+    def components(self, vector: Any, axes: Any) -> list[sp.Expr]:
+        """Return the components of a vector in some axes."""
+        own = {frame: list(numbers) for numbers, frame in vector.args}
+        path = self._path(axes)
+        if not {*own} <= {*path}:
+            return list(vector.to_matrix(axes))
+        found, before = [sp.Integer(0)] * 3, None
+        for turned in path:
+            if any(found):
+                R = turned.dcm(before).tolist()
+                found = [sp.Add(*(a * x for a, x in zip(row, found, strict=True))) for row in R]
+            added = own.get(turned, [sp.Integer(0)] * 3)
+            found = [share(a + b) for a, b in zip(found, added, strict=True)]
+            before = turned
+        return found
+
+    def _path(self, axes: Any) -> list[Any]:
+        """Return the frames from the inertial one to some axes."""
+        return list(reversed(axes._dict_list(self.frame, 0)))
+
+
+def _nearest(point: Any, suits: Callable[[Any], bool]) -> Any:
+    """Return the nearest of the points from which the place of one is known, or None."""
+    return next((other for other in _reached(point) if suits(other)), None)
+
+
+def _reached(point: Any) -> Iterator[Any]:
+    """Yield the points from which the place of one is known, itself first, nearer ones earlier."""
+    seen, waiting = {point}, [point]
+    for other in waiting:
+        yield other
+        fresh = [known for known in other._pos_dict if known not in seen]
+        seen.update(fresh)
+        waiting += fresh

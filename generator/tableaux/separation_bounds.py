@@ -1,0 +1,169 @@
+"""Whether a number written with radicals is zero: proved by a separation bound.
+
+Every such number is E = U/(mΛ) with algebraic integers U, Λ and a positive integer m, in a field
+of degree at most D, the product of the degrees of the different roots in E. If all conjugates of
+U are at most u and those of Λ at most λ, then E ≠ 0 has |norm U| ≥ 1, so
+
+    |E| ≥ 1/(u^(D−1) m λ)
+
+(Burnikel, Funke, Mehlhorn, Schirra and Schmitt, ESA 2001). An interval around E that contains
+zero and is narrower than this proves E = 0; one without zero proves E ≠ 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import lcm, prod
+from typing import Any
+
+import sympy as sp
+from mpmath import mp
+from mpmath.ctx_iv import MPIntervalContext
+
+from ...core.errors import TableauError
+
+__all__ = ["Rounding", "enclosure", "vanishes", "vanishes_to"]
+
+MAX_BITS = 100_000
+#: What a condition changes by with an entry, at most, beside the entry's own change.
+_SLOPE = mp.mpf(3) / 2
+#: Units of the last digit that a condition may be off by, however many entries are rounded.
+_MOST_UNITS = 10
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """E = U/(mΛ): all conjugates of U are at most u, those of Λ at most λ."""
+
+    u: int
+    m: int = 1
+    λ: int = 1
+    roots: frozenset[tuple[sp.Expr, int]] = frozenset()
+
+
+def vanishes(expression: sp.Expr) -> bool:
+    """Return whether an exact real number is zero.
+
+    Raises ``TableauError`` where the proof would need more than ``MAX_BITS`` bits.
+    """
+    if expression.is_Rational:
+        return bool(expression == 0)
+    if not _contains_zero(expression, 256):
+        return False
+    bits = _separation_bits(expression)
+    return _contains_zero(expression, bits)
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """What a tableau in decimals leaves open.
+
+    Attributes
+    ----------
+    digits : int
+        Of its least precise entry, after the point.
+    entries : int
+        How many have so many digits that they are taken to be rounded.
+    """
+
+    digits: int
+    entries: int
+
+    @property
+    def bound(self) -> Any:
+        """The most that a condition on exact entries can be off by: each by half a unit.
+
+        Conditions have slopes of about 1 in an entry, for nodes and weights lie within 0 and 1,
+        and seldom more than 20 entries in one: half as much again, ten units at the most.
+        """
+        unit = mp.mpf(10) ** -min(self.digits, 50)
+        return min(_SLOPE * self.entries / 2, _MOST_UNITS) * unit
+
+
+def vanishes_to(expression: sp.Expr, rounding: Rounding | None) -> bool:
+    """Return whether a number is zero: exactly, or as far as rounded decimals say."""
+    if rounding is None:
+        return vanishes(expression)
+    return bool(abs(enclosure(expression)).b < rounding.bound)
+
+
+def enclosure(expression: sp.Expr, bits: int = 256) -> Any:
+    """Return an mpmath interval that contains an exact real number."""
+    interval = MPIntervalContext()
+    interval.prec = bits + 64
+    return _value(expression, interval, {})
+
+
+def _contains_zero(expression: sp.Expr, bits: int) -> bool:
+    """Whether zero is within 2^−bits of the number; False is a proof that it is not zero."""
+    working = bits
+    while True:
+        value = enclosure(expression, working)
+        if 0 not in value:
+            return False
+        if abs(value).b < mp.ldexp(1, -bits) or bits == 256:
+            return True
+        working *= 2  # cancellation took digits
+
+
+def _separation_bits(expression: sp.Expr) -> int:
+    """Return n such that the number is zero or at least 2^−n."""
+    bound = _bound(expression, {})
+    degree = prod(k for _, k in bound.roots)
+    bits = (degree - 1) * bound.u.bit_length() + (bound.m * bound.λ).bit_length() + 1
+    if bits > MAX_BITS:
+        raise TableauError(
+            f"Whether {str(expression)[:60]}… is zero would take {bits} bits to prove and at most "
+            f"{MAX_BITS} are allowed; write the tableau with fewer radicals or in decimals."
+        )
+    return bits
+
+
+def _bound(e: sp.Expr, known: dict[sp.Expr, _Bound]) -> _Bound:
+    if e not in known:
+        known[e] = _new_bound(e, known)
+    return known[e]
+
+
+def _new_bound(e: sp.Expr, known: dict[sp.Expr, _Bound]) -> _Bound:
+    if e.is_Rational:
+        return _Bound(max(1, abs(int(e.p))), int(e.q))
+    if e.is_Pow:
+        return _power_bound(_bound(e.base, known), e)
+    parts = [_bound(argument, known) for argument in e.args]
+    roots = frozenset().union(*(part.roots for part in parts))
+    λ = prod(part.λ for part in parts)
+    if e.is_Mul:
+        return _Bound(prod(p.u for p in parts), prod(p.m for p in parts), λ, roots)
+    m = lcm(*(part.m for part in parts))
+    u = sum(part.u * (m // part.m) * (λ // part.λ) for part in parts)
+    return _Bound(u, m, λ, roots)
+
+
+def _power_bound(base: _Bound, e: sp.Expr) -> _Bound:
+    k, n = int(e.exp.q), int(e.exp.p)
+    u, m, λ, roots = base.u, base.m, base.λ, base.roots
+    if k > 1:  # (U/L)^(1/k) = (U L^(k−1))^(1/k)/L
+        u = int(sp.integer_nthroot(u * (m * λ) ** (k - 1), k)[0]) + 1
+        roots |= {(e.base, k)}
+    if n < 0:
+        u, m, λ = m * λ, 1, u
+    return _Bound(u ** abs(n), m ** abs(n), λ ** abs(n), roots)
+
+
+def _value(e: sp.Expr, interval: Any, known: dict[sp.Expr, Any]) -> Any:
+    if e not in known:
+        known[e] = _new_value(e, interval, known)
+    return known[e]
+
+
+def _new_value(e: sp.Expr, interval: Any, known: dict[sp.Expr, Any]) -> Any:
+    if e.is_Rational:
+        return interval.mpf(int(e.p)) / int(e.q)
+    if e.is_Pow:
+        value = _value(e.base, interval, known)
+        for _ in range(int(e.exp.q).bit_length() - 1):  # roots are square roots of square roots
+            value = interval.sqrt(value)
+        return value ** int(e.exp.p)
+    values = [_value(argument, interval, known) for argument in e.args]
+    return sum(values[1:], values[0]) if e.is_Add else prod(values[1:], start=values[0])

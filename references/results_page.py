@@ -1,0 +1,94 @@
+"""``docs/references.md``: each problem, its digits beside those of others, error against cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from .problem import Reference
+from .work_precision import LIMIT, Run
+
+__all__ = ["page", "reached"]
+
+_HEAD = """# Reference problems
+
+Problems of the field with digits that hold, and what our schemes make of them. This page is what
+`gyrospark reference all --peers --out docs/references.md --plot docs/references.png` writes; the
+digits are those of `python -m gyrospark.benchmarks.make_digits`, which anyone can run: each problem
+goes two ways.
+
+An error is that of the numbers at the end, relative to the largest of its kind (positions,
+velocities). CPU seconds are those of one run with a compiled stepper on the machine that wrote the
+page. Invariants are the largest errors over all steps of the most exact run.
+
+SciPy and heyoka go where equations of motion without multipliers are at hand. SciPy's DOP853 has
+its state projected onto the constraints after every step; its steps, and that, are Python. heyoka's
+Taylor series are compiled for the equations.
+
+exudyn and MuJoCo are given bodies, joints, springs and gravity, read off our own model, and no
+equation. exudyn has the trapezoidal rule of index 2 and generalised α, of order 2, with its own
+tolerances, bodies of plane mechanisms in three coordinates each; for one body on no joints also
+explicit methods of order 4 and 6. MuJoCo's coordinates are those of a tree of joints; what closes a
+loop is a soft constraint at its stiffest for the time step. Each takes four times as many steps
+until a run costs half a second; where numbers of steps are missing, Newton failed or the motion was
+unstable.
+"""
+
+
+def reached(runs: Iterable[Run]) -> bool:
+    """Return whether one of the runs of a problem has its digits."""
+    return any(run.error <= LIMIT for run in runs if not run.peer)
+
+
+def page(measured: Sequence[tuple[Reference, Sequence[Run]]], picture: str = "") -> str:
+    """Return the page of all problems that were measured, with a picture of a file name."""
+    parts = [_HEAD, _summary(measured)]
+    if picture:
+        parts.append(f"![Error against CPU time, a panel for each problem]({picture})\n")
+    for problem, runs in measured:
+        parts += [f"## {problem.title}\n", _about(problem), _numbers(problem), _costs(runs)]
+    return "\n".join(parts)
+
+
+def _summary(measured: Sequence[tuple[Reference, Sequence[Run]]]) -> str:
+    rows = []
+    for problem, runs in measured:
+        enough = [run for run in runs if run.error <= LIMIT and not run.peer]
+        best = min(enough, key=lambda run: run.cpu_seconds, default=None)
+        cells = ["missed"] * 4 if best is None else [
+            best.scheme, f"{best.steps}", f"{best.error:.0e}", f"{best.cpu_seconds * 1e3:.1f}"]
+        worst = max(problem.deviations.values(), default=None)
+        rows.append([f"`{problem.name}`", *cells, "–" if worst is None else f"{worst:.0e}"])
+    return _table(["problem", f"cheapest to {LIMIT:.0e}", "steps", "error", "CPU ms",
+                   "published digits are off by"], rows)
+
+
+def _about(problem: Reference) -> str:
+    kept = ", ".join(f"{name} = {formula}" for name, formula in problem.invariants.items())
+    true = problem.truth
+    without = problem.no_bodies and f" Without exudyn and MuJoCo: {problem.no_bodies}."
+    return (f"`{problem.name}`: {problem.source}. Made of: {problem.form}. "
+            f"Compared at t = {problem.seconds} s. Kept: {kept}.{without}\n\n"
+            f"Digits: {true.made}; they agree to {true.agreement:.0e}.\n"
+            + (f"Published: {problem.published.source}.\n" if problem.published else ""))
+
+
+def _numbers(problem: Reference) -> str:
+    others = problem.published.values if problem.published else {}
+    off = problem.deviations
+    rows = [[name, value, others.get(name, "–"), f"{off[name]:.0e}" if name in off else "–"]
+            for name, value in problem.truth.values.items()]
+    return _table(["number", "true", "published", "off by"], rows)
+
+
+def _costs(runs: Sequence[Run]) -> str:
+    invariants = min((run for run in runs if not run.peer), key=lambda run: run.error).invariants
+    table = _table(["scheme", "steps", "error", "CPU ms"], [
+        [run.label, f"{run.steps}", f"{run.error:.1e}", f"{run.cpu_seconds * 1e3:.2f}"]
+        for run in runs])
+    return table + "\nInvariants: " + ", ".join(
+        f"{name} {value:.0e}" for name, value in invariants.items()) + ".\n"
+
+
+def _table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [titles, ["---"] * len(titles), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)

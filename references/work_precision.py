@@ -1,0 +1,112 @@
+"""Error against cost: each attempt at a problem, run and timed."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from ..api import stepper
+from ..runtime.bindings.real_numbers import rounding
+from .problem import Reference
+
+if TYPE_CHECKING:
+    from ..core.real_types import RealName
+    from ..generator.multibody.model import Model
+    from ..runtime.results.trajectory import Trajectory
+    from ..runtime.steppers.stepper import Stepper
+
+__all__ = ["LIMIT", "Run", "measure", "run_once"]
+
+#: What at least one of our schemes has to reach.
+LIMIT = 1e-12
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a problem.
+
+    Attributes
+    ----------
+    name, scheme : str
+        Of the problem, and of scheme with stages.
+    steps : int
+        To the time of comparison.
+    error : float
+        At the end; relative to the largest number of its kind.
+    cpu_seconds : float
+        Of this thread, the median of the rounds; the stepper is compiled before.
+    invariants : mapping of str to float
+        Largest error of energy (or of its balance) and of the constraints over all steps, and
+        what each other invariant has moved from start to end.
+    peer : str
+        The program that went there, "" for gyrospark.
+    """
+
+    name: str
+    scheme: str
+    steps: int
+    error: float
+    cpu_seconds: float
+    invariants: dict[str, float]
+    peer: str = ""
+
+    @property
+    def label(self) -> str:
+        """As in tables: ``3-G-L``, ``heyoka Taylor, 1e-12``."""
+        return f"{self.peer} {self.scheme}".strip()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what JSON holds of it."""
+        return asdict(self)
+
+
+def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
+            watch: Callable[[str], None] = lambda text: None) -> Iterator[Run]:
+    """Yield a run for each scheme of a problem and each number of steps.
+
+    Parameters
+    ----------
+    problem : Reference
+        As ``reference(name)`` returns it.
+    rounds : int
+        Timed runs of each.
+    quick : bool
+        The first scheme of the problem alone.
+    watch : callable
+        Is told what is at work.
+
+    Raises
+    ------
+    StepFailed, CompilerError
+    """
+    model = problem.make().in_type(rounding("double"))
+    for attempt in problem.attempts[:1] if quick else problem.attempts:
+        watch(f"{problem.name}, {attempt.name}")
+        step = stepper(attempt.scheme, attempt.stages, system=model.system)
+        for steps in attempt.steps:
+            seconds = []
+            for _ in range(rounds):
+                start = time.thread_time()
+                run = run_once(problem, step, model, steps)
+                seconds.append(time.thread_time() - start)
+            yield Run(problem.name, attempt.name, steps, problem.error(run),
+                      statistics.median(seconds), _invariants(problem, run))
+
+
+def run_once(problem: Reference, step: Stepper, model: Model, steps: int,
+             real: RealName = "double") -> Trajectory:
+    """Return the start and the end of a run to the time of comparison."""
+    values = dict(model.parameters)
+    dt = rounding(real)(Fraction(problem.seconds) / steps)
+    return step.integrate(model.q0, model.p0, dt=dt, steps=steps, every=steps, parameters=values)
+
+
+def _invariants(problem: Reference, run: Trajectory) -> dict[str, float]:
+    found = {"energy": float(run.report.energy_error_max),
+             "constraints": float(run.report.constraint_max)}
+    moved = {name: run.quantity(name) for name in problem.invariants if name in run.quantities}
+    return found | {name: abs(float(values[-1] - values[0])) for name, values in moved.items()}

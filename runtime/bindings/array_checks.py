@@ -1,0 +1,147 @@
+"""Checks of what a caller passes in: arrays, numbers, parameters. Converts, never reinterprets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import shown, whole
+from ...core.errors import InputError
+from ...core.exact_numbers import as_double, exact
+from .real_numbers import as_float
+
+__all__ = ["all_finite", "as_array", "as_callback", "as_numbers", "as_positive_count", "as_real",
+           "as_step", "converted_to"]
+
+#: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
+_MOST = 2**62
+
+
+def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
+    """Return a contiguous copy of the value in the stepper's own type.
+
+    Lists, integers, other types of numbers and strided views are converted by value.
+
+    Raises
+    ------
+    InputError
+        For another shape, for complex, boolean or non-numeric entries, for NaN and infinity.
+    """
+    array = as_numbers(name, value)
+    if array.shape != shape:
+        raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
+    converted = converted_to(dtype, array)
+    if np.all(np.isfinite(converted)):
+        return converted
+    if not _are_finite(array):
+        raise InputError(f"{name} = {_entries(array)} is not finite; give finite numbers.")
+    raise InputError(f"{name} = {_entries(array)} is too large for {converted.dtype}; give "
+                     "smaller numbers or a wider floating-point type.")
+
+
+def _are_finite(array: NDArray[Any]) -> bool:
+    """Whether all of ``as_numbers``' entries are finite."""
+    if array.dtype == object:
+        return all(isinstance(exact(entry), Fraction) for entry in array.flat)
+    return bool(np.all(np.isfinite(array)))
+
+
+def converted_to(dtype: Any, array: NDArray[Any]) -> NDArray[Any]:
+    """Return a copy of ``as_numbers``' array in a type of NumPy; what is beyond it is infinite."""
+    if array.dtype == object:
+        made = [as_float(x, dtype) if isinstance(x, Fraction) else x
+                for x in map(exact, array.flat)]
+        array = np.array(made, dtype=dtype).reshape(array.shape)
+    with np.errstate(over="ignore"):
+        return np.array(array, dtype=dtype, order="C")
+
+
+def _entries(array: NDArray[Any]) -> str:
+    """Return an array as a message shows it."""
+    text = " ".join(str(array).split())
+    return text if len(text) <= 200 else text[:199] + "…"
+
+
+def all_finite(array: NDArray[Any]) -> bool:
+    """Whether all entries, mpmath's among them, are finite."""
+    if array.dtype == object:
+        return all(entry - entry == 0 for entry in array.flat)
+    return bool(np.all(np.isfinite(array)))
+
+
+def as_numbers(name: str, value: Any) -> NDArray[Any]:
+    """Return an array of real numbers of whatever type and shape they are; not a copy.
+
+    Where they are no numbers of NumPy's the array is one of objects that ``exact_numbers`` takes.
+
+    Raises
+    ------
+    InputError
+        For complex, boolean or non-numeric entries.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InputError(f"{name} is ragged; give an array of numbers.") from error
+    strange = [array.dtype] if array.dtype.kind not in "fiuO" else [
+        type(x).__name__ for x in array.flat if exact(x) is None] if array.dtype == object else []
+    if strange:
+        raise InputError(
+            f"{name} has entries of type {strange[0]}; give real numbers (float64 is best)."
+        )
+    return array
+
+
+def as_real(name: str, value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:
+    """Return a finite real number, of whatever type it comes, rounded once by ``number``."""
+    if number is as_double and isinstance(value, float) and math.isfinite(value):
+        return float(value)  # what most calls give
+    given = exact(value)
+    if given is None:
+        raise InputError(f"{name} = {shown(value)} is not a real number.{_cure(value)}")
+    if isinstance(given, float):
+        raise InputError(f"{name} = {given} is not finite; give a finite number.")
+    made = number(given)
+    if made - made != 0:
+        raise InputError(f"{name} = {shown(value)} is too large; give a smaller number, or choose "
+                         "a wider floating-point type.")
+    return made
+
+
+def _cure(value: Any) -> str:
+    if isinstance(value, str):
+        return " Give a number: 0.1, or with all its digits Decimal('0.1')."
+    return ""
+
+
+def as_step(value: Any, number: Callable[[Fraction], Any] = as_double) -> Any:
+    """Return a usable time step: finite and not zero; negative integrates backwards."""
+    dt = as_real("dt", value, number)
+    if dt == 0:
+        raise InputError("dt = 0 makes no step; give a positive dt, or a negative one to go back.")
+    return dt
+
+
+def as_positive_count(name: str, value: Any, least: int = 0) -> int:
+    """Return a whole number of at least ``least``; 10.0 and 1e3 are such numbers."""
+    count = whole(value)
+    if count is None:
+        raise InputError(f"{name} = {shown(value)} is not a whole number.")
+    if count < least:
+        raise InputError(f"{name} = {shown(value)} is too small; give at least {least}.")
+    if count > _MOST:
+        raise InputError(f"{name} = {shown(value)} is too large; give at most {_MOST}.")
+    return count
+
+
+def as_callback(name: str, value: Any) -> Any:
+    """Return a function that is called on the way, or None."""
+    if value is not None and not callable(value):
+        raise InputError(f"{name} = {shown(value)} cannot be called; give a function that takes "
+                         "the number of steps (or cells) done, such as print.")
+    return value

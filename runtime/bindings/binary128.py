@@ -1,0 +1,193 @@
+"""IEEE binary128 at the Python side: mpmath numbers of 113 bits, and their 16 bytes.
+
+NumPy has no such type. ``mpf`` here belongs to an mpmath context of its own: arithmetic among
+these numbers rounds to 113 bits, whatever ``mpmath.mp.prec`` is, in every thread. mpmath's own
+functions take them as they are; a mixed sum has the precision of its left term. mpmath has no
+negative zero: −0 is read as 0.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from fractions import Fraction
+from typing import Any
+
+import mpmath
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.exact_numbers import Rounded, nearest
+from ...core.exact_numbers import exact as exact_number
+from .array_checks import as_numbers
+
+__all__ = ["BITS", "BYTES", "EPSILON", "as_quads", "exact", "from_bytes", "full", "mpf", "pack",
+           "quad", "rounded", "solve", "to_bytes", "unpack"]
+
+Array = NDArray[Any]
+
+BITS = 113
+BYTES = 16
+EPSILON = 2.0 ** (1 - BITS)
+_BIAS = 16383
+#: Exponent of the last bit of a subnormal number.
+_LEAST = 2 - _BIAS - BITS
+_FRACTION: int = 2 ** (BITS - 1)
+#: What the exponent's bits are of infinity and of what is no number.
+_SPECIAL = 2 * _BIAS + 1
+_INFINITY: int = _SPECIAL << (BITS - 1)
+_SIGN: int = 1 << (8 * BYTES - 1)
+
+_CONTEXT = mpmath.MPContext()
+_CONTEXT.prec = BITS
+mpf = _CONTEXT.mpf
+mpf.__module__ = __name__  # where pickle finds it
+
+
+def quad(value: Any) -> Any:
+    """Return a real number of any type as mpf, rounded once to 113 bits."""
+    if isinstance(value, (mpf, int, float)) and not isinstance(value, Rounded):
+        return _CONTEXT.mpf(value)
+    found = exact_number(value)
+    if found is None:
+        raise TypeError(f"{value!r} is no real number")
+    return rounded(found) if isinstance(found, Fraction) else _CONTEXT.mpf(found)
+
+
+def rounded(value: Fraction) -> Any:
+    """Return the number of binary128 next to a value; infinity beyond their range."""
+    made = _made(*nearest(value, BITS, _LEAST))
+    if abs(made) >= _CONTEXT.ldexp(1, _BIAS + 1):
+        return _CONTEXT.ninf if value < 0 else _CONTEXT.inf
+    return made
+
+
+def full(shape: tuple[int, ...], value: Any = 0) -> Array:
+    """Return an array of one number."""
+    array: Array = np.full(shape, quad(value), dtype=object)
+    return array
+
+
+def exact(value: Any) -> Fraction:
+    """Return a finite mpf as a fraction."""
+    sign, mantissa, exponent, _ = value._mpf_
+    fraction: Fraction = int(mantissa) * (-1) ** sign * Fraction(2) ** exponent
+    return fraction
+
+
+# ---------------------------------------------------------------- 16 bytes
+
+
+def pack(values: Iterable[Any]) -> bytes:
+    """Return the bytes of numbers, in the machine's order, rounded to nearest, ties to even."""
+    return b"".join(_encoded(value).to_bytes(BYTES, sys.byteorder) for value in values)
+
+
+def unpack(data: bytes) -> list[Any]:
+    """Return the numbers that bytes hold, exactly."""
+    return [_decoded(int.from_bytes(data[i : i + BYTES], sys.byteorder))
+            for i in range(0, len(data), BYTES)]
+
+
+def _encoded(value: Any) -> int:
+    if not hasattr(value, "_mpf_"):
+        value = quad(value)
+    sign, mantissa, exponent, length = value._mpf_
+    if not mantissa:
+        if exponent == 0:
+            return 0
+        if value != value:
+            return _INFINITY | _FRACTION >> 1
+        return _INFINITY if value > 0 else _INFINITY | _SIGN
+    unit = max(exponent + length - BITS, _LEAST)  # exponent of the last bit kept
+    shift = exponent - unit
+    kept = int(mantissa) << shift if shift >= 0 else _rounded(int(mantissa), -shift)
+    # The hidden bit of kept, if it has one, adds 1 to the exponent; so does rounding up.
+    bits: int = min(((unit - _LEAST) << (BITS - 1)) + kept, _INFINITY)
+    return bits | _SIGN if sign else bits
+
+
+def _rounded(mantissa: int, shift: int) -> int:
+    """Return mantissa/2^shift rounded to nearest, ties to even."""
+    kept, rest = mantissa >> shift, mantissa & ((1 << shift) - 1)
+    half = 1 << (shift - 1)
+    up = rest > half or (rest == half and kept % 2 == 1)
+    return kept + 1 if up else kept
+
+
+def _decoded(bits: int) -> Any:
+    sign, exponent, fraction = bits & _SIGN, (bits & ~_SIGN) >> (BITS - 1), bits & (_FRACTION - 1)
+    if exponent == _SPECIAL:
+        return _CONTEXT.nan if fraction else _CONTEXT.ninf if sign else _CONTEXT.inf
+    if exponent:
+        fraction, exponent = fraction | _FRACTION, exponent - 1
+    return _made(-fraction if sign else fraction, exponent + _LEAST)
+
+
+def _made(mantissa: int, exponent: int) -> Any:
+    return _CONTEXT.make_mpf(mpmath.libmp.from_man_exp(mantissa, exponent))
+
+
+# ---------------------------------------------------------------- arrays
+
+
+def to_bytes(array: Array) -> Array:
+    """Return an array's bytes, least significant first, along a last axis of 16."""
+    data = np.frombuffer(pack(array.flat), dtype=np.uint8).reshape(*array.shape, BYTES)
+    return data[..., :: 1 if sys.byteorder == "little" else -1].copy()
+
+
+def from_bytes(data: Array) -> Array:
+    """Return the array of mpf that ``to_bytes`` gave the bytes of."""
+    if data.dtype != np.uint8 or data.shape[-1:] != (BYTES,):
+        raise ValueError("these are no bytes of binary128")
+    array = full(data.shape[:-1])
+    array.flat[:] = unpack(data[..., :: 1 if sys.byteorder == "little" else -1].tobytes())
+    return array
+
+
+def as_quads(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return an array of mpf by value, from numbers of any real type.
+
+    Raises
+    ------
+    InputError
+        For another shape, for entries that are no finite real numbers of binary128.
+    """
+    array = as_numbers(name, value)
+    if array.shape != shape:
+        raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
+    converted = full(shape)
+    for place, entry in enumerate(array.ravel()):
+        number = converted.flat[place] = quad(entry)
+        if not _CONTEXT.isfinite(number):
+            finite = isinstance(exact_number(entry), Fraction)
+            raise InputError(f"{name} = {array} is " + (
+                "too large for float128; give smaller numbers." if finite else
+                "not finite; give finite numbers."))
+        if abs(number) >= _CONTEXT.ldexp(1, _BIAS + 1):
+            raise InputError(f"{name} = {array} is too large for float128; give smaller numbers.")
+    return converted
+
+
+def solve(A: Array, b: Array) -> Array:
+    """Return A⁻¹b by Gaussian elimination with partial pivoting.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        For a singular matrix.
+    """
+    A, x = A.copy(), b.copy()
+    for k in range(len(x)):
+        pivot = k + int(np.argmax(np.abs(A[k:, k])))
+        if not A[pivot, k]:
+            raise np.linalg.LinAlgError("Singular matrix")
+        A[[k, pivot]], x[[k, pivot]] = A[[pivot, k]], x[[pivot, k]]
+        factors = A[k + 1 :, k] / A[k, k]
+        A[k + 1 :, k:] -= np.multiply.outer(factors, A[k, k:])
+        x[k + 1 :] -= factors * x[k]
+    for k in reversed(range(len(x))):
+        x[k] = (x[k] - A[k, k + 1 :] @ x[k + 1 :]) / A[k, k]
+    return x

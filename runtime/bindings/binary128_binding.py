@@ -1,0 +1,282 @@
+"""A float128 stepper's functions as Python callables on object arrays of mpf.
+
+Each call packs its arrays into bytes, hands pointers to ``quad_wrapper``'s functions, and reads
+back the numbers that changed.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compilation.quad_wrapper import PREFIX
+from . import binary128
+from .binding import SOLVERS, Binding, SolverName
+from .inputs import Inputs
+from .struct_memory import aligned
+
+__all__ = ["QuadBinding"]
+
+Array = NDArray[Any]
+
+#: The numbers at the end of a report, in the header's order.
+_RECORDED = ("work", "work_low", "energy_start", "energy_error_max", "energy_error_sum",
+             "constraint_max", "constraint_sum", "hidden_max", "hidden_sum")
+
+
+class QuadBinding(Binding):
+    """``Binding`` for float128."""
+
+    epsilon = binary128.EPSILON
+
+    def function(self, name: str) -> Any:
+        """Return a function of the module that takes arrays and numbers as they are."""
+        function = getattr(self.lib, f"{PREFIX}{self.name}_{name}")
+
+        def call(*arguments: Any) -> Any:
+            boxes = [_Box(self.ffi, a)
+                     if isinstance(a, (np.ndarray, float, binary128.mpf)) else None
+                     for a in arguments]
+            result = function(*(
+                box.pointer if box else a.pointer if isinstance(a, (_Block, _Record)) else a
+                for a, box in zip(arguments, boxes, strict=True)
+            ))
+            for box in filter(None, boxes):
+                box.read_back()
+            return result
+
+        return call
+
+    def pointer(self, array: Array, start: int = 0) -> Any:
+        """Return what ``function`` takes for an array: the array itself, NULL for an empty one."""
+        if start:
+            raise ValueError("An array of mpf is packed from its first entry on.")
+        return array if array.size else self.ffi.NULL
+
+    def new(self, *shape: int) -> Array:
+        """Return an array of zeros."""
+        return binary128.full(shape)
+
+    def array(self, name: str, value: Any, shape: tuple[int, ...]) -> Array:
+        """Return a checked copy of a caller's array as mpf."""
+        return binary128.as_quads(name, value, shape)
+
+    def converted(self, array: Array) -> Array:
+        """Return a copy of a caller's numbers as mpf, infinite where they are beyond the type."""
+        made = binary128.full(array.shape)
+        made.flat[:] = [binary128.quad(x) for x in array.flat]
+        return made
+
+    def times(self, t0: Any, dt: Any, steps: Array) -> Array:
+        """Return t0 + k dt for each k of ``steps``."""
+        made: Array = t0 + steps.astype(object) * dt
+        return made
+
+    def solve(self, A: Array, b: Array) -> Array:
+        """Return A⁻¹b."""
+        return binary128.solve(A, b)
+
+    # ------------------------------------------------------------ structs
+
+    def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
+        """Return the parameter struct for a run, or a step, that starts at time t."""
+        columns = {name: np.array([value], dtype=object) for name, value in values.items()}
+        return self.parameter_sets(columns, np.array([t], dtype=object))
+
+    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
+        """Return an array of parameter structs, for runs that start at those times."""
+        block = _Block(self.ffi, f"{self.name}_parameters", len(times))
+        fields = [*(columns[name] for name in self.parameter_names),
+                  *([] if self.time is None else [times])]
+        rows = zip(*fields, strict=True)
+        block.write(0, binary128.pack([number for row in rows for number in row]))
+        return block
+
+    def sets(self, parameters: Any) -> int:
+        """Return 1: the parameters are those of one run."""
+        return 1
+
+    def set_time(self, parameters: Any, t0: Any, steps: int, dt: Any) -> None:
+        """Set the time in the parameter struct to t0 + steps dt."""
+        if self.time is not None:
+            time = binary128.quad(t0) + steps * binary128.quad(dt)
+            parameters.write(len(self.parameter_names) * binary128.BYTES, binary128.pack([time]))
+
+    def feed(self, parameters: Any, row: Array) -> None:
+        """Put the inputs of a step into the parameter struct."""
+        for name, value in zip(self.input_names, row, strict=True):
+            place = self.parameter_names.index(name) * binary128.BYTES
+            parameters.write(place, binary128.pack([value]))
+
+    def options(self, tolerance: float | None, max_iterations: int, solver: SolverName) -> Any:
+        """Return the options struct; tolerance None means down to round-off."""
+        block = _Block(self.ffi, f"{self.name}_options")
+        block.write(0, binary128.pack([tolerance or 0.0]))
+        block.pointer.max_iterations = min(max_iterations, 2**31 - 1)
+        block.pointer.solver = SOLVERS[solver]
+        return block
+
+    def work(self) -> Any:
+        """Return work memory for one thread."""
+        return _Block(self.ffi, f"{self.name}_work")
+
+    def batch_memory(self) -> tuple[Any, Any]:
+        """Return the memory of ``integrate_lanes`` for one thread."""
+        return _Block(self.ffi, f"{self.name}_batch"), self.work()
+
+    def report(self) -> Any:
+        """Return an empty running record."""
+        return self.reports(1)[0]
+
+    def reports(self, count: int) -> Any:
+        """Return empty running records."""
+        block = _Block(self.ffi, f"{self.name}_report", count)
+        return _Records([_Record(block, i) for i in range(count)])
+
+    def record_of(self, work: Any) -> Any:
+        """Return the running record of the trajectory that work memory holds: a copy."""
+        block = _Block(self.ffi, f"{self.name}_report")
+        held = self.ffi.cast("char *", self.function("report_of")(work))
+        block.write(0, bytes(self.ffi.buffer(held, block.size)))
+        return _Record(block, 0)
+
+    def image(self, struct: Any) -> NDArray[np.uint8]:
+        """Return the bytes of a running record or of work memory, to read and to write."""
+        block = struct.block if isinstance(struct, _Record) else struct
+        image: NDArray[np.uint8] = block.memory
+        return image
+
+    def energy_error(self, H: Any, report: Any) -> float:
+        """Return |H − H₀|, less the work of the forces, for a running record."""
+        error = H - report.energy_start
+        return float(abs(error - report.work if self.has_forces else error))
+
+    def add_work(self, report: Any, done: Any) -> None:
+        """Add the work of a step to a running record, in a compensated sum."""
+        before, share = report.work, done + report.work_low
+        total = before + share
+        part = total - before
+        report.work, report.work_low = total, (before - (total - part)) + (share - part)
+
+    def recorded(self, report: Any, name: str) -> Any:
+        """Return a number of a running record."""
+        return getattr(report, name)
+
+    def coefficients(self) -> list[Fraction]:
+        """Return the compiled coefficients in the order of the struct, exactly."""
+        struct = self.function("coefficients")()
+        data = self.ffi.buffer(self.ffi.cast("char *", struct), self.ffi.sizeof(struct[0]))[:]
+        return [binary128.exact(entry) for entry in binary128.unpack(data)]
+
+    # ------------------------------------------------------------ calls
+
+    def integrate(
+        self, parameters: Any, options: Any, dt: float, steps: int, every: int,
+        q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
+        inputs: Inputs | None = None,
+    ) -> int:
+        """Advance (q, p) in place by up to ``steps`` steps; return the status."""
+        rows = steps // every  # converted: those of this call, not all that are left
+        return super().integrate(parameters, options, dt, steps, every, q, p,
+                                 tuple(part[:rows] for part in out), report, work, inputs)
+
+    def integrate_lanes(
+        self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
+        q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
+        memory: tuple[Any, Any], inputs: Inputs | None = None,
+    ) -> None:
+        """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
+        now = slice(row, row + steps // every)
+        copies = tuple(part[:, now].copy() for part in out)
+        super().integrate_lanes(parameters, options, dt, steps, every, 0, q, p, copies,
+                                reports.first, status, memory, inputs)
+        for part, made in zip(out, copies, strict=True):
+            part[:, now] = made
+
+
+class _Box:
+    """The bytes of an array or a number, for the time of a call."""
+
+    def __init__(self, ffi: Any, value: Any) -> None:
+        self.array = value if isinstance(value, np.ndarray) else np.array([value], dtype=object)
+        self.before = binary128.pack(self.array.flat)
+        self.memory = aligned(len(self.before))
+        self.memory[:] = np.frombuffer(self.before, dtype=np.uint8)
+        self.pointer = ffi.cast("quad *", ffi.from_buffer(self.memory))
+
+    def read_back(self) -> None:
+        """Put the numbers that changed into the array."""
+        after, size = self.memory.tobytes(), binary128.BYTES
+        if after == self.before:
+            return
+        for place, i in enumerate(range(0, len(after), size)):
+            if after[i : i + size] != self.before[i : i + size]:
+                (self.array.flat[place],) = binary128.unpack(after[i : i + size])
+
+
+class _Block:
+    """Zeroed memory for structs, which begin and end with it."""
+
+    def __init__(self, ffi: Any, struct: str, count: int = 1) -> None:
+        self.size = ffi.sizeof(struct)
+        self.memory = aligned(self.size * count)
+        self.pointer = ffi.cast(f"{struct} *", ffi.from_buffer(self.memory))
+
+    def write(self, start: int, data: bytes) -> None:
+        self.memory[start : start + len(data)] = np.frombuffer(data, dtype=np.uint8)
+
+    def read(self, start: int) -> Any:
+        return binary128.unpack(self.memory[start : start + binary128.BYTES].tobytes())[0]
+
+
+def _recorded(place: int) -> property:
+    """Return a property for the number at that place among those at the end of a report."""
+
+    def start(record: _Record) -> int:
+        end: int = (record.index + 1) * record.block.size
+        return end - (len(_RECORDED) - place) * binary128.BYTES
+
+    def read(record: _Record) -> Any:
+        return record.block.read(start(record))
+
+    def write(record: _Record, value: Any) -> None:
+        record.block.write(start(record), binary128.pack([value]))
+
+    return property(read, write)
+
+
+def _counted(name: str) -> property:
+    """Return a property for a whole number of a report."""
+
+    def read(record: _Record) -> int:
+        return int(getattr(record.pointer, name))
+
+    def write(record: _Record, value: int) -> None:
+        setattr(record.pointer, name, value)
+
+    return property(read, write)
+
+
+class _Record:
+    """A running record: the struct's fields, those that cffi does not know as well."""
+
+    steps, iterations, iterations_max, newton_steps = map(
+        _counted, ("steps", "iterations", "iterations_max", "newton_steps"))
+    (work, work_low, energy_start, energy_error_max, energy_error_sum, constraint_max,
+     constraint_sum, hidden_max, hidden_sum) = map(_recorded, range(len(_RECORDED)))
+
+    def __init__(self, block: _Block, index: int) -> None:
+        self.block, self.index = block, index
+        self.pointer = block.pointer + index
+
+
+class _Records(list[_Record]):
+    """Running records that lie side by side."""
+
+    @property
+    def first(self) -> _Record:
+        """The record whose pointer is that of them all."""
+        return self[0]

@@ -1,0 +1,198 @@
+"""The compiled functions of one stepper as Python callables on NumPy arrays.
+
+What a step is made of, and what is said of states; runs are those of ``compiled_module``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from .compiled_module import SOLVERS, Compiled, SolverName
+
+__all__ = ["REASONS", "SOLVERS", "Binding", "SolverName"]
+
+Array = NDArray[Any]
+
+#: Why a call failed, by its status.
+REASONS = {1: "not converged", 2: "singular matrix", 3: "not finite", 4: "stagnated",
+           5: "diverged"}
+
+
+class Binding(Compiled):
+    """Calls into a compiled module; one instance may serve many threads."""
+
+    def guess(self, parameters: Any, dt: float, q: Array, p: Array, work: Any) -> Array:
+        """Return the starting guess of T1."""
+        x = self.new(self.unknowns)
+        self.function("guess")(parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x),
+                               work)
+        return x
+
+    def residual(
+        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+    ) -> Array:
+        """Return r(x) of T1."""
+        r = self.new(self.unknowns)
+        self.function("residual")(parameters, dt, self.pointer(q), self.pointer(p),
+                                  self.pointer(x), self.pointer(r), work)
+        return r
+
+    def jacobian(
+        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+    ) -> Array:
+        """Return dr/dx of T1."""
+        J = self.new(self.unknowns, self.unknowns)
+        self.function("jacobian")(parameters, dt, self.pointer(q), self.pointer(p),
+                                  self.pointer(x), self.pointer(J), work)
+        return J
+
+    def increment_size(
+        self, dt: float, q: Array, p: Array, x: Array, dx: Array, work: Any
+    ) -> float:
+        """Return how large an increment is, relative to the state; work of the last residual."""
+        return float(self.function("increment_size")(
+            dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(dx), work))
+
+    def residual_size(
+        self, dt: float, q: Array, p: Array, x: Array, r: Array, work: Any
+    ) -> float:
+        """Return how large a residual is, relative to the state, as an increment would be."""
+        size = self.increment_size(dt, q, p, x, r, work)
+        return abs(float(dt)) * size if self.solves_increments else size
+
+    def lands(self, dt: float, q: Array, x: Array, work: Any) -> int:
+        """Return the status of unknowns that ought to end a step on the constraints."""
+        return int(self.function("lands")(dt, self.pointer(q), self.pointer(x), work))
+
+    def step(
+        self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
+    ) -> int:
+        """Try one step from (q, p); return its status."""
+        ends = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
+        taken = self.ffi.new("int *")
+        return int(self.function("step")(parameters, options, dt, self.pointer(q), self.pointer(p),
+                                         *map(self.pointer, ends), taken, work))
+
+    def first_half(
+        self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
+    ) -> tuple[int, float]:
+        """T1 by full Newton: return its status and the size of its last increment."""
+        x, taken = self.new(self.unknowns), self.ffi.new("int *")
+        status = self.function("T1")(parameters, options, dt, self.pointer(q), self.pointer(p),
+                                     self.pointer(x), taken, work)
+        return int(status), self.last_increment(work)
+
+    def last_increment(self, work: Any) -> float:
+        """Return the size of Newton's last increment, relative to the state."""
+        return float(self.function("last_increment")(work))
+
+    def finish(
+        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+    ) -> tuple[int, Array, Array, Array]:
+        """T2: return status, q1, p1 and multipliers."""
+        q1, p1 = self.new(self.n), self.new(self.n)
+        multipliers = self.new(max(self.multipliers, 1))
+        status = self.function("T2")(
+            parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(q1),
+            self.pointer(p1), self.pointer(multipliers), work)
+        return int(status), q1, p1, multipliers[: self.multipliers]
+
+    def step_work(
+        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
+    ) -> Any:
+        """Return the work that the forces do in the step with the unknowns x; 0 without forces."""
+        done = self.new(1)
+        if self.has_forces:
+            self.function("step_work")(parameters, dt, self.pointer(q), self.pointer(p),
+                                       self.pointer(x), self.pointer(done), work)
+        return done[0]
+
+    def quantities(self, parameters: Any, t: Array, q: Array, p: Array) -> Array:
+        """Return the user's quantities of each row of q and p, a column each."""
+        values = self.new(len(q), len(self.quantity_names))
+        if self.quantity_names:
+            times = [self.pointer(t)] if self.quantities_take_time else []
+            self.function("quantities")(parameters, len(q), *times, self.pointer(q),
+                                        self.pointer(p), self.pointer(values))
+        return values
+
+    def near(
+        self, parameters: Any, t: Array, q: Array, p: Array, values: Array, levels: Array,
+        last: Array,
+    ) -> tuple[int, int] | None:
+        """Return the first and the last of rows of states behind one near a level, or None.
+
+        ``values`` numbers coordinates, momenta and quantities; ``last`` is for each what it was at
+        the states before, NaN at first.
+        """
+        times = [self.pointer(t)] if self.quantities_take_time else []
+        rows = self.ffi.new("long[2]")
+        found = self.function("near")(
+            parameters, len(q), *times, self.pointer(q), self.pointer(p), len(values),
+            self.ffi.from_buffer("int[]", values), self.pointer(levels), self.pointer(last), rows)
+        return (rows[0], rows[1]) if found else None
+
+    def hamiltonian(self, parameters: Any, q: Array, p: Array, t: Array | None = None) -> Array:
+        """Return H of each row of q and p, at the times t; by default that of the parameters."""
+        H = self.new(len(q))
+        self.function("hamiltonian")(parameters, len(q), *self._times(t), self.pointer(q),
+                                     self.pointer(p), self.pointer(H))
+        return H
+
+    def velocities(self, parameters: Any, q: Array, p: Array, t: Array | None = None) -> Array:
+        """Return the velocities of each row of q and p, of a system from its Lagrangian."""
+        return self._other_rates("velocities", parameters, q, p, t)
+
+    def momenta(self, parameters: Any, q: Array, v: Array, t: Array | None = None) -> Array:
+        """Return the momenta of each row of q and velocities, of such a system."""
+        return self._other_rates("momenta", parameters, q, v, t)
+
+    def _other_rates(
+        self, name: str, parameters: Any, q: Array, given: Array, t: Array | None
+    ) -> Array:
+        """Return velocities of momenta or the way back, at the times t as of ``hamiltonian``."""
+        found = self.new(len(q), self.n)
+        self.function(name)(parameters, len(q), *self._times(t),
+                            *map(self.pointer, (q, given, found)))
+        return found
+
+    def _times(self, t: Array | None) -> list[Any]:
+        """Return the argument with the times of states, where H or g has time."""
+        if not self.is_timed:
+            return []
+        return [self.ffi.NULL if t is None else self.pointer(t)]
+
+    def defects(
+        self, parameters: Any, q: Array, p: Array, t: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Return g(q) and f(q, p) of each row of q and p, m entries a row.
+
+        The times are t, or those of the parameters. Of ``parameter_sets`` each one is that of as
+        many rows as the next.
+        """
+        g, f = self.new(len(q), self.m), self.new(len(q), self.m)
+        if not self.m:
+            return g, f
+        function, sets = self.function("defects"), self.sets(parameters)
+        arrays, rows = [self.pointer(array) for array in (q, p, g, f)], len(q) // sets
+        widths = [rows * width for width in (self.n, self.n, self.m, self.m)]
+        if sets == 1:
+            function(parameters, rows, *self._times(t), *arrays)
+            return g, f
+        for i in range(sets):
+            own = [array + i * width for array, width in zip(arrays, widths, strict=True)]
+            function(parameters + i, rows, *self._times(None), *own)
+        return g, f
+
+    def sets(self, parameters: Any) -> int:
+        """Return of how many runs these are the parameters."""
+        is_array = self.ffi.typeof(parameters).kind == "array"
+        return len(parameters) if is_array else 1
+
+    def project(self, parameters: Any, q: Array, p: Array) -> int:
+        """Move (q, p) onto the constraints in place; return the status."""
+        if not self.m:
+            return 0
+        return int(self.function("project")(parameters, self.pointer(q), self.pointer(p)))

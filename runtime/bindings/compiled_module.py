@@ -1,0 +1,304 @@
+"""The compiled module of one stepper: pointers, structs, and the calls that do whole runs.
+
+With ``binding`` the only file that touches cffi pointers. Arrays reaching it have been checked:
+contiguous, of the stepper's own type. cffi releases the GIL during every call.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.real_types import REALS
+from .array_checks import as_array, as_numbers, converted_to
+from .inputs import Inputs
+from .real_numbers import rounding
+from .struct_memory import aligned
+
+__all__ = ["SOLVERS", "Compiled", "SolverName"]
+
+Array = NDArray[Any]
+
+#: What ``solver`` may be; the keys of ``SOLVERS``, for editors and type checkers.
+SolverName = Literal["auto", "newton", "fixed-point", "python"]
+#: Solver → its number in the generated enum; "python" drives the compiled parts itself.
+SOLVERS: dict[SolverName, int] = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
+
+
+class Compiled:
+    """Calls into a compiled module; one instance may serve many threads.
+
+    Every call makes its own work memory, about 8 U² bytes for U unknowns.
+    """
+
+    def __init__(self, module: Any, name: str, manifest: dict[str, Any]) -> None:
+        self.ffi, self.lib, self.name = module.ffi, module.lib, name
+        real = REALS[manifest["real"]]
+        self.c_type, self.dtype = real.c_type, real.dtype
+        #: Rounds a fraction to the stepper's own type; where that is float, to double.
+        self.number = rounding(manifest["real"])
+        system = manifest["system"]
+        self.parameter_names = list(system["parameters"])
+        #: Those of them that may change from step to step.
+        self.input_names = list(system.get("inputs", ()))
+        self.n = len(system["coordinates"])
+        self.m = len(system["constraints"])
+        self.has_forces = "forces" in system
+        #: The field of the parameters with the time at the start; None where nothing has t.
+        self.time: str | None = system.get("time")
+        #: Whether H or g has t, so that what is asked of a state is asked at a time.
+        self.is_timed = bool(system.get("time_in_H_or_g"))
+        self.quantity_names = list(system.get("quantities", ()))
+        self.quantities_take_time = bool(system.get("quantities_take_time"))
+        self.unknowns = int(manifest["scheme"]["unknowns"])
+        self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
+        #: Whether the unknowns are increments of the state, and residuals are rates.
+        self.solves_increments = bool(manifest["scheme"]["unknowns_are_state"])
+        #: The unknowns that are rates of momenta, or their increments.
+        self.kicks = slice(*(self.n * k * (manifest["scheme"]["stages"] or 1) for k in (1, 2)))
+        #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
+        self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
+        self._report_type: np.dtype[Any] | None = None
+
+    @property
+    def epsilon(self) -> float:
+        """Distance from 1 to the next number of the stepper's type."""
+        return float(np.finfo(self.dtype).eps)
+
+    @property
+    def number_type(self) -> Any:
+        """NumPy's type for columns of such numbers as ``number`` makes."""
+        return np.float64 if self.dtype is np.float32 else self.dtype
+
+    def function(self, name: str) -> Any:
+        """Return a function of the module by its short name."""
+        function = getattr(self.lib, f"{self.name}_{name}")
+        if self.dtype is not np.longdouble:
+            return function
+        return lambda *arguments: function(*map(self._passed, arguments))
+
+    def _passed(self, argument: Any) -> Any:
+        """Return what cffi takes of NumPy's long double, which it would round to double."""
+        if not isinstance(argument, np.longdouble):
+            return argument
+        box = self.ffi.new("long double *")
+        np.frombuffer(self.ffi.buffer(box), dtype=np.longdouble)[0] = argument
+        return box[0]
+
+    def pointer(self, array: Array, start: int = 0) -> Any:
+        """Return a pointer to a checked array, from an entry on; NULL for an empty one."""
+        if array.size == 0:
+            return self.ffi.NULL
+        return self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True) + start
+
+    def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
+        """Return the parameter struct for a run, or a step, that starts at time t."""
+        return self.ffi.new(f"{self.name}_parameters *", self._fields(values, t))
+
+    def _fields(self, values: dict[str, Any], t: Any) -> dict[str, Any]:
+        """Return the parameters by name, with the time where something has it."""
+        time = {} if self.time is None else {self.time: t}
+        return {name: self._passed(value) for name, value in (values | time).items()}
+
+    def set_time(self, parameters: Any, t0: Any, steps: int, dt: Any) -> None:
+        """Set the time in the parameter struct to t0 + steps dt."""
+        if self.time is not None:
+            fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
+            fields[-1] = self.dtype(t0) + steps * self.dtype(dt)
+
+    def work(self) -> Any:
+        """Return work memory for one thread, and for a run that may be gone on with."""
+        struct = f"{self.name}_work"
+        return self.ffi.from_buffer(f"{struct} *", aligned(self.ffi.sizeof(struct)))
+
+    def options(self, tolerance: float | None, max_iterations: int, solver: SolverName) -> Any:
+        """Return the options struct; tolerance None means down to round-off."""
+        return self.ffi.new(f"{self.name}_options *",
+                            [self._passed(tolerance or 0.0), min(max_iterations, 2**31 - 1),
+                             SOLVERS[solver]])
+
+    def report(self) -> Any:
+        """Return an empty running record."""
+        return self.ffi.new(f"{self.name}_report *")
+
+    def record_of(self, work: Any) -> Any:
+        """Return the running record of the trajectory that work memory holds: a copy."""
+        return self.ffi.new(f"{self.name}_report *", self.function("report_of")(work)[0])
+
+    def image(self, struct: Any) -> NDArray[np.uint8]:
+        """Return the bytes of a running record or of work memory, to read and to write."""
+        return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)
+
+    def clear_padding(self, report: Any, work: Any) -> None:
+        """Set to zero the bytes of both that mean nothing: then equal runs have equal images."""
+        if self.c_type == "long double":  # no other type has any that compiled code writes to
+            self.function("clear_padding")(report, work)
+
+    def new(self, *shape: int) -> Array:
+        """Return a zeroed array of the stepper's type."""
+        return np.zeros(shape, dtype=self.dtype)
+
+    def array(self, name: str, value: Any, shape: tuple[int, ...]) -> Array:
+        """Return a checked copy of a caller's array in the stepper's type."""
+        return as_array(name, value, shape, self.dtype)
+
+    def numbers(self, name: str, value: Any) -> Array:
+        """Return a caller's numbers, of whatever shape and real type, as an array."""
+        return as_numbers(name, value)
+
+    def converted(self, array: Array) -> Array:
+        """Return a copy of a caller's numbers in the stepper's type, infinite beyond its range."""
+        return converted_to(self.dtype, array)
+
+    def times(self, t0: Any, dt: Any, steps: Array) -> Array:
+        """Return t0 + k dt for each k of ``steps``, in the type of ``number``."""
+        made: Array = t0 + steps * dt
+        return made
+
+    def solve(self, A: Array, b: Array) -> Array:
+        """Return A⁻¹b in double, or raise numpy.linalg.LinAlgError."""
+        x = np.linalg.solve(A.astype(float), b.astype(float))
+        return np.ascontiguousarray(x, dtype=self.dtype)
+
+    def energy_error(self, H: Any, report: Any) -> float:
+        """Return |H − H₀|, less the work of the forces, for a running record."""
+        error = self._whole(H) - self.recorded(report, "energy_start")
+        return float(abs(error - self.recorded(report, "work") if self.has_forces else error))
+
+    def add_work(self, report: Any, done: Any) -> None:
+        """Add the work of a step to a running record, in a compensated sum."""
+        before = self.recorded(report, "work")
+        share = self._whole(done) + self.recorded(report, "work_low")
+        total = before + share
+        part = total - before
+        report.work = self._passed(total)
+        report.work_low = self._passed((before - (total - part)) + (share - part))
+
+    def recorded(self, report: Any, name: str) -> Any:
+        """Return a number of a running record; cffi hands a long double over as an object."""
+        if self.dtype is not np.longdouble:
+            return float(getattr(report, name))
+        return np.frombuffer(self.ffi.buffer(report), dtype=self.report_type)[name][0]
+
+    def _whole(self, number: Any) -> Any:
+        """Return a number to compute with: long double, or double."""
+        return number if self.dtype is np.longdouble else float(number)
+
+    def coefficients(self) -> list[Fraction]:
+        """Return the compiled coefficients in the order of the struct, exactly."""
+        struct = self.function("coefficients")()
+        array = np.frombuffer(self.ffi.buffer(struct), dtype=self.dtype)
+        return [Fraction(*entry.as_integer_ratio()) for entry in array]
+
+    # ------------------------------------------------------------ calls
+
+    def integrate(
+        self, parameters: Any, options: Any, dt: float, steps: int, every: int,
+        q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
+        inputs: Inputs | None = None,
+    ) -> int:
+        """Advance (q, p) in place by up to ``steps`` steps; return the status."""
+        q_out, p_out, multipliers, iterations, work_out = out
+        done = [self.pointer(work_out)] if self.has_forces else []
+        counts = (self.ffi.NULL if iterations.size == 0
+                  else self.ffi.from_buffer("int[]", iterations, require_writable=True))
+        return int(self.function("integrate")(
+            parameters, options, *self._fed(inputs)[:2], dt, steps, every, self.pointer(q),
+            self.pointer(p), self.pointer(q_out), self.pointer(p_out), self.pointer(multipliers),
+            counts, *done, report, work,
+        ))
+
+    def _fed(self, inputs: Inputs | None) -> list[Any]:
+        """Return the arguments with inputs, how long they are held, and rows between runs."""
+        if not self.input_names:
+            return []
+        if inputs is None:
+            return [self.ffi.NULL, 0, 0]
+        return [self.pointer(inputs.values), inputs.hold, inputs.stride]
+
+    def feed(self, parameters: Any, row: Array) -> None:
+        """Put the inputs of a step into the parameter struct."""
+        fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
+        for name, value in zip(self.input_names, row, strict=True):
+            fields[self.parameter_names.index(name)] = value
+
+    def batch_memory(self) -> tuple[Any, Any]:
+        """Return the memory of ``integrate_lanes`` for one thread."""
+        return self.ffi.new(f"{self.name}_batch *"), self.work()
+
+    def reports(self, count: int) -> Any:
+        """Return empty running records."""
+        return self.ffi.new(f"{self.name}_report[]", count)
+
+    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
+        """Return an array of parameter structs, for runs that start at those times."""
+        fields = [*(columns[name] for name in self.parameter_names),
+                  *([] if self.time is None else [times])]
+        rows = self.new(len(times), max(len(fields), 1))  # one that has none has a field too
+        with np.errstate(over="ignore"):
+            for place, column in enumerate(fields):
+                rows[:, place] = column
+        return self.ffi.from_buffer(f"{self.name}_parameters[]", rows)
+
+    def integrate_lanes(
+        self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
+        q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
+        memory: tuple[Any, Any], inputs: Inputs | None = None,
+    ) -> None:
+        """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
+        rows = out[0].shape[1]
+        done = [self.pointer(out[4], row)] if self.has_forces else []
+        counts = self.ffi.from_buffer("int[]", out[3], require_writable=True)
+        widths = [self.n, self.n, self.multipliers]
+        starts = [self.pointer(part, row * width)
+                  for part, width in zip(out[:3], widths, strict=True)]
+        self.function("integrate_lanes")(
+            len(dt), parameters, options, *self._fed(inputs), self.pointer(dt), steps, every, rows,
+            self.pointer(q), self.pointer(p), *starts, counts + row, *done, reports,
+            self.ffi.from_buffer("int[]", status, require_writable=True), *memory,
+        )
+
+    @property
+    def report_type(self) -> np.dtype[Any]:
+        """The running record's fields as NumPy sees them; found once, by whoever is first."""
+        if self._report_type is None:
+            self._report_type = self._seen_by_numpy()
+        return self._report_type
+
+    def _seen_by_numpy(self) -> np.dtype[Any]:
+        kinds = {"long": np.dtype("l"), "int": np.dtype("i")}
+        struct = self.ffi.typeof(f"{self.name}_report")
+        fields = dict(struct.fields)
+        return np.dtype({
+            "names": list(fields), "offsets": [f.offset for f in fields.values()],
+            "formats": [kinds.get(f.type.cname, np.dtype(self.dtype)) for f in fields.values()],
+            "itemsize": self.ffi.sizeof(struct),
+        })
+
+    def integrate_many(
+        self, parameters: Array, options: Any, dt: Array, steps: int, every: int, q: Array,
+        p: Array, out: tuple[Array, ...] | None, memory: tuple[Any, ...],
+    ) -> tuple[Array, Array]:
+        """Advance the rows of q and p in place by whole runs; return records and statuses.
+
+        ``parameters`` has a row for each trajectory, in the order of ``parameter_names`` and with
+        the time at the start where something has it.
+        """
+        count = len(dt)
+        reports = np.zeros(count, dtype=self.report_type)
+        status = np.zeros(count, dtype=np.intc)
+        structs = self.ffi.from_buffer(f"{self.name}_parameters[]", parameters)
+        q_out, p_out = (self.ffi.NULL, self.ffi.NULL) if out is None else map(self.pointer, out)
+        self.function("integrate_many")(
+            count, structs, options, *self._fed(None), self.pointer(dt), steps, every,
+            self.pointer(q), self.pointer(p), q_out, p_out,
+            self.ffi.from_buffer(f"{self.name}_report[]", reports, require_writable=True),
+            self.ffi.from_buffer("int[]", status, require_writable=True), *memory)
+        return reports, status
+
+    def many_memory(self) -> tuple[Any, ...]:
+        """Return the memory of ``integrate_many`` for one thread."""
+        return self.batch_memory() if self.lanes else (self.work(),)

@@ -1,0 +1,160 @@
+"""Inputs of a run: numbers that a system's forces may have anew in every step.
+
+A row has one number for each input and is held for so many steps: zero-order hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import proposal
+from ...core.errors import InputError
+from .array_checks import as_numbers, as_positive_count
+
+if TYPE_CHECKING:
+    from .compiled_module import Compiled
+
+__all__ = ["Inputs", "as_inputs"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Rows of inputs in the stepper's type, those of several runs one behind the other.
+
+    Attributes
+    ----------
+    names : list of str
+        What the inputs are called.
+    values : array, shape (runs, rows, inputs)
+        Of one run where all have the same.
+    hold : int
+        Steps that a row is held for; 0 where one row is held throughout.
+    """
+
+    names: Sequence[str]
+    values: Array
+    hold: int
+
+    @property
+    def stride(self) -> int:
+        """Rows from one run to the next; 0 where all have the same."""
+        return self.values.shape[1] if len(self.values) > 1 else 0
+
+    @property
+    def throughout(self) -> dict[str, Any]:
+        """The inputs of the first run by name; those that change are nan, for no number they are.
+
+        So whoever asks the run's parameters for a step that nobody stored is not told a wrong one.
+        """
+        rows = self.values[0]
+        first = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)
+        none = 0 * (first[0] if len(rows) else 1.0) + np.nan
+        return {name: x if (rows[:, i] == first[i]).all() else none
+                for i, (name, x) in enumerate(zip(self.names, first.tolist(), strict=True))}
+
+    def of(self, i: int) -> Inputs:
+        """Return those of one run."""
+        return replace(self, values=self.values[i : i + 1]) if len(self.values) > 1 else self
+
+    def between(self, part: slice) -> Inputs:
+        """Return those of some runs, side by side."""
+        return replace(self, values=self.values[part]) if len(self.values) > 1 else self
+
+    def taken(self, runs: Array, steps: Array, count: int = 1) -> Inputs:
+        """Return those of ``count`` steps after ``steps`` of some runs, as of runs of their own."""
+        at = steps[:, None] + np.arange(count)
+        rows = np.minimum(at // self.hold if self.hold else 0 * at, self.values.shape[1] - 1)
+        owner = runs[:, None] if len(self.values) > 1 else 0
+        return Inputs(self.names, np.ascontiguousarray(self.values[owner, rows]), 1)
+
+    @property
+    def first(self) -> dict[str, Any]:
+        """The inputs of the first step of the first run by name; 1 where there is no step."""
+        rows = self.values[0]
+        return dict(zip(self.names, rows[0].tolist() if len(rows) else [1.0] * len(self.names),
+                        strict=True))
+
+    def of_steps(self, count: int) -> Inputs:
+        """Return those of the first steps of the first run, a row for each; the last row stays."""
+        return self.taken(np.zeros(1, int), np.zeros(1, int), count)
+
+    def at(self, step: int) -> Array:
+        """Return the row of a step of the first run."""
+        row: Array = self.values[0, step // self.hold if self.hold else 0]
+        return row
+
+
+def as_inputs(
+    given: Any, binding: Compiled, steps: int, hold: Any = 1, runs: int | None = None
+) -> Inputs | None:
+    """Return the inputs of a run of so many steps, or of ``runs`` of them; None for None.
+
+    Raises
+    ------
+    InputError
+        For unknown or missing names, other shapes, what is no finite number.
+    """
+    held = as_positive_count("hold", hold, least=1)
+    if given is None:
+        return None
+    names = binding.input_names
+    if not names:
+        raise InputError("inputs are given, and this system has none; declare them by "
+                         "System(..., inputs=...).")
+    rows = -(-steps // held)
+    if isinstance(given, Mapping):
+        parts = [_column(name, given, names, rows, runs) for name in _named(given, names)]
+        array = np.stack(np.broadcast_arrays(*parts), axis=-1)
+    else:
+        array = _table(as_numbers("inputs", given), len(names), rows, runs)
+    return Inputs(names, binding.array("inputs", array, array.shape),
+                  0 if array.shape[1] == 1 else held)
+
+
+def _named(given: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
+    unknown = [str(name) for name in given if name not in names]
+    if unknown:
+        raise InputError(f"Input {unknown[0]!r} is unknown; this system has {', '.join(names)}"
+                         f"{proposal(unknown[0], names)}.")
+    missing = [name for name in names if name not in given]
+    if missing:
+        raise InputError(f"Input {missing[0]!r} is not given; give all of {', '.join(names)}.")
+    return names
+
+
+def _column(
+    name: str, given: Mapping[str, Any], names: Sequence[str], rows: int, runs: int | None
+) -> Array:
+    """Return one input as (runs, rows), either of them 1 where one number serves all."""
+    array = as_numbers(f"Input {name}", given[name])
+    allowed = {(): (1, 1), (rows,): (1, rows)}
+    if runs is not None:
+        allowed |= {(runs, 1): (runs, 1), (runs, rows): (runs, rows)}
+    if array.shape not in allowed:
+        raise InputError(f"Input {name} has shape {array.shape}; give "
+                         f"{_choices(list(allowed))}.")
+    return array.reshape(allowed[array.shape])
+
+
+def _table(array: Array, count: int, rows: int, runs: int | None) -> Array:
+    """Return inputs as (runs, rows, inputs)."""
+    allowed = {(count,): (1, 1, count), (rows, count): (1, rows, count)}
+    if count == 1:
+        allowed = {(): (1, 1, 1), (rows,): (1, rows, 1)} | allowed
+    if runs is not None:
+        allowed |= {(runs, 1, count): (runs, 1, count), (runs, rows, count): (runs, rows, count)}
+    if array.shape not in allowed:
+        raise InputError(f"inputs have shape {array.shape}; give {_choices(list(allowed))}.")
+    return array.reshape(allowed[array.shape])
+
+
+def _choices(shapes: Sequence[tuple[int, ...]]) -> str:
+    texts = ["one number" if shape == () else f"shape {shape}" for shape in shapes]
+    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} or {texts[-1]}"

@@ -1,0 +1,269 @@
+"""What is kept between runs: generated sources and compiled modules.
+
+A file appears under its final name only when it is complete (``os.replace`` from a private
+folder), so a killed build leaves nothing that a later one could trip over, and any number of
+processes may build the same stepper at once without a lock: the last one wins with equal bytes.
+
+Modules are loaded and sources compiled, so what is read here is code. It is read only where no
+other user can have written it (``distrusted``), and only folders that carry our own mark are
+removed (``_remove_stale``).
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import errno
+import functools
+import hashlib
+import json
+import os
+import platform
+import re
+import shlex
+import shutil
+import stat
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cffi
+import platformdirs
+
+from ...core.errors import GyrosparkError
+from ...core.warnings import remark
+from . import gcc_permutations, kernel_check, kernel_text, object_files, quad_wrapper
+from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
+from .object_files import Part
+
+__all__ = ["CacheError", "binary_key", "cache_folder", "distrusted", "is_trusted", "keep", "kept",
+           "publish", "workshop"]
+
+_STALE_SECONDS = 24 * 3600
+#: No build takes so long; ``clear`` takes it for ended.
+_ENDED_SECONDS = 3600
+#: Names of finished files. Nothing else is listed or removed, whatever folder the user chose.
+_ENTRY = re.compile(r"\w+-[0-9a-f]{32}\.(source\.json|[\w.-]*(so|pyd)(\.json|\.sha256)?)")
+#: Name of a build's private folder, and the file in it, written first, that says whose it is.
+_BUILD, _BUILD_NAME = "gyrospark-build-", re.compile(r"gyrospark-build-\w{8}")
+_MARK, _MARKED = ".gyrospark-build", "A build of gyrospark; removed when it is older than a day.\n"
+
+
+class CacheError(GyrosparkError):
+    """The cache folder cannot be used."""
+
+
+#: Folders that cannot be used → what this process uses in their place.
+_IN_PLACE: dict[Path, Path] = {}
+
+
+def cache_folder() -> Path:
+    """Return the cache folder: ``GYROSPARK_CACHE``, else the platform's place for caches."""
+    chosen = os.environ.get("GYROSPARK_CACHE")
+    folder = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gyrospark"))
+    return _IN_PLACE.get(folder, folder)
+
+
+def _usable(folder: Path) -> Path:
+    """Return the folder if files can be made in it, and by no other user; else a temporary one.
+
+    The temporary one comes with a warning. A full disk raises an error where room is needed.
+    """
+    try:
+        if not folder.is_dir():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
+        why = distrusted(folder)
+        cure = (f"a folder that only you can write to, or chown and chmod go-w "
+                f"{shlex.quote(str(folder))}")
+        if not why:
+            with tempfile.TemporaryDirectory(prefix=_BUILD, dir=folder):
+                return folder
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise
+        why, cure = error.strerror or str(error), "a folder that can be written"
+    made = Path(tempfile.mkdtemp(prefix="gyrospark-"))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    _IN_PLACE[folder] = made
+    remark(f"The cache folder {str(folder)!r} cannot be used: {why}. What is compiled is kept in "
+           f"{str(made)!r} until this process ends; set GYROSPARK_CACHE to {cure}.")
+    return made
+
+
+def digest(content: Any) -> str:
+    """Return a hash of anything JSON can hold."""
+    text = json.dumps(content, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -> str:
+    """Return a hash of everything that changes the binary."""
+    return digest(
+        {
+            "files": files,
+            "part": part,
+            "made by": [Path(str(module.__file__)).read_text(encoding="utf-8")
+                        for module in (kernel_check, kernel_text, object_files, gcc_permutations,
+                                       quad_wrapper)],
+            "command": compiler.command,
+            "version": compiler.version,
+            "flags": [compiler.flags, compiler.seldom_flags, compiler.link_flags, STRICT_FLAGS,
+                      SPEED_FLAGS, WRAPPER_FLAGS],
+            "cpu": cpu_description(),
+            "python": extension_suffix(),
+            "cffi": cffi.__version__,
+        }
+    )
+
+
+@functools.cache
+def cpu_description() -> str:
+    """Return what ``-march=native`` depends on: the CPU's model and features."""
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        wanted = ("model name", "flags", "Features", "CPU part")
+        return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
+    return f"{platform.machine()} {platform.processor()}"
+
+
+def distrusted(path: Path) -> str:
+    """Return who else could have written a file or folder, or replaced it; "" if nobody could.
+
+    As for keys of ssh: it belongs to this user or to root, and neither group nor others may write
+    to it. A sticky folder such as /tmp may be writable, since the files of one user in it cannot be
+    replaced by another; of the folders above, only the permissions for all users count. A link is
+    not trusted.
+    Windows has neither owners nor modes of this kind.
+    """
+    if os.name == "nt":
+        return ""
+    found = path.lstat()
+    is_file = not path.is_dir()
+    if is_file and not stat.S_ISREG(found.st_mode):
+        return f"{str(path)!r} is a link"
+    if not is_file:
+        path = path.resolve()
+        found = path.stat()
+        for above in path.parents:
+            mode = above.stat().st_mode
+            if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+                return f"everybody may write to {str(above)!r}, which it is in"
+    if found.st_uid not in (os.geteuid(), 0):
+        return f"{str(path)!r} belongs to user {found.st_uid}, and this is user {os.geteuid()}"
+    sticky = found.st_mode & stat.S_ISVTX and not is_file
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not sticky:
+        return f"other users may write to {str(path)!r}"
+    return ""
+
+
+def is_trusted(path: Path) -> bool:
+    """Whether a file of the cache, and its folder, can have been written by nobody else."""
+    return not (distrusted(path.parent) or distrusted(path))
+
+
+@contextlib.contextmanager
+def workshop() -> Iterator[Path]:
+    """Yield a private folder inside the cache, removed afterwards.
+
+    Raises
+    ------
+    CacheError
+        If the cache folder is full, or can no longer be written.
+    """
+    folder = cache_folder()
+    try:
+        folder = _usable(folder)
+        _remove_stale(folder, _STALE_SECONDS)
+        with tempfile.TemporaryDirectory(prefix=_BUILD, dir=folder) as private:
+            (Path(private) / _MARK).write_text(_MARKED, encoding="ascii")
+            yield Path(private)
+    except OSError as error:
+        raise CacheError(
+            f"The cache folder {str(folder)!r} cannot be used: {error.strerror or error}. Free "
+            "some space, or set GYROSPARK_CACHE to a folder that can be written."
+        ) from error
+
+
+def _remove_stale(folder: Path, seconds: float) -> None:
+    """Remove what builds left that were killed so long ago; running ones are not disturbed.
+
+    A folder is a build's if its name, its owner and the mark in it say so: the cache may have been
+    set to a folder that is used for something else.
+    """
+    for left in folder.glob(f"{_BUILD}*"):
+        with contextlib.suppress(OSError, ValueError):
+            found, mark = left.lstat(), left / _MARK
+            if (_BUILD_NAME.fullmatch(left.name) and stat.S_ISDIR(found.st_mode)
+                    and time.time() - found.st_mtime > seconds
+                    and (os.name == "nt" or found.st_uid == os.geteuid())
+                    and stat.S_ISREG(mark.lstat().st_mode)
+                    and mark.read_text(encoding="ascii") == _MARKED):
+                shutil.rmtree(left, ignore_errors=True)
+
+
+def publish(made: Path, name: str) -> Path:
+    """Move a finished file to its place in the cache, in one step; others may not write to it."""
+    target = cache_folder() / name
+    made.chmod(stat.S_IMODE(made.stat().st_mode) & ~(stat.S_IWGRP | stat.S_IWOTH))
+    made.replace(target)
+    return target
+
+
+def keep(name: str, content: Any) -> None:
+    """Keep what JSON can hold under a name, with its checksum."""
+    with workshop() as folder:
+        made = folder / "content.json"
+        made.write_text(json.dumps([digest(content), content]), encoding="utf-8")
+        publish(made, name)
+
+
+def kept(name: str) -> Any:
+    """Return what was kept under a name; None if it is not there, or not as it was written.
+
+    What others could have written is as if it were not there.
+    """
+    path = cache_folder() / name
+    try:
+        if not is_trusted(path):
+            return None
+        proof, content = json.loads(path.read_text(encoding="utf-8"))
+        return content if proof == digest(content) else None
+    except (OSError, ValueError, TypeError, RecursionError):
+        return None
+
+
+def entries() -> list[Path]:
+    """Return the finished files in the cache.
+
+    Other programs name libraries by hashes too: ours have their record beside them, or, of older
+    versions, their checksum.
+    """
+    folder = cache_folder()
+    if not folder.is_dir():
+        return []
+    names = {p.name for p in folder.glob("*") if _ENTRY.fullmatch(p.name) and p.is_file()}
+    return sorted(folder / name for name in names
+                  if not name.endswith((".so", ".pyd"))
+                  or {f"{name}.json", f"{name}.sha256"} & names)
+
+
+def clear() -> int:
+    """Remove everything in the cache and return how many files that were.
+
+    Raises
+    ------
+    CacheError
+        If a file cannot be removed.
+    """
+    found = entries()
+    for path in found:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise CacheError(f"{str(path)!r} cannot be removed: {error.strerror or error}. Change "
+                             "the folder's permissions.") from error
+    _remove_stale(cache_folder(), _ENDED_SECONDS)
+    return len(found)

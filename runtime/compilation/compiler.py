@@ -1,0 +1,315 @@
+"""Find a C compiler and turn a stepper's two files into an extension module."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import platform
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cffi
+import numpy as np
+
+from ...core.errors import CompilerError, InputError
+from ...core.real_types import REALS, Real
+from .gcc_permutations import WITHOUT_PERMUTATIONS, has_permutation
+from .kernel_check import CheckFunction, check_functions, check_text
+from .kernel_text import kernels_of
+from .object_files import Part, declarations_of, objects_of
+from .quad_wrapper import is_quad, wrap_declarations
+
+__all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
+
+#: For the generated kernel: it must be clean under all of these.
+STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
+#: For float128 and its like: ISO C11 has neither type nor literals, which -Wpedantic says of each.
+EXTENDED_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
+#: Contraction to FMA is wanted here and stated; exported C is built with it off.
+SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
+#: For gcc, which knows names of parts of -O3.
+SELDOM_FLAGS = ["-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fpeel-loops"]
+#: For cffi's wrapper, which hands arguments on and computes nothing: what builds fastest.
+WRAPPER_FLAGS = ["-O0", "-w", "-fPIC"]
+
+#: NumPy's types → the standard ones of C with the same numbers.
+_STANDARD = {np.float32: "float", np.float64: "double", np.longdouble: "long double"}
+
+#: Names the compiler's level of optimisation: lower ones build faster and run slower.
+OPTIMISE = "GYROSPARK_OPTIMISE"
+
+#: ziglang's first call unpacks itself, on a slow disk too.
+_VERSION_SECONDS = 120
+
+#: What generated C needs of compiler and C library for float128.
+_QUAD_PROBE = """#define __STDC_WANT_IEC_60559_TYPES_EXT__ 1
+#include <float.h>
+#include <math.h>
+_Float128 root(_Float128 x);
+_Float128 root(_Float128 x) { return sqrtf128(x)*1.5F128 + FLT128_EPSILON; }
+"""
+
+#: A command, and the process that carries it out.
+_Running = tuple[list[str], subprocess.Popen[str]]
+
+_CURE = (
+    "Install gcc or clang, set CC to a compiler, or `pip install ziglang`, which brings one from "
+    "PyPI."
+)
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler: the command that starts it, what it says of its version, and for whom it works.
+    """
+
+    command: tuple[str, ...]
+    version: str
+    portable: bool = False
+
+    @property
+    def flags(self) -> list[str]:
+        """Flags for code that runs on this machine, or on any of its architecture."""
+        level = optimisation()
+        flags = [level, *SPEED_FLAGS]
+        if self.portable:
+            return [*flags, "-fPIC"]
+        native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
+        return [*flags, native, "-fPIC"]
+
+    @property
+    def seldom_flags(self) -> list[str]:
+        """Flags, behind these, for objects of which -O3 makes nothing faster: less of it.
+
+        What is called once a step or a run takes as many instructions with them, and so do long
+        kernels, which are straight lines; the compiler takes up to a third less time.
+        """
+        return SELDOM_FLAGS if self.is_gcc and optimisation() == "-O3" else []
+
+    @property
+    def is_gcc(self) -> bool:
+        """Whether it is gcc itself, and not another compiler that takes its options."""
+        return "Free Software Foundation" in self.version
+
+    @property
+    def link_flags(self) -> list[str]:
+        """Flags that make a Python extension of object files."""
+        if sys.platform == "darwin":
+            return ["-bundle", "-undefined", "dynamic_lookup"]
+        return ["-shared"]
+
+
+def find_compiler() -> Compiler:
+    """Return the compiler to use: ``CC``, else cc, gcc or clang, else ziglang from PyPI.
+
+    Raises
+    ------
+    CompilerError
+        If there is none, or CC does not start.
+    """
+    chosen = os.environ.get("CC")
+    if chosen and chosen.strip():
+        return _probe(_split(chosen), f"The compiler CC={chosen!r}")
+    for name in ("cc", "gcc", "clang"):
+        path = shutil.which(name)
+        if path:
+            return _probe((path,), f"The compiler {path!r}")
+    if importlib.util.find_spec("ziglang") is not None:
+        return _probe((sys.executable, "-m", "ziglang", "cc"), "The compiler of ziglang")
+    raise CompilerError(f"No C compiler was found (CC, cc, gcc, clang, ziglang). {_CURE}")
+
+
+def _split(chosen: str) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(chosen))
+    except ValueError as error:
+        raise CompilerError(f"CC={chosen!r} is not a command: {error}. {_CURE}") from error
+
+
+@functools.cache
+def _probe(command: tuple[str, ...], what: str) -> Compiler:
+    try:
+        answer = subprocess.run([*command, "--version"], capture_output=True, check=False,
+                                encoding="utf-8", errors="replace", stdin=subprocess.DEVNULL,
+                                timeout=_VERSION_SECONDS)
+    except subprocess.TimeoutExpired as error:
+        raise CompilerError(f"{what} does not answer --version. {_CURE}",
+                            command=list(command)) from error
+    except OSError as error:
+        quoted = ""
+        if len(command) > 1 and what.startswith("The compiler CC="):
+            quoted = (" Blanks part a command from its options: quote a path that has some, as in "
+                      f"CC={shlex.quote(shlex.quote(' '.join(command)))}.")
+        raise CompilerError(f"{what} does not start: {error.strerror}.{quoted} {_CURE}",
+                            command=list(command)) from error
+    if answer.returncode != 0:
+        raise CompilerError(f"{what} answers --version with exit code {answer.returncode}. {_CURE}",
+                            command=list(command), stderr=answer.stderr)
+    return Compiler(command, answer.stdout.strip())
+
+
+def optimisation() -> str:
+    """Return the flag for the level of optimisation: ``GYROSPARK_OPTIMISE``, by default 3."""
+    level = os.environ.get(OPTIMISE) or "3"
+    if level not in ("0", "1", "2", "3"):
+        raise InputError(f"{OPTIMISE} = {level!r} is no level of optimisation; set 0, 1, 2 or 3, "
+                         "or nothing for 3.")
+    return f"-O{level}"
+
+
+def is_whole() -> bool:
+    """Whether a stepper is one object and one module: at -O0, where several take longer."""
+    return optimisation() == "-O0"
+
+
+def read_declarations(header: str) -> str:
+    """Return the part of a generated header that cffi is to read."""
+    start = header.index("/* [begin declarations] */")
+    return header[start : header.index("/* [end declarations] */")]
+
+
+def compile_module(
+    name: str, files: dict[str, str], compiler: Compiler, folder: Path, part: Part = "runs",
+    more_flags: Sequence[str] = (),
+) -> tuple[Path, list[CheckFunction]]:
+    """Compile a stepper in ``folder``; return the path of the extension module and its checks.
+
+    The objects of the kernel are compiled side by side under strict warnings; meanwhile cffi's
+    wrapper is written, and compiled beside them without, for it is not ours.
+
+    Raises
+    ------
+    CompilerError
+        With the command and its stderr; also if a step succeeds and leaves no file.
+    OSError
+        If the folder cannot be written.
+    """
+    for file, text in files.items():
+        (folder / file).write_text(text, encoding="utf-8")
+    declarations = read_declarations(files[f"{name}.h"])
+    if is_quad(declarations):
+        _refuse_without_quad(compiler, folder)
+    compile_ = [*compiler.command, *compiler.flags,
+                *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS)]
+    running, linked = [], ["wrapper.o"]
+    kernels = kernels_of(files[f"{name}.c"])
+    checks: list[CheckFunction] = []
+    for made in objects_of(name, files, part, whole=is_whole()):
+        inside = folder / made.name
+        inside.mkdir(exist_ok=True)
+        (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
+        own_checks = check_functions(f"{name}_{made.name}", kernels, made.checks)
+        checks += own_checks
+        (inside / f"{name}.c").write_text(
+            files[f"{name}.c"] + check_text(own_checks, files[f"{name}.c"]), encoding="utf-8")
+        own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags]
+        running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
+                               f"{made.name}.o"], folder))
+        linked.append(f"{made.name}.o")
+    header = files[f"{name}.h"] if is_whole() else declarations_of(name, files[f"{name}.h"], part)
+    wrapper = _write_wrapper(name, header, checks, folder)
+    include = sysconfig.get_paths()["include"]
+    running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
+                           wrapper.name, "-o", "wrapper.o"], folder))
+    _end(running)
+    if compiler.is_gcc:
+        _replace_permutations([command for command, _ in running], folder)
+    target = folder / (module_name(name) + extension_suffix())
+    link = [*compiler.command, *compiler.link_flags, *linked, "-lm", "-o", target.name]
+    _end([_start(link, folder)])
+    if not target.is_file():
+        raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
+                            f"{shlex.join(link)}. {_CURE}", command=link)
+    return target, checks
+
+
+def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
+    """Compile again what may permute doubles wrongly; commands end with the name of the object."""
+    for flags in WITHOUT_PERMUTATIONS:
+        again = [command for command in commands
+                 if has_permutation((folder / command[-1]).read_bytes())]
+        _end([_start([*command[:-2], *flags, *command[-2:]], folder) for command in again])
+
+
+def _write_wrapper(
+    name: str, header: str, checks: Sequence[CheckFunction], folder: Path
+) -> Path:
+    """Write cffi's C for a header and the functions of the check; return its path."""
+    declarations, functions, renamed = read_declarations(header), "", ""
+    if is_quad(declarations):
+        declarations, functions = wrap_declarations(declarations)
+    elif real := _extended(declarations):  # of which cffi knows only what it is the same as
+        standard = _STANDARD[real.dtype]
+        declarations = f"typedef {standard} {real.c_type};\n{declarations}"
+        renamed = f"#define {real.c_type} {standard}\n"
+    ffi = cffi.FFI()
+    # Work memory is opaque to callers; how large it is, the C compiler tells cffi.
+    checked = "\n".join(check.declaration for check in checks)
+    ffi.cdef(f"{declarations}\nstruct {name}_work {{ ...; }};\n{checked}")
+    ffi.set_source(module_name(name), f'{renamed}#define {name.upper()}_WORK\n'
+                   f'#include "{name}.h"\n{functions}\n{checked}', compiler_verbose=0)
+    wrapper = folder / f"{module_name(name)}.c"
+    ffi.emit_c_code(str(wrapper))
+    return wrapper
+
+
+def _extended(declarations: str) -> Real | None:
+    """Return the type of these declarations if not every C compiler has it."""
+    return next((real for real in REALS.values() if not real.standard
+                 and re.search(rf"\b{real.c_type}\b", declarations)), None)
+
+
+def _refuse_without_quad(compiler: Compiler, folder: Path) -> None:
+    """Refuse a compiler, or a C library, without binary128."""
+    (folder / "binary128.c").write_text(_QUAD_PROBE, encoding="utf-8")
+    command = [*compiler.command, *EXTENDED_FLAGS, "-fPIC", *compiler.link_flags, "binary128.c",
+               "-lm", "-o", "binary128.out"]
+    try:
+        _end([_start(command, folder)])
+    except CompilerError as error:
+        raise CompilerError(
+            f"The compiler {shlex.join(compiler.command)!r} has no float128 (_Float128 and "
+            "functions such as sqrtf128): that takes gcc 7 or later and glibc 2.26 or later. Set "
+            "CC to such a gcc, or choose double, float or long-double.",
+            command=error.command, stderr=error.stderr,
+        ) from error
+
+
+def module_name(name: str) -> str:
+    """Return the name of the extension module of a stepper."""
+    return f"_{name}"
+
+
+def extension_suffix() -> str:
+    """Return what extension modules of this interpreter end with."""
+    return str(sysconfig.get_config_var("EXT_SUFFIX"))
+
+
+def _start(command: list[str], folder: Path) -> _Running:
+    try:
+        return command, subprocess.Popen(
+            command, cwd=folder, stdin=subprocess.DEVNULL, encoding="utf-8", errors="replace",
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    except OSError as error:
+        raise CompilerError(f"The compiler does not start: {error.strerror}. {_CURE}") from error
+
+
+def _end(running: list[_Running]) -> None:
+    """Wait for commands that run side by side; the first that failed is reported at the end."""
+    ended = [process.communicate() for _, process in running]
+    for (command, process), (_, stderr) in zip(running, ended, strict=True):
+        if process.returncode != 0:
+            raise CompilerError(
+                f"The C compiler failed with exit code {process.returncode}: "
+                f"{shlex.join(command)}\n{stderr.strip()}",
+                command=command,
+                stderr=stderr,
+            )

@@ -1,0 +1,293 @@
+"""Each compiled kernel beside the same statements evaluated by NumPy, once per compilation.
+
+A compiler can err: correct C, a wrong object and no warning. When a stepper is compiled, a function
+is appended to its text that evaluates each kernel, of numbers or of lanes, at given points. Its
+values are compared with those of ``kernel_text`` in more digits. The difference allowed is a
+multiple of the round-off measured at the same points, by evaluating the statements a second time in
+the working precision.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.real_types import Real
+from .kernel_text import (
+    Arithmetic,
+    Bounded,
+    KernelText,
+    RunningError,
+    arithmetic,
+    evaluate,
+)
+
+__all__ = ["CheckFunction", "Difference", "Kind", "check_functions", "differences"]
+
+#: Kernels of numbers, or of lanes.
+Kind = Literal["numbers", "lanes"]
+
+#: Points at which a kernel is evaluated: a multiple of every number of lanes.
+POINTS = 16
+#: Multiple of the measured round-off by which a compiled kernel may be off. Contraction to FMA and
+#: the order of sums make errors of the size of NumPy's; the largest of 16 of these is never tiny.
+SLACK = 64
+#: How points are drawn, in turn until values are finite: lowest and highest of each number.
+RANGES = ((-1.0, 1.0), (0.25, 1.0), (0.0, 0.0625))
+#: Of constants and parameters, most of which are positive.
+POSITIVE = (0.25, 1.0)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A kernel whose compiled value is not that of its statements."""
+
+    kernel: str
+    place: str
+    compiled: float
+    expected: float
+    allowed: float
+
+    def __str__(self) -> str:
+        what = f"{self.place} of {self.kernel}" if self.place else self.kernel
+        return (f"{what} is {self.compiled:.17g} where its statements give {self.expected:.17g} "
+                f"(round-off explains {self.allowed:.1e})")
+
+
+@dataclass(frozen=True)
+class CheckFunction:
+    """The C function of one object that evaluates its kernels of one kind."""
+
+    name: str
+    kind: Kind
+    kernels: tuple[KernelText, ...]
+
+    @property
+    def declaration(self) -> str:
+        """Its C declaration, which has no type but C's own."""
+        return (f"void {self.name}(int kernel, long points, const double *in, double *high, "
+                "double *low, void *memory);")
+
+    @property
+    def text(self) -> str:
+        """Its C: for each point, inputs to memory, the kernel, outputs as two doubles each."""
+        lanes = self.kind == "lanes"
+        value, step = ("lanes", "LANES") if lanes else ("real", "1")
+        sizes = [f"{{ {len(inputs_of(kernel))}, {len(outputs_of(kernel))} }}"
+                 for kernel in self.kernels]
+        get = "part(y + e, l)" if lanes else "y[e]"
+        put = ("set_part(x + e, l, (real)in[(i + l)*size[0] + e]);" if lanes
+               else "x[e] = (real)in[(i + l)*size[0] + e];")
+        cases = "".join(self._case(number, kernel) for number, kernel in enumerate(self.kernels))
+        return f"""
+/* For the check of this object: values of one kernel, its inputs and outputs in rows. */
+{self.declaration}
+{self.declaration[:-1]}
+{{
+    static const int sizes[{len(sizes)}][2] = {{ {', '.join(sizes)} }};
+    const int *size = sizes[kernel];
+    {value} *x = memory, *y = x + size[0];
+    for (long i = 0; i < points; i += {step}) {{
+        for (int e = 0; e < size[0]; ++e)
+            for (int l = 0; l < {step}; ++l)
+                {put}
+        switch (kernel) {{
+{cases}        default:
+            break;
+        }}
+        for (int e = 0; e < size[1]; ++e)
+            for (int l = 0; l < {step}; ++l) {{
+                const real value = {get};
+                high[(i + l)*size[1] + e] = (double)value;
+                low[(i + l)*size[1] + e] = (double)(value - (real)(double)value);
+            }}
+    }}
+}}
+"""
+
+    def _case(self, number: int, kernel: KernelText) -> str:
+        """Return the C that calls a kernel on inputs in x and has its outputs in y."""
+        lines = [f"{kernel.constants} c;", "clear(&c, sizeof c);"]
+        if kernel.name == "prepare":
+            lines += ["parameters_t par;", "clear(&par, sizeof par);",
+                      *(f"par.{name} = x[{e}];" for e, name in enumerate(kernel.inputs)),
+                      "prepare(&par, &c);",
+                      *(f"y[{e}] = c.{name};" for e, name in enumerate(kernel.outputs))]
+            return _block(number, lines)
+        lines += [f"c.{name} = x[{e}];" for e, name in enumerate(kernel.fields)]
+        if kernel.on_lanes:
+            lines.append("c._used = LANES;")
+        at = {"x": len(kernel.fields), "y": 1 if "" in kernel.outputs else 0}
+        arguments = ["&c"]
+        for name in kernel.order:
+            memory, shape = ("x", kernel.inputs[name]) if name in kernel.inputs else (
+                "y", kernel.outputs[name])
+            value = "lanes" if kernel.on_lanes else "real"
+            cast = f"({value} (*)[{shape[1]}])" if len(shape) == 2 else ""
+            arguments.append(f"{cast}({memory} + {at[memory]})")
+            at[memory] += int(np.prod(shape))
+        call = f"{kernel.name}({', '.join(arguments)});"
+        return _block(number, [*lines, f"y[0] = {call}" if "" in kernel.outputs else call])
+
+
+_CLEAR = """
+static void clear(void *memory, size_t size)
+{
+    for (size_t i = 0; i < size; ++i)
+        ((unsigned char *)memory)[i] = 0;
+}
+"""
+
+
+def _block(number: int, lines: Iterable[str]) -> str:
+    inside = "".join(f"            {line}\n" for line in lines)
+    return f"        case {number}: {{\n{inside}            break;\n        }}\n"
+
+
+def inputs_of(kernel: KernelText) -> list[str]:
+    """Return what a kernel reads, as C writes it: parameters or constants, then arrays."""
+    if kernel.name == "prepare":
+        return [f"par->{name}" for name in kernel.inputs]
+    return [f"c->{name}" for name in kernel.fields] + _places(kernel.inputs)
+
+
+def outputs_of(kernel: KernelText) -> list[str]:
+    """Return the entries that a kernel computes, as C writes them; "" is what it returns."""
+    return _places(kernel.outputs)
+
+
+def _places(arrays: Mapping[str, tuple[int, ...]]) -> list[str]:
+    return [name + "".join(f"[{i}]" for i in index)
+            for name, shape in arrays.items() for index in np.ndindex(*shape)]
+
+
+def check_functions(
+    prefix: str, kernels: Sequence[KernelText], kinds: Iterable[Kind]
+) -> list[CheckFunction]:
+    """Return the check functions of an object, one for each of these kinds of kernels."""
+    made = []
+    for kind in kinds:
+        some = tuple(k for k in kernels if k.on_lanes == (kind == "lanes") and outputs_of(k))
+        if some:
+            made.append(CheckFunction(f"{prefix}_evaluate_{kind}", kind, some))
+    return made
+
+
+def check_text(functions: Iterable[CheckFunction], source: str) -> str:
+    """Return the C to be appended to the text of an object.
+
+    A user's parameter may have the name of one of its macros, which are not needed any more.
+    """
+    made = [function.text for function in functions]
+    named = {name for function in functions for kernel in function.kernels
+             for name in (*kernel.fields, *kernel.inputs, *kernel.outputs)}
+    macros = sorted(named & set(re.findall(r"^ *# *define (\w+)", source, re.MULTILINE)))
+    return "".join([*(f"#undef {name}\n" for name in macros), _CLEAR, *made]) if made else ""
+
+
+def differences(
+    module: Any, functions: Iterable[CheckFunction], real: Real, points: int = POINTS
+) -> tuple[list[Difference], dict[str, int]]:
+    """Return the kernels that differ, with the place that differs most, and what was compared.
+
+    ``points`` is how many random points are drawn: a multiple of 16.
+
+    Returns
+    -------
+    list of Difference
+        At most one for each kernel.
+    dict of str to int
+        Kernel → outputs compared at two points or more, where their values are finite.
+    """
+    found, compared = [], {}
+    working, wide = arithmetic(real, wide=False), arithmetic(real, wide=True)
+    for function in functions:
+        for number, kernel in enumerate(function.kernels):
+            worst, entries = _compare(module, function, number, working, wide, real, points)
+            compared[kernel.name] = entries
+            found += [] if worst is None else [worst]
+    return found, compared
+
+
+def _compare(
+    module: Any, function: CheckFunction, number: int, working: Arithmetic, wide: Arithmetic,
+    real: Real, count: int,
+) -> tuple[Difference | None, int]:
+    """Return the output of a kernel that is off most, if any is, and how many were compared."""
+    kernel = function.kernels[number]
+    random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
+    missing, worst, excess = dict.fromkeys(outputs_of(kernel)), None, 1.0
+    for lowest, highest in RANGES:
+        points = {name: _drawn(random, *(POSITIVE if "->" in name else (lowest, highest)), count)
+                  for name in inputs_of(kernel)}
+        expected, near = (evaluate(kernel, by, {name: by.array(x) for name, x in points.items()})
+                          for by in (wide, working))
+        values = _compiled(module, function, number, points, count, wide)
+        bounds: dict[str, Any] = {}
+        for place in list(missing):
+            exact, rounded = (_doubles(some[place], count) for some in (expected, near))
+            finite = np.isfinite(exact) & np.isfinite(rounded)
+            if finite.sum() < 2:
+                continue  # outside of where a root or a logarithm is real: drawn from elsewhere
+            del missing[place]
+            with np.errstate(all="ignore"):
+                off, noise = (np.abs(_doubles(some - expected[place], count)[finite])
+                              for some in (values[place], wide.array(near[place], count)))
+            unit = 2.0 ** (1 - real.bits) * np.abs(exact[finite]).max()
+            allowed = SLACK * max(noise.max(), unit, sys.float_info.min)
+            off[np.isnan(off)] = np.inf
+            at = int(off.argmax())
+            if off[at] > allowed:  # or rounding cancels in NumPy, and not with FMA
+                bounds = bounds or _bounds(kernel, wide, points)
+                allowed = max(allowed, SLACK * float(
+                    2.0 ** (1 - real.bits) * _doubles(bounds[place], count)[finite].max()))
+            if off[at] > excess * allowed:
+                excess = off[at] / allowed
+                worst = Difference(kernel.name, place, _doubles(values[place], count)[finite][at],
+                                   exact[finite][at], allowed)
+        if not missing:
+            break
+    return worst, len(outputs_of(kernel)) - len(missing)
+
+
+def _bounds(
+    kernel: KernelText, by: Arithmetic, points: Mapping[str, NDArray[np.float64]]
+) -> dict[str, Any]:
+    """Return bounds of the round-off of each output, in units of ε."""
+    found = evaluate(kernel, RunningError(by), {
+        name: Bounded(by.array(x), by.array(np.zeros_like(x))) for name, x in points.items()})
+    return {place: x.error for place, x in found.items()}
+
+
+def _drawn(
+    random: np.random.Generator, lowest: float, highest: float, count: int
+) -> NDArray[np.float64]:
+    """Return random odd multiples of 2^-20, which every type holds exactly."""
+    return (2 * np.round(random.uniform(lowest, highest, count) * 2.0**19) + 1) * 2.0**-20
+
+
+def _compiled(
+    module: Any, function: CheckFunction, number: int,
+    points: Mapping[str, NDArray[np.float64]], count: int, wide: Arithmetic,
+) -> dict[str, Any]:
+    """Return the values of a compiled kernel, an array over the points for each output."""
+    outputs, ffi = outputs_of(function.kernels[number]), module.ffi
+    rows = np.stack(list(points.values()), axis=1) if points else np.zeros((count, 1))
+    high, low = (np.zeros((count, len(outputs))) for _ in range(2))
+    memory = np.zeros(64 * (len(points) + len(outputs) + 1), dtype=np.uint8)  # lanes of 64 bytes
+    getattr(module.lib, function.name)(
+        number, count, *(ffi.from_buffer("double[]", some) for some in (rows, high, low)),
+        ffi.from_buffer("char[]", memory) + -memory.ctypes.data % 64)
+    return {place: wide.array(high[:, e]) + wide.array(low[:, e])
+            for e, place in enumerate(outputs)}
+
+
+def _doubles(values: Any, count: int) -> NDArray[np.float64]:
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), (count,)).copy()

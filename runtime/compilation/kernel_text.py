@@ -1,0 +1,416 @@
+"""The kernels in the C of a stepper, read back and evaluated by NumPy or mpmath.
+
+A kernel is a function without loops or branches: declarations of constants, assignments, sums of
+products in twice the working precision, a result. The generator writes each as
+``returns name(const constants *c, const double q[4], double g[1])``. What is read here is the text
+that the compiler gets, so its values are a second way to all that the compiler makes of it.
+"""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ...core.real_types import Real
+
+__all__ = ["Arithmetic", "Bounded", "KernelText", "RunningError", "arithmetic", "evaluate",
+           "kernels_of"]
+
+_KERNEL = re.compile(
+    r"^(?:static |inline |INLINE |NOINLINE |ONCE |LANES_ONCE )*"
+    r"(?P<returns>void|float|double|long double|_Float\d+|lanes) (?P<name>\w+)\(\s*"
+    r"const (?P<constants>constants|lane_constants|parameters_t) \*c(?P<arrays>[^(){};]*)\)\n"
+    r"{\n(?P<body>.*?)^}\n", re.MULTILINE | re.DOTALL)
+_PREPARE = re.compile(
+    r"^static void prepare\(const parameters_t \*par, constants \*c\)\n{\n(?P<body>.*?)^}\n",
+    re.MULTILINE | re.DOTALL)
+_ARRAY = re.compile(r"(const )?[\w ]+ (\w+)((?:\[\d+\])+)")
+_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+#: A token of an expression: a number, a name with its indices, a sign.
+_TOKEN = re.compile(r"\s*(?:(?P<number>\d+\.?\d*(?:e[+-]?\d+)?)(?:F\d+|[fL])?"
+                    r"|(?P<name>[A-Za-z_]\w*(?:->\w+)?(?:\[\d+\])*)|(?P<sign>[-+*/(),]))")
+_STATEMENT = re.compile(
+    r"(?:const [\w ]+ (?P<local>\w+)|(?P<place>[\w>-]+(?:\[\d+\])*)) = (?P<value>.*)")
+_RETURN = re.compile(r"return (?P<value>.*)")
+_SUM = re.compile(r"[\w ]+ sum\[2\]")
+_NO_SUM = re.compile(r"sum\[0\] = sum\[1\] = (?:0|splat\(0\))")
+_PRODUCT = re.compile(
+    r"(?:lanes_)?add_product\(sum, \d+, \(const [\w ]+\[\]\){ (?P<factors>.*) }\)")
+_UNUSED = re.compile(r"\(void\)\w+(?:->\w+)?")
+#: Operator → how tightly it binds, and what it computes.
+_OPERATORS: dict[str, tuple[int, Callable[..., Any]]] = {
+    "+": (1, operator.add), "-": (1, operator.sub), "*": (2, operator.mul),
+    "/": (2, operator.truediv), "negate": (3, operator.neg)}
+
+#: An expression in reverse Polish notation: what is done ("number", "name", "call", or an
+#: operator), a text, how many arguments.
+Expression = list[tuple[str, str, int]]
+
+
+class UnreadableError(Exception):
+    """A text is no kernel: it has a loop, a branch, or calls what is not known."""
+
+
+@dataclass(frozen=True)
+class KernelText:
+    """A kernel as it is written: where its numbers come from, its statements, its outputs."""
+
+    name: str
+    returns: str
+    #: Type of ``c``: ``constants``, ``lane_constants``, ``parameters_t``.
+    constants: str
+    #: Name → shape of each array, in the order of the arguments.
+    inputs: dict[str, tuple[int, ...]]
+    outputs: dict[str, tuple[int, ...]]
+    #: Arguments in order, inputs and outputs.
+    order: tuple[str, ...]
+    body: str
+
+    @property
+    def on_lanes(self) -> bool:
+        """Whether it computes with lanes of numbers."""
+        return self.constants == "lane_constants"
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The constants that it reads, as written behind ``c->``."""
+        return tuple(sorted(set(re.findall(r"c->((?!_used\b)\w+(?:\[\d+\])?)", self.body))))
+
+    @property
+    def statements(self) -> list[tuple[str, str, list[Expression]]]:
+        """Its statements: what is done (local, place, product, return), where, with what."""
+        return _statements(self.body)
+
+
+def kernels_of(source: str) -> list[KernelText]:
+    """Return the kernels in the text of a stepper, and how its constants are prepared."""
+    readable = [kernel for match in _KERNEL.finditer(source)
+                if (kernel := _kernel(match)) is not None]
+    prepare = _PREPARE.search(source)
+    if prepare is None:
+        return readable
+    body = prepare["body"]
+    outputs: dict[str, tuple[int, ...]] = dict.fromkeys(
+        re.findall(r"^ *c->(\w+(?:\[\d+\])?) =", body, re.MULTILINE), ())
+    names: dict[str, tuple[int, ...]] = dict.fromkeys(re.findall(r"par->(\w+)", body), ())
+    made = KernelText("prepare", "void", "constants", names, outputs, (), body)
+    return [made, *readable] if outputs else readable
+
+
+def _kernel(match: re.Match[str]) -> KernelText | None:
+    """Return a function as a kernel; None for one with loops, branches or other arguments."""
+    try:
+        kernel = KernelText(match["name"], match["returns"], match["constants"],
+                            *_arrays(match["arrays"], match["returns"]), match["body"])
+        return kernel if kernel.statements else None
+    except UnreadableError:
+        return None
+
+
+def _arrays(
+    text: str, returns: str
+) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], tuple[str, ...]]:
+    inputs: dict[str, tuple[int, ...]] = {}
+    outputs: dict[str, tuple[int, ...]] = {} if returns == "void" else {"": ()}
+    order = []
+    for argument in filter(None, map(str.strip, text.split(","))):
+        if (array := _ARRAY.fullmatch(argument)) is None:
+            raise UnreadableError(argument)
+        given, name, sizes = array.groups()
+        (inputs if given else outputs)[name] = tuple(map(int, re.findall(r"\d+", sizes)))
+        order.append(name)
+    return inputs, outputs, tuple(order)
+
+
+@lru_cache(maxsize=64)
+def _statements(body: str) -> list[tuple[str, str, list[Expression]]]:
+    return [parsed for line in _lines(body) if (parsed := _parse(line)) is not None]
+
+
+def _lines(body: str) -> Iterator[str]:
+    """Yield the statements of a body, each in one line without its semicolon."""
+    text = re.sub(r"\s+", " ", _COMMENT.sub("", body)).strip()
+    if text and not text.endswith(";"):
+        raise UnreadableError(text[-40:])
+    yield from (line.strip() for line in text.split(";")[:-1])
+
+
+def _parse(line: str) -> tuple[str, str, list[Expression]] | None:
+    if _UNUSED.fullmatch(line) or _SUM.fullmatch(line):
+        return None
+    if _NO_SUM.fullmatch(line):
+        return "clear", "", []
+    if product := _PRODUCT.fullmatch(line):
+        return "product", "", [_expression(f"({product['factors']})".replace(", ", ")*("))]
+    if result := _RETURN.fullmatch(line):
+        return "return", "", [_expression(result["value"])]
+    if assigned := _STATEMENT.fullmatch(line):
+        kind = "local" if assigned["local"] else "place"
+        return kind, assigned["local"] or assigned["place"], [_expression(assigned["value"])]
+    raise UnreadableError(line)
+
+
+def _expression(text: str) -> Expression:
+    """Return an expression of C in reverse Polish notation (Dijkstra's shunting yard)."""
+    text = text.replace("c->_used, ", "")  # how many lanes to do; each point is one
+    made: Expression = []
+    waiting: list[str] = []  # operators, "(" and functions followed by "("
+    counts: list[int] = []  # arguments so far of each open parenthesis
+    operand = False  # whether the last token ends an operand
+    at = 0
+
+    def release(binding: int) -> None:
+        while waiting and waiting[-1] in _OPERATORS and _OPERATORS[waiting[-1]][0] >= binding:
+            made.append((waiting.pop(), "", 0))
+
+    while at < len(text):
+        token = _TOKEN.match(text, at)
+        if token is None:
+            raise UnreadableError(text)
+        at = token.end()
+        sign = token["sign"]
+        if token["number"]:
+            made.append(("number", token["number"], 0))
+        elif token["name"] and text[at : at + 1] == "(":
+            if _plain(token["name"]) not in _FUNCTIONS:
+                raise UnreadableError(f"{token['name']} is no known function")
+            waiting.append(_plain(token["name"]) + "(")
+            counts.append(1)
+            at += 1
+        elif token["name"]:
+            made.append(("name", token["name"], 0))
+        elif sign == "(":
+            waiting.append("(")
+            counts.append(1)
+        elif sign in (")", ","):
+            release(0)
+            if not counts:
+                raise UnreadableError(text)
+            if sign == ",":
+                counts[-1] += 1
+            else:
+                called, count = waiting.pop(), counts.pop()
+                if called != "(":
+                    made.append(("call", called[:-1], count))
+        elif sign in ("+", "-") and not operand:
+            if sign == "-":
+                waiting.append("negate")
+        else:
+            release(_OPERATORS[sign][0])
+            waiting.append(sign)
+        operand = bool(token["number"]) or sign == ")" or bool(
+            token["name"] and text[at - 1] != "(")
+    release(0)
+    if waiting:
+        raise UnreadableError(text)
+    return made
+
+
+# ---------------------------------------------------------------- numbers
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """How literals are read and functions evaluated, on arrays of points."""
+
+    #: A literal of C, or a double, as a number of this arithmetic: rounded to the stepper's type.
+    number: Callable[[Any], Any]
+    functions: Any  # numpy, or a context of mpmath
+
+    def array(self, values: Any, count: int | None = None) -> Any:
+        """Return numbers of a type with fewer digits as numbers of this arithmetic."""
+        values = values if count is None else np.broadcast_to(values, (count,))
+        if self.functions is not np:
+            return np.array([self.functions.mpf(x) for x in values], dtype=object)
+        return np.asarray(values).astype(type(self.number(0.0)))
+
+    def call(self, name: str, arguments: list[Any]) -> Any:
+        """Return the value of a function of C at arrays of points."""
+        if name in ("choose", "maximum", "minimum", "sign"):
+            return self._switch(name, arguments)
+        if name.removesuffix("_slope") in _CARDINAL:
+            return self._cardinal(name, arguments[0])
+        if self.functions is not np:
+            function = getattr(self.functions, "power" if name == "pow" else name)
+            return np.frompyfunc(_real(function, self.functions.nan), len(arguments), 1)(*arguments)
+        return getattr(self.functions, _NUMPY.get(name, name))(*arguments)
+
+    def _switch(self, name: str, arguments: list[Any]) -> Any:
+        if name == "sign":
+            x = arguments[0]
+            return np.where(x < 0, -1, np.where(x > 0, 1, x))
+        a, b = arguments[:2]
+        x, y = {"choose": arguments[2:], "maximum": [b, a], "minimum": [a, b]}[name]
+        return np.where(a < b, x, np.where(a >= b, y, a + b))  # as in C: of NaN comes NaN
+
+    def _cardinal(self, name: str, z: Any) -> Any:
+        """Return f(z)/z, or its derivative (f'(z) - f(z)/z)/z; points are never at z = 0."""
+        function = _CARDINAL[name.removesuffix("_slope")]
+        ratio = self.call(function, [z]) / z
+        if not name.endswith("_slope"):
+            return ratio
+        return (_DERIVATIVES[function](self, z) - ratio) / z
+
+
+def _real(function: Callable[..., Any], nan: Any) -> Callable[..., Any]:
+    """Return a function of mpmath that is NaN where it is complex or infinite, as C's are."""
+    def value(*arguments: Any) -> Any:
+        try:
+            found = function(*arguments)
+        except (ValueError, ZeroDivisionError):
+            return nan
+        return nan if hasattr(found, "_mpc_") else found
+
+    return value
+
+
+_NUMPY = {"fabs": "abs", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "pow": "power",
+          "atan2": "arctan2", "asinh": "arcsinh", "acosh": "arccosh", "atanh": "arctanh"}
+_CARDINAL = {"sinc": "sin", "sinhc": "sinh", "asinhc": "asinh", "atanc": "atan",
+             "atanhc": "atanh"}
+_DERIVATIVES: dict[str, Callable[[Arithmetic, Any], Any]] = {
+    "sin": lambda by, z: by.call("cos", [z]),
+    "sinh": lambda by, z: by.call("cosh", [z]),
+    "asinh": lambda by, z: 1 / by.call("sqrt", [1 + z * z]),
+    "atan": lambda by, z: 1 / (1 + z * z),
+    "atanh": lambda by, z: 1 / (1 - z * z),
+}
+_FUNCTIONS = {"sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh",
+              "acosh", "atanh", "exp", "log", "floor", "sqrt", "pow", "fabs", "choose", "maximum",
+              "minimum", "sign", "splat", *_CARDINAL, *(f"{name}_slope" for name in _CARDINAL)}
+
+
+def _plain(text: str) -> str:
+    """Return the name of a function of C without prefix for lanes and suffix of the type."""
+    name = text.removeprefix("lanes_")
+    for suffix in ("f128", "f64", "f", "l"):
+        if name not in _FUNCTIONS and name.removesuffix(suffix) in _FUNCTIONS:
+            return name.removesuffix(suffix)
+    return name
+
+
+def arithmetic(real: Real, *, wide: bool) -> Arithmetic:
+    """Return the arithmetic of a type, or one with more digits for the same numbers."""
+    if real.bits <= 24:
+        dtype = np.float64 if wide else np.float32
+        return Arithmetic(lambda text: dtype(np.float32(text)), np)
+    if real.bits <= 53:
+        long = np.longdouble if wide else np.float64  # which are the same on some machines
+        return Arithmetic(lambda text: long(float(text)), np)
+    from mpmath import MPContext
+
+    context, working = MPContext(), MPContext()
+    working.prec = real.bits
+    context.prec = real.bits * (2 if wide else 1)
+    return Arithmetic(lambda text: context.mpf(working.mpf(text)), context)
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """Values with a bound of their round-off in units of ε, by a running error analysis.
+
+    |δ(x ± y)| ≤ |δx| + |δy| + ε|x ± y|, |δ(xy)| ≤ |y||δx| + |x||δy| + ε|xy|, and likewise for
+    quotients (Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., section 3.3).
+    """
+
+    value: Any
+    error: Any
+
+    def __add__(self, other: Bounded) -> Bounded:
+        return self._of(self.value + other.value, self.error + other.error)
+
+    def __sub__(self, other: Bounded) -> Bounded:
+        return self._of(self.value - other.value, self.error + other.error)
+
+    def __mul__(self, other: Bounded) -> Bounded:
+        return self._of(self.value * other.value,
+                        abs(other.value) * self.error + abs(self.value) * other.error)
+
+    def __truediv__(self, other: Bounded) -> Bounded:
+        ratio = self.value / other.value
+        return self._of(ratio, (self.error + abs(ratio) * other.error) / abs(other.value))
+
+    def __neg__(self) -> Bounded:
+        return Bounded(-self.value, self.error)
+
+    def _of(self, value: Any, error: Any) -> Bounded:
+        return Bounded(value, error + abs(value))
+
+
+@dataclass(frozen=True)
+class RunningError:
+    """The arithmetic of ``Bounded`` numbers."""
+
+    by: Arithmetic
+
+    def number(self, text: Any) -> Bounded:
+        """Return a literal, which is exact."""
+        value = self.by.number(text)
+        return Bounded(value, 0 * value)
+
+    def call(self, name: str, arguments: list[Bounded]) -> Bounded:
+        """Return a function of C; its derivatives by differences."""
+        values = [x.value for x in arguments]
+        value = self.by.call(name, values)
+        if name in ("choose", "maximum", "minimum", "sign", "floor"):
+            return Bounded(value, sum((x.error for x in arguments), 0 * value))
+        error = 4 * abs(value)  # of the mathematical library
+        for i, x in enumerate(arguments):
+            step = 2.0**-20 * abs(x.value)
+            moved = self.by.call(name, [*values[:i], x.value + step, *values[i + 1 :]])
+            error = error + abs(moved - value) * (x.error / step)
+        return Bounded(value, error)
+
+
+def evaluate(
+    kernel: KernelText, by: Arithmetic | RunningError, values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the outputs of a kernel: place, as C writes it, → array of values at the points.
+
+    Parameters
+    ----------
+    kernel, by
+        What is evaluated, and in which numbers.
+    values : mapping
+        ``q[0]``, ``c->k1``, ... → array over the points, in numbers of ``by``.
+    """
+    known = dict(values)
+    outputs: dict[str, Any] = {}
+    with np.errstate(all="ignore"):
+        for kind, name, expressions in kernel.statements:
+            if kind == "clear":
+                known["sum[0]"] = known["sum[1]"] = by.number("0")
+                continue
+            got = _value(expressions[0], by, known)
+            if kind == "product":
+                known["sum[0]"] = known["sum[0]"] + got
+            elif kind == "local":
+                known[name] = got
+            else:
+                outputs[name.removeprefix("c->")] = known[name] = got
+    return outputs
+
+
+def _value(expression: Expression, by: Arithmetic | RunningError, known: Mapping[str, Any]) -> Any:
+    stack: list[Any] = []
+    for kind, text, count in expression:
+        if kind == "number":
+            stack.append(by.number(text))
+        elif kind == "name":
+            stack.append(known[text])
+        elif kind == "negate":
+            stack.append(-stack.pop())
+        elif kind == "call":
+            arguments = stack[len(stack) - count:]
+            del stack[len(stack) - count:]
+            stack.append(arguments[0] if text == "splat" else by.call(text, arguments))
+        else:
+            right, left = stack.pop(), stack.pop()
+            stack.append(_OPERATORS[kind][1](left, right))
+    return stack[0]

@@ -1,0 +1,86 @@
+"""Modules that a wheel for one platform brings along, for machines without a C compiler.
+
+They are compiled when such a wheel is built (RELEASE.md), for any processor of its architecture: a
+compiler makes faster ones here, so they are taken only where there is none. ``modules.json`` beside
+them says of each which text it was made of; another text has another digest, and finds none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from .build_cache import digest
+from .compiler import find_compiler
+from .object_files import Part
+from .verified_build import compile_verified
+
+__all__ = ["prebuild", "prebuilt_module", "prebuilt_provenance"]
+
+#: In the package as a platform's wheel installs it; nowhere else.
+FOLDER = Path(__file__).resolve().parents[2] / "prebuilt"
+#: cffi's modules keep to the limited API of Python: one for this version and all later ones.
+_SUFFIX = ".abi3.so"
+
+
+def prebuild(steppers: Mapping[str, dict[str, str]], folder: Path) -> None:
+    """Compile the modules of some steppers, name → its files, for a wheel.
+
+    Raises
+    ------
+    CompilerError
+        See ``compile_verified``.
+    """
+    compiler = replace(find_compiler(), portable=True)
+    folder.mkdir(parents=True)
+    made = {}
+    for name, files in steppers.items():
+        for part in ("runs", "lanes"):
+            with tempfile.TemporaryDirectory() as inside:
+                module, record = compile_verified(name, files, compiler, Path(inside), part)
+                target = folder / f"{name}_{part}{_SUFFIX}"
+                shutil.move(module, target)
+            made[target.name] = {
+                "source": digest(files), "part": part, "sha256": _checksum(target),
+                "compiler": compiler.version,
+                "flags": " ".join([*compiler.flags, *record["flags"]])}
+    (folder / "modules.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+
+
+def prebuilt_module(files: dict[str, str], part: Part) -> Path | None:
+    """Return the module that this wheel has of a stepper's text; None if there is none, or damaged.
+    """
+    for name, about in _modules().items():
+        path = FOLDER / name
+        if (about["source"], about["part"]) == (digest(files), part) and path.is_file():
+            return path if about["sha256"] == _checksum(path) else None
+    return None
+
+
+def prebuilt_provenance(files: dict[str, str]) -> dict[str, str] | None:
+    """Return with which compiler and flags this wheel's module of a stepper was made."""
+    for about in _modules().values():
+        if about["source"] == digest(files):
+            return {"compiler": about["compiler"], "flags": about["flags"]}
+    return None
+
+
+@cache
+def _modules() -> dict[str, dict[str, Any]]:
+    try:
+        found: dict[str, dict[str, Any]] = json.loads(
+            (FOLDER / "modules.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    return found
+
+
+def _checksum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

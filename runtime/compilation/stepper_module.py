@@ -1,0 +1,110 @@
+"""From the text of a stepper to its loaded module, through the cache."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import CompilerError
+from ...core.progress import doing
+from .build_cache import (
+    binary_key,
+    cache_folder,
+    cpu_description,
+    digest,
+    is_trusted,
+    publish,
+    workshop,
+)
+from .compiler import Compiler, extension_suffix, find_compiler, is_whole
+from .object_files import Part
+from .prebuilt import prebuilt_module, prebuilt_provenance
+from .verified_build import compile_verified, import_module, loaded
+
+__all__ = ["load_module", "provenance"]
+
+def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
+    """Return the compiled module of a stepper, or that of its lanes, which is compiled apart.
+
+    Compiles only what is not in the cache. Without a compiler, what a platform's wheel brought.
+
+    A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
+    could end the process, so its checksum, recorded beside it, is compared first. So is one that
+    another user could have written. What was compiled is cached when its kernels agree with their
+    statements (``kernel_check``).
+
+    Raises
+    ------
+    CompilerError, CacheError
+        See ``compile_module`` and ``workshop``.
+    """
+    try:
+        compiler = find_compiler()
+    except CompilerError:
+        if path := prebuilt_module(files, part):
+            return import_module(name, path)
+        raise
+    part = "runs" if is_whole() else part
+    path = _path_of(name, files, compiler, part)
+    if _is_whole(path):
+        with contextlib.suppress(ImportError):  # another system's library is gone, say
+            return import_module(name, path)
+    what = name if part == "runs" else f"{name} for ensembles"
+    with doing(f"compiling {what}", f"compiled {what}"), workshop() as folder:
+        built, record = compile_verified(name, files, compiler, folder, part)
+        proof = folder / "record.json"
+        proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
+        path = publish(built, path.name)  # elsewhere, if the folder cannot be used
+        publish(proof, _record_of(path).name)
+    return loaded(name, path, compiler)
+
+
+def provenance(files: dict[str, str]) -> dict[str, str]:
+    """Return all on which the bits depend that a stepper computes, each by its name."""
+    try:
+        compiler = find_compiler()
+        flags = [*compiler.flags, *_further_flags(files, compiler)]
+        made = {"compiler": compiler.version, "flags": " ".join(flags)}
+    except CompilerError:
+        if not (made := prebuilt_provenance(files) or {}):
+            raise
+    return {
+        "source": digest(files),
+        **made,
+        "cpu": digest(cpu_description()),  # -march=native: another CPU, other instructions
+    }
+
+
+def _further_flags(files: dict[str, str], compiler: Compiler) -> list[str]:
+    """Return flags with which the cached module was compiled because without them it was wrong."""
+    (name,) = (Path(file).stem for file in files if file.endswith(".json"))
+    path = _path_of(name, files, compiler, "runs")
+    try:
+        return list(json.loads(_record_of(path).read_text(encoding="utf-8"))["flags"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return []
+
+
+def _path_of(name: str, files: dict[str, str], compiler: Compiler, part: Part) -> Path:
+    key = binary_key(files, compiler, part)
+    return cache_folder() / f"{name}-{key}{extension_suffix()}"
+
+
+def _record_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.json")
+
+
+def _checksum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a module is in the cache, as it was published when checked, and by nobody else."""
+    try:
+        record = json.loads(_record_of(path).read_text(encoding="utf-8"))
+        return is_trusted(path) and bool(record["sha256"] == _checksum(path))
+    except (OSError, ValueError, TypeError, KeyError):
+        return False

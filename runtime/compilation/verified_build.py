@@ -1,0 +1,95 @@
+"""Compile a stepper and compare its kernels with their statements, with safer flags if they differ.
+"""
+
+from __future__ import annotations
+
+import importlib.machinery
+import importlib.util
+import json
+import shlex
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from ...core.errors import CompilerError
+from ...core.real_types import REALS
+from ...core.warnings import remark
+from .compiler import Compiler, compile_module, module_name
+from .kernel_check import Difference, differences
+from .object_files import Part
+
+__all__ = ["compile_verified", "import_module", "loaded"]
+
+#: Flags behind all others, in turn, until compiled kernels agree with their statements.
+SAFER_FLAGS: tuple[tuple[str, ...], ...] = (
+    (), ("-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-Wno-error"), ("-O1", "-Wno-error"),
+    ("-O0", "-Wno-error"))  # each level of optimisation has warnings of its own
+
+
+def compile_verified(
+    name: str, files: dict[str, str], compiler: Compiler, folder: Path, part: Part
+) -> tuple[Path, dict[str, Any]]:
+    """Compile a module whose kernels agree with their statements.
+
+    Where they do not, the compiler erred: the module is compiled again with flags that make it do
+    less, until they agree.
+
+    Returns
+    -------
+    Path, dict
+        The module, and what is recorded beside it: further flags; kernel → outputs compared; those
+        left out, because their values are finite at no random point.
+
+    Raises
+    ------
+    CompilerError
+        If kernels differ whatever the flags, naming them.
+    """
+    manifest = json.loads(files[f"{name}.json"])
+    real = REALS[manifest["real"]]
+    first: list[Difference] = []
+    for number, flags in enumerate(SAFER_FLAGS):
+        inside = folder / str(number)
+        inside.mkdir()
+        built, checks = compile_module(name, files, compiler, inside, part, flags)
+        found, compared = differences(loaded(name, built, compiler), checks, real)
+        if not found:
+            if first:
+                remark(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
+                       f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
+                       "agrees. Another version of the compiler may need no such flags.")
+            left_out = [k for k in manifest["operations"] if not compared.get(k)]
+            return built, {"flags": list(flags), "kernels": compared,
+                           "left_out": left_out if part == "runs" else []}
+        first = first or found
+    raise CompilerError(
+        f"The compiler {shlex.join(compiler.command)!r} makes wrong code of {name} with "
+        f"{' '.join(SAFER_FLAGS[-1])} too: {_listed(first)}. Set CC to another compiler, or to "
+        "another version of this one.", command=list(compiler.command))
+
+
+def _listed(found: list[Difference]) -> str:
+    more = f" and {len(found) - 3} more kernels" if len(found) > 3 else ""
+    return "; ".join(map(str, found[:3])) + more
+
+
+def loaded(name: str, path: Path, compiler: Compiler) -> ModuleType:
+    """Return a module that was just compiled; raise ``CompilerError`` if it does not load."""
+    try:
+        return import_module(name, path)
+    except ImportError as error:
+        raise CompilerError(
+            f"The C compiler made a module that does not load: {error}. It may be one for another "
+            "machine or Python; set CC to a compiler for this one.", command=list(compiler.command)
+        ) from error
+
+
+def import_module(name: str, path: Path) -> ModuleType:
+    """Return the extension module of a stepper in a file."""
+    loader = importlib.machinery.ExtensionFileLoader(module_name(name), str(path))
+    spec = importlib.util.spec_from_file_location(module_name(name), path, loader=loader)
+    if spec is None:
+        raise ImportError(f"{path} is not an extension module.")
+    module = importlib.util.module_from_spec(spec)
+    loader.exec_module(module)
+    return module

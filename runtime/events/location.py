@@ -1,0 +1,385 @@
+"""Where events happen: short real steps from the states before, many of them side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import StepFailed, Stopped
+from ...core.event import Event
+from ...core.interrupts import ctrl_c
+from ..integration.dense_output import epsilon_of_times, partial_steps, run_together
+from ..integration.lanes import fill_course, threads_of
+from ..integration.run_arguments import Runs
+from ..integration.step_loop import Rows, Run, integrate
+from ..results.crossings import Crossings
+from ..results.run_arrays import OUTPUTS, States, value_of
+from ..results.trajectory import Trajectory
+from .detection import Brackets, Levels, Watch
+from .root_finding import zeros
+
+if TYPE_CHECKING:
+    from ..integration.lanes import Course
+    from ..steppers.stepper import Stepper
+
+__all__ = ["crossings_of", "ending", "observed", "row_of_event", "watches_of"]
+
+Array = NDArray[Any]
+
+#: Steps that are solved for side by side.
+_AT_ONCE = 2**15
+#: Looks for the place where a value turns, at most: half a dozen are usual.
+_LOOKS = 80
+
+
+def crossings_of(
+    stepper: Stepper, levels: Levels, runs: Runs, watches: Sequence[Watch],
+    fill: Callable[[Course], None],
+) -> list[dict[str, Crossings]]:
+    """Return the crossings of each run by the events' names, of what its watch has seen."""
+    if runs.inputs is not None:  # they are held throughout, as parameters are
+        runs = replace(Runs.of([runs[i] for i in range(len(runs))], stepper.binding.number_type),
+                       inputs=runs.inputs)
+    for watch in watches:
+        watch.close()
+    found = [watch.brackets for watch in watches]
+    seen = [(i, brackets) for i, brackets in enumerate(found) if brackets is not None]
+    parts: list[_Roots] = []
+    if seen:
+        every = Brackets.together([brackets for _, brackets in seen])
+        owner = np.repeat([i for i, _ in seen], [len(brackets) for _, brackets in seen])
+        for i in range(0, len(every), _AT_ONCE):
+            part = np.arange(i, min(i + _AT_ONCE, len(every)))
+            work = _Work(stepper, levels, runs, every.of(part), owner[part], fill)
+            parts += [_single(work), _twofold(work)]
+    return _by_run(stepper, levels, parts, len(runs))
+
+
+def watches_of(stepper: Stepper, levels: Levels | None, runs: Runs) -> list[Watch]:
+    """Return what looks at each run, nothing without events."""
+    if levels is None:
+        return []
+    binding, found = stepper.binding, []
+    for run in map(runs.__getitem__, range(len(runs))):
+        found.append(Watch(levels, binding.parameters(run.parameters, run.t0), run.t0, run.dt))
+    return found
+
+
+def observed(
+    stepper: Stepper, run: Run, events: tuple[Event, ...], progress: Callable[[int], None] | None
+) -> Trajectory:
+    """Return the trajectory of a run with its events, up to the first terminal one."""
+    if not events:
+        return integrate(stepper.binding, stepper.manifest, run, progress)
+    levels = Levels.of(stepper.binding, stepper.manifest, events)
+    (watch,) = watches_of(stepper, levels, Runs.of([run], stepper.binding.number_type))
+    trouble: StepFailed | Stopped | None = None
+    try:
+        trajectory = integrate(stepper.binding, stepper.manifest, replace(run, watch=watch),
+                               progress)
+    except (StepFailed, Stopped) as error:
+        if error.trajectory is None:
+            raise
+        trouble, trajectory = error, error.trajectory
+    found = _solved(stepper, levels, run, watch, trajectory)
+    name = ending(events, found, run.dt)
+    if name is not None:
+        last = found[name].first
+        trajectory = _ended(stepper, run, trajectory, watch.brackets, last)
+        found = {key: crossings.until(last, run.dt) for key, crossings in found.items()}
+    trajectory = replace(trajectory, events=found)
+    if trouble is None or (name is not None and isinstance(trouble, StepFailed)):
+        return trajectory  # a step that fails behind the run's end is none of its own
+    trouble.trajectory = trajectory
+    raise trouble
+
+
+def _solved(
+    stepper: Stepper, levels: Levels, run: Run, watch: Watch, trajectory: Trajectory
+) -> dict[str, Crossings]:
+    """Return the crossings of a run that has ended.
+
+    Raises
+    ------
+    Stopped
+        After Ctrl-C while they are solved for, with the states alone.
+    """
+    runs = replace(Runs.of([run], stepper.binding.number_type), inputs=run.inputs)
+    with ctrl_c() as interrupts:
+        before = interrupts.asked  # that has ended the run, and not what is solved for now
+        found = crossings_of(stepper, levels, runs, [watch], lambda course: fill_course(
+            course, threads_of(None), lambda: interrupts.asked and not before))[0]
+    if interrupts.asked and not before:
+        raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
+                      "for; the states are in .trajectory, without events.", interrupts.signal,
+                      trajectory=trajectory)
+    return found
+
+
+def _ended(
+    stepper: Stepper, run: Run, trajectory: Trajectory, brackets: Brackets | None, last: Crossings
+) -> Trajectory:
+    """Return a trajectory up to its terminal event, whose state is one row more."""
+    assert brackets is not None
+    binding = stepper.binding
+    if last.steps[0] < trajectory.report.steps:  # a value that only touched its level ends it
+        trajectory = integrate(binding, stepper.manifest, run.until(int(last.steps[0])))
+    rows = row_of_event(stepper, run, brackets, last)
+    flat = trajectory.multipliers.reshape(len(trajectory.multipliers), binding.multipliers)
+    steps = run.stored(int(last.steps[0]))  # without a last state that is stored as the last one
+    states = slice(steps + 1)
+    made = States(
+        binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
+        np.concatenate([trajectory.t[states], last.t]),
+        np.concatenate([trajectory.q[states], last.q]),
+        np.concatenate([trajectory.p[states], last.p]),
+        np.concatenate([flat[:steps], rows.multipliers]).astype(binding.dtype),
+        np.concatenate([trajectory.iterations[:steps], rows.iterations]),
+        np.concatenate([trajectory.work[states], trajectory.report.work + rows.work]))
+    outputs: dict[str, Any] = {one.attribute: value_of(one, made) for one in OUTPUTS}
+    return replace(trajectory, **outputs)
+
+
+def row_of_event(stepper: Stepper, run: Run, brackets: Brackets, event: Crossings) -> Rows:
+    """Return the one row that leads from the state before an event to the event.
+
+    Its work is that of the part of a step.
+    """
+    at = np.flatnonzero(brackets.step == event.steps[0])[:1]
+    t0 = stepper.binding.times(run.t0, run.dt, event.steps)
+    parameters = {name: np.array([value], stepper.binding.number_type)
+                  for name, value in run.at_step(int(event.steps[0])).parameters.items()}
+    rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, event.t - t0, parameters,
+                        lambda course: fill_course(course, 1, lambda: False), 1).rows
+    return Rows(event.q, event.p, rows.multipliers[:, 1], rows.iterations[:, 1], rows.work[:, 1])
+
+
+def ending(events: tuple[Event, ...], found: dict[str, Crossings], dt: Any) -> str | None:
+    """Return the name of the terminal event that happens first; None if none does."""
+    ends = [one.name for one in events if one.terminal and len(found[one.name])]
+    ahead = 1 if dt > 0 else -1
+    return min(ends, key=lambda name: (found[name].steps[0], ahead * found[name].t[0]),
+               default=None)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """Brackets of runs, and steps of parts of Δt in them."""
+
+    stepper: Stepper
+    levels: Levels
+    runs: Runs
+    brackets: Brackets
+    owner: Array
+    fill: Callable[[Course], None]
+
+    def t(self, which: Array) -> Array:
+        """Return the times at the start of brackets."""
+        runs, owner = self.runs, self.owner[which]
+        times: Array = runs.t0[owner] + self.brackets.step[which] * runs.dt[owner]
+        return times
+
+    def tolerance(self, which: Array) -> Array:
+        """Return what share of a step a time of the run cannot tell apart."""
+        runs, owner = self.runs, self.owner[which]
+        size = np.maximum(abs(self.t(which)), abs(runs.dt[owner]))
+        share: Array = epsilon_of_times(self.stepper) * size / abs(runs.dt[owner])
+        return share
+
+    def states(self, share: Array, which: Array) -> tuple[Array, Array, Array, Array]:
+        """Return times, states and the events' values after shares of a step in brackets."""
+        owner = self.owner[which]
+        t, dt = self.t(which), share * self.runs.dt[owner]
+        columns = {name: column[owner] for name, column in self.runs.parameters.items()}
+        held = self.runs.inputs
+        inputs = None if held is None else held.taken(owner, self.brackets.step[which])
+        q, p = partial_steps(self.stepper, self.brackets.q[which], self.brackets.p[which], t, dt,
+                             columns, self.fill, inputs)
+        return t + dt, q, p, self._values(which, t + dt, q, p)
+
+    def _values(self, which: Array, t: Array, q: Array, p: Array) -> Array:
+        """Return the value of each bracket's own event."""
+        values, owner = np.empty_like(t), self.owner[which]
+        order = np.argsort(owner, kind="stable")
+        alike = all((column == column[0]).all() for column in self.runs.parameters.values())
+        starts: Any = [] if alike else np.flatnonzero(np.diff(owner[order])) + 1
+        for of in np.split(order, starts) if len(order) else ():
+            run = self.runs[int(owner[of[0]])]
+            parameters = self.stepper.binding.parameters(run.parameters, run.t0)
+            rows = self.levels.values(parameters, t[of], q[of], p[of])
+            values[of] = rows[np.arange(len(of)), self.brackets.event[which[of]]]
+        return values
+
+
+@dataclass(frozen=True)
+class _Roots:
+    """States at which events happen."""
+
+    owner: Array
+    event: Array
+    step: Array
+    #: As a share of the step, a double: what orders two of one step.
+    place: Array
+    t: Array
+    q: Array
+    p: Array
+    rising: Array
+
+
+class _Best:
+    """The state with the least value so far, of each root that is sought in a part of a step."""
+
+    def __init__(self, work: _Work, which: Array, low: Array, high: Array) -> None:
+        self._work, self.which, self._low, self._width = work, which, low, high - low
+        binding = work.stepper.binding
+        self.t = work.t(which)
+        self.q, self.p = (binding.new(len(which), binding.n) for _ in range(2))
+        self._size = 0 * self.t - 1  # none yet
+
+    def __call__(self, x: Array, roots: Array) -> Array:
+        """Return the values at x from 0 to 1 within those parts."""
+        share = self._low[roots] + x * self._width[roots]
+        t, q, p, values = self._work.states(share, self.which[roots])
+        better = (self._size[roots] < 0) | (abs(values) < self._size[roots])
+        at = roots[better]
+        self.t[at], self.q[at], self.p[at] = t[better], q[better], p[better]
+        self._size[at] = abs(values[better])
+        return values
+
+    def roots(self, rising: Array) -> _Roots:
+        """Return them."""
+        work, which = self._work, self.which
+        owner = work.owner[which]
+        place = ((self.t - work.t(which)) / work.runs.dt[owner]).astype(float)
+        return _Roots(owner, work.brackets.event[which], work.brackets.step[which], place,
+                      self.t, self.q, self.p, rising)
+
+
+def _single(work: _Work) -> _Roots:
+    """Return the roots of steps between whose ends a value changes its sign."""
+    brackets = work.brackets
+    which = np.flatnonzero(~brackets.turning)
+    best = _Best(work, which, *_whole(work, which))
+    before, after = brackets.before[which], brackets.after[which]
+    ends = np.flatnonzero(after == 0)  # the step ends there: a whole step leads there again
+    best(work.tolerance(which)[ends] * 0 + 1, ends)
+    inside = np.flatnonzero(after != 0)
+    zeros(lambda x, i: best(x, inside[i]), before[inside], after[inside],
+          work.tolerance(which)[inside])
+    return best.roots(before < 0)
+
+
+def _twofold(work: _Work) -> _Roots:
+    """Return the roots of steps within which a value goes through its level and back."""
+    turning = np.flatnonzero(work.brackets.turning)
+    which, place, value = _turned(work, turning)
+    first, last = _whole(work, which)
+    twice = np.concatenate([which, which])
+    low, high = np.concatenate([first, place]), np.concatenate([place, last])
+    best = _Best(work, twice, low, high)
+    before, after = work.brackets.before[which], work.brackets.after[which]
+    zeros(best, np.concatenate([before, value]), np.concatenate([value, after]),
+          work.tolerance(twice) / (high - low))
+    rising = np.concatenate([before, value]) < 0
+    roots = best.roots(rising)
+    wanted = np.array([one.direction for one in work.levels.events])[roots.event]
+    return _chosen(roots, (wanted == 0) | ((wanted > 0) == rising))
+
+
+def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
+    """Return the steps within which a value does change its sign, a place where it has, its value.
+
+    Places are counted from the end of the step with the lower value: a value that falls there, and
+    turns, is lower than it up to twice as far as it turns. They come nearer to that end, by the
+    parabola through the last three, until one is lower; then parabolas lead to the lowest place,
+    between two that are higher. A step is left where the value is four times as high as it could
+    still fall, on the scale of how it moves within the step, or times cannot be told apart.
+    """
+    brackets = work.brackets
+    # the value is that many times above its level: it falls towards it, whatever its sign
+    side: Array = np.where(brackets.before[which] > 0, 1, -1)
+    start, end = side * brackets.before[which], side * brackets.after[which]
+    turned: Array = end < start
+    x0, x2 = _whole(work, which)
+    y0, y2 = _where(turned, (end, start), (start, end))
+    x1: Array = (x0 + x2) / 2
+
+    def value(x: Array) -> Array:
+        values: Array = side * work.states(np.where(turned, 1 - x, x), which)[3]
+        return values
+
+    y1, least = value(x1), work.tolerance(which)
+    moves: Array = abs(y1 - y0) + abs(y2 - y1)
+    found: list[tuple[Array, Array, Array]] = []
+    for look in range(_LOOKS):
+        through = y1 < 0
+        found.append((which[through], np.where(turned, 1 - x1, x1)[through],
+                      (side * y1)[through]))
+        inside: Array = y1 < y0
+        left_of: Array = x1 - x0 > x2 - x1  # where the wider of the two parts is
+        wide: Array = np.where(inside & ~left_of, x2 - x1, x1 - x0)
+        left = ~through & (4 * moves * wide * wide >= np.where(inside, y1, y0)) & (wide > least)
+        inside, left_of = inside[left], left_of[left]
+        which, side, turned, moves, least, wide, x0, x1, x2, y0, y1, y2 = (
+            part[left] for part in (which, side, turned, moves, least, wide, x0, x1, x2, y0, y1,
+                                    y2))
+        if not len(which):
+            break
+        bend = (y2 - y1) / (x2 - x1) - (y1 - y0) / (x1 - x0)
+        bends = bend > 0
+        x = (x0 + x1) / 2 - (y1 - y0) / (x1 - x0) * (x2 - x0) / (2 * np.where(bends, bend, 1))
+        # a place at the lowest one says nothing new: one beside it, in the wider part, does
+        new = bends & (x > x0) & (x < x2) & (abs(x - x1) > (wide / 8 if look % 2 else 0 * wide))
+        x = np.where(new, x, x1 + np.where(left_of, -wide, wide) / 8)
+        near = np.where(bends & (x > x1 / 8), np.where(x < x1 / 2, x, x1 / 2), x1 / 8)
+        x = np.where(inside, x, near)
+        y = value(x)
+        # of four places the lowest stays in the middle of its neighbours; else the first three
+        lower, left_of = np.where(inside, y < y1, True), x < x1
+        x0, y0 = _where(inside & (lower != left_of), _where(lower, (x1, y1), (x, y)), (x0, y0))
+        x2, y2 = _where(lower == left_of, _where(lower, (x1, y1), (x, y)), (x2, y2))
+        x1, y1 = _where(lower, (x, y), (x1, y1))
+    steps, places, values = (np.concatenate(column) for column in zip(*found, strict=True))
+    return steps, places, values
+
+
+def _where(condition: Array, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
+    return np.where(condition, a[0], b[0]), np.where(condition, a[1], b[1])
+
+
+def _whole(work: _Work, which: Array) -> tuple[Array, Array]:
+    """Return 0 and 1 for each bracket, in the type of times."""
+    none = 0 * work.tolerance(which)
+    return none, none + 1
+
+
+def _chosen(roots: _Roots, chosen: Array) -> _Roots:
+    return _Roots(*(getattr(roots, name)[chosen] for name in _Roots.__dataclass_fields__))
+
+
+def _by_run(
+    stepper: Stepper, levels: Levels, parts: list[_Roots], runs: int
+) -> list[dict[str, Crossings]]:
+    """Return the crossings of each run by the events' names, along the run."""
+    roots = _Roots(*(np.concatenate([getattr(part, name) for part in parts])
+                     for name in _Roots.__dataclass_fields__)) if parts else _none(stepper)
+    found: list[dict[str, Crossings]] = [{} for _ in range(runs)]
+    for number, event in enumerate(levels.events):
+        own = _chosen(roots, roots.event == number)
+        own = _chosen(own, np.lexsort((own.place, own.step, own.owner)))
+        ends = np.searchsorted(own.owner, np.arange(runs + 1))
+        for crossings, start, end in zip(found, ends[:-1], ends[1:], strict=True):
+            row = slice(start, end)
+            crossings[event.name] = Crossings(own.t[row], own.q[row], own.p[row], own.step[row],
+                                              own.rising[row])
+    return found
+
+
+def _none(stepper: Stepper) -> _Roots:
+    binding, count = stepper.binding, np.array([], int)
+    return _Roots(count, count, count, np.array([]), np.array([], binding.number_type),
+                  binding.new(0, binding.n), binding.new(0, binding.n), count.astype(bool))

@@ -1,0 +1,135 @@
+"""A Poincaré section: where the motions from many starts go through a level of a quantity."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import choose, shown
+from ...core.errors import InputError
+from ...core.event import Event
+from ...core.exact_numbers import Number
+from ..bindings.array_checks import as_positive_count
+from ..bindings.binding import SolverName
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+
+__all__ = ["Section", "section"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """The points of a section, those of each trajectory one behind the other.
+
+    Attributes
+    ----------
+    event : Event
+        What is crossed.
+    t, q, p : arrays, shapes (K,), (K, n), (K, n)
+        Time and state of each crossing.
+    trajectory : array of int, shape (K,)
+        Of which start each is.
+    failures : dict of int to StepFailed
+        Trajectories that ended early; their points until then are here.
+    """
+
+    event: Event
+    t: Array
+    q: Array
+    p: Array
+    trajectory: Array
+    failures: dict[int, Any]
+    _stepper: Stepper = field(repr=False)
+    _parameters: list[dict[str, Any]] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        return (f"<Section of {self._stepper.name}: {len(self):,} points of "
+                f"{len(self._parameters):,} trajectories at {self.event.quantity} = "
+                f"{float(self.event.level):g}>")
+
+    def values(self, name: str) -> Array:
+        """Return a coordinate, a momentum or a quantity at each point, shape (K,).
+
+        Raises
+        ------
+        InputError
+            If the system has none of that name.
+        """
+        system = self._stepper.manifest["system"]
+        quantities = list(system.get("quantities", ()))
+        name = choose("quantity of a section", name,
+                      [*quantities, *system["coordinates"], *system["momenta"]])
+        if name in quantities:
+            return self._quantity(quantities.index(name))
+        of, names = (self.q, system["coordinates"]) if name in system["coordinates"] else (
+            self.p, system["momenta"])
+        found: Array = of[:, list(names).index(name)]
+        return found
+
+    def _quantity(self, column: int) -> Array:
+        binding = self._stepper.binding
+        found, t = np.empty_like(self.q[:, 0]), self.t.astype(binding.dtype)
+        ends = np.searchsorted(self.trajectory, np.arange(len(self._parameters) + 1))
+        for values, start, end in zip(self._parameters, ends[:-1], ends[1:], strict=True):
+            rows = slice(start, end)
+            found[rows] = binding.quantities(binding.parameters(values), t[rows], self.q[rows],
+                                             self.p[rows])[:, column]
+        return found
+
+    def plot(self, x: str, y: str, path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw the points by two of their values, a colour for each trajectory.
+
+        Returns a matplotlib figure, which Jupyter shows, and writes it where a path is given.
+        """
+        from ..plotting.section_plot import draw  # matplotlib is optional
+
+        return draw(self, x, y, path)
+
+
+def section(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, event: Event, dt: Number | ArrayLike,
+    steps: int, parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
+    t0: Number | ArrayLike = 0.0, solver: SolverName = "auto", tolerance: Number | None = None,
+    max_iterations: int = 50, workers: int | None = None,
+) -> Section:
+    """Return the Poincaré section of the motions from rows of q and p.
+
+    Parameters
+    ----------
+    event : Event
+        The level to cross, and in which direction: ``gs.Event("x", direction=1)``.
+
+    The others are those of ``Stepper.integrate_ensemble``. No states are stored but the points.
+
+    Raises
+    ------
+    InputError
+        For what ``integrate_ensemble`` refuses, and for what is no event.
+    """
+    if not hasattr(stepper, "integrate_ensemble"):
+        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
+                         "returned.")
+    if not isinstance(event, Event):
+        raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
+    count = as_positive_count("steps", steps)
+    found = stepper.integrate_ensemble(
+        q, p, dt=dt, steps=count, every=max(count, 1), parameters=parameters, t0=t0,
+        solver=solver, tolerance=tolerance, max_iterations=max_iterations, workers=workers,
+        events=event)
+    own = [found.events[event.name][i] for i in range(len(found))]
+    return Section(
+        event, np.concatenate([one.t for one in own]), np.concatenate([one.q for one in own]),
+        np.concatenate([one.p for one in own]),
+        np.repeat(np.arange(len(own)), [len(one) for one in own]), found.failures, stepper,
+        [member.parameters for member in found.members])

@@ -1,0 +1,258 @@
+"""States of a run between its steps: a real step of a part of Δt from the state before.
+
+Where the run stored t_k, the state at t_k + jΔt + θΔt, 0 < θ < 1, is that of j whole steps and one
+step of length θΔt. It is on its constraints to round-off, and as near to the motion as the states
+of the run are: a short step adds an error of its own order, (θΔt)^(r+1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import shown
+from ...core.errors import InputError, Stopped
+from ...core.interrupts import ctrl_c
+from ..bindings.array_checks import as_numbers, as_real
+from ..bindings.inputs import Inputs
+from ..results.run_arrays import OUTPUTS, States, value_of
+from ..results.trajectory import Trajectory
+from .lanes import Course, fill_course, threads_of
+from .run_arguments import Runs
+from .step_loop import Run
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+
+__all__ = ["between", "epsilon_of_times", "marks_of", "partial_steps",
+           "run_together"]
+
+Array = NDArray[Any]
+
+#: Numbers of states that whole steps may fill at a time, between two stored ones.
+_AT_ONCE = 2**22
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where times are: after which stored row, how many whole steps on, and the rest of a step."""
+
+    rows: Array
+    steps: Array
+    rest: Array
+
+
+def between(
+    stepper: Stepper, trajectory: Trajectory, times: ArrayLike, workers: int | None
+) -> Trajectory:
+    """Return the states of a trajectory at times; see ``Stepper.at``."""
+    if not isinstance(trajectory, Trajectory):
+        raise InputError(f"trajectory = {shown(trajectory)} is none; give what integrate returned.")
+    threads = threads_of(workers)
+    with ctrl_c() as interrupts:
+        found = _states_at(stepper, trajectory, times,
+                           lambda course: fill_course(course, threads, lambda: interrupts.asked))
+    if interrupts.asked:
+        raise Stopped("Stopped between the steps of a run that is complete; it is in .trajectory.",
+                      interrupts.signal, trajectory=trajectory)
+    return found
+
+
+def _states_at(
+    stepper: Stepper, trajectory: Trajectory, times: ArrayLike, fill: Callable[[Course], None]
+) -> Trajectory:
+    _refuse_of_another(stepper, trajectory)
+    _refuse_forgotten(stepper, trajectory)
+    t = _times(stepper, times)
+    at = _places(stepper, trajectory.t, trajectory.dt, t)
+    q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
+    work = trajectory.work[at.rows].copy()
+    multipliers = np.zeros((len(t), *trajectory.multipliers.shape[1:]), trajectory.q.dtype)
+    iterations = np.zeros(len(t), dtype=np.intc)
+    ended = at.rows > 0  # on a state that a step of the run ends at: what that step found
+    multipliers[ended] = trajectory.multipliers[at.rows[ended] - 1]
+    iterations[ended] = trajectory.iterations[at.rows[ended] - 1]
+    made = _Made(q, p, work, multipliers, iterations)
+    stored = np.rint(((trajectory.t - trajectory.t[0]) / trajectory.dt).astype(float)).astype(int)
+    for steps, part in _parts(trajectory, at):
+        _go(stepper, trajectory, fill, made, part, trajectory.t[at.rows[part]],
+            np.full(len(part), trajectory.dt), begun=stored[at.rows[part]], steps=at.steps[part],
+            most=steps)
+    rest = np.flatnonzero(at.rest != 0)
+    begun = stepper.binding.times(trajectory.t[at.rows], trajectory.dt, at.steps)
+    if len(rest):
+        _go(stepper, trajectory, fill, made, rest, begun[rest], at.rest[rest],
+            begun=(stored[at.rows] + at.steps)[rest], steps=np.ones(len(rest), dtype=int), most=1)
+    return _trajectory(stepper, trajectory, t, made)
+
+
+def marks_of(stepper: Stepper, run: Run, times: ArrayLike) -> Array:
+    """Return the steps of a run after which times are, with its last one.
+
+    Raises
+    ------
+    InputError
+        For times outside of the run; where it shall store each so many steps as well.
+    """
+    if run.every != 1:
+        raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
+    ends = stepper.binding.times(run.t0, run.dt, np.array([0, run.steps]))
+    at = _places(stepper, ends, run.dt, _times(stepper, times))
+    marks = np.unique(np.append(at.steps[at.rows == 0], run.steps))
+    return marks[marks > 0]
+
+
+@dataclass(frozen=True)
+class _Made:
+    """States on their way to the times that are asked for."""
+
+    q: Array
+    p: Array
+    work: Array
+    multipliers: Array
+    iterations: Array
+
+
+def _go(
+    stepper: Stepper, trajectory: Trajectory, fill: Callable[[Course], None], made: _Made,
+    part: Array, t0: Array, dt: Array, *, begun: Array, steps: Array, most: int,
+) -> None:
+    """Take some states, after ``begun`` steps of the run, on by so many steps of dt each."""
+    held = trajectory._inputs
+    inputs = None if held is None else held.taken(0 * begun, begun, most)
+    columns = {name: np.full(len(part), value, stepper.binding.number_type)
+               for name, value in trajectory.parameters.items()}
+    course = run_together(stepper, made.q[part], made.p[part], t0, dt, columns, fill, most,
+                          inputs)
+    row = np.arange(len(part))
+    rows = course.rows
+    made.q[part], made.p[part] = rows.q[row, steps], rows.p[row, steps]
+    made.work[part] += rows.work[row, steps]
+    made.multipliers[part] = rows.multipliers[row, steps].reshape(made.multipliers[part].shape)
+    made.iterations[part] = rows.iterations[row, steps]
+
+
+def run_together(
+    stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
+    fill: Callable[[Course], None], steps: int, inputs: Inputs | None = None,
+) -> Course:
+    """Return runs of so many steps, each stored, from states that are on their constraints.
+
+    Raises
+    ------
+    InputError
+        If one of them finds no step, though the run that they belong to has found its own.
+    """
+    number = stepper.binding.number_type
+    own = {name: column[0] for name, column in parameters.items()}
+    first = Run(q[0], p[0], dt[0], steps, 1, own, "auto", None, 50, t0[0])
+    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number), parameters,
+                                     inputs))
+    fill(course)
+    failed = np.flatnonzero(course.status)
+    if len(failed):
+        raise InputError(
+            f"From t = {float(t0[failed[0]]):.6g} s no step of {float(dt[failed[0]]):.3g} s is "
+            "found, though the run has found its own; take a smaller dt.")
+    return course
+
+
+def partial_steps(
+    stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
+    fill: Callable[[Course], None], inputs: Inputs | None = None,
+) -> tuple[Array, Array]:
+    """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing."""
+    q, p = q.copy(), p.copy()
+    moved = np.flatnonzero(dt != 0)
+    if len(moved):
+        course = run_together(stepper, q[moved], p[moved], t0[moved], dt[moved],
+                              {name: column[moved] for name, column in parameters.items()}, fill,
+                              1, None if inputs is None else inputs.taken(moved, 0 * moved))
+        q[moved], p[moved] = course.q, course.p
+    return q, p
+
+
+def _parts(trajectory: Trajectory, at: Places) -> list[tuple[int, Array]]:
+    """Return groups of times with whole steps to do: the most of them in a group, and which."""
+    order = np.argsort(at.steps, kind="stable")
+    order = order[at.steps[order] > 0]
+    found, width = [], trajectory.q.shape[1]
+    while len(order):
+        most = int(at.steps[order[-1]])
+        count = max(1, _AT_ONCE // ((most + 1) * width))
+        found.append((most, order[-count:]))
+        order = order[:-count]
+    return found
+
+
+def _places(stepper: Stepper, stored: Array, dt: Any, t: Array) -> Places:
+    """Return where the times are, or refuse those outside of the run."""
+    ahead = 1 if dt > 0 else -1
+    outside = (ahead * (t - stored[0]) < 0) | (ahead * (t - stored[-1]) > 0)
+    if outside.any():
+        raise InputError(
+            f"The time {float(t[outside][0])} is outside of the run, which goes from "
+            f"{float(stored[0])} to {float(stored[-1])} s; ask for times in between.")
+    times = stepper.binding.times
+    # what rounding cannot tell from the end of a step is the end of it
+    reach = ahead * t + 2 * epsilon_of_times(stepper) * max(abs(stored[0]), abs(stored[-1]))
+    rows = np.searchsorted(ahead * stored, reach, side="right") - 1
+    steps = np.array([int(x) for x in (t - stored[rows]) / dt], dtype=int)
+    steps += ahead * times(stored[rows], dt, steps + 1) <= reach  # a quotient rounds either way
+    rest = t - times(stored[rows], dt, steps)
+    return Places(rows, steps, np.where(ahead * t + abs(rest) <= reach, 0 * rest, rest))
+
+
+def epsilon_of_times(stepper: Stepper) -> float:
+    """Return the precision of times, which for ``real="float"`` are doubles."""
+    number = stepper.binding.number_type
+    return stepper.binding.epsilon if number is object else float(np.finfo(number).eps)
+
+
+def _times(stepper: Stepper, times: ArrayLike) -> Array:
+    """Return the times as a row of the stepper's own numbers."""
+    given = np.atleast_1d(as_numbers("times", times))
+    if given.ndim != 1:
+        raise InputError(f"times has shape {given.shape}; give one row of times.")
+    number = stepper.binding.number
+    found = [as_real("A time", x, number) for x in given.tolist()]
+    return np.array(found, dtype=stepper.binding.number_type)
+
+
+def _refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
+    """Refuse what does not say which inputs each step had: what was read, or lies between steps."""
+    changing = [name for name in stepper.binding.input_names
+                if trajectory.parameters[name] != trajectory.parameters[name]]
+    if changing and trajectory._inputs is None:
+        raise InputError(f"Input {changing[0]!r} changes in this run, and what it was in each step "
+                         "is not kept in files, nor with states between steps: ask the trajectory "
+                         "that integrate returned.")
+
+
+def _refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
+    """Refuse a trajectory that another stepper made, or another version of this one."""
+    here, there = stepper.manifest, trajectory.manifest
+    named = ("name", "real", "system", "scheme")
+    other = [name for name in named if here.get(name) != there.get(name)]
+    if other:
+        raise InputError(
+            f"The trajectory is of {there['name']} in {there['real']}, not of this stepper, "
+            f"{here['name']} in {here['real']}: they differ in {other[0]}. Give the stepper that "
+            "made it.")
+
+
+def _trajectory(
+    stepper: Stepper, trajectory: Trajectory, t: Array, made: _Made
+) -> Trajectory:
+    """Return the states as a trajectory: rows at the times, the report of the whole run."""
+    binding = stepper.binding
+    parameters = binding.parameters(trajectory.parameters, trajectory.t[0])
+    after_first = made.multipliers[1:].reshape(len(made.multipliers[1:]), binding.multipliers)
+    states = States(binding, stepper.manifest, parameters, t, made.q, made.p, after_first,
+                    made.iterations[1:], made.work)
+    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
+    return replace(trajectory, **outputs, _inputs=None)

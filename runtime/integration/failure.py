@@ -1,0 +1,119 @@
+"""Why a step failed, and what would do: looked for where it failed, not guessed.
+
+The failed step is tried once more by Newton alone, for the size of its last increment; then with
+half the time step, a quarter, and so on, until one succeeds. Where the constraints depend on each
+other at the state itself no step leads on, and that is said instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bindings.binding import REASONS, Binding
+from ..bindings.compiled_constraints import CompiledConstraints
+
+__all__ = ["Diagnosis", "diagnose"]
+
+Array = NDArray[Any]
+
+_NOT_CONVERGED, _SINGULAR, _STAGNATED, _DIVERGED = 1, 2, 4, 5
+#: How often the time step is halved.
+_HALVINGS = 30
+#: Slopes of constraints are difference quotients, right to nine digits.
+_DEPENDENT = 1e-7
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What ``StepFailed`` says."""
+
+    reason: str
+    detail: str
+    cure: str
+    increment: float | None = None
+    dt: float | None = None
+
+    @classmethod
+    def bare(cls, status: int) -> Diagnosis:
+        """Return what a status says by itself."""
+        return cls(REASONS[status], REASONS[status], "A smaller time step usually cures it")
+
+
+def diagnose(
+    binding: Binding, manifest: dict[str, Any], run: Any, status: int, q: Array, p: Array, t: Any
+) -> Diagnosis:
+    """Return why a step from (q, p) at time t ended with this status."""
+    told, increment = _tried_by_newton(binding, run, q, p, t) if run.solver != "fixed-point" \
+        else (status, None)
+    if told in (_NOT_CONVERGED, _STAGNATED, _DIVERGED):
+        status = told
+    found = Diagnosis(REASONS[status], _detail(status, increment, run.max_iterations), "",
+                      increment)
+    dependent = _dependent_constraints(binding, manifest, run, q)
+    if dependent:
+        return replace(
+            found, detail=f"{found.detail}, where the constraints {dependent} depend on each other",
+            cure="That is a change point of the mechanism, from which no step is determined: start "
+                 "beside it, or pass it with another time step")
+    dt, smallest = _smaller_step(binding, run, q, p, t)
+    if dt is not None:
+        return replace(found, dt=dt, cure=f"From there a step of dt = {dt:.9g} does")
+    return replace(found, cure=f"From there no step down to dt = {smallest:.3g} does")
+
+
+def _detail(status: int, increment: float | None, iterations: int) -> str:
+    """Return the reason with what was seen of it."""
+    reason = REASONS[status]
+    if increment is None:
+        return reason
+    return reason + {
+        _NOT_CONVERGED: f": after {iterations} iterations increments still shrank, the last one to "
+                        f"{increment:.1e} of the state (max_iterations is too small)",
+        _STAGNATED: f" above round-off: increments stayed at {increment:.1e} of the state",
+        _DIVERGED: f": the last increment was {increment:.1e} of the state",
+    }.get(status, "")
+
+
+def _tried_by_newton(
+    binding: Binding, run: Any, q: Array, p: Array, t: Any
+) -> tuple[int, float | None]:
+    """Return how full Newton ends, and its last increment relative to the state."""
+    options = binding.options(run.tolerance, run.max_iterations, "newton")
+    return binding.first_half(binding.parameters(run.parameters, t), options, run.dt, q, p,
+                              binding.work())
+
+
+def _smaller_step(
+    binding: Binding, run: Any, q: Array, p: Array, t: Any
+) -> tuple[float | None, float]:
+    """Return the first of ever halved time steps that succeeds, or None, and the last tried."""
+    parameters, dt = binding.parameters(run.parameters, t), run.dt
+    options = binding.options(run.tolerance, run.max_iterations, run.solver)
+    for _ in range(_HALVINGS):
+        dt = dt / 2
+        if not binding.step(parameters, options, dt, q, p, binding.work()):
+            return float(dt), float(dt)
+    return None, float(dt)
+
+
+def _dependent_constraints(
+    binding: Binding, manifest: dict[str, Any], run: Any, q: Array
+) -> str:
+    """Return the names of constraints whose slopes are dependent at q; empty if none are."""
+    if binding.m < 2:
+        return ""
+    numeric = CompiledConstraints(binding, manifest, binding.parameters(run.parameters, run.t0))
+    G = numeric.G(q.astype(float))
+    lengths = np.linalg.norm(G, axis=1, keepdims=True)
+    if not np.all(np.isfinite(G)) or not np.all(lengths > 0):
+        return ""
+    U, sizes, _ = np.linalg.svd(G / lengths)
+    if len(sizes) == binding.m and sizes[-1] > _DEPENDENT * sizes[0]:
+        return ""
+    weights = np.abs(U[:, -1])
+    names = [name for name, w in zip(numeric.constraint_names, weights, strict=True) if w > 0.01]
+    return ", ".join(repr(name) for name in names)

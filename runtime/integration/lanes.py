@@ -1,0 +1,193 @@
+"""What an ensemble's trajectories are stored in, and the code that fills it, batch by batch.
+
+Where there is a fast path, the trajectories of a batch lie side by side in the lanes of vector
+registers; else each is integrated by itself.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from dataclasses import dataclass, replace
+from functools import partial
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bindings.array_checks import as_positive_count
+from ..bindings.binding import Binding
+from .run_arguments import Runs
+from .step_loop import Pace, Rows, fill, next_chunk, thin
+
+if TYPE_CHECKING:
+    from ..events.detection import Watch
+    from ..steppers.evaluation import Evaluation
+
+__all__ = ["Course", "fill_course", "threads_of"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Course:
+    """The stored states of many runs, row 0 the start, their ends, records and statuses.
+
+    multipliers and iterations have a row 0 too, of no meaning: compiled code takes one distance
+    from a trajectory to the next.
+    """
+
+    binding: Binding
+    runs: Runs
+    #: Whether batches lie in lanes, and how many trajectories are a batch.
+    in_lanes: bool
+    batch: int
+    rows: Rows
+    q: Array
+    p: Array
+    status: Array
+    #: The running records of each batch.
+    reports: list[Any]
+    #: What looks at every state for events, one for each trajectory; or none.
+    watches: tuple[Watch, ...] = ()
+
+    @classmethod
+    def of(cls, stepper: Evaluation, runs: Runs, watches: Sequence[Watch] = ()) -> Course:
+        """Return room for runs, at their start."""
+        count, rows, binding = len(runs), runs.first.rows + 1, stepper.binding
+        in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
+        if in_lanes:
+            binding = stepper.binding_of_many
+        batch = binding.lanes if in_lanes else 1
+        reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)
+                   ] if in_lanes else [binding.report() for _ in range(count)]
+        found = cls(
+            binding, runs, in_lanes, batch,
+            Rows(binding.new(count, rows, binding.n), binding.new(count, rows, binding.n),
+                 binding.new(count, rows, binding.multipliers),
+                 np.zeros((count, rows), dtype=np.intc), binding.new(count, rows)),
+            runs.q.copy(), runs.p.copy(), np.zeros(count, dtype=np.intc),
+            reports, tuple(watches))
+        found.rows.q[:, 0], found.rows.p[:, 0] = runs.q, runs.p
+        return found
+
+    def report(self, i: int) -> Any:
+        """Return the running record of a trajectory."""
+        return self.reports[i // self.batch][i % self.batch] if self.in_lanes else self.reports[i]
+
+    @property
+    def stored(self) -> list[int]:
+        """The stored states of each trajectory, its start among them; once all are done."""
+        return [self.runs.first.stored(int(self.report(i).steps)) + 1
+                for i in range(len(self.runs))]
+
+    def rows_of(self, i: int) -> Rows:
+        """Return the stored states of a trajectory."""
+        rows = self.rows
+        return Rows(rows.q[i], rows.p[i], rows.multipliers[i, 1:], rows.iterations[i, 1:],
+                    rows.work[i])
+
+    def memory(self) -> Any:
+        """Return what one thread needs to fill batches."""
+        return self.binding.batch_memory() if self.in_lanes else None
+
+    def fill(self, batch: int, memory: Any, stop: Callable[[], bool]) -> None:
+        """Integrate the trajectories of a batch, until they shall stop.
+
+        One that fails ends there; the others are not touched.
+        """
+        if self.in_lanes:
+            self._fill_lanes(batch, memory, stop)
+        else:
+            self._fill_one(batch, stop)
+
+    def _fill_one(self, i: int, stop: Callable[[], bool]) -> None:
+        watch = self.watches[i] if self.watches else None
+        self.status[i] = fill(self.binding, replace(self.runs[i], watch=watch), self.rows_of(i),
+                              self.q[i], self.p[i], self.report(i), stop)
+
+    def _fill_lanes(self, batch: int, memory: Any, stop: Callable[[], bool]) -> None:
+        binding, first, reports = self.binding, self.runs.first, self.reports[batch]
+        part = slice(batch * self.batch, (batch + 1) * self.batch)
+        rows, status, q, p = self.rows, self.status[part], self.q[part], self.p[part]
+        out = (rows.q[part], rows.p[part], rows.multipliers[part], rows.iterations[part],
+               rows.work[part])
+        dt = self.runs.dt[part].astype(binding.dtype)
+        parameters = binding.parameter_sets(self.runs.columns(part), self.runs.t0[part])
+        inputs = None if self.runs.inputs is None else self.runs.inputs.between(part)
+        options = binding.options(first.tolerance, first.max_iterations, first.solver)
+        iterations, done, pace = rows.iterations[part], 0, Pace()
+        while done < first.steps and not status.all() and not stop():
+            row = done // first.every + 1
+            count, every = next_chunk(first, done, pace.begin())
+            most = iterations[:, row].copy()  # of the pieces before, where a row takes several
+            step_on = partial(_lanes, binding, parameters, options, dt, count, reports, status,
+                              memory, inputs)
+            if self.watches:
+                self._look(part, done, count, every, row, out, reports, step_on)
+            else:
+                step_on(every, row, q, p, out)
+            np.maximum(iterations[:, row], most, out=iterations[:, row])
+            done += count
+            pace.end(count)
+
+    def _look(
+        self, part: slice, done: int, count: int, every: int, row: int, out: tuple[Array, ...],
+        reports: Any, step_on: Callable[..., None],
+    ) -> None:
+        """Take so many steps, look at each of them, and store every ``every``-th."""
+        binding, q, p = self.binding, self.q[part], self.p[part]
+        size = len(q)
+        room = size, count + 1
+        seen = Rows(binding.new(*room, binding.n), binding.new(*room, binding.n),
+                    binding.new(*room, binding.multipliers), np.zeros(room, dtype=np.intc),
+                    binding.new(*room))
+        seen.q[:, 0], seen.p[:, 0] = q, p
+        step_on(1, 1, q, p, (seen.q, seen.p, seen.multipliers, seen.iterations, seen.work))
+        for i, watch in enumerate(self.watches[part]):
+            steps = int(reports[i].steps) - done
+            if steps <= 0:
+                continue
+            watch.look(done, seen.q[i, : steps + 1], seen.p[i, : steps + 1])
+            own = tuple(part[i, 1:] for part in vars(seen).values())
+            thin(own, steps, every, tuple(array[i, row:] for array in out))
+
+
+def _lanes(
+    binding: Binding, parameters: Any, options: Any, dt: Array, count: int, reports: Any,
+    status: Array, memory: Any, inputs: Any, every: int, row: int, q: Array, p: Array,
+    out: tuple[Array, ...],
+) -> None:
+    """Take a batch on by so many steps; where to store comes last."""
+    binding.integrate_lanes(parameters, options, dt, count, every, row, q, p, out, reports, status,
+                            memory, inputs)
+
+
+def threads_of(workers: int | None) -> int:
+    """Return on how many threads to run: all cores, where a caller does not say."""
+    return os.cpu_count() or 1 if workers is None else as_positive_count("workers", workers,
+                                                                         least=1)
+
+
+def fill_course(course: Course, threads: int, stop: Callable[[], bool]) -> None:
+    """Integrate all batches: each thread takes the next one until there is none."""
+    batches, broken = SimpleQueue[int | None](), threading.Event()
+    workers = min(threads, len(course.reports))
+    for batch in (*range(len(course.reports)), *[None] * workers):
+        batches.put(batch)
+
+    def work() -> None:
+        memory = course.memory()
+        for batch in iter(batches.get, None):
+            course.fill(batch, memory, lambda: broken.is_set() or stop())
+
+    with ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(work) for _ in range(workers)]
+        try:
+            for future in wait(futures, return_when=FIRST_EXCEPTION).done:
+                future.result()
+        finally:  # where memory ran out, say, the others are not finished for nobody
+            broken.set()

@@ -1,0 +1,220 @@
+"""The checked arguments of many integrations: one column for each that may differ.
+
+What all of them pass together needs no look at each, which costs a hundred times as much. What one
+of them does not pass plainly (a number of mpmath, a start off the constraints, a γ below 0) is
+looked at one by one, by what checks a single run: that says what is wrong, and of which.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ..bindings.inputs import Inputs
+from ..rigid_body.gamma_rules import AIMS, has_inertia, inertia_names, ruled
+from .consistency import defects_of_starts
+from .step_loop import Run
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+
+__all__ = ["Given", "Runs", "checked_runs"]
+
+Array = NDArray[Any]
+
+#: Numbers of moved states that are judged at a time: what a cache holds.
+_JUDGED = 2**16
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Runs that agree in steps, every, solver and tolerance; ``runs[i]`` is one of them."""
+
+    #: The first of them, which says what all have in common.
+    first: Run
+    q: Array
+    p: Array
+    dt: Array
+    t0: Array
+    parameters: dict[str, Array]
+    inputs: Inputs | None = None
+
+    @classmethod
+    def of(cls, runs: list[Run], number: Any) -> Runs:
+        """Return checked runs as columns; numbers beside the states are of the type ``number``."""
+        def column(values: list[Any]) -> Array:
+            return np.array(values, dtype=number)
+
+        return cls(runs[0], np.array([run.q for run in runs]), np.array([run.p for run in runs]),
+                   column([run.dt for run in runs]), column([run.t0 for run in runs]),
+                   {name: column([run.parameters[name] for run in runs])
+                    for name in runs[0].parameters})
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __getitem__(self, i: int) -> Run:
+        """Return one run as it would be checked by itself."""
+        (dt,), (t0,) = (column[i : i + 1].tolist() for column in (self.dt, self.t0))
+        parameters = {name: column[i : i + 1].tolist()[0]
+                      for name, column in self.parameters.items()}
+        inputs = None if self.inputs is None else self.inputs.of(i)
+        run = replace(self.first, q=self.q[i], p=self.p[i], dt=dt, t0=t0, parameters=parameters)
+        return run.fed(inputs)
+
+    def columns(self, part: slice) -> dict[str, Array]:
+        """Return the parameters of some of the runs."""
+        return {name: column[part] for name, column in self.parameters.items()}
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a caller gives for each of many runs, unchecked: rows, numbers, dicts."""
+
+    q: Array
+    p: Array
+    dt: Array
+    t0: Array
+    #: A dict for each run; or what is one for all, and columns.
+    parameters: list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]
+
+    def parameters_of(self, i: int) -> dict[str, Any]:
+        """Return the parameters of one run."""
+        if isinstance(self.parameters, list):
+            return self.parameters[i]
+        shared, columns = self.parameters
+        return shared | {name: column[i] for name, column in columns.items()}
+
+
+def checked_runs(stepper: Stepper, given: Given, options: Mapping[str, Any]) -> Runs:
+    """Return the runs, or raise InputError for the first that is unusable, with its number."""
+    def one(i: int) -> Run:
+        try:
+            return stepper.checked_run(given.q[i], given.p[i], dt=given.dt[i], t0=given.t0[i],
+                                       parameters=given.parameters_of(i), **options)
+        except InputError as error:
+            raise InputError(f"Trajectory {i}: {error}") from error
+
+    first, size = one(0), len(given.q)
+    runs = _plain(stepper, given, first) if size > 1 else None
+    if runs is None or not _consistent(stepper, runs):
+        number = stepper.binding.number_type
+        runs = Runs.of([first, *(one(i) for i in range(1, size))], number)
+    return runs
+
+
+def _plain(stepper: Stepper, given: Given, first: Run) -> Runs | None:
+    """Return the runs if all their numbers are plainly usable, else None."""
+    binding, size = stepper.binding, len(given.q)
+    if binding.number_type is object or {given.q.dtype.kind, given.p.dtype.kind} - {*"fiu"}:
+        return None
+    q, p = binding.converted(given.q), binding.converted(given.p)
+    dt, t0 = _numbers(given.dt, binding.number_type), _numbers(given.t0, binding.number_type)
+    parameters = _parameters(stepper, given, first, size)
+    if dt is None or t0 is None or parameters is None or not dt.all():
+        return None
+    if not (np.isfinite(q).all() and np.isfinite(p).all()):
+        return None
+    return Runs(first, q, p, dt, t0, parameters)
+
+
+def _numbers(column: Array | list[Any], number: Any) -> Array | None:
+    """Return a column as finite numbers of that type; None if they are not plainly such."""
+    if isinstance(column, list):
+        kinds = {*map(type, column)}
+        if not (kinds <= {float, np.float64} or kinds == {int}):
+            return None
+        column = np.array(column)
+    if column.dtype.kind not in "fiu":
+        return None
+    with np.errstate(over="ignore"):
+        made = column.astype(number)
+    return made if np.isfinite(made).all() else None
+
+
+def _parameters(stepper: Stepper, given: Given, first: Run, size: int) -> dict[str, Array] | None:
+    """Return a column for each parameter; None if one of them needs a look."""
+    found: dict[str, Array] = {}
+    number = stepper.binding.number_type
+    rates = {symmetry.name for symmetry in stepper.symmetries}
+    if isinstance(given.parameters, tuple):
+        columns: Mapping[str, Any] = given.parameters[1]
+        if not columns:  # the first are those of all
+            return {name: np.full(size, value, number)
+                    for name, value in first.parameters.items()}
+    elif any({*run, *rates} != first.parameters.keys() for run in given.parameters):
+        return None
+    for name, domain in stepper.parameter_domains.items():
+        column = _numbers(_given(given, name, first, size, rates), number)
+        if column is None or not _in_domain(column, domain):
+            return None
+        if column.min() < 0 and has_inertia(name, first.parameters):
+            return None  # a remark is due
+        found[name] = column
+    if not all(symmetry.holds_plainly(found) for symmetry in stepper.symmetries):
+        return None  # a look at each, in exact arithmetic
+    return found
+
+
+def _given(
+    given: Given, name: str, first: Run, size: int, rates: Collection[str]
+) -> Array | list[Any]:
+    """Return what is given for a parameter; γ and α by their rules, where they can be told.
+
+    The rates of a co-moving frame are 0 where they are left out.
+    """
+    if isinstance(given.parameters, list):
+        values = [run.get(name, 0.0) if name in rates else run[name] for run in given.parameters]
+    else:
+        shared, columns = given.parameters
+        if name in columns:
+            return columns[name]
+        if name in rates and name not in shared:
+            return np.zeros(size)
+        inertia = itertools.chain(*inertia_names(name))
+        if not isinstance(shared[name], str) or columns.keys().isdisjoint(inertia):
+            return np.full(size, first.parameters[name])
+        values = [shared[name]] * size
+    if not any(isinstance(value, str) for value in values):
+        return values
+    try:
+        return [_by_rule(name, value, given.parameters_of(i)) for i, value in enumerate(values)]
+    except InputError:
+        return values  # text, which is no number: it will be said of which run
+
+
+def _by_rule(name: str, value: Any, parameters: Mapping[str, Any]) -> Any:
+    if isinstance(value, str) and value not in AIMS:
+        return ruled(name, value, parameters)
+    return value
+
+
+def _in_domain(column: Array, domain: str) -> bool:
+    """Whether all are above 0, or other than 0, where that is asked."""
+    usable = {"positive": column > 0, "nonzero": column != 0}
+    return bool(usable[domain].all()) if domain in usable else True
+
+
+def _consistent(stepper: Stepper, runs: Runs) -> bool:
+    """Whether every start is on the constraints."""
+    binding = stepper.binding
+    if not binding.m:
+        return True
+    keeps_f = stepper.manifest["scheme"]["keeps_momentum_constraint"]
+    varied = any((column != column[0]).any() for column in (runs.t0, *runs.parameters.values()))
+    shared = binding.parameters(runs.first.parameters, runs.first.t0)
+    at_once = max(_JUDGED // (binding.n * (2 * binding.n + 1)), 1)
+
+    def judge(part: slice) -> bool:
+        parameters = binding.parameter_sets(runs.columns(part), runs.t0[part]) if varied else shared
+        return bool(defects_of_starts(binding, keeps_f, parameters, runs.q[part], runs.p[part],
+                                      runs.dt[part]).consistent.all())
+
+    with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
+        return all(judge(slice(i, i + at_once)) for i in range(0, len(runs), at_once))

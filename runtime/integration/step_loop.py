@@ -1,0 +1,401 @@
+"""One integration: chunks of compiled steps, everything kept that was computed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError, StepFailed, Stopped
+from ...core.interrupts import Interrupts, ctrl_c
+from ..bindings.binding import Binding, SolverName
+from ..bindings.inputs import Inputs
+from ..results.diagnostics import Report
+from ..results.run_arrays import OUTPUTS, States, defect_sizes, value_of
+from ..results.trajectory import Trajectory
+from .failure import Diagnosis, diagnose
+from .frame_following import Follow
+from .newton import newton_step
+
+if TYPE_CHECKING:
+    from ..events.detection import Watch
+
+__all__ = ["FIRST_STEPS", "Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at",
+           "failure_of", "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
+
+Array = NDArray[Any]
+
+#: Steps between two looks at the progress bar and at signals: at first, at most.
+FIRST_STEPS, _CHUNK = 16, 4096
+#: The same, where what is seen between is looked at: that takes a while for a piece.
+_WATCHED = 2**14
+#: Seconds between two looks, where a step does not take longer.
+_LOOK = 0.1
+
+
+@dataclass(frozen=True)
+class Run:
+    """The checked arguments of an integration; its numbers are of the stepper's own type."""
+
+    q: Array
+    p: Array
+    dt: Any
+    steps: int
+    every: int
+    parameters: dict[str, Any]
+    solver: SolverName
+    tolerance: Any
+    max_iterations: int
+    t0: Any = 0.0
+    inputs: Inputs | None = None
+    #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
+    marks: Array | None = None
+    #: What looks at every state for events; one for each trajectory.
+    watch: Watch | None = None
+    #: How a co-moving frame follows the motion; the rates among the parameters are the first.
+    follow: Follow | None = None
+
+    @property
+    def rows(self) -> int:
+        """Stored states after the first; the last state is always stored."""
+        return -(-self.steps // self.every) if self.marks is None else len(self.marks)
+
+    def fed(self, inputs: Inputs | None) -> Run:
+        """Return the run with inputs; its parameters have those that stay, and nan for others."""
+        if inputs is None:
+            return self
+        return replace(self, inputs=inputs, parameters=self.parameters | inputs.throughout)
+
+    def at_step(self, step: int) -> Run:
+        """Return the run whose parameters have the inputs of a step."""
+        if self.inputs is None or not self.steps:
+            return self
+        row = dict(zip(self.inputs.names, self.inputs.at(step).tolist(), strict=True))
+        return replace(self, parameters=self.parameters | row)
+
+    def until(self, steps: int) -> Run:
+        """Return its first steps as a run."""
+        marks = None if self.marks is None else np.unique(np.minimum(self.marks, steps))
+        return replace(self, steps=steps, marks=marks if marks is None else marks[marks > 0])
+
+    def stored(self, done: int) -> int:
+        """Return how many of them there are after so many steps."""
+        if self.marks is not None:
+            return int(np.searchsorted(self.marks, done, side="right"))
+        return self.rows if done == self.steps else done // self.every
+
+    def steps_of_rows(self, done: int) -> Array:
+        """Return after how many steps the start and each stored state are, after so many done."""
+        stored = self.stored(done)
+        if self.marks is not None:
+            return np.concatenate([[0], self.marks[:stored]])
+        return np.minimum(np.arange(stored + 1) * self.every, done)
+
+    def most(self, done: int, most: int) -> int:
+        """Return how many of so many steps may be done with the same parameters."""
+        return most if self.follow is None else min(most, self.follow.left(done))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where stored states go: row 0 of q, p and work is the start."""
+
+    q: Array
+    p: Array
+    multipliers: Array
+    iterations: Array
+    work: Array
+
+    @classmethod
+    def room(cls, binding: Binding, rows: int) -> Rows:
+        """Return empty rows, or say that there is no memory for them."""
+        try:
+            return cls(
+                binding.new(rows + 1, binding.n),
+                binding.new(rows + 1, binding.n),
+                binding.new(rows, binding.multipliers),
+                np.zeros(rows, dtype=np.intc),
+                binding.new(rows + 1),
+            )
+        except (MemoryError, ValueError) as error:  # ValueError: more than can be addressed
+            raise InputError(
+                f"There is no memory for {rows + 1} states; take fewer steps, or keep fewer of "
+                "their states with a larger every."
+            ) from error
+
+    def after(self, row: int) -> tuple[Array, ...]:
+        """Return what compiled code fills from this row on."""
+        return (self.q[row + 1 :], self.p[row + 1 :], self.multipliers[row:],
+                self.iterations[row:], self.work[row + 1 :])
+
+
+class Pace:
+    """How many steps compiled code does between two looks at signals: some tenths of a second.
+
+    Seconds of this thread, not of the clock: a machine that is busy elsewhere changes nothing.
+    """
+
+    def __init__(self, watched: bool = False) -> None:
+        self._largest = _WATCHED if watched else _CHUNK
+        self.most = min(FIRST_STEPS, self._largest)
+        self._began = time.thread_time()
+
+    def begin(self) -> int:
+        """Return how many steps to do at most; the clock runs."""
+        self._began = time.thread_time()
+        return self.most
+
+    def end(self, steps: int) -> None:
+        """Take the time that so many steps took for the next ones."""
+        seconds = time.thread_time() - self._began
+        if seconds > _LOOK:
+            self.most = max(1, int(steps * _LOOK / seconds))
+        elif steps >= self.most and seconds < _LOOK / 2:
+            self.most = min(2 * self.most, self._largest)
+
+
+def integrate(
+    binding: Binding,
+    manifest: dict[str, Any],
+    run: Run,
+    progress: Callable[[int], None] | None = None,
+) -> Trajectory:
+    """Return the trajectory of a run.
+
+    Raises
+    ------
+    StepFailed
+        With everything computed before the failed step, and what was found of its reasons.
+    Stopped
+        After Ctrl-C, with everything computed until then.
+    """
+    # One step is done or not: there is nothing to lose.
+    with ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
+        trajectory, status = course(binding, manifest, run, lambda: interrupts.asked, progress)
+    if status:
+        last = trajectory.report
+        q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
+        found = diagnose(binding, manifest, run.at_step(last.steps), status, q, p,
+                         run.t0 + last.steps * run.dt)
+        raise failure_of(run, trajectory, found)
+    if interrupts.asked:
+        raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
+                      ".trajectory.", interrupts.signal, trajectory=trajectory)
+    return trajectory
+
+
+def ended_at(done: int, steps: int) -> str:
+    """Return a sentence that says where a signal has ended a run."""
+    if done == steps:
+        return f"Stopped after the last of {steps:,} steps: the run is complete."
+    return f"Stopped at step {done:,} of {steps:,}."
+
+
+def course(
+    binding: Binding, manifest: dict[str, Any], run: Run, stop: Callable[[], bool],
+    progress: Callable[[int], None] | None = None,
+) -> tuple[Trajectory, int]:
+    """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
+    rows = Rows.room(binding, run.rows)
+    rows.q[0], rows.p[0] = run.q, run.p
+    q, p, report = run.q.copy(), run.p.copy(), binding.report()
+    status = fill(binding, run, rows, q, p, report, stop, progress)
+    return trajectory_of(binding, manifest, run, rows, report, q, p), status
+
+
+def fill(
+    binding: Binding, run: Run, rows: Rows, q: Array, p: Array, report: Any,
+    stop: Callable[[], bool], progress: Callable[[int], None] | None = None,
+) -> int:
+    """Fill the rows of a run, up to its end or as ``course`` does; (q, p) goes there.
+
+    Returns the status.
+    """
+    parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
+    pace = Pace(run.watch is not None)
+    status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
+    step_on = advance if run.watch is None else advance_watched
+    ended = run.watch is not None and run.watch.ends_in is not None
+    while report.steps < run.steps and status == 0 and not ended and not stop():
+        row = run.stored(int(report.steps))
+        count, every = next_chunk(run, int(report.steps), pace.begin())
+        if run.follow is not None:
+            parameters = run.follow.parameters(run, int(report.steps), q, p, work)
+        most = rows.iterations[row]  # of the pieces before, where a row takes several
+        status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
+                         work)
+        ended = run.watch is not None and run.watch.ends_in is not None
+        rows.iterations[row] = max(most, rows.iterations[row])
+        pace.end(count)
+        if progress is not None:
+            progress(int(report.steps))
+    return status
+
+
+def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
+    """Return the error of a run whose next step has no solution."""
+    done = trajectory.report.steps
+    return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), trajectory=trajectory,
+                      **asdict(found))
+
+
+def advance(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    """Advance (q, p) in place by up to ``steps`` steps with the run's solver; return the status.
+
+    Every ``every``-th state goes to ``out``: q, p, multipliers, iterations, work.
+    """
+    chunk = _python_chunk if run.solver == "python" else _compiled_chunk
+    return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
+
+
+def advance_watched(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    """Do what ``advance`` does, with the run's watch looking at every state.
+
+    Where it sees the run's end within a step, the state before that step is the last one.
+    """
+    watch = run.watch
+    assert watch is not None
+    begun, start = int(report.steps), (q.copy(), p.copy())
+    images = [binding.image(struct) for struct in (report, work)] if watch.terminal else []
+    before = [image.copy() for image in images]
+    seen = out if every == 1 else _room(binding, watch, steps)
+    status = advance(binding, run, parameters, steps, 1, q, p, seen, report, work)
+    done = int(report.steps) - begun
+    watch.look(begun, start[0][None], start[1][None])
+    watch.look(begun + 1, seen[0][:done], seen[1][:done])
+    if watch.ends_in is not None:
+        status, done = 0, watch.ends_in - begun
+        q[:], p[:] = start
+        for image, kept in zip(images, before, strict=True):
+            image[:] = kept
+        if done:
+            advance(binding, run, parameters, done, done + 1, q, p, seen, report, work)
+    if every > 1:
+        thin(seen, done, every, out)
+    return status
+
+
+def _room(binding: Binding, watch: Watch, steps: int) -> tuple[Array, ...]:
+    """Return room for the states of so many steps: that of the piece before, if it is enough."""
+    if watch.room is None or len(watch.room.iterations) < steps:
+        watch.room = Rows.room(binding, steps)
+    room: Rows = watch.room
+    return room.after(0)
+
+
+def thin(seen: tuple[Array, ...], done: int, every: int, out: tuple[Array, ...]) -> None:
+    """Store every ``every``-th of the states that were seen, ``done`` of them."""
+    count = done // every
+    if not count:
+        return
+    most = seen[3][: count * every].reshape(count, every).max(axis=1)
+    for part, found in zip(out, (*seen[:3], None, seen[4]), strict=True):
+        part[:count] = most if found is None else found[every - 1 : done : every]
+
+
+def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
+    """Return how many steps to do next, and how often to store; the very last is stored too.
+
+    ``most`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
+    to the next stored state, each piece is stored in its row and the last of them stays.
+    """
+    left, most = run.steps - done, run.most(done, most)
+    to_row = min(run.every - done % run.every, left)
+    if run.marks is not None:
+        piece = min(int(run.marks[run.stored(done)]) - done, most)
+        return piece, piece
+    if to_row < run.every or run.every > most:
+        piece = min(to_row, most)
+        return piece, piece
+    count = most // run.every if rows is None else min(most // run.every, rows)
+    return min(run.every * count, left - left % run.every), run.every
+
+
+def _compiled_chunk(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    options = binding.options(run.tolerance, run.max_iterations, run.solver)
+    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work,
+                             run.inputs)
+
+
+def _python_chunk(
+    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
+    out: tuple[Array, ...], report: Any, work: Any,
+) -> int:
+    """Do what the compiled chunk does, with ``newton_step`` for each step."""
+    if report.steps == 0:  # the compiled code starts the record; no step is taken
+        _compiled_chunk(binding, run, parameters, 0, 1, q, p, out, report, work)
+    most = 0
+    for k in range(1, steps + 1):
+        binding.set_time(parameters, run.t0, int(report.steps), run.dt)
+        if run.inputs is not None:
+            binding.feed(parameters, run.inputs.at(int(report.steps)))
+        status, q[:], p[:], multipliers, taken, done = newton_step(
+            binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
+        )
+        if status:
+            return status
+        binding.set_time(parameters, run.t0, int(report.steps) + 1, run.dt)
+        most = max(most, taken)
+        if binding.has_forces:
+            binding.add_work(report, done)
+        _observe(binding, parameters, q, p, taken, report)
+        if k % every == 0:
+            total = binding.recorded(report, "work") if binding.has_forces else 0
+            for part, value in zip(out, (q, p, multipliers, most, total), strict=True):
+                part[k // every - 1] = value
+            most = 0
+    return 0
+
+
+def _observe(
+    binding: Binding, parameters: Any, q: Array, p: Array, taken: int, report: Any
+) -> None:
+    """Add a state to the running record, as the compiled ``observe`` does."""
+    report.steps += 1
+    report.iterations += taken
+    report.iterations_max = max(report.iterations_max, taken)
+    H = binding.hamiltonian(parameters, q[None], p[None])[0]
+    g, f = (float(d[0]) for d in defect_sizes(binding, parameters, q[None], p[None]))
+    sizes = {"energy_error": binding.energy_error(H, report), "constraint": g, "hidden": f}
+    for name, size in sizes.items():  # float(...): cffi hands long double over as an object
+        largest, total = f"{name}_max", f"{name}_sum"
+        setattr(report, largest, max(float(getattr(report, largest)), size))
+        setattr(report, total, float(getattr(report, total)) + size)
+
+
+def trajectory_of(
+    binding: Binding, manifest: dict[str, Any], run: Run, rows: Rows, report: Any,
+    q: Array, p: Array,
+) -> Trajectory:
+    """Return the rows that were filled."""
+    done = int(report.steps)
+    stored = run.stored(done)
+    parameters = binding.parameters(run.parameters, run.t0)
+    q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
+    t = binding.times(run.t0, run.dt, run.steps_of_rows(done))
+    states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
+                    rows.iterations[:stored], rows.work[: stored + 1])
+    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
+    return Trajectory(
+        **outputs,
+        dt=run.dt,
+        every=run.every,
+        parameters=run.parameters,
+        report=Report.read(report, q, p, forced=binding.has_forces),
+        manifest=manifest,
+        _inputs=run.inputs,
+    )

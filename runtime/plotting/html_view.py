@@ -1,0 +1,140 @@
+"""A trajectory as a page that moves: one HTML file that needs no network."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.arguments import as_path, choose, why_unwritable
+from ...core.errors import GyrosparkError, InputError
+from ...core.file_formats import PAGES, ending_of
+from .scene import SHAPES, Scene, ShapeName, scene_of
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+
+__all__ = ["View", "check_page", "view"]
+
+_HERE = Path(__file__).resolve().parent
+#: Frames of a page: enough for a minute of smooth motion, and no more bytes than that of poses.
+_FRAMES = 3600
+_BYTES = 900_000
+#: Of a page inside a notebook, in dots.
+_HEIGHT = 560
+
+
+class View:
+    """A page that moves; Jupyter shows it where it is the last value of a cell.
+
+    Attributes
+    ----------
+    page : str
+        The HTML document.
+    path : Path or None
+        Where it was written.
+    """
+
+    def __init__(self, title: str, page: str, path: Path | None) -> None:
+        self._title, self.page, self.path = title, page, path
+
+    def __repr__(self) -> str:
+        where = "" if self.path is None else f" in {str(self.path)!r}"
+        return f"<View of {self._title}{where}: {len(self.page) / 1e3:,.0f} kB of HTML>"
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame of its own, whose styles and names do not leave it."""
+        return (f'<iframe title="{html.escape(self._title)}" style="width:100%;height:{_HEIGHT}px;'
+                f'border:0" sandbox="allow-scripts" srcdoc="{html.escape(self.page)}"></iframe>')
+
+
+def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
+         shape: ShapeName = "box") -> View:
+    """Return the trajectory as a page that moves, and write it where a path is given.
+
+    Bodies are boxes or ellipsoids of their inertia, joints, rods and springs stand between them,
+    their centres leave traces; beside it the energy error, a slider, the speed. A drag turns the
+    scene, a wheel or two fingers bring it nearer.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of at least one rigid body. Of more states than a page needs, as many as it needs are shown.
+    path : path, optional
+        A name that ends in .html.
+    shape : {"box", "ellipsoid"}
+        Of the bodies to begin with; the page changes it.
+
+    Raises
+    ------
+    InputError
+        Where there is no rigid body; for another ending or shape.
+    GyrosparkError
+        If the file cannot be written.
+    """
+    choose("shape", shape, SHAPES)
+    target = None if path is None else check_page(path)
+    count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
+    scene = scene_of(trajectory, count)
+    page = _page(scene, shape)
+    if target is not None:
+        try:
+            target.write_text(page, encoding="utf-8")
+        except OSError as error:
+            raise GyrosparkError(f"The page cannot be written to {str(target)!r}: "
+                                 f"{why_unwritable(target, error)}.") from error
+    return View(scene.title, page, target)
+
+
+def check_page(path: str | os.PathLike[str]) -> Path:
+    """Return the path if a page can be written as such a file.
+
+    Raises
+    ------
+    InputError
+        For another ending than .html.
+    """
+    target = as_path("path", path, "top.html")
+    if ending_of(target) not in PAGES:
+        raise InputError(f"A page cannot be written as {target.name!r}; end it in "
+                         f"{', '.join(PAGES)}.")
+    return target
+
+
+def _page(scene: Scene, shape: ShapeName) -> str:
+    """Return the document: styles, script and scene in one."""
+    content = json.dumps(_content(scene, shape), allow_nan=False).replace("<", "\\u003c")
+    page = (_HERE / "view.html").read_text(encoding="utf-8")
+    for name, text in (("SCRIPT", (_HERE / "view.js").read_text(encoding="utf-8")),
+                       ("TITLE", html.escape(scene.title)), ("SCENE", content)):  # the longest last
+        page = page.replace(f"@{name}@", text)
+    return page
+
+
+def _content(scene: Scene, shape: ShapeName) -> dict[str, Any]:
+    """Return the scene as JSON has it, long arrays as base64 of 32-bit floats."""
+    return {
+        "title": scene.title, "shape": shape, "remarks": scene.remarks, "up": scene.up.tolist(),
+        "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),
+        "energy": _bytes(scene.energy_error),
+        "bodies": [{
+            "name": part.name, "q": _bytes(part.q), "centre": part.centre.tolist(),
+            "x": _bytes(part.x if np.ptp(part.x, axis=0).any() else part.x[:1]),
+            "axes": part.axes.T.tolist(), "tip": part.tip.tolist(),
+            "sizes": {kind: size.tolist() for kind, size in part.sizes.items()},
+        } for part in scene.parts],
+        "ties": [{
+            "name": tie.name, "kind": tie.kind, "a": tie.a, "b": tie.b, "onA": tie.on_a.tolist(),
+            "onB": tie.on_b.tolist(), "axis": None if tie.axis is None else tie.axis.tolist(),
+        } for tie in scene.ties],
+    }
+
+
+def _bytes(values: Any) -> str:
+    """Return numbers as base64 of little-endian 32-bit floats, those that are none as 0."""
+    return base64.b64encode(np.nan_to_num(values).astype("<f4").tobytes()).decode("ascii")

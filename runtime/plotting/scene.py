@@ -1,0 +1,224 @@
+"""What moving pictures show of a trajectory: bodies as boxes or ellipsoids, joints, places.
+
+A uniform ellipsoid of mass m has semi-axes a_i with I_j + I_k − I_i = 2 m a_i²/5, a uniform box
+half edges with I_j + I_k − I_i = 2 m a_i²/3, the moments being those about the centre of mass. So a
+body is shown as large as it is; one of which the mass is not known in its proportions only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ..compilation.body_columns import bodies_of, joints_of, numbers, placed_of
+from ..rigid_body.quaternion import rotation_matrix
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+
+__all__ = ["SHAPES", "Part", "Scene", "ShapeName", "Tie", "check_bodies", "scene_of"]
+
+Array = NDArray[np.float64]
+ShapeName = Literal["box", "ellipsoid"]
+SHAPES: tuple[ShapeName, ...] = get_args(ShapeName)
+
+#: S_i = I_j + I_k − I_i is so many times m a_i².
+_FACTORS = {"box": 2 / 3, "ellipsoid": 2 / 5}
+#: The thinnest that a body is drawn, beside its longest axis.
+_THIN = 0.03
+
+
+@dataclass(frozen=True)
+class Part:
+    """One body of a scene.
+
+    Attributes
+    ----------
+    name : str
+    q, x : array, shape (frames, 4) and (frames, 3)
+        Attitude, and where the origin of the body axes is.
+    centre : array, shape (3,)
+        The middle of its shape in body axes.
+    axes : array, shape (3, 3)
+        Columns: the principal axes in body axes, right-handed.
+    sizes : dict of str to array, shape (3,)
+        Half the edges of the box, the semi-axes of the ellipsoid.
+    tip : array, shape (3,)
+        The point in body axes that leaves a trace.
+    to_scale : bool
+        Whether the sizes are the body's own.
+    """
+
+    name: str
+    q: Array
+    x: Array
+    centre: Array
+    axes: Array
+    sizes: dict[str, Array]
+    tip: Array
+    to_scale: bool
+
+    def at(self, points: Array) -> Array:
+        """Return where points of the body are, shape (frames, number of points, 3)."""
+        R = rotation_matrix(self.q)
+        where: Array = self.x[:, None] + np.einsum("kij,nj->kni", R, np.atleast_2d(points))
+        return where
+
+
+@dataclass(frozen=True)
+class Tie:
+    """What joins two parts: their numbers, −1 for the ground, and a point on each.
+
+    ``kind`` is ``"ball"``, ``"hinge"`` with the axis in b, ``"rod"`` or ``"spring"``.
+    """
+
+    name: str
+    kind: str
+    a: int
+    b: int
+    on_a: Array
+    on_b: Array
+    axis: Array | None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Some states of a trajectory as bodies in space.
+
+    Attributes
+    ----------
+    title : str
+    t, energy_error : array, shape (frames,)
+    parts, ties : list
+    up : array, shape (3,)
+        Against gravity; the third axis where there is none.
+    remarks : list of str
+        What is to be known of the picture.
+    """
+
+    title: str
+    t: Array
+    energy_error: Array
+    parts: list[Part]
+    ties: list[Tie]
+    up: Array
+    remarks: list[str]
+
+
+def scene_of(trajectory: Trajectory, frames: int) -> Scene:
+    """Return the bodies and joints of at most so many states, evenly among the stored ones.
+
+    Raises
+    ------
+    InputError
+        Where there is no rigid body.
+    """
+    check_bodies(trajectory.manifest)
+    some = np.unique(np.linspace(0, len(trajectory) - 1, min(frames, len(trajectory))).astype(int))
+    order = np.argsort(np.sign(float(trajectory.dt)) * trajectory.t[some].astype(float),
+                       kind="stable")  # times may have been asked for in any
+    some = some[order]
+    known = bodies_of(trajectory.manifest)
+    parts = [_part(trajectory, name, some) if name in known else
+             _placed_part(trajectory, name, some) for name in trajectory.bodies]
+    error, t = trajectory.energy_error(), trajectory.t
+    return Scene(
+        f"{trajectory.manifest['system']['name']}, {trajectory.manifest['scheme']['method']}",
+        t[some].astype(float), error[some].astype(float), parts, _ties(trajectory, parts),
+        _up(trajectory), list(_remarks(trajectory, parts, some)))
+
+
+def check_bodies(manifest: Mapping[str, Any]) -> None:
+    """Refuse a system without a body that a scene could show.
+
+    Raises
+    ------
+    InputError
+    """
+    if not bodies_of(manifest) and not placed_of(manifest):
+        raise InputError(f"System {manifest['system']['name']!r} has no rigid body to show; a plot "
+                         "draws its coordinates.")
+
+
+def _part(trajectory: Trajectory, name: str, some: Any) -> Part:
+    body, at = trajectory.body(name), bodies_of(trajectory.manifest)[name]
+    mass = at.mass_of(trajectory.parameters)
+    centre = body.centre if at.centre else np.zeros(3)
+    J = body.inertia
+    if mass is not None:  # about the centre of mass
+        J = J - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    moments, axes = (np.diag(J), np.eye(3)) if not (J - np.diag(np.diag(J))).any() else (
+        np.linalg.eigh(J))
+    axes = axes * np.sign(np.linalg.det(axes))
+    spread = np.maximum(moments.sum() - 2 * moments, 0.0)
+    shape = np.sqrt(spread / (1.0 if mass is None else mass))
+    shape = np.maximum(shape, _THIN * shape.max())
+    if mass is None:
+        shape = shape / shape.max()
+    sizes = {kind: shape / (np.sqrt(factor) if mass is not None else 1.0)
+             for kind, factor in _FACTORS.items()}
+    x = trajectory.q[some][:, at.x].astype(float) if at.x else np.broadcast_to(
+        numbers(at.origin, trajectory.parameters), (len(some), 3))
+    if at.x or centre.any():
+        tip = centre
+    else:  # its centre stands still: the end of the third axis
+        tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
+    return Part(name, trajectory.q[some][:, at.q].astype(float), x, centre, axes, sizes, tip,
+                mass is not None)
+
+
+def _placed_part(trajectory: Trajectory, name: str, some: Any) -> Part:
+    """Return a cube for a body of which place and attitude are known: a twentieth of the way."""
+    body = trajectory.body(name)
+    far = max(float(np.abs(trajectory.body(other).position()[some]).max())
+              for other in placed_of(trajectory.manifest))
+    size = np.full(3, far / 20 or 1.0)
+    return Part(name, body.attitude[some], body.position()[some], np.zeros(3), np.eye(3),
+                dict.fromkeys(_FACTORS, size), np.zeros(3), to_scale=False)
+
+
+def _ties(trajectory: Trajectory, parts: list[Part]) -> list[Tie]:
+    """Return the joints, rods and springs that have a place."""
+    numbered = {part.name: i for i, part in enumerate(parts)} | {"": -1}
+    found = []
+    for name, joint in joints_of(trajectory.manifest).items():
+        on_a, on_b, axis = (numbers(e, trajectory.parameters)
+                            for e in (joint.on_a, joint.on_b, joint.axis_b))
+        if joint.pulls and all(pull.kind == "axial" for pull in joint.pulls):
+            continue  # a drive, at the place of its joint
+        a, b = numbered[joint.a], numbered[joint.b]
+        if not joint.on_b:  # an axis alone: where b is held, or where its origin is
+            if b < 0:
+                continue
+            on_a = on_b = np.zeros(3)
+        distance = joint.pulls is not None and any(p.kind == "distance" for p in joint.pulls)
+        kind = ("spring" if not joint.constraints else "rod" if distance else
+                "hinge" if joint.axis_b else "ball")
+        found.append(Tie(name, kind, a, b, on_a, on_b, axis if joint.axis_b else None))
+    return found
+
+
+def _up(trajectory: Trajectory) -> Array:
+    """Return the direction against gravity."""
+    gravity = np.array([float(trajectory.parameters.get(f"gravity_{axis}", 0)) for axis in "xyz"])
+    size = np.linalg.norm(gravity)
+    return -gravity / size if size else np.array([0.0, 0.0, 1.0])
+
+
+def _remarks(trajectory: Trajectory, parts: list[Part], some: Any) -> Any:
+    if not all(part.to_scale for part in parts):
+        yield "The mass is not known: the shape has the proportions of the inertia, not its size."
+    t = trajectory.t[some].astype(float)
+    if len(t) > 1:
+        known = bodies_of(trajectory.manifest)
+        for part in (part for part in parts if part.name in known):
+            omega = trajectory.body(part.name).angular_velocity()[some]
+            turn = np.linalg.norm(omega, axis=1)[1:] * np.abs(np.diff(t))
+            if turn.max() > np.pi:
+                yield (f"{part.name} turns by up to {turn.max() / (2 * np.pi):.1f} turns between "
+                       "two of the pictures kept here: it seems to turn slower, or backwards.")

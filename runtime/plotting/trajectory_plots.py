@@ -1,0 +1,215 @@
+"""Pictures of a trajectory; needs matplotlib."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.arguments import as_path, why_unwritable
+from ...core.errors import GyrosparkError, InputError, MissingDependencyError
+from ...core.extras import install
+from ...core.file_formats import PICTURES, ending_of
+from ...core.real_types import REALS
+from ..compilation.body_columns import bodies_of
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+
+__all__ = ["check_target", "draw", "figure_class", "save", "thin"]
+
+_INK = "#1f4e79"
+_ACCENT = "#c0392b"
+_POINTS = 20_000  # more cannot be told apart in a picture
+_FEW = 300  # states that a line joins: between more of them it would be noise
+_NAMED = 16  # lines that a legend names
+
+
+def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> Any:
+    """Draw the axis trace on the sphere, the energy error and the constraint errors.
+
+    Of several bodies the places of their centres of mass stand where the sphere is, of systems
+    without bodies the coordinates.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        At least one state.
+    path : path, optional
+        Where to write the picture: .png, .svg or .pdf.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Jupyter shows it where it is the last value of a cell; ``.savefig`` writes it.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    target = None if path is None else check_target(path)
+    more = trajectory.panels()
+    rows = 2 + len(more)
+    figure = figure_class()(figsize=(11, 2.3 * rows), layout="constrained")
+    grid = figure.add_gridspec(rows, 2, width_ratios=(1, 1.4))
+    if len(trajectory.bodies) == 1:
+        _sphere(figure.add_subplot(grid[:, 0], projection="3d"), trajectory)
+    elif all(at.centre for at in bodies_of(trajectory.manifest).values()) and trajectory.bodies:
+        _places(figure, grid[:, 0], trajectory)
+    else:
+        _coordinates(figure.add_subplot(grid[:, 0]), trajectory)
+    _energy(figure.add_subplot(grid[0, 1]), trajectory)
+    _constraints(figure.add_subplot(grid[1, 1]), trajectory)
+    for row, (title, values) in enumerate(more.items(), 2):
+        _output(figure.add_subplot(grid[row, 1]), trajectory, title, values)
+    figure.suptitle(f"{trajectory.manifest['name']}, Δt = {trajectory.dt:g} s, "
+                    f"{trajectory.report.steps:,} steps", fontsize=11)
+    if target is not None:
+        save(figure, target)
+    return figure
+
+
+def check_target(path: str | os.PathLike[str]) -> Path:
+    """Return the path if a picture can be written as such a file, and drawn at all.
+
+    Raises
+    ------
+    InputError
+        For another ending than .png, .svg or .pdf.
+    MissingDependencyError
+        Without matplotlib.
+    """
+    target = as_path("path", path, "top.png")
+    if ending_of(target) not in PICTURES:
+        raise InputError(f"A picture cannot be written as {target.name!r}; end it in "
+                         f"{', '.join(PICTURES)}.")
+    figure_class()
+    return target
+
+
+def save(figure: Any, target: Path) -> None:
+    """Write a picture.
+
+    Raises
+    ------
+    GyrosparkError
+        If it cannot be written.
+    """
+    try:
+        figure.savefig(target, dpi=150)
+    except OSError as error:
+        raise GyrosparkError(
+            f"The picture cannot be written to {str(target)!r}: {why_unwritable(target, error)}."
+        ) from error
+
+
+def figure_class() -> Any:
+    """Return the class of figures, which need no display.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    try:
+        from .figure import Picture
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"Pictures need matplotlib; {install('plot')} brings it."
+        ) from error
+    return Picture
+
+
+def thin(trajectory: Trajectory) -> slice:
+    """Return the states that a picture shows: more of them cannot be told apart."""
+    return slice(None, None, max(1, len(trajectory) // _POINTS))
+
+
+def _sphere(axes: Any, trajectory: Trajectory) -> None:
+    """Draw the trace of the body's third axis."""
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi, 19))
+    axes.plot_wireframe(np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v),
+                        color="#b8c4d0", linewidth=0.4)
+    x, y, z = trajectory.axis()[thin(trajectory)].T
+    axes.plot(x, y, z, color=_INK, linewidth=1.2)
+    axes.scatter(x[:1], y[:1], z[:1], color=_ACCENT, s=18, label="start")
+    for direction, name in zip(np.eye(3), "xyz", strict=True):
+        axes.plot(*np.outer(direction, (0, 1.25)), color="#7f8c8d", linewidth=0.8)
+        axes.text(*(1.35 * direction), name, color="#7f8c8d", ha="center", va="center")
+    axes.set_box_aspect((1, 1, 1), zoom=1.5)
+    axes.set_axis_off()
+    axes.set_title("third axis of the body in space", fontsize=10)
+    axes.legend(loc="lower left", fontsize=8)
+
+
+def _coordinates(axes: Any, trajectory: Trajectory) -> None:
+    """Draw each coordinate against time."""
+    some = thin(trajectory)
+    t = trajectory.t[some].astype(float)
+    for name, values in zip(trajectory.coordinates, trajectory.q[some].astype(float).T,
+                            strict=True):
+        axes.plot(t, values, linewidth=1, label=name)
+    axes.set_xlabel("t [s]")
+    axes.set_title("coordinates", fontsize=10)
+    axes.grid(alpha=0.3)
+    if len(trajectory.coordinates) <= _NAMED:
+        axes.legend(fontsize=8, ncols=1 + len(trajectory.coordinates) // 8)
+
+
+def _places(figure: Any, place: Any, trajectory: Trajectory) -> None:
+    """Draw where the bodies' centres of mass are, an axis of space a panel, a line a body."""
+    some = thin(trajectory)
+    t = trajectory.t[some].astype(float)
+    where = {name: trajectory.body(name).position()[some] for name in trajectory.bodies}
+    panels = place.subgridspec(3, 1).subplots(sharex=True)
+    for k, axes in enumerate(panels):
+        for name, values in where.items():
+            axes.plot(t, values[:, k], linewidth=1, label=name)
+        axes.set_ylabel(f"{'xyz'[k]} [m]")
+        axes.grid(alpha=0.3)
+    panels[0].set_title("centres of mass", fontsize=10)
+    if len(where) <= _NAMED:
+        panels[0].legend(fontsize=8, loc="upper right", ncols=min(len(where), 4))
+    panels[2].set_xlabel("t [s]")
+
+
+def _energy(axes: Any, trajectory: Trajectory) -> None:
+    some = thin(trajectory)
+    t = trajectory.t[some].astype(float)
+    error = trajectory.energy_error()[some].astype(float)
+    axes.plot(t, error, color=_INK, linewidth=0.8)
+    axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
+    less = " − W" if "forces" in trajectory.manifest["system"] else ""
+    axes.set_title(f"energy error H − H₀{less}", fontsize=10)
+    axes.grid(alpha=0.3)
+
+
+def _output(axes: Any, trajectory: Trajectory, title: str, values: Any) -> None:
+    """Draw an output against time, a line for each of its numbers."""
+    some, t = thin(trajectory), trajectory.t[-len(values) :]
+    numbers = values.reshape(len(t), -1)[some].astype(float)
+    axes.plot(t[some].astype(float), numbers, linewidth=0.8)
+    axes.set_xlabel("t [s]")
+    axes.set_title(title, fontsize=10)
+    axes.grid(alpha=0.3)
+
+
+def _constraints(axes: Any, trajectory: Trajectory) -> None:
+    """Draw the constraint errors; exact zeros are drawn at the bottom."""
+    some = thin(trajectory)
+    t = trajectory.t[some].astype(float)
+    floor = 1e-36 if REALS[trajectory.manifest["real"]].in_mpmath else 1e-18
+    for values, name, colour in zip(trajectory.constraint_errors(),
+                                    ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
+                                    strict=True):
+        sizes = np.maximum(values[some].astype(float), floor)
+        axes.semilogy(t, sizes, ".-" if len(t) <= _FEW else ".", markersize=2, linewidth=0.6,
+                      color=colour, label=name)
+    axes.set_xlabel("t [s]")
+    axes.set_title("constraint errors", fontsize=10)
+    axes.legend(fontsize=8, ncols=2, loc="upper right")
+    axes.margins(y=0.25)
+    axes.grid(alpha=0.3)

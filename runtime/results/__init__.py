@@ -1,0 +1,16 @@
+"""Results of a run: states, computed quantities, diagnostics, crossings, files.
+
+    diagnostics         diagnostics over every step
+    crossings           the crossings of an event, in one run and in many
+    run_arrays          the list of a run's arrays, for all that holds, writes, reads or draws them
+    trajectory          what an integration returns
+    trajectory_file     its .npz
+    body_motion         one body of it: attitude, angles, velocities, momenta
+    placed_motion       motion of a body whose position and attitude are quantities
+    joint_motion        one joint of it: angle, force, torque
+    rotation_rate       how far the fastest body turns in a step, and how far is sound
+    trajectory_display  tables, figures, pages, films and notebook output of a trajectory
+    trajectory_tables   CSV, pandas, xarray
+    ensemble_table      an ensemble as xarray, .npz, .csv, .nc
+    state_columns       the states as columns, under their names
+"""

@@ -1,0 +1,253 @@
+"""The motion of one body of a trajectory, asked for in the words of mechanics."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_flag, choose, shown
+from ...core.errors import InputError
+from ...core.inertia import inertia_matrix, real_array
+from ..compilation.body_columns import BodyAt, numbers
+from ..rigid_body import quaternion
+from ..rigid_body.euler_angles import euler_angles
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
+
+__all__ = ["BodyMotion", "FrameName", "turned"]
+
+Array = NDArray[Any]
+#: The axes in which components are given.
+FrameName = Literal["body", "space"]
+FRAMES: tuple[FrameName, ...] = ("body", "space")
+
+
+class BodyMotion:
+    """One body of a trajectory; made by ``Trajectory.body``.
+
+    Body axes are those in which the inertia was given. Their origin is the centre of mass of a body
+    that moves freely, and the fixed point of one that turns about it (``Multibody.top`` and the
+    systems of one rigid body). Every array has a row for each stored state, N+1 of them, in
+    doubles; units are those of SI for SI input.
+
+    Attributes
+    ----------
+    name : str
+        The body's.
+    """
+
+    def __init__(self, trajectory: Trajectory, name: str, at: BodyAt) -> None:
+        self.name = name
+        self._run, self._at = trajectory, at
+
+    def __repr__(self) -> str:
+        return (f"<BodyMotion of {self.name} in {self._run.manifest['name']}: "
+                f"{len(self._run):,} states>")
+
+    # ------------------------------------------------------------ attitude
+
+    @property
+    def attitude(self) -> Array:
+        """Unit quaternions from body to space axes, scalar first, shape (N+1, 4), as computed."""
+        values: Array = self._run.q[:, self._at.q]
+        return values
+
+    def rotation(self) -> Any:
+        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without SciPy.
+        """
+        return quaternion.to_rotation(self.attitude)
+
+    def rotation_matrix(self) -> Array:
+        """Return R(q) of (3), body to space axes, shape (N+1, 3, 3)."""
+        return quaternion.rotation_matrix(self.attitude)
+
+    def euler(self, sequence: str, *, degrees: bool = False) -> Array:
+        """Return Euler angles, shape (N+1, 3), in rad or in degrees, an angle for each letter.
+
+        Small letters turn about the axes of space, the first letter's first, capitals about those
+        of the body, as in SciPy: ``"ZXZ"`` gives φ, θ, ψ of (81), ``"ZYX"`` yaw, pitch and roll,
+        ``"zyx"`` the angles of R_x R_y R_z. See ``runtime.rigid_body.euler_angles`` for ranges.
+
+        Raises
+        ------
+        InputError
+            For what is no sequence of axes.
+        """
+        factor = np.degrees(1.0) if as_flag("degrees", degrees) else 1.0
+        return euler_angles(self.attitude, sequence) * factor
+
+    def axis(self) -> Array:
+        """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3)."""
+        return quaternion.axis(self.attitude)
+
+    # ------------------------------------------------------------ turning
+
+    def angular_velocity(self, frame: FrameName = "body") -> Array:
+        """Return Ω = J⁻¹ ½ L(q) p (19), or R(q) Ω for ``frame="space"``, shape (N+1, 3), in rad/s.
+
+        In a model whose space axes turn (``gs.models.satellite``) it is the angular velocity
+        against axes that do not.
+
+        Raises
+        ------
+        InputError
+            For another frame.
+        """
+        omega = quaternion.angular_velocity(self.attitude, self._p, self._inertia)
+        return self._in(frame, omega)
+
+    def angular_momentum(self, frame: FrameName = "space") -> Array:
+        """Return l = ½ L(q) p about the origin of the body axes, or R(q) l, shape (N+1, 3).
+
+        In kg m²/s; in space axes unless ``frame="body"``.
+        """
+        L = quaternion.left_matrix(self.attitude)
+        return self._in(frame, np.einsum("kij,kj->ki", L, self._p.astype(float)) / 2)
+
+    # ------------------------------------------------------------ moving
+
+    def position(self, on_body: ArrayLike | None = None) -> Array:
+        """Return where in space a point of the body is, x + R(q) r, shape (N+1, 3), in m.
+
+        ``on_body`` is r in body axes from their origin; by default it is the centre of mass.
+
+        Raises
+        ------
+        InputError
+            For what is no point, and where nobody says where the centre of mass is.
+        """
+        return self._origin() + turned(self.attitude, self._point(on_body))
+
+    def velocity(self, on_body: ArrayLike | None = None) -> Array:
+        """Return the velocity of such a point, ẋ + R(q) (Ω × r), shape (N+1, 3), in m/s.
+
+        ``on_body`` and what is raised are those of ``position``.
+        """
+        r = self._point(on_body)
+        turning = turned(self.attitude, np.cross(self.angular_velocity(), r))
+        if not self.moves:
+            return turning
+        return self._run.p[:, self._at.x].astype(float) / self.mass + turning
+
+    def momentum(self) -> Array:
+        """Return m ẋ of the centre of mass in space axes, shape (N+1, 3), in kg m/s.
+
+        Raises
+        ------
+        InputError
+            Where nobody says the mass, or where the centre of mass is.
+        """
+        return self.mass * self.velocity()
+
+    def kinetic_energy(self) -> Array:
+        """Return ½ l·Ω + ½ m |ẋ|² with ẋ of the origin, shape (N+1,), in J.
+
+        Without the terms of γ or α, which vanish on the constraints.
+        """
+        l, omega = self.angular_momentum("body"), self.angular_velocity()  # noqa: E741
+        energy: Array = (l * omega).sum(axis=1) / 2
+        if self.moves:
+            energy = energy + (self._run.p[:, self._at.x].astype(float) ** 2).sum(axis=1) / (
+                2 * self.mass)
+        return energy
+
+    @property
+    def mass(self) -> float:
+        """The mass in kg.
+
+        Raises
+        ------
+        InputError
+            Where nobody says it.
+        """
+        found = self._at.mass_of(self._run.parameters)
+        if found is None:
+            raise InputError(self._unknown("the mass"))
+        return found
+
+    @property
+    def inertia(self) -> Array:
+        """J about the origin of the body axes, shape (3, 3), in kg m²."""
+        return inertia_matrix(self._inertia)
+
+    @property
+    def centre(self) -> Array:
+        """The centre of mass in body axes from their origin, shape (3,), in m.
+
+        Raises
+        ------
+        InputError
+            Where nobody says it.
+        """
+        if not self._at.centre:
+            raise InputError(self._unknown("where the centre of mass is") + " (Other points are "
+                             "asked for in body axes: position(on_body=(0, 0, 0.1)).)")
+        return numbers(self._at.centre, self._run.parameters)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a position of its own: no point of it is held."""
+        return bool(self._at.x)
+
+    def plot(self, path: str | os.PathLike[str] | None = None, *, euler: str = "ZYX",
+             degrees: bool = True) -> Any:
+        """Draw Euler angles, without jumps, angular velocity, momenta, and how it moves.
+
+        Returns a matplotlib figure, which Jupyter shows; .png, .svg or .pdf where a path is given.
+        """
+        from ..plotting.motion_plots import draw_body  # matplotlib is optional
+
+        return draw_body(self, self._run, path, euler, as_flag("degrees", degrees))
+
+    # ------------------------------------------------------------ inside
+
+    @property
+    def _p(self) -> Array:
+        values: Array = self._run.p[:, self._at.q]
+        return values
+
+    @property
+    def _inertia(self) -> Any:
+        return self._at.inertia_of(self._run.parameters)
+
+    def _origin(self) -> Array:
+        """Return where the origin of the body axes is in space, a row a state."""
+        if self.moves:
+            return self._run.q[:, self._at.x].astype(float)
+        held = numbers(self._at.origin, self._run.parameters)
+        return np.broadcast_to(held, (len(self._run), 3))
+
+    def _point(self, on_body: ArrayLike | None) -> Array:
+        if on_body is None:
+            return self.centre
+        r = real_array(on_body)
+        if r is None or r.shape != (3,) or not np.isfinite(r).all():
+            raise InputError(f"on_body = {shown(on_body)} is no point of body {self.name!r}; give "
+                             "three finite numbers in body axes, in m.")
+        return r
+
+    def _in(self, frame: FrameName, vectors: Array) -> Array:
+        """Return vectors in body axes in those of ``frame``."""
+        in_body = choose("frame", frame, FRAMES) == "body"
+        return vectors if in_body else turned(self.attitude, vectors)
+
+    def _unknown(self, what: str) -> str:
+        return (f"System {self._run.manifest['system']['name']!r} does not say {what} of body "
+                f"{self.name!r}; bodies of gyrospark.Multibody and of [[bodies]] in model files "
+                "have it.")
+
+
+def turned(q: Array, vectors: Array) -> Array:
+    """Return R(q) v of each row, shape (N+1, 3); v may be one for all."""
+    R = quaternion.rotation_matrix(q)
+    in_space: Array = np.einsum("kij,kj->ki", R, np.broadcast_to(vectors, (len(R), 3)))
+    return in_space

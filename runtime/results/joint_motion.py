@@ -1,0 +1,293 @@
+"""One joint of a trajectory: its point, its angle, and the force and torque in it."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import as_flag, choose
+from ...core.errors import InputError
+from ...core.warnings import remark
+from ..compilation.body_columns import JointAt, Pull, numbers
+from ..rigid_body.quaternion import left_matrix
+from .body_motion import turned
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
+
+__all__ = ["JointMotion", "multipliers_at_states"]
+
+Array = NDArray[Any]
+_STILL = np.array([[1.0, 0.0, 0.0, 0.0]])
+#: By how many rad a turn between two states may be off that at a constant rate.
+_STEADY = 0.5
+
+
+class JointMotion:
+    """One joint between two bodies a and b; made by ``Trajectory.joint``.
+
+    What is said of force and torque is what a does to b; b does the opposite to a. Every array has
+    a row for each stored state.
+
+    Attributes
+    ----------
+    name : str
+        The joint's.
+    bodies : tuple of two str
+        The names of a and b; ``""`` is the ground.
+    """
+
+    def __init__(self, trajectory: Trajectory, name: str, at: JointAt) -> None:
+        self.name, self.bodies = name, (at.a, at.b)
+        self._run, self._at = trajectory, at
+
+    def __repr__(self) -> str:
+        ends = ", ".join(name or "ground" for name in self.bodies)
+        return f"<JointMotion of {self.name} ({ends}): {len(self._run):,} states>"
+
+    def position(self) -> Array:
+        """Return where in space the joint's point on b is, shape (N+1, 3), in m.
+
+        Raises
+        ------
+        InputError
+            For a joint that has no point, an axis alone.
+        """
+        return self._points()[1]
+
+    # ------------------------------------------------------------ angle
+
+    def angle(self, *, degrees: bool = False) -> Array:
+        """Return by how much b is turned against a about their axis, shape (N+1,), in rad.
+
+        It grows where b turns in the sense of the axis that the joint was given, without jumps at
+        a full turn. Where the model goes by the angle, in a spring, a motor, a drive, a coupling or
+        a quantity, it is that angle: at the model's start what ``angle=``, 0 by default, or the law
+        of a drive says. Else it is 0 where the axes of both bodies agree, or, where the axis has
+        other components in a than in b, where the axes of b are those of a turned the shortest way
+        that takes the axis from one to the other, and lies in (−π, π] in the first state.
+
+        Whole turns between two stored states are those of the mean of their rates: a warning says
+        where these do not tell how many there were, for b turns by more than half a turn at a rate
+        that changes. What spins up and stops again between two states is not seen.
+
+        Raises
+        ------
+        InputError
+            For a joint without such an axis.
+        """
+        n1, n2, e, of_b = self._axes()
+        q_a, q_b = self._attitudes()
+        if self._at.zero:
+            *start, turns = numbers(self._at.zero, self._run.parameters)
+            back = left_matrix(q_a)  # its rows with q_a: the axes of q̄_a x
+            x = _product(q_b, np.array(start))
+            w, v = (q_a * x).sum(1), (back @ x[..., None])[..., 0] @ np.cross(n1, n2)
+            turn: Array = turns + 2 * np.arctan2(v, w)
+        else:
+            m = turned(q_b, _shortest(np.cross(n1, n2), of_b, n1) @ n1)
+            turn = np.arctan2((turned(q_a, n2) * m).sum(1), (turned(q_a, n1) * m).sum(1))
+        # Whole turns between two states are those that the rate between them makes.
+        t, rate = self._run.t.astype(float), self._rate(e)
+        made = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
+        turn = np.unwrap(turn - made) + made
+        self._remark_on_turns(np.diff(t), rate, np.diff(turn - made))
+        return turn * (np.degrees(1.0) if as_flag("degrees", degrees) else 1.0)
+
+    def _remark_on_turns(self, spans: Array, rate: Array, off: Array) -> None:
+        """Say where states are too far apart for their rates to tell whole turns.
+
+        ``off`` is by how much more b has turned in each span than the mean of its rates makes.
+        """
+        if not len(spans):
+            return
+        far = np.abs(spans) * np.abs(rate).max() > np.pi
+        steady = (np.abs(spans * np.diff(rate)) < _STEADY) & (np.abs(off) < _STEADY)
+        if (far & ~steady).any():
+            between, most = np.abs(spans[far & ~steady]).max(), np.pi / 2 / np.abs(rate).max()
+            remark(f"joint({self.name!r}).angle() counts whole turns by the rates of the stored "
+                   f"states, and these are up to {between:.3g} s apart where it turns by up to "
+                   f"{np.abs(rate).max():.3g} rad/s: it may be off by multiples of 2π. Store a "
+                   f"state every {most:.2g} s or less, by a smaller every, or ask for the angle of "
+                   "run.at(times).")
+
+    def rate(self) -> Array:
+        """Return the angular velocity of b against a about their axis, shape (N+1,), in rad/s.
+
+        What is raised is that of ``angle``.
+        """
+        return self._rate(self._axes()[2])
+
+    def _rate(self, e: Array) -> Array:
+        omega = np.zeros((len(self._run), 3))
+        for name, sign in zip(self.bodies, (-1, 1), strict=True):
+            if name:
+                omega = omega + sign * self._run.body(name).angular_velocity("space")
+        rate: Array = (omega * e).sum(axis=1)
+        return rate
+
+    # ------------------------------------------------------------ reactions
+
+    def force(self, frame: str = "space") -> Array:
+        """Return the force that a exerts on b at the joint, shape (N+1, 3), in N.
+
+        It is made of the constraints' multipliers, which a run has at nodes of its steps. SPARK
+        schemes have them at both ends of a step: a state takes the mean of the two steps that meet
+        there, the first and the last state take what their one step has. IMS and EMS have one for
+        the middle of a step: a state takes the mean as well, and the first and the last go on from
+        their neighbours in a straight line. Errors fall as Δt^s with G-L of s stages, as Δt^(s−1)
+        with LIIIA-B, as Δt² with IMS and EMS: more slowly than those of the motion. Where the
+        states are not those after every step (``every`` > 1, ``t_eval``, ``at``) it is that of the
+        step that ends there, to the first order with IMS and EMS, and NaN at the start. Of joints
+        whose constraints were in part left out because others imply them, it is what those that are
+        left do.
+
+        Parameters
+        ----------
+        frame : str
+            ``"space"``, or the name of a or b: the axes in which components are given.
+
+        Raises
+        ------
+        InputError
+            For another frame; for a joint of whose constraints it is not known how they act.
+        """
+        return self._in(frame, self._reaction()[0])
+
+    def torque(self, frame: str = "space") -> Array:
+        """Return the torque that a exerts on b, about the joint's point, shape (N+1, 3), in N m.
+
+        ``frame``, what is raised and how exact it is are those of ``force``.
+        """
+        return self._in(frame, self._reaction()[1])
+
+    def _reaction(self) -> tuple[Array, Array]:
+        if self._at.pulls is None:
+            raise InputError(f"The force and the torque of {self.name!r} are not known: its "
+                             "constraint acts on more than its two bodies, as that of a gear, or "
+                             "is one of your own class without a Pull. Its multipliers are in "
+                             "run.multipliers.")
+        force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
+        multipliers = multipliers_at_states(self._run)
+        for pull in self._at.pulls:
+            factor = multipliers[:, pull.index, None]
+            along = self._direction(pull)
+            if pull.kind in ("torque", "axial"):
+                torque = torque + factor * along
+            else:
+                force = force + factor * along
+        return force, torque
+
+    def _direction(self, pull: Pull) -> Array:
+        """Return what a multiplier of 1 does to b, in space axes."""
+        if pull.kind == "distance":
+            on_a, on_b = self._points()
+            return 2 * (on_a - on_b)
+        on_a = numbers(pull.on_a, self._run.parameters)
+        if pull.kind == "force":
+            return on_a[None]
+        q_a, q_b = self._attitudes()
+        if pull.kind == "axial":
+            return turned(q_a, on_a)
+        on_b = numbers(pull.on_b, self._run.parameters)
+        return np.cross(turned(q_a, on_a), turned(q_b, on_b))
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether a and b keep an axis in common, and so have an angle."""
+        return bool(self._at.axis_b)
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw its angle, where it has one, and force and torque in it against time.
+
+        Returns a matplotlib figure, which Jupyter shows; .png, .svg or .pdf where a path is given.
+        """
+        from ..plotting.motion_plots import draw_joint  # matplotlib is optional
+
+        return draw_joint(self, self._run, path)
+
+    # ------------------------------------------------------------ inside
+
+    def _points(self) -> tuple[Array, Array]:
+        """Return where the joint's points on a and on b are, which a rod keeps apart."""
+        if not self._at.on_b:
+            raise InputError(f"Joint {self.name!r} has no point: it keeps an axis in common.")
+        found = []
+        for name, r in zip(self.bodies, (self._at.on_a, self._at.on_b), strict=True):
+            point = numbers(r, self._run.parameters)
+            found.append(self._run.body(name).position(point) if name else
+                         np.broadcast_to(point, (len(self._run), 3)))
+        return found[0], found[1]
+
+    def _attitudes(self) -> tuple[Array, Array]:
+        q_a, q_b = (self._run.body(name).attitude if name else
+                    np.repeat(_STILL, len(self._run), axis=0) for name in self.bodies)
+        return q_a, q_b
+
+    def _axes(self) -> tuple[Array, Array, Array, Array]:
+        """Return n₁, n₂ in a, the axis in space a row a state, and in b."""
+        if not self.has_axis:
+            raise InputError(f"Joint {self.name!r} has no axis that its bodies keep in common, so "
+                             "no angle; those of revolute and align have.")
+        both = numbers(self._at.axis_a, self._run.parameters)
+        n1, n2 = both[:3], both[3:]
+        e = turned(self._attitudes()[0], np.cross(n1, n2))
+        return n1, n2, e, numbers(self._at.axis_b, self._run.parameters)
+
+    def _in(self, frame: str, vectors: Array) -> Array:
+        """Return vectors in space axes in those of ``frame``."""
+        choose(f"frame of joint {self.name!r}", frame, ["space", *filter(None, self.bodies)])
+        if frame == "space":
+            return vectors
+        opposite = self._run.body(frame).attitude * np.array([1, -1, -1, -1])
+        return turned(opposite, vectors)
+
+
+def multipliers_at_states(trajectory: Trajectory) -> Array:
+    """Return λ of every constraint at each stored state, shape (N+1, m); see ``JointMotion.force``.
+    """
+    m = len(trajectory.manifest["system"]["constraints"])
+    rows = trajectory.multipliers.astype(float)
+    rows = rows.reshape(len(rows), -1, m)
+    found = np.full((len(trajectory), m), np.nan)
+    if not len(rows):
+        return found
+    begin, end = rows[:, 0], rows[:, -1]
+    found[1:] = end
+    if _is_whole(trajectory):
+        found[1:-1] = (end[:-1] + begin[1:]) / 2
+        found[0] = begin[0]
+        if rows.shape[1] == 1 and len(rows) > 2:
+            # One multiplier a step: of the middle, beside a part that alternates; means have none.
+            found[0], found[-1] = 2 * found[1] - found[2], 2 * found[-2] - found[-3]
+    return found
+
+
+def _is_whole(trajectory: Trajectory) -> bool:
+    """Whether a trajectory has the state after every step of its run, and no other."""
+    t, dt, count = trajectory.t.astype(float), float(trajectory.dt), len(trajectory)
+    return count == trajectory.report.steps + 1 and bool(
+        (np.abs(t - t[0] - dt * np.arange(count)) < 1e-3 * abs(dt)).all())
+
+
+def _product(q: Array, r: Array) -> Array:
+    """Return q r of quaternions q, a row each, and r."""
+    w, u = r[0], r[1:]
+    scalar = q[:, :1] * w - q[:, 1:] @ u[:, None]
+    return np.hstack([scalar, q[:, :1] * u + w * q[:, 1:] + np.cross(q[:, 1:], u)])
+
+
+def _shortest(a: Array, b: Array, normal: Array) -> Array:
+    """Return the rotation by the shortest way that takes the unit vector a to b.
+
+    Where they are opposite, all ways are equally short: it turns about ``normal``, one to a.
+    """
+    v, c = np.cross(a, b), float(a @ b)
+    if c < -1 + 1e-12:
+        return 2 * np.outer(normal, normal) - np.eye(3)
+    V = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    R: Array = np.eye(3) + V + V @ V / (1 + c)
+    return R

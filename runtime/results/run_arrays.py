@@ -1,0 +1,271 @@
+"""The arrays of a run, one record each: trajectories, .npz, stores, .csv, .nc, pictures follow.
+
+An output is a number, or an array of them, for each stored state. To add one: a record in
+``OUTPUTS``, a field of that name in ``Trajectory``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import proposal, shown
+from ...core.errors import InputError
+from ..bindings.binding import Binding
+
+__all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect_sizes",
+           "labels_of", "parts", "pieces", "place_of_quantity", "together", "value_of"]
+
+Array = NDArray[Any]
+Manifest = Mapping[str, Any]
+#: Dimensions of one state's entry: (name, length) of each.
+Inner = tuple[tuple[str, int], ...]
+
+#: What the names of a system's own quantities begin with.
+QUANTITY = "quantity_"
+
+
+@dataclass(frozen=True)
+class States:
+    """Stored states of a run, and compiled code to ask about them.
+
+    Attributes
+    ----------
+    binding, manifest
+        Of the stepper.
+    parameters
+        The compiled code's struct.
+    t, q, p, multipliers, iterations, work : array
+        A row a state; of multipliers and iterations, which belong to steps, one less where the
+        start has none.
+    """
+
+    binding: Binding
+    manifest: Manifest
+    parameters: Any
+    t: Array
+    q: Array
+    p: Array
+    multipliers: Array
+    iterations: Array
+    work: Array
+
+    @property  # nothing cached: its lock would be held for ever in a forked child
+    def energies(self) -> Array:
+        """H of each state."""
+        return self.binding.hamiltonian(self.parameters, self.q, self.p, self._times)
+
+    @property
+    def _times(self) -> Array:
+        return self.t.astype(self.binding.dtype)
+
+    @property
+    def defects(self) -> tuple[Array, Array]:
+        """The largest |g| and the largest momentum-constraint error of each state."""
+        return defect_sizes(self.binding, self.parameters, self.q, self.p, self._times)
+
+    @property
+    def step_multipliers(self) -> Array:
+        """The multipliers, (…, p+1) or (…, p+1, m) for m > 1 constraints."""
+        m, rows = self.binding.m, self.multipliers
+        return rows.reshape(len(rows), self.binding.multipliers // m, m) if m > 1 else rows
+
+    @property
+    def velocities(self) -> Array:
+        """H_p of each state, of a system from its Lagrangian."""
+        return self.binding.velocities(self.parameters, self.q, self.p, self._times)
+
+    @property
+    def quantities(self) -> Array:
+        """The system's quantities, a column each."""
+        return self.binding.quantities(self.parameters, self._times, self.q, self.p)
+
+
+def _scalar(manifest: Manifest) -> Inner | None:
+    """A number a state."""
+    return ()
+
+
+def _coordinates(manifest: Manifest) -> Inner | None:
+    """One for each coordinate."""
+    return (("coordinate", len(manifest["system"]["coordinates"])),)
+
+
+def _multipliers(manifest: Manifest) -> Inner | None:
+    """Those of a step, of each constraint."""
+    m = len(manifest["system"]["constraints"])
+    along = [("constraint", m)] if m > 1 else []
+    return (("node", manifest["scheme"]["multipliers"]), *along) if m else None
+
+
+def _where_forces(manifest: Manifest) -> Inner | None:
+    """A number a state, of a system with forces."""
+    return () if "forces" in manifest["system"] else None
+
+
+def _where_lagrangian(manifest: Manifest) -> Inner | None:
+    """One for each coordinate, of a system from its Lagrangian."""
+    return _coordinates(manifest) if "velocity_names" in manifest["system"] else None
+
+
+@dataclass(frozen=True)
+class Output:
+    """One array of a run.
+
+    Attributes
+    ----------
+    name : str
+        In stores and files.
+    attribute : str
+        Of ``Trajectory``.
+    long_name : str
+        What it is, for readers of files.
+    compute : callable
+        Of ``States``.
+    inner : callable
+        Dimensions of one state's entry for a manifest; None where the system has no such output.
+        A trajectory then has an array of ``absent`` entries.
+    units, body_units : str
+        Always, and where the system is one rigid body in SI units.
+    labels : str
+        The entry of the manifest's system with names along the last dimension.
+    split : bool
+        Whether each of these is an array of its own in files, ``quantity_<name>``.
+    dtype : str
+        NumPy's code in stores; "" is that of the stepper's numbers.
+    of_steps : bool
+        Whether it belongs to the step that ends at a state: the start has none.
+    panel : str
+        Title of its panel in pictures; "" where it has none.
+    """
+
+    name: str
+    attribute: str
+    long_name: str
+    compute: Callable[[States], Array]
+    inner: Callable[[Manifest], Inner | None] = _scalar
+    units: str = ""
+    body_units: str = ""
+    labels: str = ""
+    split: bool = False
+    dtype: str = ""
+    of_steps: bool = False
+    absent: tuple[int, ...] = ()
+    panel: str = ""
+
+    @property
+    def whole(self) -> bool:
+        """Whether its entries are whole numbers."""
+        return self.dtype.startswith("i")
+
+
+#: In the order of columns in files.
+OUTPUTS = (
+    Output("time", "t", "time", lambda at: at.t, units="s", dtype="f8"),
+    Output("q", "q", "coordinates", lambda at: at.q, _coordinates, body_units="1",
+           labels="coordinates"),
+    Output("p", "p", "momenta", lambda at: at.p, _coordinates, body_units="kg m2 s-1",
+           labels="momenta"),
+    Output("energy", "energies", "Hamiltonian of the stepper's own form", lambda at: at.energies,
+           body_units="J"),
+    Output("g_error", "g_errors", "largest |g(q)|", lambda at: at.defects[0]),
+    Output("f_error", "f_errors", "largest |g_q H_p|; |q.p| of a body", lambda at: at.defects[1]),
+    Output("iterations", "iterations", "most iterations of a step since the last state",
+           lambda at: at.iterations, dtype="i4", of_steps=True),
+    Output("multipliers", "multipliers", "multipliers of the step that ends here",
+           lambda at: at.step_multipliers, _multipliers, of_steps=True, absent=(0,)),
+    Output("work", "work", "work of the forces since the start", lambda at: at.work,
+           _where_forces),
+    Output("velocities", "velocities", "velocities", lambda at: at.velocities, _where_lagrangian,
+           labels="velocity_names", absent=(0,)),
+    Output("quantities", "quantity_values", "quantity {} of the system", lambda at: at.quantities,
+           labels="quantities", split=True),
+)
+
+
+def value_of(one: Output, states: States) -> Array:
+    """Return an output of stored states, in the stepper's own type unless it has one of its own."""
+    binding = states.binding
+    if one.inner(states.manifest) is None:
+        return binding.new(len(states.q) - one.of_steps, *one.absent)
+    found = one.compute(states)
+    return found if one.dtype or found.dtype == binding.dtype else binding.converted(found)
+
+
+def parts(one: Output, manifest: Manifest) -> list[str]:
+    """Return the names under which files have an output of this stepper; none if it has none."""
+    if one.split:
+        return [QUANTITY + name for name in manifest["system"].get(one.labels, ())]
+    return [] if one.inner(manifest) is None else [one.name]
+
+
+def pieces(one: Output, manifest: Manifest, values: Array) -> dict[str, Array]:
+    """Return an output's array as files have it, by name."""
+    names = parts(one, manifest)
+    if one.split:
+        return {name: values[:, i] for i, name in enumerate(names)}
+    return dict.fromkeys(names, values)
+
+
+def together(one: Output, arrays: Iterable[Array], rows: int, dtype: Any) -> Array:
+    """Return an output's array of so many rows from those that files have of it."""
+    found = list(arrays)
+    if one.split and found:
+        return np.stack(found, axis=1)
+    return found[0] if found else absent(one, rows, dtype)
+
+
+def absent(one: Output, rows: int, dtype: Any) -> Array:
+    """Return what a trajectory has for an output that its system has not."""
+    return np.zeros((rows - one.of_steps, *((0,) if one.split else one.absent)), dtype=dtype)
+
+
+def about(one: Output, manifest: Manifest, name: str) -> dict[str, str]:
+    """Return what readers are told of the array of this name: what it is, and its units."""
+    units = one.units or (one.body_units if manifest["system"]["rigid_body"] else "")
+    long_name = one.long_name.format(name.removeprefix(QUANTITY))
+    return {"long_name": long_name, **({"units": units} if units else {})}
+
+
+def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
+    """Return the names along each dimension that has some, and what they are.
+
+    A momentum stands where the coordinate does to which it belongs.
+    """
+    found = {"coordinate": (list(system["coordinates"]), "name of the coordinate")}
+    names = list(system.get("constraint_names", ()))
+    if len(names) > 1:
+        found["constraint"] = names, "name of the constraint"
+    return found
+
+
+def defect_sizes(
+    binding: Binding, parameters: Any, q: Array, p: Array, t: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the largest |g| and the largest momentum-constraint error of each row."""
+    g, f = binding.defects(parameters, q, p, t)
+    return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
+
+
+def place_of_quantity(manifest: Manifest, name: Any) -> int:
+    """Return the column of a quantity of the system.
+
+    Raises
+    ------
+    InputError
+        If the system has no quantity of that name.
+    """
+    system = manifest["system"]
+    names = tuple(system.get("quantities", ()))
+    if not isinstance(name, str) or name not in names:
+        raise InputError(
+            f"System {system['name']!r} has no quantity {shown(name)}; it has "
+            f"{', '.join(names) or 'none: give System(..., quantities={...}), '}"
+            f"{'' if names else 'or quantity(name, expression) of a Multibody'}"
+            f"{proposal(name, names)}."
+        )
+    return names.index(name)

@@ -1,0 +1,328 @@
+"""A trajectory: what an integration returns, what can be asked of it, and its file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_path, choose, shown, why_unwritable
+from ...core.errors import GyrosparkError, InputError
+from ...core.file_formats import ENDINGS, ending_of
+from ..compilation.body_columns import bodies_of, joints_of, placed_of
+from .body_motion import BodyMotion
+from .crossings import Crossings
+from .diagnostics import Report
+from .joint_motion import JointMotion
+from .placed_motion import PlacedMotion
+from .run_arrays import place_of_quantity
+from .trajectory_display import Shown
+from .trajectory_file import read_npz, write_npz
+
+__all__ = ["Trajectory"]
+
+Array = NDArray[Any]
+
+
+class Maker(Protocol):
+    """A stepper, as a trajectory sees it."""
+
+    def at(self, trajectory: Trajectory, times: ArrayLike) -> Trajectory:
+        """Return the states of a trajectory at times."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory(Shown):
+    """States of a run, stored every ``every`` steps.
+
+    Attributes
+    ----------
+    t : array, shape (N+1,)
+        Times t_0 + k dt in seconds: of the stepper's own type where that has more digits than a
+        double, else doubles.
+    q, p : array, shape (N+1, n)
+        Coordinates and momenta; a unit quaternion, scalar first, for a body.
+    multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
+        Λ_0..Λ_p of the step that ends at each stored state (λ for IMS and EMS).
+    iterations : array, shape (N,)
+        Iterations of that step (sweeps or Newton's), the most of the ``every`` steps since the
+        last state.
+    energies : array, shape (N+1,)
+        H of each state.
+    g_errors, f_errors : array, shape (N+1,)
+        Largest |g(q)| and largest momentum-constraint error (|qᵀp| for a body) of each state.
+    work : array, shape (N+1,)
+        Work W done by the system's forces since the start; 0 without forces.
+    velocities : array, shape (N+1, n)
+        Of each state, where the system is from its Lagrangian; else (N+1, 0).
+    quantity_values : array, shape (N+1, number of quantities)
+        The system's quantities of each state; see ``quantity``.
+    dt, parameters : number, dict of str to number
+        As the stepper had them: floats; NumPy's long doubles or mpmath numbers where it computes
+        with more digits.
+    report : Report
+        Diagnostics over every step.
+    events : dict of str to Crossings
+        Where the events that were asked for happened: ``events["height"].t``, ``.q``, ``.p``.
+    """
+
+    t: Array
+    q: Array
+    p: Array
+    multipliers: Array
+    iterations: Array
+    dt: Any
+    every: int
+    parameters: dict[str, Any]
+    report: Report
+    manifest: dict[str, Any]
+    energies: Array
+    g_errors: Array
+    f_errors: Array
+    work: Array
+    velocities: Array
+    quantity_values: Array
+    #: Where its events happened, by their names; see ``gyrospark.Event``.
+    events: dict[str, Crossings] = field(default_factory=dict, repr=False)
+    #: What inputs its steps had, where it is known: of what ``integrate`` returned.
+    _inputs: Any = field(default=None, repr=False)
+    #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
+    _stepper: Any = field(default=None, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        report = self.report
+        return (f"<Trajectory of {self.manifest['name']}: {len(self):,} states of {report.steps:,} "
+                f"steps, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
+                f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
+                f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
+
+    def energy(self) -> Array:
+        """Return H of each stored state, shape (N+1,), in joules for SI input."""
+        return self.energies
+
+    def energy_error(self) -> Array:
+        """Return H_k − H_0 − W_k of each stored state, W the work of the forces since the first of
+        them, shape (N+1,)."""
+        error: Array = self.energies - self.energies[0] - (self.work - self.work[0])
+        return error
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The name of each coordinate, of a column of ``q``."""
+        return tuple(self.manifest["system"]["coordinates"])
+
+    @property
+    def momenta(self) -> tuple[str, ...]:
+        """The name of each momentum, of a column of ``p``."""
+        return tuple(self.manifest["system"]["momenta"])
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The names that ``quantity`` takes."""
+        return tuple(self.manifest["system"].get("quantities", ()))
+
+    def quantity(self, name: str) -> Array:
+        """Return a quantity of the system at each stored state, shape (N+1,).
+
+        Raises
+        ------
+        InputError
+            If the system has no quantity of that name.
+        """
+        values: Array = self.quantity_values[:, place_of_quantity(self.manifest, name)]
+        return values
+
+    def constraint_errors(self) -> tuple[Array, Array]:
+        """Return |g(q)| and |qᵀp| (or the system's own momentum constraint) of each state."""
+        return self.g_errors, self.f_errors
+
+    # ------------------------------------------------------------ bodies and joints
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The names of the rigid bodies, which ``body`` takes."""
+        return (*bodies_of(self.manifest), *placed_of(self.manifest))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of the joints, which ``joint`` takes."""
+        return tuple(name for name, at in joints_of(self.manifest).items() if at.constraints)
+
+    def body(self, name: str | None = None) -> BodyMotion:
+        """Return the motion of one rigid body: attitude, angles, velocities, momenta.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which of several bodies.
+
+        Raises
+        ------
+        InputError
+            Where there is no body, or several and none is named.
+
+        Examples
+        --------
+        >>> run.body("bus").euler("ZYX", degrees=True)            # doctest: +SKIP
+        >>> run.body("bus").angular_velocity(frame="space")       # doctest: +SKIP
+        """
+        bodies, system = bodies_of(self.manifest), self.manifest["system"]["name"]
+        placed = placed_of(self.manifest)
+        if not self.bodies:
+            raise InputError(
+                f"System {system!r} is not one rigid body; t, q, p, multipliers and energy() are "
+                "defined for it. (That a gyrospark.System is one, rigid_body=True says.)")
+        if name is None and len(self.bodies) > 1:
+            raise InputError(f"System {system!r} is not one rigid body but "
+                             f"{len(self.bodies)}, {', '.join(self.bodies)}; say which, as in "
+                             f"body({self.bodies[0]!r}).")
+        if name is None:
+            name = self.bodies[0]
+        at = choose(f"body of system {system!r}", name, self.bodies)
+        return (PlacedMotion(self, at, placed[at]) if at in placed else
+                BodyMotion(self, at, bodies[at]))
+
+    def joint(self, name: str | None = None) -> JointMotion:
+        """Return one joint: its point, its angle, the force and the torque in it.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which of several joints.
+
+        Raises
+        ------
+        InputError
+            Where there is no joint, or several and none is named.
+
+        Examples
+        --------
+        >>> run.joint("hinge").angle(degrees=True)                # doctest: +SKIP
+        >>> run.joint("hinge").force()                            # doctest: +SKIP
+        """
+        system = self.manifest["system"]["name"]
+        joints = {key: at for key, at in joints_of(self.manifest).items() if at.constraints}
+        if not joints:
+            raise InputError(f"System {system!r} has no joints; those of gyrospark.Multibody and "
+                             "of [[joints]] in model files are asked for here.")
+        if name is None and len(joints) > 1:
+            raise InputError(f"System {system!r} has {len(joints)} joints, {', '.join(joints)}; "
+                             f"say which, as in joint({next(iter(joints))!r}).")
+        if name is None:
+            name = next(iter(joints))
+        at = choose(f"joint of system {system!r}", name, joints)
+        return JointMotion(self, at, joints[at])
+
+    def angular_velocity(self, body: str | None = None) -> Array:
+        """Return Ω in body axes, shape (N+1, 3), in rad/s; see ``BodyMotion.angular_velocity``.
+
+        ``body`` and what is raised are those of ``body``.
+        """
+        return self.body(body).angular_velocity()
+
+    def axis(self, body: str | None = None) -> Array:
+        """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3)."""
+        return self.body(body).axis()
+
+    def rotation(self, body: str | None = None) -> Any:
+        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space."""
+        return self.body(body).rotation()
+
+    def at(self, times: ArrayLike, *, stepper: Maker | None = None) -> Trajectory:
+        """Return the states at times between the steps, by short real steps; see ``Stepper.at``.
+
+        Parameters
+        ----------
+        times : array_like, shape (N,)
+            In seconds, within the run.
+        stepper : Stepper, optional
+            What made the trajectory; known of what ``integrate`` returned in this process.
+
+        Raises
+        ------
+        InputError
+            Where the stepper is not known, for times outside of the run.
+        """
+        maker: Maker | None = self._stepper if stepper is None else stepper
+        if maker is None:
+            raise InputError(
+                f"This trajectory of {self.manifest['name']} does not know the stepper that made "
+                "it, for it was read from a file or belongs to an ensemble; give "
+                "at(times, stepper=...).")
+        if not callable(getattr(maker, "at", None)):
+            raise InputError(f"stepper = {shown(maker)} is none; give what gyrospark.stepper "
+                             "returned.")
+        return maker.at(self, times)
+
+    def made_by(self, stepper: Maker) -> Trajectory:
+        """Return this trajectory, which then knows what made it."""
+        return replace(self, _stepper=stepper)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the states alone: the code that made them is not theirs."""
+        return {**self.__dict__, "_stepper": None}
+
+    # ------------------------------------------------------------ file
+
+    def save(
+        self, path: str | os.PathLike[str], *, columns: str | Iterable[str] | None = None
+    ) -> Path:
+        """Write the states to a file, which appears complete or not at all; return its path.
+
+        - .npz (also where the name has no ending): all arrays with all their digits, the names of
+          their columns, parameters, report, events and manifest: what ``load`` reads.
+        - .csv: a column a number, under the names of coordinates, momenta and quantities; events
+          in a second file, ``run.events.csv``. ``columns`` are those that are wanted, as for
+          ``to_dataframe``; all by default.
+        - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (h5netcdf).
+
+        Raises
+        ------
+        InputError
+            For another ending; for columns that are not there, or of another file than .csv.
+        GyrosparkError
+            If the file cannot be written.
+        """
+        target = as_path("path", path, "run.npz")
+        if ending_of(target) == "":
+            target = target.with_name(target.name + ".npz")
+        if ending_of(target) not in ENDINGS:
+            raise InputError(f"A trajectory cannot be written as {target.name!r}; end it in "
+                             f"{', '.join(ENDINGS)}.")
+        if ending_of(target) == ".csv":
+            return self.to_csv(target, columns=columns)
+        if columns is not None:
+            raise InputError(f"columns are those of a .csv file, and {target.name!r} is none; end "
+                             "its name in .csv, or leave them out.")
+        if ending_of(target) == ".nc":
+            from ...storage.table_files import (
+                save_table,  # costs time, and Zarr may not be installed
+            )
+
+            return save_table(self, target)
+        try:
+            write_npz(self, target)
+        except OSError as error:
+            raise GyrosparkError(
+                f"The trajectory cannot be written to {str(target)!r}: "
+                f"{why_unwritable(target, error)}."
+            ) from error
+        return target
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Trajectory:
+        """Read a file that ``save`` wrote; nothing in it is executed.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged or of another kind.
+        """
+        return cls(**read_npz(as_path("path", path, "run.npz")))

@@ -1,0 +1,183 @@
+"""A trajectory as .npz: all arrays with all their digits, names, parameters, report, manifest."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._version import __version__
+from ...core.arguments import listed
+from ...core.errors import InputError
+from ...core.exact_numbers import digits_of
+from ...core.real_types import REALS
+from ..bindings.real_numbers import from_text
+from ..bindings.struct_memory import without_padding
+from ..compilation.manifest import sizes_of
+from .crossings import Crossings
+from .diagnostics import Report, known_fields
+from .run_arrays import OUTPUTS, Output, absent, parts
+from .state_columns import finished
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
+
+__all__ = ["read_npz", "storable", "write_npz"]
+
+Array = NDArray[Any]
+_FORMAT = 2
+#: The arrays of an event.
+_CROSSING = ("t", "q", "p", "steps", "rising")
+#: Arrays of names, for other readers of the file.
+_LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
+
+
+def write_npz(trajectory: Trajectory, target: Path) -> None:
+    """Write all of a trajectory; float128 as bytes, a last axis of 16."""
+    about = {
+        "format": _FORMAT,
+        "dt": digits_of(trajectory.dt),
+        "every": trajectory.every,
+        "parameters": {name: digits_of(x) for name, x in trajectory.parameters.items()},
+        "report": asdict(trajectory.report),
+        "manifest": trajectory.manifest,
+        "events": list(trajectory.events),
+    }
+    crossings = {f"event{i}_{name}": getattr(found, name)
+                 for i, found in enumerate(trajectory.events.values()) for name in _CROSSING}
+    with finished(target) as part, part.open("wb") as file:
+        np.savez_compressed(
+            file, allow_pickle=False, about=np.array(json.dumps(about)),
+            **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
+            **{one.attribute: storable(getattr(trajectory, one.attribute)) for one in OUTPUTS},
+            **{name: storable(array) for name, array in crossings.items()})
+
+
+def read_npz(path: Path) -> dict[str, Any]:
+    """Return the fields of the ``Trajectory`` in a file; nothing in it is executed.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged, of another kind, or of a version with other outputs.
+    """
+    try:
+        # Opened here because np.load leaves a damaged file open.
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            about = json.loads(str(file["about"]))
+            writer = about["manifest"]["generator"]
+            if about["format"] != _FORMAT:
+                raise InputError(
+                    f"{str(path)!r} was written by gyrospark {writer} in format "
+                    f"{about['format']}; this is gyrospark {__version__}, which reads format "
+                    f"{_FORMAT}.")
+            missing = [one.attribute for one in OUTPUTS
+                       if one.attribute not in file and parts(one, about["manifest"])]
+            if missing and "t" in file:
+                raise InputError(
+                    f"{str(path)!r} has no {listed(missing)}: it was written by gyrospark "
+                    f"{writer}, which knew other outputs than this gyrospark {__version__}, or is "
+                    "damaged. Run it again, or read it with numpy.load.")
+            arrays = {one.attribute: file[one.attribute] for one in OUTPUTS
+                      if one.attribute in file}
+            labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
+            crossings = {name: [file[f"event{i}_{part}"] for part in _CROSSING]
+                         for i, name in enumerate(about.get("events", ()))}
+        return _fields(about, arrays, labels) | {"events": _events(about, crossings)}
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be read: {error.strerror or error}.") from error
+    except Exception as error:  # a damaged zip file raises of ten kinds, zlib.error among them
+        raise InputError(f"{str(path)!r} is not a trajectory file of gyrospark, or damaged."
+                         ) from error
+
+
+def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, ...]]
+            ) -> dict[str, Any]:
+    """Return the fields; raise whatever is found wrong with them."""
+    manifest, real = about["manifest"], about["manifest"]["real"]
+    if REALS[real].in_mpmath:
+        in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
+        arrays |= {one.attribute: _from_bytes(arrays[one.attribute]) for one in OUTPUTS
+                   if one.attribute in arrays and not one.whole and one.attribute not in in_double}
+    arrays = {one.attribute: absent(one, len(arrays["t"]), arrays["q"].dtype) for one in OUTPUTS
+              } | arrays  # of a version that did not know an output which this system lacks
+    report = known_fields(Report, about["report"])
+    report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
+    found = {"dt": from_text(about["dt"], real), "every": about["every"],
+             "parameters": {k: from_text(x, real) for k, x in about["parameters"].items()},
+             "report": Report(**report), "manifest": manifest}
+    _refuse_unless_sound(arrays, found)
+    if any(_names(manifest, name) != kept for name, kept in labels.items()):
+        raise ValueError("a column has two names")
+    return arrays | found
+
+
+def _events(about: Any, crossings: dict[str, list[Array]]) -> dict[str, Crossings]:
+    """Return the events; raise whatever is found wrong with them."""
+    wide = REALS[about["manifest"]["real"]].in_mpmath
+    n, found = len(about["manifest"]["system"]["coordinates"]), {}
+    for name, (t, q, p, steps, rising) in crossings.items():
+        t, q, p = (_from_bytes(x) if wide else x for x in (t, q, p))
+        shapes = [x.shape for x in (t, q, p, steps, rising)]
+        if shapes != [(len(t),), (len(t), n), (len(t), n), (len(t),), (len(t),)]:
+            raise ValueError("an event has parts of several lengths")
+        if not isinstance(name, str) or steps.dtype.kind != "i" or rising.dtype.kind != "b":
+            raise ValueError("an event has parts of another type")
+        found[name] = Crossings(t, q, p, steps, rising)
+    return found
+
+
+def _refuse_unless_sound(arrays: dict[str, Array], found: dict[str, Any]) -> None:
+    """Raise for arrays, numbers and a manifest that no integration returns together."""
+    manifest, report, rows = found["manifest"], asdict(found["report"]), len(arrays["t"])
+    sizes_of(manifest)
+    for one in OUTPUTS:
+        array, shape = arrays[one.attribute], _shape(one, manifest, rows)
+        if array.shape != shape:
+            raise ValueError(f"{one.attribute} has another shape than {shape}")
+        if array.dtype.kind not in ("iu" if one.whole else "fO"):
+            raise ValueError(f"{one.attribute} has entries of another type")
+    lists = [report.pop("q"), report.pop("p")]
+    numbers = [*report.values(), *lists[0], *lists[1]]
+    counts = [report["steps"], report["iterations"], found["every"]]
+    if (not all(type(x) in (int, float) for x in numbers)
+            or not all(type(x) is int for x in counts)
+            or not all(abs(x) < 2**63 for x in numbers if type(x) is int)
+            or found["parameters"].keys() != manifest["system"]["parameters"].keys()):
+        raise ValueError("a number is of another type")
+
+
+def _shape(one: Output, manifest: dict[str, Any], rows: int) -> tuple[int, ...]:
+    """Return the shape of an output's array in a trajectory of so many states."""
+    inner = one.inner(manifest)
+    if one.split:
+        return (rows, len(_names(manifest, one.labels)))
+    if inner is None:
+        return absent(one, rows, float).shape
+    return (rows - one.of_steps, *(length for _, length in inner))
+
+
+def _names(manifest: dict[str, Any], labels: str) -> tuple[str, ...]:
+    return tuple(manifest["system"].get(labels, ()))
+
+
+def storable(array: Array) -> Array:
+    """Return an array as a file can hold it: mpmath numbers as their bytes in binary128."""
+    if array.dtype != object:
+        return without_padding(array)
+    from ..bindings.binary128 import to_bytes  # mpmath costs time, and only float128 needs it
+
+    return to_bytes(array)
+
+
+def _from_bytes(array: Array) -> Array:
+    """Return the mpmath numbers that were stored as bytes."""
+    from ..bindings.binary128 import from_bytes
+
+    return from_bytes(array)

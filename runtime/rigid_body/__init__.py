@@ -1,0 +1,9 @@
+"""The rigid body in numbers: quaternions, means of inertia, exact motions, the paper's problems.
+
+    quaternion     unit quaternions and the state (q, p)
+    euler_angles   Euler angles in any sequence of axes
+    gamma_rules    γ_m, γ_h and the others (47), (48), (50)
+    closed_forms   regular precession and the free body, exactly
+    exact_motions  the same, as ``gyrospark.exact`` has them
+    problems       the problems of section 5, as ``gyrospark.problems``
+"""

@@ -1,0 +1,368 @@
+"""Exact motions to measure a stepper against: regular precession and the free rigid body.
+
+The free body's sn, cn, dn are Jacobi's with the parameter m = k². Source: Landau and Lifshitz,
+Mechanics, §37, and Whittaker, Analytical Dynamics, §69; the precession angle is written with
+Carlson's R_J (DLMF 19.25.14), which is regular for every body. Numbers are computed with at
+least 40 digits from the given doubles, taken as exact, and rounded once at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core.errors import InputError
+from .quaternion import Array, axis, euler_quaternion
+
+__all__ = [
+    "ExactMotion",
+    "FreeRotation",
+    "RegularPrecession",
+    "SteadyRotation",
+    "free_motion",
+]
+
+DIGITS = 40
+
+
+class ExactMotion(Protocol):
+    """A motion known in closed form; t in seconds, shape (N,), or (...) in general."""
+
+    def attitude(self, t: ArrayLike) -> Array:
+        """Return q(t), shape (N, 4), continuous in t; −q is the same attitude."""
+        ...
+
+    def angular_velocity(self, t: ArrayLike) -> Array:
+        """Return Ω(t) in body axes, shape (N, 3), in rad/s."""
+        ...
+
+    def axis(self, t: ArrayLike) -> Array:
+        """Return (R13, R23, R33) at t, shape (N, 3): the body's third axis in space."""
+        ...
+
+
+@dataclass(frozen=True)
+class RegularPrecession:
+    """A top whose axis keeps the angle θ₀ and turns about the vertical at a constant rate.
+
+        φ = φ̇ t,  ψ = ψ̇ t,  Ω = (φ̇ sin θ₀ sin ψ, φ̇ sin θ₀ cos ψ, ψ̇ + φ̇ cos θ₀)
+
+    Attributes
+    ----------
+    rate
+        φ̇, in rad/s.
+    spin
+        ψ̇ of erratum 10, in rad/s.
+    nutation
+        θ₀, in rad.
+    """
+
+    rate: float
+    spin: float
+    nutation: float
+
+    def attitude(self, t: ArrayLike) -> Array:
+        """Return q(t) by erratum 9, shape (N, 4), continuous in t."""
+        times = _times(t)
+        return euler_quaternion(self.rate * times, self.nutation, self.spin * times)
+
+    def angular_velocity(self, t: ArrayLike) -> Array:
+        """Return Ω(t) in body axes, shape (N, 3), in rad/s; (86) at t = 0."""
+        psi = self.spin * _times(t)
+        across = self.rate * np.sin(self.nutation)
+        along = np.full_like(psi, self.spin + self.rate * np.cos(self.nutation))
+        return np.stack([across * np.sin(psi), across * np.cos(psi), along], axis=-1)
+
+    def axis(self, t: ArrayLike) -> Array:
+        """Return (sin θ₀ sin φ̇t, −sin θ₀ cos φ̇t, cos θ₀), shape (N, 3)."""
+        phi = self.rate * _times(t)
+        sine, cosine = np.sin(self.nutation), np.cos(self.nutation)
+        return np.stack(
+            [sine * np.sin(phi), -sine * np.cos(phi), np.full_like(phi, cosine)], axis=-1
+        )
+
+
+class _PreciseMotion:
+    """Rounds a motion that is given in mpmath numbers to doubles, time by time.
+
+    An object has one mpmath context: use it from one thread at a time.
+    """
+
+    def __init__(self, *arguments: Sequence[float]) -> None:
+        self._arguments = arguments
+
+    def __reduce__(self) -> tuple[type, tuple[Sequence[float], ...]]:
+        # A context and its numbers cannot be pickled; the arguments say everything.
+        return type(self), self._arguments
+
+    def precise_attitude(self, t: Any) -> list[Any]:
+        """Return q(t) in at least 30 digits, as mpmath numbers; t is one number."""
+        raise NotImplementedError
+
+    def precise_angular_velocity(self, t: Any) -> list[Any]:
+        """Return Ω(t) in at least 30 digits, as mpmath numbers; t is one number."""
+        raise NotImplementedError
+
+    def attitude(self, t: ArrayLike) -> Array:
+        """Return q(t), shape (N, 4), continuous in t; −q is the same attitude."""
+        return _rounded(self.precise_attitude, t, 4)
+
+    def angular_velocity(self, t: ArrayLike) -> Array:
+        """Return Ω(t) in body axes, shape (N, 3), in rad/s."""
+        return _rounded(self.precise_angular_velocity, t, 3)
+
+    def axis(self, t: ArrayLike) -> Array:
+        """Return (R13, R23, R33) at t, shape (N, 3): the body's third axis in space."""
+        return axis(self.attitude(t))
+
+
+class SteadyRotation(_PreciseMotion):
+    """A free body with Ω × JΩ = 0: Ω is constant and q(t) = q₀ ∘ (cos |Ω|t/2, Ω/|Ω| sin |Ω|t/2)."""
+
+    def __init__(self, angular_velocity: Sequence[float], attitude: Sequence[float]) -> None:
+        super().__init__(angular_velocity, attitude)
+        self._mp = _context(DIGITS)
+        self._omega = [self._mp.mpf(x) for x in angular_velocity]
+        self._q0 = [self._mp.mpf(x) for x in attitude]
+        self._speed = self._mp.sqrt(sum(x**2 for x in self._omega))
+
+    def precise_angular_velocity(self, t: Any) -> list[Any]:
+        """Return Ω, which does not depend on t, as mpmath numbers."""
+        return list(self._omega)
+
+    def precise_attitude(self, t: Any) -> list[Any]:
+        """Return q(t) in at least 30 digits, as mpmath numbers; t is one number."""
+        half = self._speed * t / 2
+        scale = self._mp.sin(half) / self._speed if self._speed else self._mp.mpf(0)
+        turn = [self._mp.cos(half), *(scale * x for x in self._omega)]
+        return _product(self._q0, turn)
+
+
+class FreeRotation(_PreciseMotion):
+    """A free body in general, with Ω × JΩ ≠ 0.
+
+    Axis i is the one of the largest or smallest moment that Ω circles about, j the one of the
+    middle moment, k the third. With ℓ² = |JΩ|², 2T = Ω·JΩ, u = u₀ + κt:
+
+        Ω_i = B_i dn u,  Ω_j = B_j sn u,  Ω_k = B_k cn u
+        B_i² = (ℓ² − 2T I_k) / (I_i (I_i − I_k)),  B_j² = (2T I_i − ℓ²) / (I_j (I_i − I_j)),
+        B_k² = (2T I_i − ℓ²) / (I_k (I_i − I_k)),  κ² = (ℓ² − 2T I_k)(I_i − I_j) / (I_1 I_2 I_3),
+        m = (I_j − I_k)(2T I_i − ℓ²) / ((I_i − I_j)(ℓ² − 2T I_k)) ≤ 1
+
+    Euler's angles (φ, θ, ψ) of axis i against the fixed angular momentum, by the right-handed
+    triad (a, b, i): l = ℓ (sin θ sin ψ, sin θ cos ψ, cos θ), and φ̇ = ℓ (Ω_a l_a + Ω_b l_b)/(l_a²
+    + l_b²) integrates to
+
+        φ = ℓ t/I_k + (ℓ/κ)(1/I_k − 1/I_i)[Π(n; am u) − u] from u₀ to u,
+        n = −I_i (I_j − I_k) / (I_k (I_i − I_j)) ≤ 0.
+
+    With e(t) the quaternion of these angles, q(t) = q₀ ∘ e(0)⁻¹ ∘ e(t). On the separatrix m = 1
+    sn, cn, dn are tanh, sech, sech; for a symmetric body m = n = 0.
+
+    Parameters
+    ----------
+    inertia
+        Principal moments, in any order, finite and above 0, in kg m².
+    angular_velocity
+        Ω at t = 0 in body axes, in rad/s.
+    attitude
+        q at t = 0, of unit length, scalar first.
+    """
+
+    def __init__(
+        self,
+        inertia: Sequence[float],
+        angular_velocity: Sequence[float],
+        attitude: Sequence[float],
+    ) -> None:
+        super().__init__(inertia, angular_velocity, attitude)
+        # In fractions nothing cancels and m = 1 is decided exactly.
+        I = [Fraction(x) for x in inertia]  # noqa: E741 (the paper's letter)
+        w = [Fraction(x) for x in angular_velocity]
+        i, j, k = self._axes = _elliptic_axes(I, w)
+        # ℓ² − 2T I_k and 2T I_i − ℓ²
+        excess_i = I[i] * (I[i] - I[k]) * w[i] ** 2 + I[j] * (I[j] - I[k]) * w[j] ** 2
+        excess_k = I[j] * (I[i] - I[j]) * w[j] ** 2 + I[k] * (I[i] - I[k]) * w[k] ** 2
+        m = (I[j] - I[k]) * excess_k / ((I[i] - I[j]) * excess_i)
+        n = -I[i] * (I[j] - I[k]) / (I[k] * (I[i] - I[j]))
+
+        self._mp = mp = _context(DIGITS + _lost_digits(1 - m))
+        self._m, self._n, self._rest = (_number(mp, x) for x in (m, n, 1 - m))
+        self._even = (j - i) % 3 == 1  # (i, j, k) is an even permutation of the axes
+        self._upright = w[k] >= 0  # B_k takes the sign of Ω_k: am u₀ lies within a quarter turn
+        # B_i takes the sign of Ω_i, B_j is positive, and Euler's equations give κ its sign.
+        sign_i, sign_k = (1 if w[i] > 0 else -1), (1 if self._upright else -1)
+        sign_rate = sign_i * sign_k * (1 if self._even else -1) * (1 if I[k] > I[i] else -1)
+        self._amplitudes = (
+            sign_i * _root(mp, excess_i / (I[i] * (I[i] - I[k]))),
+            _root(mp, excess_k / (I[j] * (I[i] - I[j]))),
+            sign_k * _root(mp, excess_k / (I[k] * (I[i] - I[k]))),
+        )
+        self._rate = sign_rate * _root(mp, excess_i * (I[i] - I[j]) / (I[0] * I[1] * I[2]))
+        self._inertia = [_number(mp, x) for x in I]
+        self._momentum = _root(mp, sum((x * y) ** 2 for x, y in zip(I, w, strict=True)))
+        self._drift = self._momentum * _number(mp, 1 / I[k] - 1 / I[i]) / self._rate
+        self._scale, self._ladder = _landen_ladder(mp, self._rest)
+        self._quarter = self._third_kind_on_quarter(mp.mpf(1), mp.mpf(0)) if m != 1 else mp.mpf(0)
+
+        _, b_j, b_k = self._amplitudes
+        am = mp.atan2(_number(mp, w[j]) / b_j, _number(mp, w[k]) / b_k)
+        self._u0 = mp.asinh(mp.tan(am)) if m == 1 else mp.ellipf(am, self._m)
+        self._third_kind0 = self._third_kind(am, self._u0)
+        q0 = [mp.mpf(x) for x in attitude]
+        w0, x0, y0, z0 = self._relative_attitude(mp.mpf(0))
+        self._to_space = _product(q0, [w0, -x0, -y0, -z0])
+
+    def precise_angular_velocity(self, t: Any) -> list[Any]:
+        """Return Ω(t) in at least 30 digits, as mpmath numbers; t is one number."""
+        _, sn, cn, dn = self._jacobi(self._u0 + self._rate * t)
+        omega = [self._mp.mpf(0)] * 3
+        for place, b, x in zip(self._axes, self._amplitudes, (dn, sn, cn), strict=True):
+            omega[place] = b * x
+        return omega
+
+    def precise_attitude(self, t: Any) -> list[Any]:
+        """Return q(t) in at least 30 digits, as mpmath numbers; t is one number."""
+        return _product(self._to_space, self._relative_attitude(t))
+
+    def _relative_attitude(self, t: Any) -> list[Any]:
+        """Return e(t): the body against axes whose third is the angular momentum's direction."""
+        mp, (i, j, k) = self._mp, self._axes
+        u = self._u0 + self._rate * t
+        am, sn, cn, dn = self._jacobi(u)
+        l_i, l_j, l_k = (
+            self._inertia[place] * abs(b) * x
+            for place, b, x in zip((i, j, k), self._amplitudes, (dn, sn, cn), strict=True)
+        )
+        theta = mp.atan2(mp.hypot(l_j, l_k), l_i if self._amplitudes[0] > 0 else -l_i)
+        # The angle of (l_k, l_j) without jumps: it stays within a quarter turn of am.
+        psi = am + mp.atan2(l_j * cn - l_k * sn, l_k * cn + l_j * sn)
+        psi = psi if self._upright else mp.pi - psi
+        psi = psi if self._even else mp.pi / 2 - psi
+        phi = self._momentum * t / self._inertia[k]
+        phi += self._drift * (self._third_kind(am, u) - self._third_kind0)
+        return self._from_euler(phi, theta, psi)
+
+    def _from_euler(self, phi: Any, theta: Any, psi: Any) -> list[Any]:
+        """Return the quaternion of erratum 9, its third axis being the body's axis i."""
+        mp, i = self._mp, self._axes[0]
+        e = [mp.cos((phi + psi) / 2) * mp.cos(theta / 2)] * 4
+        e[1 + (i + 1) % 3] = mp.cos((phi - psi) / 2) * mp.sin(theta / 2)
+        e[1 + (i + 2) % 3] = mp.sin((phi - psi) / 2) * mp.sin(theta / 2)
+        e[1 + i] = mp.sin((phi + psi) / 2) * mp.cos(theta / 2)
+        return e
+
+    def _jacobi(self, u: Any) -> tuple[Any, Any, Any, Any]:
+        """Return am u, sn u, cn u, dn u; am by Landen's descending ladder (DLMF 22.20(ii))."""
+        mp = self._mp
+        if not self._rest:
+            return 2 * mp.atan(mp.tanh(u / 2)), mp.tanh(u), mp.sech(u), mp.sech(u)
+        am = self._scale * u
+        for ratio in reversed(self._ladder):
+            am = (am + mp.asin(ratio * mp.sin(am))) / 2
+        sn, cn = mp.sin(am), mp.cos(am)
+        return am, sn, cn, mp.sqrt(cn**2 + self._rest * sn**2)
+
+    def _third_kind(self, am: Any, u: Any) -> Any:
+        """Return Π(n; am u) − u."""
+        mp = self._mp
+        if not self._n:
+            return mp.mpf(0)
+        if not self._rest:
+            root = mp.sqrt(-self._n)
+            return (u + root * mp.atan(root * mp.tanh(u))) / (1 - self._n) - u
+        half_turns = mp.nint(am / mp.pi)
+        rest = am - half_turns * mp.pi
+        part = self._third_kind_on_quarter(mp.sin(rest), mp.cos(rest))
+        return 2 * half_turns * self._quarter + part
+
+    def _third_kind_on_quarter(self, sn: Any, cn: Any) -> Any:
+        """Return Π − F = (n/3) sn³ R_J(cn², 1 − m sn², 1, 1 − n sn²) for |am| ≤ π/2."""
+        dn2 = cn**2 + self._rest * sn**2
+        integral = self._mp.elliprj(cn**2, dn2, 1, 1 - self._n * sn**2)
+        return self._n / 3 * sn**3 * integral
+
+
+def free_motion(
+    inertia: Sequence[float], angular_velocity: Sequence[float], attitude: Sequence[float]
+) -> SteadyRotation | FreeRotation:
+    """Return the exact motion of a free body: steady when Ω × JΩ = 0, elliptic otherwise.
+
+    Arguments as for ``FreeRotation``, already checked.
+    """
+    I = [Fraction(x) for x in inertia]  # noqa: E741 (the paper's letter)
+    w = [Fraction(x) for x in angular_velocity]
+    if any((I[a] - I[b]) * w[a] * w[b] for a, b in ((0, 1), (1, 2), (2, 0))):
+        return FreeRotation(inertia, angular_velocity, attitude)
+    return SteadyRotation(angular_velocity, attitude)
+
+
+def _elliptic_axes(I: list[Fraction], w: list[Fraction]) -> tuple[int, int, int]:  # noqa: E741
+    """Return the axes (i, j, k) of FreeRotation: i is the extremal one with m ≤ 1."""
+    least, middle, most = sorted(range(3), key=I.__getitem__)
+    about_most = I[most] * (I[most] - I[middle]) * w[most] ** 2
+    about_least = I[least] * (I[middle] - I[least]) * w[least] ** 2
+    return (most, middle, least) if about_most >= about_least else (least, middle, most)
+
+
+def _landen_ladder(mp: Any, rest: Any) -> tuple[Any, list[Any]]:
+    """Return 2^N a_N and the c_n/a_n of the arithmetic-geometric mean; rest = 1 − m."""
+    a, b, scale, ratios = mp.mpf(1), mp.sqrt(rest), mp.mpf(1), []
+    while rest and a - b > 4 * mp.eps:  # round-off alone never goes on
+        a, b, c = (a + b) / 2, mp.sqrt(a * b), (a - b) / 2
+        scale *= 2
+        ratios.append(c / a)
+    return scale * a, ratios
+
+
+def _lost_digits(rest: Fraction) -> int:
+    """Return the decimal digits of m that do not reach 1 − m; none on the separatrix."""
+    lost_bits = rest.denominator.bit_length() - rest.numerator.bit_length() if rest else 0
+    return max(0, lost_bits * 3 // 10 + 1)
+
+
+def _context(digits: int) -> Any:
+    """Return an mpmath context of its own, so that nobody's precision is changed."""
+    from mpmath import MPContext
+
+    mp = MPContext()
+    mp.dps = digits
+    return mp
+
+
+def _number(mp: Any, value: Fraction) -> Any:
+    return mp.mpf(value.numerator) / value.denominator
+
+
+def _root(mp: Any, value: Fraction | int) -> Any:
+    return mp.sqrt(_number(mp, Fraction(value)))
+
+
+def _product(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
+    """Return Hamilton's product x ∘ y, so that R(x ∘ y) = R(x) R(y)."""
+    x0, x1, x2, x3 = x
+    y0, y1, y2, y3 = y
+    return [
+        x0 * y0 - x1 * y1 - x2 * y2 - x3 * y3,
+        x0 * y1 + x1 * y0 + x2 * y3 - x3 * y2,
+        x0 * y2 - x1 * y3 + x2 * y0 + x3 * y1,
+        x0 * y3 + x1 * y2 - x2 * y1 + x3 * y0,
+    ]
+
+
+def _rounded(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> Array:
+    times = _times(t)
+    rows = [[float(x) for x in precise(time)] for time in times.ravel().tolist()]
+    return np.array(rows, dtype=np.float64).reshape(*times.shape, length)
+
+
+def _times(t: ArrayLike) -> Array:
+    times = np.asarray(t, dtype=np.float64)
+    if not np.isfinite(times).all():
+        raise InputError(f"The times {t!r} are not all finite; give seconds as finite numbers.")
+    return times

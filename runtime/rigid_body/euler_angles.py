@@ -1,0 +1,82 @@
+"""Euler angles of unit quaternions, in any of the 24 sequences of axes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import shown
+from ...core.errors import InputError
+from .quaternion import Array
+
+__all__ = ["check_sequence", "euler_angles"]
+
+#: Nearer than this to 0 or π the middle angle leaves the others undetermined but for their sum or
+#: difference: the digits of these, 1e-16/1e-7, are fewer than anybody asks for.
+_LOCK = 1e-7
+
+
+def check_sequence(sequence: Any) -> tuple[list[int], bool]:
+    """Return the axes' numbers of a sequence, and whether they turn with the body.
+
+    Raises
+    ------
+    InputError
+        Unless it is three letters x, y, z, or X, Y, Z, neighbours different.
+    """
+    letters = sequence if isinstance(sequence, str) else ""
+    known = len(letters) == 3 and ({*letters} <= {*"xyz"} or {*letters} <= {*"XYZ"})
+    if not known or letters[1] in (letters[0], letters[2]):
+        raise InputError(
+            f"Euler angles have no sequence {shown(sequence)}; give three axes, neighbours "
+            "different: small letters, 'zyx', turn about the axes of space, capitals, 'ZXZ', "
+            "about those of the body.")
+    return ["xyz".index(letter) for letter in letters.lower()], letters.isupper()
+
+
+def euler_angles(q: ArrayLike, sequence: str) -> Array:
+    """Return the angles of q, shape (..., 4) and scalar first, in rad, shape (..., 3).
+
+    ``"zyx"``: R(q) = R_x(c) R_y(b) R_z(a), turns by a, b, c about the axes of space, the first
+    letter's first. Capitals turn about the axes that the body carries: ``"ZXZ"`` is
+    R_z(a) R_x(b) R_z(c), the angles φ, θ, ψ of (81). These are SciPy's conventions. The first and
+    the last angle lie in [−π, π], the middle one in [0, π] where the outer axes are the same, else
+    in [−π/2, π/2]. Where the middle one stands at the end of its range (within 1e-7) the outer ones
+    are not determined, and the last is 0.
+
+    Source: Bernardes and Viollet, Quaternion to Euler angles conversion: a direct, general and
+    computationally efficient method, PLOS ONE 17 (2022) e0276302.
+
+    Raises
+    ------
+    InputError
+        For another sequence.
+    """
+    axes, turning = check_sequence(sequence)
+    i, j, k = reversed(axes) if turning else axes
+    same = i == k
+    k = 3 - i - j if same else k
+    sign = (i - j) * (j - k) * (k - i) / 2
+    parts = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
+    w, x, y, z = parts[0], parts[1 + i], parts[1 + j], sign * parts[1 + k]
+    if not same:  # turned by a right angle, the outer axes are the same too
+        w, x, y, z = w - y, x + z, y + w, z - x
+    middle = 2 * np.arctan2(np.hypot(y, z), np.hypot(w, x))
+    half_sum, half_difference = np.arctan2(x, w), np.arctan2(z, y)
+    first, last = half_sum - half_difference, half_sum + half_difference
+    low, high = middle < _LOCK, middle > np.pi - _LOCK
+    # Where the middle angle is at an end only the sum, or the difference, of the others is there.
+    zero = np.zeros_like(first)
+    whole = np.where(low, 2 * half_sum, 2 * half_difference * (1 if turning else -1))
+    locked = low | high
+    if turning:
+        first, last = np.where(locked, zero, first), np.where(locked, whole, last)
+    else:
+        first, last = np.where(locked, whole, first), np.where(locked, zero, last)
+    if not same:
+        last, middle = sign * last, middle - np.pi / 2
+    found: NDArray[np.float64] = np.stack(
+        [last, middle, first] if turning else [first, middle, last], axis=-1)
+    return np.where(np.abs(found) > np.pi, found - 2 * np.pi * np.sign(found), found)

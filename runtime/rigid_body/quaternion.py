@@ -1,0 +1,237 @@
+"""Unit quaternions and the state (q, p) in NumPy: scalar first, vectorised over leading axes.
+
+A quaternion q and −q are the same attitude. Angular velocities are in body axes, in rad/s;
+moments of inertia in kg m², momenta p in kg m²/s.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import shown
+from ...core.errors import InputError, MissingDependencyError
+from ...core.extras import install
+from ...core.inertia import (
+    InertiaLike,
+    as_inertia,
+    as_moments_or_tensor,
+    inertia_matrix,
+    is_tensor,
+    quaternion_of_matrix,
+    real_array,
+)
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+__all__ = [
+    "Array",
+    "angular_velocity",
+    "axis",
+    "euler_quaternion",
+    "from_rotation",
+    "left_matrix",
+    "momentum",
+    "rotation_matrix",
+    "state_from_rotation",
+    "to_rotation",
+]
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def left_matrix(q: ArrayLike) -> Array:
+    """Return L(q) of (8), shape (..., 3, 4): L(q)q = 0, and Ω = 2 L(q) q̇ in body axes.
+
+    Raises
+    ------
+    InputError
+        Unless the last axis of q, shape (..., 4), has length 4.
+    """
+    q0, q1, q2, q3 = np.moveaxis(_vectors(q, 4, "quaternion"), -1, 0)
+    return _matrix([[-q1, q0, q3, -q2], [-q2, -q3, q0, q1], [-q3, q2, -q1, q0]])
+
+
+def rotation_matrix(q: ArrayLike) -> Array:
+    """Return R(q) of (3), shape (..., 3, 3); maps body to space axes (erratum 1).
+
+    Orthogonal for |q| = 1; in general R Rᵀ = |q|⁴ I₃.
+
+    Raises
+    ------
+    InputError
+        Unless the last axis of q, shape (..., 4), has length 4.
+    """
+    q0, q1, q2, q3 = np.moveaxis(_vectors(q, 4, "quaternion"), -1, 0)
+    return _matrix(
+        [
+            [q0**2 + q1**2 - q2**2 - q3**2, 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)],
+            [2 * (q1 * q2 + q0 * q3), q0**2 - q1**2 + q2**2 - q3**2, 2 * (q2 * q3 - q0 * q1)],
+            [2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), q0**2 - q1**2 - q2**2 + q3**2],
+        ]
+    )
+
+
+def axis(q: ArrayLike) -> Array:
+    """Return (R13, R23, R33), the body's third axis in space, shape (..., 3).
+
+    The centre of mass of the paper's top is l times this (erratum 1).
+
+    Raises
+    ------
+    InputError
+        Unless the last axis of q, shape (..., 4), has length 4.
+    """
+    third_column: Array = rotation_matrix(q)[..., 2]
+    return third_column
+
+
+def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: InertiaLike) -> Array:
+    """Return Ω = J⁻¹ l with l = ½ L(q) p (19), in body axes, shape (..., 3), in rad/s.
+
+    Raises
+    ------
+    InputError
+        Unless q and p have shape (..., 4) and the inertia is three finite moments above 0 or a
+        tensor with such.
+    """
+    given = as_moments_or_tensor(inertia)
+    twice_l = np.einsum("...ij,...j->...i", left_matrix(q), _vectors(p, 4, "momentum p"))
+    if is_tensor(given):
+        turning: Array = np.linalg.solve(inertia_matrix(given), twice_l[..., None] / 2)[..., 0]
+        return turning
+    omega: Array = twice_l / (2 * np.array(given))
+    return omega
+
+
+def momentum(q: ArrayLike, omega: ArrayLike, inertia: InertiaLike) -> Array:
+    """Return p = 2 L(q)ᵀ J Ω (82), shape (..., 4), in kg m²/s; qᵀp = 0 holds by (9).
+
+    Raises
+    ------
+    InputError
+        Unless q has shape (..., 4), Ω has shape (..., 3) and the inertia is three finite moments
+        above 0 or a tensor with such.
+    """
+    given, turning = as_moments_or_tensor(inertia), _vectors(omega, 3, "angular velocity")
+    with np.errstate(over="ignore", invalid="ignore"):  # states that are not finite are refused
+        l = turning @ inertia_matrix(given) if is_tensor(given) else (  # noqa: E741
+            np.array(given) * turning)
+        p: Array = 2 * np.einsum("...ij,...i->...j", left_matrix(q), l)
+    return p
+
+
+def euler_quaternion(phi: ArrayLike, theta: ArrayLike, psi: ArrayLike) -> Array:
+    """Return q of (81), corrected (erratum 9), shape (..., 4), from angles in rad.
+
+    R(q) = R_z(φ) R_x(θ) R_z(ψ): precession φ, nutation θ, spin ψ.
+    """
+    phi, theta, psi = (np.asarray(angle, dtype=np.float64) for angle in (phi, theta, psi))
+    half_sum, half_difference, half_theta = (phi + psi) / 2, (phi - psi) / 2, theta / 2
+    components = [
+        np.cos(half_sum) * np.cos(half_theta),
+        np.cos(half_difference) * np.sin(half_theta),
+        np.sin(half_difference) * np.sin(half_theta),
+        np.sin(half_sum) * np.cos(half_theta),
+    ]
+    return np.stack(components, axis=-1)
+
+
+def to_rotation(q: ArrayLike) -> Rotation:
+    """Return the SciPy Rotation that maps body to space axes, one or a stack as q is.
+
+    SciPy stores the scalar last and normalises.
+
+    Raises
+    ------
+    InputError
+        Unless q has shape (4,) or (N, 4), is finite and not zero.
+    MissingDependencyError
+        If SciPy is not installed.
+    """
+    Rotation = _scipy_rotation()
+    q0, q1, q2, q3 = np.moveaxis(_vectors(q, 4, "quaternion"), -1, 0)
+    norm = np.sqrt(q0**2 + q1**2 + q2**2 + q3**2)
+    if not (np.isfinite(norm) & (norm > 0)).all():
+        raise InputError(f"The quaternion {q!r} is no attitude; it must be finite and not zero.")
+    return Rotation.from_quat(np.stack([q1, q2, q3, q0], axis=-1))
+
+
+def from_rotation(rotation: Rotation | ArrayLike) -> Array:
+    """Return q, scalar first, shape (4,) or (N, 4), of rotations from body to space axes.
+
+    Of q and −q, which are the same attitude, it returns the one that SciPy stores; of a matrix the
+    one whose scalar is not negative.
+
+    Raises
+    ------
+    InputError
+        If it is neither a SciPy Rotation nor a rotation matrix, shape (3, 3) or (N, 3, 3).
+    """
+    if hasattr(rotation, "as_quat"):  # SciPy is not needed to know its Rotation
+        scalar_last: Array = np.asarray(rotation.as_quat(), dtype=np.float64)
+        return scalar_last[..., [3, 0, 1, 2]]
+    matrices = real_array(rotation)
+    if matrices is None or matrices.shape[-2:] != (3, 3) or matrices.ndim not in (2, 3):
+        raise InputError(
+            f"The rotation {shown(rotation)} is neither a scipy.spatial.transform.Rotation nor a "
+            "3 × 3 matrix; make one with Rotation.from_euler or from_quat."
+        )
+    if matrices.ndim == 2:
+        return quaternion_of_matrix(matrices)
+    return np.array([quaternion_of_matrix(R) for R in matrices]).reshape(-1, 4)
+
+
+def state_from_rotation(
+    rotation: Rotation | ArrayLike, angular_velocity: ArrayLike, inertia: InertiaLike
+) -> tuple[Array, Array]:
+    """Return the state (q, p) of a body, each (4,) or (N, 4), to start a stepper from.
+
+    Parameters
+    ----------
+    rotation
+        SciPy Rotation (one or a stack) that maps body to space axes, or such a matrix, 3 × 3.
+    angular_velocity
+        Ω in body axes, shape (3,) or (N, 3), in rad/s.
+    inertia
+        About the fixed point, in kg m²: principal moments I₁, I₂, I₃, or the tensor in body axes,
+        3 × 3, for a system that has such (``Multibody``, a model file).
+
+    Raises
+    ------
+    InputError
+        If an argument is not of that kind, or no body has that inertia.
+    """
+    q = from_rotation(rotation)
+    p = momentum(q, angular_velocity, as_inertia(inertia))
+    q = np.broadcast_to(q, p.shape).copy()
+    return q, p
+
+
+def _vectors(values: ArrayLike, length: int, what: str) -> Array:
+    vectors = real_array(values)
+    if vectors is None:
+        raise InputError(f"The {what} {shown(values)} is no array of real numbers.")
+    if vectors.ndim == 0 or vectors.shape[-1] != length:
+        raise InputError(
+            f"The {what} has shape {vectors.shape}; its last axis must have length {length}."
+        )
+    return vectors
+
+
+def _matrix(rows: list[list[Array]]) -> Array:
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _scipy_rotation() -> Any:
+    try:
+        from scipy.spatial.transform import Rotation
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"A SciPy Rotation is asked for and SciPy is not installed; {install('rotation')} "
+            "cures it."
+        ) from error
+    return Rotation

@@ -1,0 +1,305 @@
+"""Many trajectories at once: lanes of vector registers, threads over batches, no GIL."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import shown
+from ...core.errors import InputError, StepFailed, Stopped
+from ...core.event import as_events
+from ...core.exact_numbers import Number
+from ...core.html import card, table
+from ...core.interrupts import ctrl_c
+from ..bindings.array_checks import as_numbers, as_positive_count
+from ..bindings.inputs import Inputs, as_inputs
+from ..events.detection import Levels
+from ..events.location import crossings_of, watches_of
+from ..integration.failure import Diagnosis
+from ..integration.lanes import Course, fill_course, threads_of
+from ..integration.parameters import refuse_auto, refuse_choice
+from ..integration.run_arguments import Given, checked_runs
+from ..integration.step_loop import failure_of, trajectory_of
+from ..results import ensemble_table
+from ..results.crossings import Crossings, CrossingsOfMany
+from ..results.trajectory import Trajectory
+from ..tuning.frame_choice import asks_for_frame, start_frame
+
+if TYPE_CHECKING:
+    import xarray
+
+    from .stepper import Stepper
+
+__all__ = ["Ensemble", "integrate_members"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """The trajectories of ``integrate_ensemble``; the leading axis is the trajectory.
+
+    Attributes
+    ----------
+    t, q, p, multipliers, iterations : arrays
+        As in ``Trajectory`` with a leading axis; NaN (0 iterations) after a failed step, and after
+        Ctrl-C where the ensemble comes with ``Stopped``.
+    failures : dict
+        Number of a failed trajectory → its ``StepFailed``.
+    events : dict of str to CrossingsOfMany
+        Where the events that were asked for happened: ``events["height"].first``, ``.count``, and
+        the ``Crossings`` of trajectory i in ``events["height"][i]``.
+    members : list of Trajectory
+        Each trajectory by itself, up to its failed step if it has one; with it ``work`` and
+        ``quantity(name)``. Made when first asked for.
+    """
+
+    t: Array
+    q: Array
+    p: Array
+    multipliers: Array
+    iterations: Array
+    failures: dict[int, StepFailed]
+    _name: str = field(repr=False)
+    _make: Callable[[int], Trajectory] = field(repr=False)
+    events: dict[str, CrossingsOfMany] = field(default_factory=dict, repr=False)
+    _made: dict[str, list[Trajectory]] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def members(self) -> list[Trajectory]:
+        """Each trajectory by itself."""
+        if not self._made:  # two threads may both make them; the first one's stay
+            self._made.setdefault("members", [
+                self.failures[i].trajectory if i in self.failures else self._make(i)
+                for i in range(len(self))])
+        return self._made["members"]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        return (f"<Ensemble of {self._name}: {len(self):,} trajectories of {self.t.shape[1]:,} "
+                f"states, {len(self.failures):,} failed>")
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: how many there are, and which failed, the first ones."""
+        rows: list[tuple[str, object]] = [
+                ("trajectories", f"{len(self):,} of {self.t.shape[1]:,} states"),
+                ("failed", f"{len(self.failures):,}")]
+        rows += [(f"trajectory {i}", failure) for i, failure in islice(self.failures.items(), 3)]
+        return card(f"Ensemble of {self._name}", table(rows))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return all trajectories as an xarray Dataset along ``trajectory`` and ``state``.
+
+        Its variables are those of ``Trajectory.to_xarray``, NaN behind the end of a trajectory
+        that failed; ``time``, ``dt``, ``steps``, ``status`` ("complete", "stopped", or why a step
+        failed) and each ``parameter_NAME`` are coordinates. Events are along dimensions of their
+        own, with the ``trajectory`` of each.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without xarray.
+
+        Examples
+        --------
+        >>> many.to_xarray().swap_dims(trajectory="parameter_mgl").energy   # doctest: +SKIP
+        """
+        return ensemble_table.to_xarray(self)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write all trajectories to a file, which appears complete or not at all; return its path.
+
+        - .npz (also where the name has no ending): the arrays of ``to_xarray`` under their names,
+          with all their digits, and ``about``, JSON with the manifest: for ``numpy.load``.
+        - .csv: a row for each state, with the number of its trajectory.
+        - .nc: ``to_xarray`` as NetCDF-4, in doubles: for ``xarray.open_dataset``.
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        GyrosparkError
+            If the file cannot be written.
+        """
+        return ensemble_table.save(self, path)
+
+    def plot(
+        self, path: str | os.PathLike[str] | None = None, *, values: Sequence[str] = ()
+    ) -> Any:
+        """Draw values and the energy error against time, a line for each trajectory.
+
+        Parameters
+        ----------
+        path : path, optional
+            Where to write the picture: .png, .svg or .pdf.
+        values : list of str
+            Quantities, coordinates or momenta by name; by default the first six quantities, or
+            coordinates where there are none.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Of 200 trajectories at most, spread over all.
+        """
+        from ..plotting.ensemble_plot import draw  # matplotlib is optional
+
+        return draw(self, values, path)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the members; memory of compiled code stays where it is."""
+        members = self.members
+        return {**self.__dict__, "_make": members.__getitem__}
+
+
+def integrate_members(
+    stepper: Stepper,
+    q: ArrayLike,
+    p: ArrayLike,
+    dt: Number | ArrayLike,
+    t0: Number | ArrayLike,
+    parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
+    workers: int | None,
+    events: Any,
+    inputs: Any = None,
+    hold: int = 1,
+    **options: Any,
+) -> Ensemble:
+    """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
+    starts, momenta = _rows(stepper, "q", q), _rows(stepper, "p", p)
+    if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
+        raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
+                         f"(trajectories, {stepper.n}) for both.")
+    size = len(starts)
+    given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
+                  np.broadcast_to(_each("t0", t0, size), size),
+                  _each_parameters(stepper.fed(parameters, inputs), size))
+    fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]), hold,
+                    size)
+    given = _with_frames(stepper, given, fed)
+    runs = replace(checked_runs(stepper, given, options), inputs=fed)
+    levels = _levels(stepper, events)
+    if runs.first.steps:
+        stepper.rotations.warn(runs.parameters, runs.dt, runs.q, runs.p)
+    course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
+    with ctrl_c() as interrupts:
+        def fill(some: Course) -> None:
+            fill_course(some, threads_of(workers), lambda: interrupts.asked)
+
+        fill(course)
+        crossings = [] if levels is None else crossings_of(stepper, levels, runs,
+                                                           course.watches, fill)
+    found = _ensemble(stepper, course, crossings)
+    if interrupts.asked:
+        raise Stopped(f"Stopped with {sum(course.stored):,} of {found.t.size:,} states; they are "
+                      "in .ensemble.", interrupts.signal, ensemble=found)
+    return found
+
+
+def _levels(stepper: Stepper, events: Any) -> Levels | None:
+    """Return the levels of a caller's events, none of which ends a run; None without events."""
+    asked = as_events(events, stepper.manifest["system"])
+    ending = [one.name for one in asked if one.terminal]
+    if ending:
+        raise InputError(f"The event {ending[0]!r} is terminal: it ends single runs. The "
+                         "trajectories of an ensemble have one length; ask for it without "
+                         "terminal=True and look at events[...].first.")
+    return Levels.of(stepper.binding, stepper.manifest, asked) if asked else None
+
+
+def _ensemble(
+    stepper: Stepper, course: Course, crossings: list[dict[str, Crossings]]
+) -> Ensemble:
+    """Return what was stored as arrays, NaN where nothing was, the failures beside them."""
+    binding, runs, rows = stepper.binding, course.runs, course.rows
+    states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
+    at = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
+    t = binding.times(runs.t0[:, None], runs.dt[:, None], at)
+    q, p, multipliers = rows.q.copy(), rows.p.copy(), rows.multipliers[:, 1:].copy()
+    iterations = rows.iterations[:, 1:].copy()
+    for i, stored in enumerate(course.stored):
+        if stored < states:
+            t[i, stored:] = no_number if t.dtype == object else np.nan
+            q[i, stored:] = p[i, stored:] = multipliers[i, stored - 1 :] = no_number
+            iterations[i, stored - 1 :] = 0
+    if binding.m > 1:
+        multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
+
+    def member(i: int) -> Trajectory:
+        made = trajectory_of(binding, stepper.manifest, runs[i], course.rows_of(i),
+                             course.report(i), course.q[i], course.p[i])
+        return replace(made, events=crossings[i]) if crossings else made
+
+    failures = {i: failure_of(runs[i], member(i), Diagnosis.bare(int(course.status[i])))
+                for i in np.flatnonzero(course.status).tolist()}
+    events = {name: CrossingsOfMany([one[name] for one in crossings])
+              for name in (crossings[0] if crossings else ())}
+    return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
+
+
+def _with_frames(stepper: Stepper, given: Given, inputs: Inputs | None) -> Given:
+    """Return what is given with each start's own least squares where a frame is asked for."""
+    def rates(i: int) -> dict[str, float]:
+        own = given.parameters_of(i)
+        if own["frame"] != "start":
+            refuse_choice(own["frame"])
+        others = {name: value for name, value in own.items() if name != "frame"}
+        first = {} if inputs is None else inputs.of(i).first
+        return others | start_frame(stepper, given.q[i], given.p[i], others | first,
+                                    dt=given.dt[i], t0=given.t0[i])
+
+    if isinstance(given.parameters, list):
+        if not any(asks_for_frame(stepper, one) for one in given.parameters):
+            return given
+        return replace(given, parameters=[rates(i) if asks_for_frame(stepper, one) else one
+                                          for i, one in enumerate(given.parameters)])
+    shared, columns = given.parameters
+    if not asks_for_frame(stepper, shared):
+        return given
+    found = [rates(i) for i in range(len(given.q))]
+    others = {name: value for name, value in shared.items() if name != "frame"}
+    return replace(given, parameters=(others, columns | {
+        symmetry.name: np.array([one[symmetry.name] for one in found])
+        for symmetry in stepper.symmetries}))
+
+
+def _each(name: str, value: Any, size: int) -> Array:
+    array = as_numbers(name, value)
+    if array.shape not in ((), (size,)):
+        raise InputError(f"{name} has shape {array.shape}; give one number or {size} of them.")
+    return array
+
+
+def _rows(stepper: Stepper, name: str, value: Any) -> Array:
+    array = stepper.binding.numbers(name, value)
+    if array.ndim != 2:
+        raise InputError(f"{name} has shape {array.shape}; give one row for each trajectory.")
+    return array
+
+
+def _each_parameters(
+    parameters: Any, size: int
+) -> list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]:
+    if isinstance(parameters, Mapping):
+        for name, value in parameters.items():
+            if name != "frame":
+                refuse_auto(name, value)
+        rules = {name: value for name, value in parameters.items() if isinstance(value, str)}
+        columns = {name: _each(f"Parameter {name}", value, size)
+                   for name, value in parameters.items() if name not in rules}
+        shared = {name: column[()] for name, column in columns.items() if not column.shape}
+        return rules | shared, {name: column for name, column in columns.items() if column.shape}
+    if not isinstance(parameters, Sequence) or not all(isinstance(r, Mapping) for r in parameters):
+        raise InputError(f"parameters = {shown(parameters)} is neither a dict nor a list of "
+                         "dicts.")
+    if len(parameters) != size:
+        raise InputError(f"{len(parameters)} sets of parameters are given for {size} trajectories.")
+    return [dict(run) for run in parameters]

@@ -1,0 +1,274 @@
+"""What a compiled stepper says of a state, and of what a step solves; no step is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.errors import GyrosparkError, InputError
+from ...core.exact_numbers import Number
+from ...core.projection import Projection, project, report
+from ...core.real_types import REALS, RealName
+from ..bindings.array_checks import as_real, as_step
+from ..bindings.binding import REASONS, Binding
+from ..bindings.compiled_constraints import CompiledConstraints
+from ..compilation.manifest import read_manifest
+from ..compilation.stepper_module import load_module
+from ..integration.parameters import as_parameters
+from ..tuning.manifest_symmetries import symmetries_of
+
+__all__ = ["Evaluation"]
+
+Array = NDArray[Any]
+
+
+class Evaluation:
+    """Compiled functions on states: see ``Stepper``, which adds the steps."""
+
+    def __init__(self, name: str, files: dict[str, str]) -> None:
+        self.name = name
+        self.files = dict(files)
+        self.manifest = read_manifest(name, files)
+        self.binding = self._bound(load_module(name, files))
+        self._binding_of_many: list[Binding] = []
+        self.n, self.m = self.binding.n, self.binding.m
+        self.unknowns = self.binding.unknowns
+        self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
+        self.symmetries = symmetries_of(self.manifest)
+
+    @property
+    def binding_of_many(self) -> Binding:
+        """Calls for many trajectories; lanes are compiled when this is first asked for.
+
+        What is passed to it was made by it: structs of the two modules have types of their own.
+        """
+        if not self.binding.lanes:
+            return self.binding
+        if not self._binding_of_many:  # two threads may both load it; the first one's stays
+            self._binding_of_many.append(
+                self._bound(load_module(self.name, self.files, "lanes")))
+        return self._binding_of_many[0]
+
+    def _bound(self, module: Any) -> Binding:
+        return _binding_type(self.manifest["real"])(module, self.name, self.manifest)
+
+    # ------------------------------------------------------------ what a step solves
+
+    def residual(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Number], t: Number = 0.0,
+    ) -> Array:
+        """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
+
+        ``t`` is the time at the start of the step.
+        """
+        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
+        return self.binding.residual(run, self._step(dt), *state, unknowns, self.binding.work())
+
+    def jacobian(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Number], t: Number = 0.0,
+    ) -> Array:
+        """Return ∂r/∂x, shape (unknowns, unknowns)."""
+        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
+        return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
+
+    def guess(
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Number],
+        t: Number = 0.0,
+    ) -> Array:
+        """Return the x from which a step's iteration starts."""
+        state, run = self._state(q, p), self._parameters(parameters, t)
+        x = self.binding.guess(run, self._step(dt), *state, self.binding.work())
+        return x + self._origin(*state)
+
+    # ------------------------------------------------------------ about a state
+
+    def energy(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
+    ) -> Array:
+        """Return H(q, p, t) in the stepper's own representation; leading axes are kept.
+
+        ``t``, which matters where H has it, is one time for all states, or one for each.
+        """
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        H = self.binding.hamiltonian(self._parameters(parameters), q_rows, p_rows,
+                                     self._times(t, shape))
+        return H.reshape(shape)
+
+    def momenta(
+        self, q: ArrayLike, v: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
+    ) -> Array:
+        """Return the momenta p = L_v(q, v, t) of velocities, of a system from its Lagrangian.
+
+        Leading axes are kept; ``t``, which matters where L has it, is one time for all states, or
+        one for each. On constraints velocities have g_q v + g_t = 0: ``integrate`` says where they
+        have not, ``project`` moves the momenta to where they have.
+
+        Raises
+        ------
+        InputError
+            For a system that was given by its H.
+        """
+        self._refuse_unless_lagrangian("momenta")
+        shape, q_rows, v_rows = self._state_rows(q, v, "v")
+        p = self.binding.momenta(self._parameters(parameters), q_rows, v_rows,
+                                 self._times(t, shape))
+        return p.reshape(*shape, self.n)
+
+    def velocities(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
+    ) -> Array:
+        """Return the velocities v = H_p(q, p, t): the way back of ``momenta``, raising as it."""
+        self._refuse_unless_lagrangian("velocities")
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        v = self.binding.velocities(self._parameters(parameters), q_rows, p_rows,
+                                    self._times(t, shape))
+        return v.reshape(*shape, self.n)
+
+    def _refuse_unless_lagrangian(self, what: str) -> None:
+        if "velocity_names" not in self.manifest["system"]:
+            raise InputError(f"{self.name} has no {what}: its system was given by its Hamiltonian; "
+                             "System.from_lagrangian makes one that knows them.")
+
+    def quantities(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        t: Number | ArrayLike = 0.0,
+    ) -> dict[str, Array]:
+        """Return each quantity of the system at states (q, p); leading axes are kept.
+
+        ``t`` is one time for all states, or one for each.
+        """
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        values = self.binding.quantities(self._parameters(parameters), self._times(t, shape),
+                                         q_rows, p_rows)
+        return {name: values[:, i].reshape(shape)
+                for i, name in enumerate(self.binding.quantity_names)}
+
+    def defects(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
+    ) -> tuple[Array, Array]:
+        """Return g(q, t) and the constraint on the momenta (qᵀp for a body), m entries each."""
+        q_one, p_one = self._state(q, p)
+        g, f = self.binding.defects(self._parameters(parameters, t), q_one[None], p_one[None])
+        return g[0], f[0]
+
+    def project(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
+    ) -> tuple[Array, Array]:
+        """Return the state moved onto the constraints: q/|q| and p without its part along q.
+
+        In general q moves along g_qᵀ onto g = 0, then p along g_qᵀ onto g_q H_p = 0, or
+        g_q H_p + g_t = 0 at the time ``t`` where constraints depend on it.
+        """
+        state, run = self._state(q, p), self._parameters(parameters, t)
+        return self._projected(*state, run)
+
+    def consistent(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
+    ) -> Projection:
+        """Return what ``project`` does, with a report of what was moved.
+
+        The report's numbers are floats: |g| and the momentum constraint before and after by the
+        constraints' names, and the coordinate and the momentum that moved furthest. To print it
+        is to read it.
+
+        Raises
+        ------
+        InputError
+            Where it cannot be done, with the names of the constraints that are in the way.
+        """
+        old, run = self._state(q, p), self._parameters(parameters, t)
+        new = self._projected(*old, run)
+        numeric = CompiledConstraints(self.binding, self.manifest, run)
+        states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
+        g, f = self.binding.defects(run, *map(np.ascontiguousarray, states))
+        return report(numeric, old, new, (g[0], g[1]), (f[1], f[2]))
+
+    def _projected(self, q: Array, p: Array, parameters: Any) -> tuple[Array, Array]:
+        """Return the projected state: by compiled code, else by damped steps from Python."""
+        q_near, p_near = q.copy(), p.copy()
+        status = self.binding.project(parameters, q_near, p_near)
+        if not status:
+            return q_near, p_near
+        if self.binding.dtype is not np.float64:
+            raise GyrosparkError(
+                f"The state {q}, {p} cannot be projected: {REASONS[status]}; give a nearer one."
+            )
+        with np.errstate(all="ignore"):
+            made = project(CompiledConstraints(self.binding, self.manifest, parameters), q, p)
+        return made.q, made.p
+
+    # ------------------------------------------------------------ inside
+
+    def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
+        as_array = self.binding.array
+        try:
+            return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))
+        except InputError as error:
+            if np.asarray(q, dtype=object).ndim != 2:
+                raise
+            raise InputError(f"{error} Many starts at once, a row each, are integrated by "
+                             "integrate_ensemble.") from None
+
+    def _state_rows(
+        self, q: ArrayLike, p: ArrayLike, second: str = "p"
+    ) -> tuple[tuple[int, ...], Array, Array]:
+        """Return the leading axes of q and p, and both as rows of the stepper's own type."""
+        q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers(second, p)
+        shape = q_rows.shape
+        if shape[-1:] != (self.n,) or p_rows.shape != shape:
+            raise InputError(f"q and {second} have shapes {shape} and {p_rows.shape}; "
+                             f"give (..., {self.n}) for both.")
+        q_rows, p_rows = (self._cast(a).reshape(-1, self.n) for a in (q_rows, p_rows))
+        return shape[:-1], q_rows, p_rows
+
+    def _times(self, t: Number | ArrayLike, shape: tuple[int, ...]) -> Array:
+        """Return a time for each row of states with such leading axes."""
+        times = self.binding.numbers("t", t)
+        if times.shape not in ((), shape):
+            raise InputError(f"t has shape {times.shape}; give one time, or shape {shape}.")
+        return self._cast(np.broadcast_to(times, shape)).reshape(-1)
+
+    def _cast(self, numbers: Array) -> Array:
+        """Return a copy in the stepper's own type; what is beyond its range is infinite."""
+        return self.binding.converted(numbers)
+
+    def _step(self, dt: Number) -> Any:
+        return as_step(dt, self.binding.number)
+
+    def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
+        number = self.binding.number
+        values = as_parameters(given, self.parameter_domains, number, self.symmetries)
+        return self.binding.parameters(values, as_real("t", t, number))
+
+    def _at(
+        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: Number,
+        parameters: Mapping[str, Number], t: Number,
+    ) -> tuple[Array, tuple[Array, Array], Any]:
+        self._step(dt)
+        state = self._state(q, p)
+        unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
+        return unknowns, state, self._parameters(parameters, t)
+
+    def _origin(self, q: Array, p: Array) -> Array:
+        """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
+        origin = self.binding.new(self.unknowns)
+        if self.manifest["scheme"]["unknowns_are_state"]:
+            origin[: 2 * self.n] = np.concatenate([q, p])
+        return origin
+
+
+def _binding_type(real: RealName) -> type[Binding]:
+    """Return the class for a floating-point type; only float128 costs the import of mpmath."""
+    if not REALS[real].in_mpmath:
+        return Binding
+    from ..bindings.binary128_binding import QuadBinding
+
+    return QuadBinding

@@ -1,0 +1,127 @@
+"""What a run needs to know of a model beside its stepper: numbers, no formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from ...core.event import Event
+from ...core.exact_numbers import Rounded, exact, knowing
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ..rigid_body.problems import Problem
+
+    Array = NDArray[Any]
+
+__all__ = ["Start"]
+
+#: The fields of a start with numbers in them.
+_NUMBERS = ("parameters", "q0", "p0", "bodies", "dt")
+
+
+@dataclass(frozen=True)
+class Start:
+    """Parameters and the state at t = 0, in doubles that know what was typed in a file.
+
+    Attributes
+    ----------
+    name, description : str
+        Of the model.
+    parameters : mapping of str to float
+        All but those of ``bodies`` that are left to be chosen.
+    q0, p0 : list of float
+        State at t = 0.
+    bodies : mapping of str to list
+        Name of each inertia parameter (γ or α of a body) → the body's inertia: three principal
+        moments, or a tensor in rows.
+    dt, steps : float and int, or None
+        Where the model names them.
+    rules : mapping of str to str
+        Name of an inertia parameter without a value → the rule to find it by; "m" for the others.
+    free : list of str
+        Parameters that another value may be given for and nothing else changes.
+    events : tuple of Event
+        What its runs look for.
+    remarks : list of str
+        What is to be said of the file that the model came from.
+    """
+
+    name: str
+    description: str
+    parameters: Mapping[str, float]
+    q0: list[float]
+    p0: list[float]
+    bodies: Mapping[str, Any]
+    dt: float | None
+    steps: int | None
+    rules: Mapping[str, str] = field(default_factory=dict)
+    free: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    events: tuple[Event, ...] = ()
+
+    def __repr__(self) -> str:
+        return (f"<Start of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
+                "parameters>")
+
+    @classmethod
+    def of_problem(cls, problem: Problem) -> Start:
+        """Return the numbers of a built-in problem, one rigid body."""
+        inertia = list(problem.inertia)
+        return cls(problem.name, problem.description, problem.parameters, problem.q0.tolist(),
+                   problem.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
+
+    @classmethod
+    def of(cls, model: Any) -> Start:
+        """Return the numbers of a model, a ``gyrospark.Model`` or what has its attributes."""
+        return cls(
+            model.name, model.description, {k: knowing(x) for k, x in model.parameters.items()},
+            [knowing(x) for x in model.q0], [knowing(x) for x in model.p0],
+            {name: [_mapped(list(x), knowing) if isinstance(x, tuple) else knowing(x)
+                    for x in inertia] for name, inertia in model.bodies.items()},
+            None if model.dt is None else knowing(model.dt), model.steps, dict(model.rules),
+            events=tuple(model.events),
+        )
+
+    @property
+    def state(self) -> tuple[Array, Array]:
+        """The state as arrays of objects: NumPy's own would lose digits."""
+        import numpy as np
+
+        q0, p0 = (np.array(x, dtype=object) for x in (self.q0, self.p0))
+        return q0, p0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what JSON can hold of it: a double, or the text of a number with more digits."""
+        content = asdict(self)
+        events = [asdict(one) | {"level": str(exact(one.level))} for one in self.events]
+        return content | {name: _mapped(content[name], _text) for name in _NUMBERS} | {
+            "events": events}
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> Start:
+        """Return what ``as_json`` was made of."""
+        events = tuple(Event(**one | {"level": Fraction(one["level"])})
+                       for one in content["events"])
+        return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS} | {
+            "events": events})
+
+
+def _mapped(content: Any, change: Any) -> Any:
+    """Return the same with everything in its tables and lists changed."""
+    if isinstance(content, dict):
+        return {key: _mapped(value, change) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_mapped(value, change) for value in content]
+    return change(content)
+
+
+def _text(value: Any) -> Any:
+    return str(value.whole) if isinstance(value, Rounded) else value
+
+
+def _number(value: Any) -> Any:
+    return Rounded(Fraction(value)) if isinstance(value, str) else value

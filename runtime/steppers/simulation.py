@@ -1,0 +1,473 @@
+"""One trajectory held in compiled memory between calls: its predictor, its rounding errors.
+
+``Held`` is what both users of it share: ``Simulation``, which its caller advances by any number of
+steps, and a loop of ``Stepper.step``, which gives each call the end of the one before. As long as
+it does, with the same time step, parameters and solver, compiled code goes on in the memory of that
+call: a call then takes the sweeps, and gives the bits, of a step inside ``integrate``. Any other
+call starts anew, as ``integrate`` does. ``Recorded`` keeps every state of a simulation as well.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import proposal
+from ...core.errors import InputError, StepFailed, Stopped
+from ...core.exact_numbers import Number
+from ...core.interrupts import ctrl_c
+from ..bindings.array_checks import as_positive_count, as_real
+from ..bindings.binding import Binding
+from ..bindings.inputs import Inputs
+from ..integration.consistency import refuse_inconsistent
+from ..integration.failure import diagnose
+from ..integration.parameters import as_parameters
+from ..integration.step_loop import FIRST_STEPS, Pace, Rows, Run, advance, ended_at, trajectory_of
+from ..results.diagnostics import Report
+from ..results.run_arrays import place_of_quantity
+from ..results.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from .stepper import Stepper
+
+__all__ = ["Held", "Simulation"]
+
+Array = NDArray[Any]
+
+
+class Held:
+    """A run in its own memory: ``steps``, ``q`` and ``p`` are what compiled code makes of them."""
+
+    def __init__(self, binding: Binding, run: Run) -> None:
+        self.run, self.binding = run, binding
+        self.q, self.p = run.q.copy(), run.p.copy()
+        self.work = binding.work()
+        self._advance = binding.function("advance")
+        self._state = binding.pointer(self.q), binding.pointer(self.p)
+        options = binding.options(run.tolerance, run.max_iterations, run.solver)
+        binding.function("begin")(self.work, binding.parameters(run.parameters, run.t0), options,
+                                  run.dt, *self._state)
+
+    @property
+    def steps(self) -> int:
+        """How many are done."""
+        return int(self.record.steps)
+
+    @property
+    def record(self) -> Any:
+        """The running record."""
+        return self.binding.record_of(self.work)
+
+    def advance(self, steps: int) -> int:
+        """Take up to that many steps; return the status."""
+        return int(self._advance(self.work, steps, *self._state))
+
+    def feed(self, row: Array) -> None:
+        """Go on with other inputs."""
+        self.binding.function("set_inputs")(self.work, self.binding.pointer(row))
+
+    def set_inputs(self, parameters: dict[str, Any]) -> None:
+        """Go on with parameters of which inputs alone differ."""
+        self.run = replace(self.run, parameters=parameters)
+        row = self.binding.new(len(self.binding.input_names))
+        row[:] = [parameters[name] for name in self.binding.input_names]
+        self.feed(row)
+
+    def set_parameters(self, parameters: dict[str, Any]) -> None:
+        """Go on with other values of the parameters."""
+        self.run = replace(self.run, parameters=parameters)
+        self.binding.function("set_parameters")(
+            self.work, self.binding.parameters(parameters, self.run.t0))
+
+    @property
+    def image(self) -> tuple[Any, ...]:
+        """All that differs from a run that has just begun."""
+        return self.q.copy(), self.p.copy(), self.binding.image(self.work).tobytes()
+
+    @image.setter
+    def image(self, image: tuple[Any, ...]) -> None:
+        self.q[:], self.p[:] = image[:2]
+        memory = self.binding.image(self.work)
+        memory[:] = np.frombuffer(image[2], dtype=np.uint8)
+
+    def trajectory(self, manifest: dict[str, Any]) -> Trajectory:
+        """Return what is kept of the run: the state reached."""
+        t = self.run.t0 + self.steps * self.run.dt
+        run = replace(self.run, q=self.q, p=self.p, t0=t, steps=self.steps + 1,
+                      every=self.steps + 2)
+        rows = Rows.room(self.binding, 0)
+        rows.q[0], rows.p[0] = self.q, self.p
+        return replace(trajectory_of(self.binding, manifest, run, rows, self.record, self.q,
+                                     self.p), every=1)
+
+
+class LastStep(Held):
+    """A trajectory that is taken one step at a time by a caller who gives all anew each time."""
+
+    def __init__(self, binding: Binding, run: Run, given: tuple[Any, ...]) -> None:
+        super().__init__(binding, run)
+        #: What the caller gave beside the state, as given: a call that gives the same goes on.
+        *self._given, self._given_parameters = *given[:-1], dict(given[-1])
+
+    def goes_on(self, q: Any, p: Any, t0: Any, given: tuple[Any, ...]) -> bool:
+        """Whether these are the end of the step before, and all else is as it was."""
+        run = self.run
+        return (
+            type(q) is np.ndarray and type(p) is np.ndarray
+            and q.dtype == self.q.dtype and p.dtype == self.p.dtype
+            and np.array_equal(q, self.q) and np.array_equal(p, self.p)
+            and (self.binding.time is None or t0 == run.t0 + self.steps * run.dt)
+            and all(map(_same, given[:-1], self._given))
+            and _same_numbers(given[-1], self._given_parameters)
+        )
+
+    def run_from(self, q: Any, p: Any, t0: Any) -> Run:
+        """Return a run of one step from these, which the caller gave and were checked."""
+        return replace(self.run, q=np.array(q, self.q.dtype), p=np.array(p, self.p.dtype), t0=t0)
+
+
+class Recorded(Held):
+    """A run that keeps each of its states: the steps of ``integrate``, a piece at a time."""
+
+    def __init__(self, binding: Binding, run: Run) -> None:
+        super().__init__(binding, run)
+        self._report, self._failed = binding.report(), False
+        self._rows = Rows.room(binding, FIRST_STEPS)
+        self._rows.q[0], self._rows.p[0], self._rows.work[0] = run.q, run.p, 0
+        #: The inputs of each step, and whether any were given.
+        self._inputs, self._fed = binding.new(FIRST_STEPS, len(binding.input_names)), False
+        self._piece(0)
+
+    @property
+    def record(self) -> Any:
+        """The running record."""
+        return self._report
+
+    def advance(self, steps: int) -> int:
+        """Take up to that many steps; return the status."""
+        if self._failed:
+            raise InputError(
+                f"Step {self.steps + 1:,} of this simulation found no solution, and what it "
+                "records ends there; start another one from sim.q and sim.p.")
+        self._make_room(self.steps + steps)
+        self._inputs[self.steps : self.steps + steps] = [
+            self.run.parameters[name] for name in self.binding.input_names]
+        status = self._piece(steps)
+        self._failed = status != 0
+        return status
+
+    def _piece(self, steps: int) -> int:
+        parameters = self.binding.parameters(self.run.parameters, self.run.t0)
+        return advance(self.binding, self.run, parameters, steps, 1, self.q, self.p,
+                       self._rows.after(self.steps), self._report, self.work)
+
+    def _make_room(self, steps: int) -> None:
+        """Make room for so many, at least twice as many as before where there is none."""
+        done, before = self.steps, self._rows
+        if steps <= len(before.iterations):
+            return
+        self._rows = Rows.room(self.binding, max(steps, 2 * len(before.iterations)))
+        self._put(done, vars(before), self._inputs)
+
+    def _put(self, done: int, rows: Mapping[str, Array], inputs: Array) -> None:
+        """Set the rows of so many steps; there is room for them."""
+        for name, array in vars(self._rows).items():
+            count = done + (name in ("q", "p", "work"))
+            array[:count] = rows[name][:count]
+        self._inputs = self.binding.new(len(self._rows.iterations), inputs.shape[1])
+        self._inputs[:done] = inputs[:done]
+
+    def feed(self, row: Array) -> None:
+        """Go on with other inputs, which the run has among its parameters."""
+        self._fed = True
+
+    def set_parameters(self, parameters: dict[str, Any]) -> None:
+        """Refuse other values of the parameters: a trajectory has one of each."""
+        raise InputError("A simulation that records keeps its parameters, for its trajectory has "
+                         "one value of each; declare what changes as an input, System(..., "
+                         "inputs=...), and give it to advance, or start without record=True.")
+
+    @property
+    def image(self) -> tuple[Any, ...]:
+        """All that differs from a run that has just begun."""
+        done = self.steps
+        rows = {name: array[: done + 1].copy() for name, array in vars(self._rows).items()}
+        return (*super().image, self.binding.image(self._report).tobytes(), rows,
+                self._inputs[:done].copy(), self._fed, self._failed)
+
+    @image.setter
+    def image(self, image: tuple[Any, ...]) -> None:
+        Held.image.__set__(self, image[:3])  # type: ignore[attr-defined]
+        report, rows, inputs, self._fed, self._failed = image[3:]
+        self.binding.image(self._report)[:] = np.frombuffer(report, dtype=np.uint8)
+        self._rows = Rows.room(self.binding, max(self.steps, FIRST_STEPS))
+        self._put(self.steps, rows, inputs)
+
+    def trajectory(self, manifest: dict[str, Any]) -> Trajectory:
+        """Return all states, and the inputs of each step."""
+        done = self.steps
+        rows = Rows(**{name: array[: done + (name in ("q", "p", "work"))].copy()
+                       for name, array in vars(self._rows).items()})
+        inputs = Inputs(self.binding.input_names, self._inputs[None, :done].copy(), 1)
+        run = replace(self.run, steps=done).fed(inputs if self._fed else None)
+        return trajectory_of(self.binding, manifest, run, rows, self._report, self.q, self.p)
+
+
+class Simulation:
+    """A trajectory to hold in the hand: ``Stepper.start`` makes it, ``advance`` takes it on.
+
+    However the steps are shared out among calls, their bits are those of one ``integrate``. One
+    thread at a time may use it; ``copy`` gives another its own.
+
+    Attributes
+    ----------
+    dt : number
+        The time step, in the stepper's own type.
+    """
+
+    def __init__(self, stepper: Stepper, run: Run, record: bool = False) -> None:
+        self._stepper = stepper
+        self._held = (Recorded if record else Held)(stepper.binding, run)
+        self._in_use = threading.Lock()
+        self.dt = run.dt
+
+    def __repr__(self) -> str:
+        return (f"<Simulation by {self._stepper.name}: {self.steps:,} steps of {float(self.dt):.6g}"
+                f" s, t = {float(self.t):.6g} s>")
+
+    # ------------------------------------------------------------ stepping
+
+    def advance(self, steps: int = 1, **inputs: Number) -> None:
+        """Take ``steps`` steps.
+
+        Inputs of the system, by name, hold from these steps on: ``sim.advance(10, u=0.3)``.
+
+        Raises
+        ------
+        InputError
+            If ``steps`` is no whole number of at least 0, for an unknown input or one that is no
+            number, or if another thread is at it.
+        StepFailed
+            When a step finds no solution. The simulation stays at the last step that did: with
+            other parameters it may go on, unless it records, or a new one may start there with
+            another ``dt``.
+        Stopped
+            After Ctrl-C in a call of many steps, as a ``KeyboardInterrupt``; the simulation is at
+            the last step done.
+        """
+        if type(steps) is not int or not 0 <= steps <= FIRST_STEPS:
+            steps = as_positive_count("steps", steps)
+        given = self._inputs(inputs) if inputs else None
+        self._take()
+        try:
+            if given is not None:
+                self._held.set_inputs(given)
+            status = self._held.advance(steps) if steps <= FIRST_STEPS else self._long(steps)
+        finally:
+            self._in_use.release()
+        if status:
+            raise self._failure(status)
+
+    def _inputs(self, inputs: Mapping[str, Number]) -> dict[str, Any]:
+        """Return all parameters, with other values of some inputs."""
+        binding = self._held.binding
+        for name in inputs:
+            if name not in binding.input_names:
+                raise InputError(f"{name!r} is no input of this system, which has "
+                                 f"{', '.join(binding.input_names) or 'none'}"
+                                 f"{proposal(name, binding.input_names)}.")
+        return self._held.run.parameters | {
+            name: as_real(f"Input {name}", x, binding.number) for name, x in inputs.items()}
+
+    def _long(self, steps: int) -> int:
+        """Take many steps, with a look at Ctrl-C now and then."""
+        pace, status, done = Pace(), 0, 0
+        with ctrl_c() as interrupts:
+            while done < steps and not status and not interrupts.asked:
+                count = min(pace.begin(), steps - done)
+                status = self._held.advance(count)
+                pace.end(count)
+                done += count
+        if interrupts.asked and not status:
+            raise Stopped(f"{ended_at(done, steps)} The simulation is there.", interrupts.signal)
+        return status
+
+    def _take(self) -> None:
+        if not self._in_use.acquire(blocking=False):
+            raise InputError("This simulation is in use by another thread; give each thread its "
+                             "own, by copy().")
+
+    # ------------------------------------------------------------ what there is
+
+    @property
+    def steps(self) -> int:
+        """Steps done since the start."""
+        return self._held.steps
+
+    @property
+    def t(self) -> Any:
+        """Time t0 + k dt after k steps, in seconds: counted, not summed up."""
+        return self._held.run.t0 + self.steps * self.dt
+
+    @property
+    def q(self) -> Array:
+        """Coordinates, shape (n,): a copy."""
+        return self._held.q.copy()
+
+    @property
+    def p(self) -> Array:
+        """Momenta, shape (n,): a copy."""
+        return self._held.p.copy()
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Every state so far as a ``Trajectory``: what ``integrate`` returns for the same inputs.
+
+        It is a copy: what is advanced later does not change it. A state takes 2n + 3 numbers, its
+        multipliers and its inputs, of memory that grows as a list does.
+
+        Raises
+        ------
+        InputError
+            Where the simulation was started without ``record=True``; while another thread uses it.
+        """
+        if not self._records:
+            raise InputError("This simulation keeps its last state alone; start it by "
+                             "step.start(..., record=True) for sim.trajectory.")
+        self._take()
+        try:
+            found = self._held.trajectory(self._stepper.manifest)
+        finally:
+            self._in_use.release()
+        return found.made_by(self._stepper)
+
+    @property
+    def report(self) -> Report:
+        """Diagnostics over every step so far.
+
+        Energy errors leave out what a change of parameters does to H: ``energy_start`` changes
+        with it.
+        """
+        held = self._held
+        return Report.read(held.record, held.q, held.p, forced=held.binding.has_forces)
+
+    def quantity(self, name: str) -> Any:
+        """Return a quantity of the system, at the state and the time reached.
+
+        Raises
+        ------
+        InputError
+            If the system has no quantity of that name.
+        """
+        place = place_of_quantity(self._stepper.manifest, name)
+        held, t = self._held, self.t
+        time = held.binding.new(1)
+        time[0] = t
+        return held.binding.quantities(held.binding.parameters(held.run.parameters, t), time,
+                                       held.q[None], held.p[None])[0, place]
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """The parameters, as numbers; to change some, set them all.
+
+        ``sim.parameters = sim.parameters | {"torque": 0.3}`` holds from the next step on.
+
+        Raises
+        ------
+        InputError
+            As ``integrate`` does; also where the state is off the constraints with the new ones.
+            The simulation then keeps the old ones.
+        """
+        return MappingProxyType(self._held.run.parameters)
+
+    @parameters.setter
+    def parameters(self, parameters: Mapping[str, Number]) -> None:
+        held, stepper = self._held, self._stepper
+        made = as_parameters(parameters, stepper.parameter_domains, held.binding.number,
+                             stepper.symmetries)
+        deciding = stepper.manifest["system"]["start_parameters"]
+        if any(made[name] != held.run.parameters[name] for name in deciding):
+            refuse_inconsistent(held.binding, stepper.manifest,
+                                replace(held.run, q=held.q, p=held.p, parameters=made))
+        self._take()
+        try:
+            held.set_parameters(made)
+        finally:
+            self._in_use.release()
+
+    # ------------------------------------------------------------ copies
+
+    def copy(self) -> Simulation:
+        """Return another simulation at the same state, with the same past: it takes the same steps.
+        """
+        return _simulation(self._stepper, self._held.run, self._image(), self._records)
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Simulation:
+        return self.copy()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the stepper's sources and the bytes of the memory."""
+        return _unpickled, (self._stepper, self._stepper.provenance, self._held.run, self._image(),
+                            self._records)
+
+    @property
+    def _records(self) -> bool:
+        return isinstance(self._held, Recorded)
+
+    def _image(self) -> tuple[Any, ...]:
+        self._take()
+        try:
+            return self._held.image
+        finally:
+            self._in_use.release()
+
+    # ------------------------------------------------------------ inside
+
+    def _failure(self, status: int) -> StepFailed:
+        """Return the error of a step from here; its trajectory is what is kept."""
+        held, manifest, t, done = self._held, self._stepper.manifest, self.t, self.steps
+        run = replace(held.run, q=self.q, p=self.p, t0=t, steps=done + 1, every=done + 2)
+        found = diagnose(held.binding, manifest, run, status, run.q, run.p, t)
+        return StepFailed(step=done + 1, t=float(t), trajectory=held.trajectory(manifest),
+                          **asdict(found))
+
+
+def _simulation(
+    stepper: Stepper, run: Run, image: tuple[Any, ...], record: bool
+) -> Simulation:
+    """Return a simulation that goes on from an image of another one."""
+    made = Simulation(stepper, run, record)
+    made._held.image = image
+    return made
+
+
+def _unpickled(
+    stepper: Stepper, provenance: dict[str, str], run: Run, image: tuple[Any, ...],
+    record: bool = False,
+) -> Simulation:
+    """Return a simulation in another process; the memory means the same to the same code alone."""
+    own = stepper.provenance
+    differs = [name for name in own if own[name] != provenance.get(name)]
+    if differs:
+        raise InputError(
+            f"The simulation was pickled with another {' and another '.join(differs)}: what its "
+            "memory holds means something else here. Pickle sim.t, sim.q and sim.p instead, and "
+            "start from these.")
+    return _simulation(stepper, run, image, record)
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two arguments are equal and of one type."""
+    return type(a) is type(b) and not isinstance(a, np.ndarray) and bool(a == b)
+
+
+def _same_numbers(a: Any, b: Mapping[str, Any]) -> bool:
+    return isinstance(a, dict) and a.keys() == b.keys() and all(_same(a[k], b[k]) for k in b)

@@ -1,0 +1,443 @@
+"""A compiled stepper: steps, trajectories, ensembles, and what a step solves, from Python."""
+
+from __future__ import annotations
+
+import textwrap
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_flag, as_mapping, choose, few
+from ...core.errors import InputError
+from ...core.event import Event, as_events
+from ...core.exact_numbers import Number
+from ...core.html import card, table
+from ..bindings.array_checks import as_callback, as_positive_count, as_real
+from ..bindings.binding import SOLVERS, SolverName
+from ..bindings.inputs import Inputs, as_inputs
+from ..compilation.manifest import remarks_of
+from ..compilation.stepper_module import provenance
+from ..events.location import observed
+from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
+from ..integration.dense_output import between, marks_of
+from ..integration.frame_following import followed
+from ..integration.parameters import as_parameters
+from ..integration.step_count import step_count
+from ..integration.step_loop import Run, integrate
+from ..results.rotation_rate import Rotations
+from ..results.trajectory import Trajectory
+from ..tuning.frame_choice import chosen
+from ..tuning.step_choice import with_step
+from .ensemble import Ensemble, integrate_members
+from .evaluation import Evaluation
+from .simulation import LastStep, Simulation
+
+__all__ = ["SOLVERS", "Stepper"]
+
+Array = NDArray[Any]
+
+#: Characters of H that notebooks show.
+_LONGEST = 300
+
+
+class Stepper(Evaluation):
+    """A stepper compiled from generated C.
+
+    Make one with ``gyrospark.stepper(...)``. Instances may be used from many threads at once; all
+    they hold between calls is, for each thread, the trajectory that ``step`` goes on with.
+
+    Attributes
+    ----------
+    name : str
+        E.g. ``heavy_top_gl3_gamma``.
+    n, m : int
+        Coordinates and constraints.
+    unknowns : int
+        Length of x in ``residual`` and ``jacobian``: for SPARK (B.2), k_1..k_s, k̂_1..k̂_s,
+        Λ_0..Λ_{p−1}; for IMS and EMS q_k, p_k, λ.
+    order : int
+        Order of convergence, as derived by the generator.
+    manifest : dict
+        All that the generator says of the stepper.
+    symmetries : tuple of Symmetry, with name, A, J and condition
+        What a co-moving frame may move along.
+    remarks : list of str
+        What a tableau of your own lacks: symplecticity, symmetry, sweeps, the order its weights
+        would allow; and where H or forces switch, as |x| does at 0. Empty for what lacks nothing.
+    """
+
+    def __init__(self, name: str, files: dict[str, str]) -> None:
+        super().__init__(name, files)
+        self.order = int(self.manifest["scheme"]["order"])
+        self.remarks = [remark for _, remark in remarks_of(self.manifest)]
+        #: How far bodies turn in a step, which integrations warn of.
+        self.rotations = Rotations(self.manifest)
+        self._local = threading.local()
+
+    def __repr__(self) -> str:
+        return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: method, system, and what a run must be given."""
+        system, scheme = self.manifest["system"], self.manifest["scheme"]
+        domains = self.parameter_domains.items()
+        rows = [("method", f"{scheme['method']}, order {self.order}, {self.unknowns} unknowns"),
+                ("system", f"{system['name']}: {self.n} coordinates, {self.m} constraints"),
+                ("H", textwrap.shorten(str(system["hamiltonian"]), _LONGEST, placeholder=" …")),
+                ("parameters", few(name if domain == "real" else f"{name} ({domain})"
+                                   for name, domain in domains)),
+                *((what, few(names)) for what, names in (
+                    ("inputs", self.binding.input_names), ("bodies", system.get("bodies", ())),
+                    ("joints", system.get("joints", ())),
+                    ("quantities", system.get("quantities", ())),
+                    ("frame", [s.name for s in self.symmetries])) if names),
+                ("numbers", self.manifest["real"]), *(("note", text) for text in self.remarks)]
+        return card(f"Stepper {self.name}", table(rows))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by sources: another process, or another machine, compiles them or has them."""
+        return _stepper_of, (self.name, tuple(sorted(self.files.items())))
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """What the bits of a result depend on beside its arguments: source, compiler, CPU."""
+        return provenance(self.files)
+
+    # ------------------------------------------------------------ stepping
+
+    def step(
+        self,
+        q: ArrayLike,
+        p: ArrayLike,
+        *,
+        dt: Number,
+        parameters: Mapping[str, Any],
+        t0: Number = 0.0,
+        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        solver: SolverName = "auto",
+        tolerance: Number | None = None,
+        max_iterations: int = 50,
+    ) -> tuple[Array, Array]:
+        """Return (q, p) one step of ``dt`` seconds later; see ``integrate``.
+
+        ``inputs`` are those of this step, and may be others in the next.
+
+        A call that is given what the last one in this thread returned, and the rest as before
+        (``t0`` one ``dt`` on, where the system depends on time), goes on where that ended: a loop
+        of calls gives the bits of ``integrate``, and costs as few sweeps.
+        """
+        fed = as_inputs(inputs, self.binding, 1)
+        if fed is not None:
+            parameters = {name: value for name, value in as_mapping(
+                "parameters", parameters, "{'m': 1.0}").items()
+                if name not in self.binding.input_names}
+        given = (dt, solver, tolerance, max_iterations, parameters)
+        held: LastStep | None = getattr(self._local, "held", None)
+        self._local.held = None
+        if held is None or not held.goes_on(q, p, t0, given):
+            run = self.checked_run(q, p, dt=dt, steps=1, every=1, t0=t0,
+                                   parameters=self.fed(parameters, inputs), solver=solver,
+                                   tolerance=tolerance, max_iterations=max_iterations)
+            self.warned(run)
+            held = LastStep(self.binding, run, given) if solver != "python" else None
+        if held is not None and fed is not None:
+            held.feed(fed.at(0))
+        if held is None or held.advance(1):
+            run = run.fed(fed) if held is None else held.run_from(q, p, t0).fed(fed)
+            end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
+            return end.q[-1], end.p[-1]
+        self._local.held = held
+        return held.q.copy(), held.p.copy()
+
+    def start(
+        self,
+        q0: ArrayLike,
+        p0: ArrayLike,
+        *,
+        dt: Number,
+        parameters: Mapping[str, Any],
+        t0: Number = 0.0,
+        solver: SolverName = "auto",
+        tolerance: Number | None = None,
+        max_iterations: int = 50,
+        record: bool = False,
+    ) -> Simulation:
+        """Return a simulation that stands at (q0, p0) and is advanced by its caller.
+
+        The arguments are those of ``integrate``, but for ``solver="python"`` and parameters
+        ``"auto"``. ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
+        ``sim.report`` and ``sim.quantity(name)`` say where they led. What ``integrate`` gives for
+        as many steps it gives to the bit, in calls of however many. With ``record=True`` it keeps
+        every state, and ``sim.trajectory`` is what ``integrate`` returns, with the inputs that
+        ``advance`` was given.
+
+        Raises
+        ------
+        InputError
+            As ``integrate`` does.
+        """
+        held = [name for name in SOLVERS if name != "python"]
+        run = self.checked_run(q0, p0, dt=dt, steps=0, every=1, parameters=parameters, t0=t0,
+                               solver=choose("solver of a simulation", solver, held),
+                               tolerance=tolerance, max_iterations=max_iterations)
+        self.warned(run)
+        return Simulation(self, run, as_flag("record", record))
+
+    def integrate(
+        self,
+        q: ArrayLike,
+        p: ArrayLike,
+        *,
+        dt: Number | Literal["auto"],
+        steps: int | None = None,
+        parameters: Mapping[str, Any],
+        t0: Number = 0.0,
+        t_end: Number | None = None,
+        round: bool = False,
+        error: Number | None = None,
+        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        hold: int = 1,
+        every: int = 1,
+        solver: SolverName = "auto",
+        tolerance: Number | None = None,
+        max_iterations: int = 50,
+        progress: Callable[[int], None] | None = None,
+        t_eval: ArrayLike | None = None,
+        events: Event | Sequence[Event] = (),
+    ) -> Trajectory:
+        """Integrate ``steps`` steps of ``dt`` seconds from (q, p), or up to ``t_end``.
+
+        Parameters
+        ----------
+        q, p : array_like, shape (n,)
+            Consistent start: g(q) = 0 and g_q H_p = 0 (for a body |q| = 1 and qᵀp = 0).
+        dt : float
+            Time step; negative integrates backwards. As ``t0`` and the parameters, a real number
+            of any type, rounded once to the stepper's own: with ``real="float128"`` mpmath
+            numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep 34 digits, and a Python float
+            is the binary number that it holds. ``"auto"`` finds the step for ``error`` and
+            ``t_end`` by pilot runs to t_end, each with half the step; ``Trajectory.dt`` has it.
+        steps : int
+            Number of steps, 0 or more.
+        parameters : mapping
+            Those of ``parameter_domains``, rates of ``symmetries`` if wanted. For ``gamma`` or
+            ``alpha``, ``"m"``, ``"h"``, ``"mt"``, ``"ht"`` are the means of the moments beside it,
+            ``"auto"`` what ``choose_gamma`` finds for this start and dt, ``"auto-energy"`` the same
+            aimed at the energy; ``"frame"`` is "start", the start's least squares, or "auto", what
+            ``choose_frame`` finds, or "follow", the least squares of the state every 100 steps
+            ("follow 50": every 50), for a motion that changes for good. ``Trajectory.parameters``
+            has the numbers, of such a frame those of the start. A warning tells of rates that
+            "start" and "follow" leave 0, near an axis of symmetry.
+        t0 : float
+            Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
+            counted, not summed up.
+        t_end : float, optional
+            In place of ``steps``: the time of the last state. (t_end − t0)/dt is a whole number
+            but for the rounding of these three, and any other t_end is refused.
+        round : bool
+            End at the step next to ``t_end`` instead, within half a step of it.
+        error : float, optional
+            Wanted with ``dt="auto"``: the largest error of the motion on the way, attitudes in rad
+            and points in parts of their reach.
+        inputs : mapping or array_like, optional
+            The system's inputs, which stay as they are within a step: by name, a number or one
+            for each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
+            By default, and throughout, those among the parameters.
+        hold : int
+            Steps that each row of ``inputs`` is held for: then there are ⌈steps/hold⌉ of them.
+        every : int
+            Store every so many steps, and the last.
+        solver : {"auto", "newton", "fixed-point", "python"}
+            ``auto`` sweeps (fixed point with a Schur correction of the multipliers) from values
+            predicted out of the past steps, and takes a step with Newton where sweeps do not
+            converge; ``fixed-point`` sweeps only; ``newton`` is full Newton in C from a constant
+            guess, ``python`` the same driven from Python.
+        tolerance : float, optional
+            Bound on the last increment relative to the state; by default down to round-off.
+        max_iterations : int
+            Iterations (of each kind) before a step counts as failed.
+        progress : callable, optional
+            Called now and then with the number of steps done.
+        t_eval : array_like, shape (N,), optional
+            Return the states at these times instead, each by a real step of a part of Δt: see
+            ``at``. They lie between t0 and t0 + steps dt, in any order.
+        events : Event, or a list of them, optional
+            Where a quantity crosses a level: in ``Trajectory.events`` by name. Every step is
+            looked at, stored or not; a crossing is solved for by short real steps, to some units
+            in the last place of its time. A terminal event ends the run: its state is the last
+            row, behind the stored ones.
+
+        Raises
+        ------
+        InputError
+            For unusable arguments; an inconsistent start is refused with its defect.
+        StepFailed
+            When a step finds no solution; carries everything before it.
+        Stopped
+            After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
+        """
+        how: dict[str, Any] = {"solver": solver, "tolerance": tolerance,
+                               "max_iterations": max_iterations}
+        dt_, steps, t_end = with_step(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
+                                      t0=t0, inputs=inputs, parameters=parameters, **how)
+        steps = step_count(steps, t_end, t0, dt_, as_flag("round", round) and dt != "auto")
+        fed = as_inputs(inputs, self.binding, as_positive_count("steps", steps), hold)
+        parameters, follow = followed(self, q, p, dt=dt_, steps=steps, t0=t0, inputs=inputs,
+                                      hold=hold, parameters=self.fed(parameters, fed))
+        parameters = chosen(self, q, p, dt=dt_, steps=steps, parameters=parameters, t0=t0,
+                            inputs=inputs, hold=hold)
+        run = self.checked_run(q, p, dt=dt_, steps=steps, every=every, parameters=parameters,
+                               t0=t0, **how)
+        run = replace(run, follow=follow).fed(fed)
+        if t_eval is not None:
+            run = replace(run, marks=marks_of(self, run, t_eval))
+        # Of a step that pilots have found the error of the motion is known.
+        warned = not run.steps or dt is not dt_ or self.warned(run)
+        found = observed(self, run, as_events(events, self.manifest["system"]),
+                         as_callback("progress", progress)).made_by(self)
+        if not warned:
+            self.rotations.warn_of(found)
+        return found if t_eval is None else self.at(found, t_eval)
+
+    def integrate_ensemble(
+        self,
+        q: ArrayLike,
+        p: ArrayLike,
+        *,
+        dt: Number | ArrayLike,
+        steps: int,
+        parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
+        t0: Number | ArrayLike = 0.0,
+        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        hold: int = 1,
+        every: int = 1,
+        solver: SolverName = "auto",
+        tolerance: Number | None = None,
+        max_iterations: int = 50,
+        workers: int | None = None,
+        events: Event | Sequence[Event] = (),
+    ) -> Ensemble:
+        """Integrate many trajectories; the leading axis of q, p is the trajectory.
+
+        ``dt``, ``t0`` and each parameter are one number for all, or one for each trajectory; a
+        list of dicts does as well. ``inputs`` are those of ``integrate`` for all, or have a leading
+        axis: (trajectories, steps) by name, or an array (trajectories, steps, inputs).
+
+        A trajectory that fails is NaN from its failed step on and has its reason in
+        ``Ensemble.failures``; the others are not touched.
+
+        With solvers ``auto`` and ``fixed-point`` trajectories run side by side in the lanes of a
+        vector register, batches of them on ``workers`` threads (default: all cores). What a
+        trajectory gives does not depend on its neighbours; it may differ by round-off from
+        ``integrate``, which puts the stages of one step into lanes.
+
+        ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused.
+
+        The code of these lanes is compiled by the first call that needs it, and kept as the
+        stepper is; without a compiler that call raises ``CompilerError``.
+
+        Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
+        """
+        choose("solver", solver, SOLVERS)
+        return integrate_members(
+            self, q, p, dt, t0, parameters, workers, events, inputs, hold,
+            steps=steps, every=every, solver=solver, tolerance=tolerance,
+            max_iterations=max_iterations,
+        )
+
+    def at(
+        self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None
+    ) -> Trajectory:
+        """Return the states of a run at times between its steps.
+
+        Each is a real step of a part of Δt from the state before (after whole steps, where the run
+        did not store each): on its constraints to round-off, and as near to the motion as the
+        states of the run. At a time of a stored state it is that state. The states do not go on
+        from each other, so that their order does not matter, and their number costs a step each.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            What this stepper integrated, or what was read of it: ``Trajectory.load``,
+            ``Recording.trajectory``.
+        times : array_like, shape (N,)
+            In seconds, in any order, from the first stored time to the last.
+        workers : int, optional
+            Threads; all cores by default.
+
+        Returns
+        -------
+        Trajectory
+            With a row for each time; multipliers and iterations are those of the steps that end
+            there, without the first row's. Its report is that of the run.
+
+        Raises
+        ------
+        InputError
+            For times outside of the run, and for a trajectory of another stepper.
+        """
+        return between(self, trajectory, times, workers)
+
+    # ------------------------------------------------------------ inside
+
+    def fed(self, parameters: Any, inputs: Any) -> Any:
+        """Return parameters with a number for each input, where those of the steps are given."""
+        some = inputs.first if isinstance(inputs, Inputs) else dict.fromkeys(
+            self.binding.input_names if inputs is not None else (), 1.0)
+        if isinstance(parameters, Mapping):
+            return {**parameters, **some}
+        if not some or not isinstance(parameters, Sequence):
+            return parameters
+        return [{**one, **some} if isinstance(one, Mapping) else one for one in parameters]
+
+    def checked_run(
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int, every: int,
+        parameters: Mapping[str, Any], solver: SolverName, tolerance: Number | None,
+        max_iterations: int, t0: Number = 0.0,
+    ) -> Run:
+        """Return the arguments of ``integrate`` as a run, or raise InputError."""
+        run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
+        with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
+            refuse_singular_mass(self.binding, self.manifest, run)
+            refuse_inconsistent(self.binding, self.manifest, run)
+        return run
+
+    def warned(self, run: Run) -> bool:
+        """Warn where a body turns too far in a step at a run's start, and return whether."""
+        return self.rotations.warn(run.parameters, run.dt, run.q[None], run.p[None])
+
+    def _run(
+        self, q: ArrayLike, p: ArrayLike, dt: Number, steps: int, every: int,
+        parameters: Mapping[str, Any], solver: SolverName, tolerance: Number | None,
+        max_iterations: int, t0: Number,
+    ) -> Run:
+        choose("solver", solver, SOLVERS)
+        if solver == "fixed-point" and not self.binding.lanes:
+            raise InputError(f"{self.name} has no solver fixed-point: "
+                             f"{self.manifest['fast_path']['reason']}; choose auto or newton.")
+        number = self.binding.number
+        bound = None if tolerance is None else as_real("tolerance", tolerance, number)
+        if bound is not None and bound <= 0:
+            raise InputError(f"tolerance = {tolerance} is not positive; give none for round-off.")
+        return Run(
+            *self._state(q, p),
+            self._step(dt),
+            as_positive_count("steps", steps),
+            as_positive_count("every", every, least=1),
+            as_parameters(parameters, self.parameter_domains, number, self.symmetries),
+            solver,
+            bound,
+            as_positive_count("max_iterations", max_iterations, least=1),
+            as_real("t0", t0, number),
+        )
+
+
+@lru_cache(maxsize=64)
+def _stepper_of(name: str, files: tuple[tuple[str, str], ...]) -> Stepper:
+    """Return the stepper of these sources: the same one to all that ask in a process."""
+    return Stepper(name, dict(files))

@@ -1,0 +1,214 @@
+"""The rates of a co-moving frame, and γ with them, chosen by measurement.
+
+``parameters["frame"]`` may be "start", the least squares of the start, "auto", a search, or
+"follow", the least squares of each block of steps (``steps/follow.py``).
+
+    frame_start     least squares
+    frame_lines     from the spectrum
+    frame_pilots    the runs and their errors
+    frame_search    what is tried, and what is chosen
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import ArrayLike
+
+from ...core.arguments import as_mapping, choose, shown
+from ...core.errors import InputError, Stopped
+from ...core.exact_numbers import Number
+from ...core.warnings import remark
+from ..bindings.array_checks import as_positive_count, as_step
+from ..bindings.inputs import as_inputs
+from ..rigid_body.gamma_rules import AIMS, gamma_m, known_inertia, principal_moments, ruled
+from .frame_pilots import FramePilots
+from .frame_search import FrameChoice, Search
+from .frame_start import Velocities, directions_of, start_rates
+from .gamma_choice import PILOT_STEPS, with_choice
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+
+__all__ = ["FRAME_CHOICES", "asks_for_frame", "choose_frame", "chosen",
+           "start_frame", "with_frame"]
+
+#: What ``parameters["frame"]`` may say.
+FRAME_CHOICES = ("start", "auto", "follow")
+
+
+def choose_frame(
+    stepper: Stepper,
+    q: ArrayLike,
+    p: ArrayLike,
+    *,
+    dt: Number,
+    parameters: Mapping[str, Any],
+    bodies: Mapping[str, Sequence[float]] | None = None,
+    steps: int = PILOT_STEPS,
+    t0: Number = 0.0,
+    inputs: Any = None,
+    hold: int = 1,
+) -> FrameChoice:
+    """Return the rates of the co-moving frame that makes the error of runs from (q, p) smallest.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        Made with ``frame="symmetries"``.
+    q, p : array_like, shape (n,)
+        The start; the choice is for this motion.
+    dt : float
+        The time step the choice is for, in s.
+    parameters : mapping
+        The stepper's other parameters; rates among them are not looked at.
+    bodies : mapping of str to three floats, optional
+        Name of each γ to choose as well → I₁, I₂, I₃ of its body in kg m². By default the
+        parameters whose value is ``"auto"``, with the moments that stand beside them.
+    steps : int
+        Length of the pilot runs, at least 8. They should see the motion's slowest period.
+    t0 : float
+        Time at the start, for forces that depend on it.
+    inputs, hold
+        Those of ``integrate`` for as many steps; pilots run with them.
+
+    Raises
+    ------
+    InputError
+        For a stepper without symmetries, or unusable arguments.
+    StepFailed
+        If the steps converge with nothing that was tried.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> step = gs.stepper("G-L", stages=3, frame="symmetries")
+    >>> top = gs.problems.fast_top()
+    >>> parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    >>> choice = gs.choose_frame(step, top.q0, top.p0, dt=1e-3, parameters=parameters)
+    >>> parameters = parameters | choice.values
+    """
+    known = _usable(stepper, parameters)
+    count = as_positive_count("steps", steps, least=8)
+    fed = as_inputs(inputs, stepper.binding, count, hold)
+    known |= fed.first if fed is not None else {}
+    rates = {symmetry.name for symmetry in stepper.symmetries}
+    known = {name: value for name, value in known.items() if name not in rates}
+    if bodies is None:
+        bodies = {name: known_inertia(name, known) for name, value in known.items()
+                  if isinstance(value, str) and value in AIMS}
+    bodies = as_mapping("bodies", bodies, "{'gamma': (I1, I2, I3)}")
+    for name in bodies:
+        if name not in stepper.parameter_domains or name in rates:
+            raise InputError(f"{stepper.name} has no parameter {name!r} to choose; it has "
+                             f"{', '.join(stepper.parameter_domains)}.")
+    numbers = {**known, **{name: "m" if name in known and known[name] in AIMS else
+                           _mean_of(name, inertia) for name, inertia in bodies.items()}}
+    stepper.checked_run(q, p, dt=dt, steps=0, every=1, parameters=numbers, solver="auto",
+                        tolerance=None, max_iterations=50, t0=t0)
+    numbers = _ruled(numbers)
+    pilots = FramePilots(stepper, q, p, as_step(dt, stepper.binding.number),
+                         count, numbers, directions_of(stepper, q, p, numbers), bodies, t0,
+                         fed if fed is None else fed.of_steps(count))
+    return Search(pilots, Velocities(stepper, numbers, t0)).choice()
+
+
+def start_frame(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Any], *, dt: Number,
+    t0: Number = 0.0, warn: bool = True,
+) -> dict[str, float]:
+    """Return the rates of the least squares of a start, without a run.
+
+    Directions along which the frame is faster than the motion have rate 0, with a warning.
+
+    Raises
+    ------
+    InputError
+        For a stepper without symmetries.
+    """
+    known = _ruled(_usable(stepper, parameters))
+    found = {symmetry.name: 0.0 for symmetry in stepper.symmetries}
+    directions = directions_of(stepper, q, p, known)
+    if not directions:
+        return found
+    rates, left_out = start_rates(Velocities(stepper, known, t0), directions, q, p, dt)
+    for rate, direction in zip(rates.tolist(), directions, strict=True):
+        for name, weight in direction.weights.items():
+            found[name] += rate * weight
+    if left_out and warn:
+        names = ", ".join(name for i in left_out for name in directions[i].weights)
+        remark(f"The state is so near an axis of symmetry that a frame along {names} would turn "
+               "faster than the motion and enlarge its error: the rate is 0. frame = 'auto' "
+               "chooses rates by measured errors; a rate that is given is used as it is.")
+    return found
+
+
+def with_frame(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
+    parameters: Any, t0: Number = 0.0, inputs: Any = None, hold: int = 1,
+) -> Any:
+    """Return the parameters of a run with ``"frame"`` replaced by the rates it stands for."""
+    if not isinstance(parameters, Mapping) or not asks_for_frame(stepper, parameters):
+        return parameters
+    said = parameters["frame"]
+    follows = isinstance(said, str) and said.startswith("follow ")  # so many steps each
+    mode = choose("frame among the parameters:", "follow" if follows else said, FRAME_CHOICES)
+    others = {name: value for name, value in parameters.items() if name != "frame"}
+    given = [symmetry.name for symmetry in stepper.symmetries if symmetry.name in others]
+    if given:
+        raise InputError(f"Parameter {given[0]} is given besides frame = {mode!r}, which chooses "
+                         "it; give one.")
+    if mode in ("start", "follow"):
+        return others | start_frame(stepper, q, p, others, dt=dt, t0=t0)
+    run = as_positive_count("steps", steps)
+    pilot = min(max(run, 8), PILOT_STEPS)
+    fed = as_inputs(inputs, stepper.binding, run, hold) if run else None
+    try:
+        choice = choose_frame(stepper, q, p, dt=dt, parameters=others, t0=t0, steps=pilot,
+                              inputs=fed if fed is None else fed.of_steps(pilot).values[0])
+    except Stopped as stopped:  # its trajectory is a pilot's
+        raise Stopped("Stopped before the first step, while the frame was chosen.", stopped.signal
+                      ) from None
+    return others | choice.values
+
+
+def chosen(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
+    parameters: Any, t0: Number = 0.0, inputs: Any = None, hold: int = 1,
+) -> Any:
+    """Return the parameters of a run with all that they leave to be chosen: frame, then γ."""
+    moving = with_frame(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0,
+                        inputs=inputs, hold=hold)
+    return with_choice(stepper, q, p, dt=dt, steps=steps, parameters=moving, t0=t0)
+
+
+def asks_for_frame(stepper: Stepper, parameters: Mapping[str, Any]) -> bool:
+    """Whether ``"frame"`` among parameters asks for a choice: it is no parameter of the system."""
+    return "frame" in parameters and "frame" not in stepper.parameter_domains
+
+
+# ---------------------------------------------------------------- arguments
+
+
+def _usable(stepper: Stepper, parameters: Any) -> dict[str, Any]:
+    """Return the parameters, or refuse a stepper without a frame."""
+    if not hasattr(stepper, "symmetries"):
+        raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
+                         "gyrospark.stepper.")
+    if not stepper.symmetries:
+        raise InputError(f"{stepper.name} has no co-moving frame; make the stepper with "
+                         "frame='symmetries'.")
+    return dict(as_mapping("parameters", parameters, "{'mgl': 0.4}"))
+
+
+def _ruled(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters with rules as numbers; "auto" stands for γ_m as yet."""
+    return {name: ruled(name, "m" if value in AIMS else value, parameters)
+            if isinstance(value, str) else value for name, value in parameters.items()}
+
+
+def _mean_of(name: str, inertia: Any) -> float:
+    return float(gamma_m(principal_moments(inertia)))
+
+

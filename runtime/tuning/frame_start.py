@@ -1,0 +1,172 @@
+"""The rates of a co-moving frame from a state alone: least squares, no run.
+
+    min_ω (H_p − Σ ω_i A_i q)ᵀ H_pp⁻¹ (H_p − Σ ω_i A_i q)
+
+in the metric of the kinetic energy, which knows no units: ω = 𝕀⁻¹J with the locked inertia
+𝕀_ij = (A_i q)ᵀ H_pp⁻¹ A_j q. On a relative equilibrium nothing is left over, and ω is its rate.
+
+Three rotations of space do not commute: a frame about another axis than that of the angular
+momentum l would lose l. So they go together, about l.
+
+Near an axis of a symmetry A q and J are small and ω is large: the frame fits the velocity of this
+instant and nothing else. Whether it does, the acceleration in the frame tells,
+
+    d²q̃/dt² = q̈ − 2 Ω q̇ + Ω² q,    Ω = Σ ω_i A_i,
+
+0 on a relative equilibrium, and |ω||q̇| where the motion passes an axis. ``start_rates`` leaves out
+a direction that makes it more than twice as large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.errors import InputError, StepFailed
+from .manifest_symmetries import Symmetry
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+
+__all__ = ["Direction", "Velocities", "directions_of", "least_squares", "start_rates"]
+
+Array = NDArray[Any]
+
+#: A direction that makes the acceleration so many times larger is left out.
+_FASTER = 2.0
+#: What the difference may be wrong by, in parts of q̈ and of the step's part of Δt.
+_NOISE = 16.0
+#: Singular values below this part of the largest are 0.
+_RANK = 1e-9
+
+
+class Direction:
+    """A rate that may be chosen: of one symmetry, or of three rotations of space about l.
+
+    Attributes
+    ----------
+    weights : dict of str to float
+        Name of each parameter → its part of the rate.
+    A : ndarray, shape (n, n)
+        The generator.
+    """
+
+    def __init__(self, symmetries: list[Symmetry], weights: Array) -> None:
+        self.weights = {s.name: float(w) for s, w in zip(symmetries, weights, strict=True)}
+        self.A: Array = sum((w * s.A for s, w in zip(symmetries, weights, strict=True)),
+                            np.zeros_like(symmetries[0].A))
+
+
+def directions_of(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Any]
+) -> list[Direction]:
+    """Return the rates that may be chosen for a start: of what are symmetries there."""
+    place, momenta = (np.array(x, dtype=float) for x in (q, p))
+    found = []
+    for _, group in groupby(stepper.symmetries, key=lambda symmetry: symmetry.group):
+        together = list(group)
+        if not all(symmetry.holds(parameters) for symmetry in together):
+            continue
+        weights = np.ones(1)
+        if len(together) > 1:
+            weights = np.array([symmetry.momentum(place, momenta) for symmetry in together])
+            size = float(np.linalg.norm(weights))
+            if size == 0:
+                continue
+            weights = weights / size
+        found.append(Direction(together, weights))
+    return found
+
+
+class Velocities:
+    """H_p of states in doubles, from the residual of no step, and its derivative by p."""
+
+    def __init__(self, stepper: Stepper, parameters: Mapping[str, Any], t0: Any = 0.0) -> None:
+        self._stepper, self._t = stepper, t0
+        rates = {symmetry.name for symmetry in stepper.symmetries}
+        self._parameters = {name: x for name, x in parameters.items() if name not in rates}
+        self.epsilon: float = stepper.binding.epsilon
+        self._ends = bool(stepper.manifest["scheme"]["unknowns_are_state"])
+
+    def __call__(self, q: Array, p: Array) -> Array:
+        """Return H_p, shape (n,)."""
+        n, x = self._stepper.n, np.zeros(self._stepper.unknowns)
+        if self._ends:
+            x[: 2 * n] = [*q, *p]
+        found = self._stepper.residual(x, q, p, dt=1.0, parameters=self._parameters, t=self._t)
+        return -np.array(found[:n], dtype=float)
+
+    def acceleration(self, q: ArrayLike, p: ArrayLike, dt: Any) -> Array | None:
+        """Return q̈, by a difference of H_p over a small part of a step.
+
+        None where that step can't be taken: the run itself then says why.
+        """
+        step, h = self._stepper, float(dt) * self.epsilon ** (1 / 3)
+        try:
+            if step.m and not step.manifest["scheme"]["keeps_momentum_constraint"]:
+                q, p = step.project(q, p, parameters=self._parameters, t=self._t)
+            end = step.integrate(q, p, dt=h, steps=1, t0=self._t, parameters=self._parameters)
+        except (InputError, StepFailed):
+            return None
+        return np.asarray((self(end.q[-1], end.p[-1]) - self(end.q[0], end.p[0])) / h)
+
+    def root_of_mass(self, q: Array, p: Array) -> Array:
+        """Return W with WᵀW = H_pp⁻¹, H_pp by differences: exact where H is quadratic in p."""
+        size = float(np.abs(p).max()) or 1.0
+        steps = size * np.eye(len(p))
+        H_pp = np.array([self(q, p + e) - self(q, p - e) for e in steps]) / (2 * size)
+        values, vectors = np.linalg.eigh((H_pp + H_pp.T) / 2)
+        usable = values > 1e-12 * max(values.max(), 0.0)
+        return np.asarray((vectors[:, usable] / np.sqrt(values[usable])).T)
+
+
+def least_squares(
+    velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike
+) -> Array:
+    """Return the rates for which least is left over of H_p, over all rows of q and p."""
+    rows, wanted = [], []
+    for place, momenta in zip(np.atleast_2d(np.array(q, dtype=float)),
+                              np.atleast_2d(np.array(p, dtype=float)), strict=True):
+        root = velocities.root_of_mass(place, momenta)
+        rows.append(root @ np.stack([d.A @ place for d in directions], axis=1))
+        wanted.append(root @ velocities(place, momenta))
+    found, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=_RANK)
+    return np.asarray(found)
+
+
+def start_rates(
+    velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike, dt: Any
+) -> tuple[Array, list[int]]:
+    """Return the least squares of a state, and which directions are left out, with rate 0."""
+    place, momenta = (np.array(x, dtype=float) for x in (q, p))
+    root, velocity = velocities.root_of_mass(place, momenta), velocities(place, momenta)
+    columns = root @ np.stack([d.A @ place for d in directions], axis=1)
+
+    def without(left_out: list[int]) -> Array:
+        kept = [i for i in range(len(directions)) if i not in left_out]
+        found = np.zeros(len(directions))
+        found[kept] = np.linalg.lstsq(columns[:, kept], root @ velocity, rcond=_RANK)[0]
+        return found
+
+    def size(rates: Array) -> float:
+        """Return the norm of the acceleration in a frame, in the metric of the kinetic energy."""
+        turn = sum((w * d.A for w, d in zip(rates, directions, strict=True)), 0 * directions[0].A)
+        return float(np.linalg.norm(root @ (
+            acceleration - 2 * turn @ velocity + turn @ (turn @ place))))
+
+    left_out: list[int] = []
+    rates, acceleration = without(left_out), velocities.acceleration(q, p, dt)
+    if acceleration is None:
+        return rates, left_out
+    noise = _NOISE * velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
+    while len(left_out) < len(directions):
+        others = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
+        best = min(others, key=lambda other: size(without(other)))
+        if size(rates) <= _FASTER * size(without(best)) + noise:
+            break
+        rates, left_out = without(best), best
+    return rates, left_out

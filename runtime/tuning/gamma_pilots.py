@@ -1,0 +1,283 @@
+"""Short runs with different γ, and what they are measured by.
+
+Every run has two errors. That of the energy is H_k − H_0 − W_k. That of the motion is q_k − q(t_k),
+path by path (``motion_distance``), with q(t) extrapolated from the same method at Δt/2 and Δt/4:
+(2^r q_(Δt/4) − q_(Δt/2))/(2^r − 1), r the order. Sizes are means over the run, in units of those
+of the first run that converges, the base, by rule that of γ_m: the ratio of errors that grow like t
+stays what it is however long a run becomes.
+
+What these runs cannot tell is said (``Pilots.silence``): an error that is round-off counts for
+nothing; where the base is turned by more than 0.3 rad no law is linear, and rows are left out;
+where the error does not grow like t (a motion slower than the pilots, or a chaotic one) nothing
+follows for a run that is longer than they.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.errors import StepFailed
+from ...core.exact_numbers import Number
+from ...core.warnings import listening
+from ..rigid_body.gamma_rules import MEANS_BY_SYMBOL, Aim
+from .motion_distance import MotionError, sizes
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+    from ..steppers.stepper import Stepper
+
+__all__ = ["WORTHWHILE", "Pilot", "Pilots"]
+
+Array = NDArray[Any]
+
+#: γ_m is left only where every path's error falls to this part of its own, or further.
+WORTHWHILE = 1 / 1.05
+#: The motion's error is linear in 1/γ up to about this angle, in rad.
+_LINEAR = 0.3
+#: Fewer rows than these, two a quarter, tell no growth.
+_FEWEST = 8
+#: By which factor the growth of the error, over t, may vary from the second quarter to the last.
+_STEADY = 1.5
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """One short run: why it was made, γ of each body in kg m², and its errors.
+
+    Attributes
+    ----------
+    label : str
+    values : dict
+    motion : float
+        Root mean square over the paths of their mean errors, each in units of its own with γ_m;
+        NaN where all of them are round-off.
+    worst : float
+        The largest of these ratios.
+    energy : float
+        Mean |H_k − H_0|, with forces |H_k − H_0 − W_k|, in the units of H.
+    expected : float or None
+        What the law said before the run: of ``motion`` or ``energy``, whichever was aimed at.
+
+    All are infinite where a step did not converge.
+    """
+
+    label: str
+    values: dict[str, float]
+    motion: float
+    worst: float
+    energy: float
+    expected: float | None = None
+
+    def error(self, aim: Aim) -> float:
+        """Return ``motion`` or ``energy``."""
+        return self.motion if aim == "motion" else self.energy
+
+
+@dataclass(frozen=True)
+class Yardstick:
+    """How errors are measured: columns of each path, their size in the base, its doubt.
+
+    ``doubt`` is the part of each size that may be the reference's error, or round-off; ``quarters``
+    are the sizes in each quarter of the base, if a longer run must follow from them.
+    """
+
+    paths: list[list[int]]
+    size: Array
+    doubt: Array
+    quarters: Array | None = None
+
+    def ratios(self, errors: Array) -> Array:
+        """Return the size of each path's error in units of the base."""
+        return sizes(errors, self.paths) / self.size
+
+    def score(self, errors: Array) -> float:
+        """Return the mean ratio if no path's is above 1/1.05, nor 1 in a late quarter, else ∞."""
+        ratios = self.ratios(errors)
+        worse = np.any(ratios + self.doubt > WORTHWHILE)
+        if self.quarters is not None:
+            worse |= np.any(quarters_of(errors, self.paths)[1:] > self.quarters[1:])
+        return math.inf if worse else mean_of(ratios)
+
+    @property
+    def steady(self) -> bool:
+        """Whether every path's error grows like t from the second quarter on."""
+        if self.quarters is None:
+            return True
+        growth = self.quarters[1:] / np.array([[1.5], [2.5], [3.5]])
+        return bool(np.all(growth.max(axis=0) <= _STEADY * growth.min(axis=0)))
+
+
+def quarters_of(errors: Array, paths: list[list[int]]) -> Array:
+    """Return the mean distance of each path in each quarter of the rows, shape (4, J)."""
+    return np.array([sizes(part, paths) for part in np.array_split(errors, 4)])
+
+
+def mean_of(ratios: Array) -> float:
+    """Return the root mean square, NaN of none."""
+    return float(np.sqrt((ratios**2).mean())) if len(ratios) else math.nan
+
+
+class Pilots:
+    """Makes short runs and remembers them; γ of all bodies as an array in kg m²."""
+
+    def __init__(
+        self, stepper: Stepper, q: ArrayLike, p: ArrayLike, dt: float, steps: int,
+        parameters: Mapping[str, Any], bodies: dict[str, tuple[float, float, float]], aim: Aim,
+        t0: Number, *, longer: bool,
+    ) -> None:
+        """``longer``: the choice is for a run that goes on where these end."""
+        self.stepper, self.q, self.p, self.dt, self.steps = stepper, q, p, dt, steps
+        self.parameters, self.bodies, self.aim, self.t0 = parameters, bodies, aim, t0
+        self.longer = longer
+        self.letter = "α" if all(name.endswith("alpha") for name in bodies) else "γ"
+        self.done: list[Pilot] = []
+        self.errors: list[dict[Aim, Array] | None] = []
+        self.silence: str | None = None
+        self._measure_rules()
+
+    # ------------------------------------------------------------ runs
+
+    def measure(self, label: str, gammas: Array, expected: float | None = None) -> int:
+        """Run with these γ and return the number of the run; what is known is not run again."""
+        values = self._named(gammas)
+        for number in range(len(self.done)):
+            if np.allclose(gammas, self.gammas(number), rtol=1e-12, atol=0):
+                return number
+        try:
+            run: Trajectory | None = self._run(values)
+        except StepFailed:
+            run = None
+        return self._add(label, values, run, expected)
+
+    def _measure_rules(self) -> None:
+        """Run the paper's four recommendations; raises if the steps converge with none."""
+        runs: dict[str, tuple[dict[str, float], Trajectory | None]] = {}
+        failure: StepFailed | None = None
+        for label, rule in MEANS_BY_SYMBOL.items():
+            values = self._named(np.array([rule(moments) for moments in self.bodies.values()]))
+            if any(values == other for other, _ in runs.values()):
+                continue
+            try:
+                runs[label] = values, self._run(values)
+            except StepFailed as error:
+                runs[label], failure = (values, None), failure or error
+        base = next(((v, run) for v, run in runs.values() if run is not None), None)
+        if base is None:
+            assert failure is not None
+            raise failure
+        self.base = next(i for i, (v, _) in enumerate(runs.values()) if v == base[0])
+        self._set_yardsticks(*base)
+        for label, (values, run) in runs.items():
+            self._add(label, values, run)
+        self.rules = len(self.done)
+
+    def _named(self, gammas: Array) -> dict[str, float]:
+        return {name: float(x) for name, x in zip(self.bodies, gammas, strict=True)}
+
+    def _run(self, values: dict[str, float], finer: int = 1) -> Trajectory:
+        with listening():  # what is to be said is said of the run that is asked for
+            return self.stepper.integrate(
+                self.q, self.p, dt=self.dt / finer, steps=self.steps * finer, every=finer,
+                t0=self.t0, parameters={**self.parameters, **values})
+
+    def _add(
+        self, label: str, values: dict[str, float], run: Trajectory | None,
+        expected: float | None = None,
+    ) -> int:
+        errors = None if run is None else self._errors_of(run)
+        self.errors.append(errors)
+        numbers = (math.inf,) * 3
+        if errors is not None:
+            ratios = self.yardsticks["motion"].ratios(errors["motion"])
+            numbers = (mean_of(ratios), float(ratios.max()) if len(ratios) else math.nan,
+                       float(sizes(errors["energy"], [[0]])[0]))
+        self.done.append(Pilot(label, values, *numbers, expected))
+        return len(self.done) - 1
+
+    # ------------------------------------------------------------ errors
+
+    def _errors_of(self, run: Trajectory) -> dict[Aim, Array]:
+        energy = np.asarray(run.energy_error()[1:], dtype=float)[:, None]
+        return {"motion": self._motion(run.q)[1 : self.rows + 1], "energy": energy}
+
+    def _set_yardsticks(self, values: dict[str, float], base: Trajectory) -> None:
+        """Make the reference of the motion, and what both errors are held against."""
+        order = self.stepper.order
+        half, quarter = (self._run(values, finer).q for finer in (2, 4))
+        self._motion = MotionError(_extrapolated(half, quarter, order), base.q)
+        motion = self._motion(base.q)
+        turned = np.abs(motion[:, self._motion.turning]).max(axis=1, initial=0) > _LINEAR
+        self.rows = max(int(turned.argmax()) - 1, 1) if turned.any() else self.steps
+        epsilon = self.stepper.binding.epsilon
+        # States are rounded once, and compensated sums stray by some part of ε √N.
+        rounding = epsilon * (2 + math.sqrt(self.steps) / 4) * self._motion.units
+        errors = self._errors_of(base)
+        # One extrapolation lower: what it lacks, 2^(r+2) times less, is what this one lacks.
+        lower = self._motion(_extrapolated(base.q, half, order))[1 : self.rows + 1]
+        lacks = sizes(lower, self._motion.paths) / 2 ** (order + 2)
+        H = np.abs(np.asarray(base.energies, dtype=float)).max(keepdims=True)
+        whole = self.rows == self.steps and not self.longer
+        self.yardsticks: dict[Aim, Yardstick] = {
+            "motion": _yardstick(errors["motion"], self._motion.paths, rounding, rounding + lacks,
+                                 quarters=self.longer and self.rows >= _FEWEST),
+            "energy": _yardstick(errors["energy"], [[0]], epsilon * H, 0 * H),
+        }
+        if self.aim == "motion" and self.rows < _FEWEST and not whole:
+            self.silence = (f"pilots of {self.steps} steps say nothing of a run that is longer"
+                            if self.rows == self.steps else
+                            f"with it the motion is lost within {self.rows + 1} steps")
+        elif not self.yardstick.paths:
+            self.silence = "the error is round-off"
+        elif not self.yardstick.steady:
+            self.silence = ("the error of the motion does not grow like t, and pilots say nothing "
+                            "of a run that is longer; give steps that see its slowest period")
+
+    # ------------------------------------------------------------ judging
+
+    @property
+    def yardstick(self) -> Yardstick:
+        """What the aimed error is measured by."""
+        return self.yardsticks[self.aim]
+
+    def aimed(self, number: int) -> Array | None:
+        """Return the aimed error of a run, rows over time; None if it failed."""
+        errors = self.errors[number]
+        return None if errors is None else errors[self.aim]
+
+    def gammas(self, number: int) -> Array:
+        """Return the γ of a run."""
+        return np.array(list(self.done[number].values.values()))
+
+    def score(self, number: int) -> float:
+        """Return the error of a run over the base's; ∞ if any path is not well below it."""
+        errors = self.aimed(number)
+        if number == self.base:
+            return 1.0
+        return math.inf if errors is None else self.yardstick.score(errors)
+
+    def best(self) -> int:
+        """Return the number of the best run."""
+        return min(range(len(self.done)), key=self.score)
+
+
+def _extrapolated(coarse: Array, fine: Array, order: int) -> Array:
+    """Return Richardson's extrapolation of two runs, the second with half the step."""
+    extrapolated: Array = fine + (fine - coarse) / (2**order - 1)
+    return extrapolated
+
+
+def _yardstick(
+    base: Array, paths: list[list[int]], rounding: Array, doubt: Array, *, quarters: bool = False
+) -> Yardstick:
+    """Return the yardstick of a base run; paths whose error is round-off are left out."""
+    size = sizes(base, paths)
+    at = [i for i in range(len(paths)) if size[i] > rounding[i]]
+    kept = [paths[i] for i in at]
+    return Yardstick(kept, size[at], doubt[at] / size[at],
+                     quarters_of(base, kept) if quarters else None)

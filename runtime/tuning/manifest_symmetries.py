@@ -1,0 +1,133 @@
+"""The symmetries that a stepper's co-moving frame may move along, as its manifest tells of them.
+
+    q = e^{ωtA} q̃,   p = e^{−ωtAᵀ} p̃,   H̃ = H − ω J,   J = pᵀA q
+
+Each has a parameter ω, 0 where it is not given. Some are symmetries only where parameters satisfy
+conditions, I1 = I2 say; whether they do is decided exactly, with the numbers as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.exact_numbers import exact
+
+__all__ = ["Symmetry", "refuse_broken", "symmetries_of"]
+
+Array = NDArray[Any]
+
+#: A polynomial: coefficient and powers of each term.
+Polynomial = Sequence[tuple[Fraction, Mapping[str, int]]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Symmetry:
+    """A linear symmetry of H, g and F, with the parameter that moves a frame along it.
+
+    Attributes
+    ----------
+    name : str
+        Of the parameter, an angular rate in rad/s: ``omega_body``, ``omega_space``, …
+    meaning : str
+        What J is, e.g. "angular momentum about e3".
+    A : ndarray, shape (n, n)
+        The generator: q → e^{θA} q, p → e^{−θAᵀ} p.
+    J : str
+        The momentum map pᵀA q, in the names of coordinates and momenta.
+    condition : str
+        What parameters must satisfy, e.g. "I1 = I2"; empty where it holds for any.
+    group : int
+        Symmetries of one group do not commute: three rotations of space, which turn about one axis.
+    """
+
+    name: str
+    meaning: str
+    A: Array
+    J: str
+    condition: str
+    group: int = 0
+    vanishing: tuple[Polynomial, ...] = ()
+
+    @classmethod
+    def of(cls, said: Mapping[str, Any], n: int) -> Symmetry:
+        """Return what a manifest says."""
+        A = np.zeros((n, n))
+        for i, j, x in said["A"]:
+            A[i, j] = float(Fraction(x))
+        A.setflags(write=False)
+        vanishing = tuple(tuple((Fraction(x), dict(powers)) for x, powers in terms)
+                          for terms in said["vanishing"])
+        return cls(said["name"], said["meaning"], A, said["J"], " and ".join(said["conditions"]),
+                   said["group"], vanishing)
+
+    def __repr__(self) -> str:
+        where = f", where {self.condition}" if self.condition else ""
+        return f"<Symmetry {self.name}: {self.meaning}{where}>"
+
+    def momentum(self, q: Array, p: Array) -> Array:
+        """Return J of each row of q and p, shapes (..., n)."""
+        return np.asarray(np.einsum("...i,...i->...", p, q @ self.A.T))
+
+    def holds(self, parameters: Mapping[str, Any]) -> bool:
+        """Whether parameters satisfy the condition, exactly."""
+        return all(_value(terms, parameters) == 0 for terms in self.vanishing)
+
+    def holds_plainly(self, columns: Mapping[str, Array]) -> bool:
+        """Whether many runs may move along it: where it needs parameters to be equal, they are."""
+        if not self.vanishing or not columns[self.name].any():
+            return True
+        for terms in self.vanishing:
+            names = [[*powers] for _, powers in terms if [*powers.values()] == [1]]
+            if len(terms) != 2 or len(names) != 2 or terms[0][0] != -terms[1][0]:
+                return False
+            if not np.array_equal(columns[names[0][0]], columns[names[1][0]]):
+                return False
+        return True
+
+    @property
+    def mentioned(self) -> list[str]:
+        """The parameters in the condition."""
+        return sorted({name for terms in self.vanishing for _, powers in terms for name in powers})
+
+
+def symmetries_of(manifest: Mapping[str, Any]) -> tuple[Symmetry, ...]:
+    """Return the symmetries of a stepper, none of one without a frame."""
+    n = len(manifest["system"]["coordinates"])
+    return tuple(Symmetry.of(said, n) for said in manifest.get("frame", {}).get("symmetries", ()))
+
+
+def refuse_broken(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any]) -> None:
+    """Refuse a frame that moves along what is no symmetry for these parameters.
+
+    Raises
+    ------
+    InputError
+        With the condition and the numbers that do not satisfy it.
+    """
+    for symmetry in symmetries:
+        if parameters[symmetry.name] != 0 and not symmetry.holds(parameters):
+            values = ", ".join(f"{name} = {parameters[name]!r}" for name in symmetry.mentioned)
+            raise InputError(
+                f"Parameter {symmetry.name} = {parameters[symmetry.name]} moves along a symmetry "
+                f"that this system has only where {symmetry.condition} exactly, but {values}; "
+                f"give {symmetry.name} = 0.")
+
+
+def _value(terms: Polynomial, parameters: Mapping[str, Any]) -> Fraction | None:
+    """Return the value of a polynomial; None where a parameter is not finite."""
+    total = Fraction(0)
+    for factor, powers in terms:
+        for name, power in powers.items():
+            x = exact(parameters[name])
+            if not isinstance(x, Fraction):
+                return None
+            factor *= x**power
+        total += factor
+    return total

@@ -1,0 +1,238 @@
+"""The arrays of a stored run: what xarray, Julia or any other reader of Zarr finds.
+
+Those of ``OUTPUTS``, of which some systems have no multipliers, no work, no quantities, lie
+along the dimension ``time``, one entry a stored state; multipliers and iterations belong to the
+steps that end there and have none at the start. What is not computed yet is NaN, or 0. Wide
+numbers (long double, binary128), which Zarr has not, stand rounded to double under these names and
+whole, as bytes, under ``<name>_bytes``.
+
+A row of all arrays is a state; rows are written in blocks, each a chunk of every array.
+
+The events of a run have arrays of their own, ``event_<name>_t``, ``_q``, ``_p``, ``_steps`` and
+``_rising``, along a dimension ``event_<name>`` that grows with what is found.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from ..core.real_types import REALS
+from ..runtime.bindings.wide_numbers import WIDE_BYTES
+from ..runtime.results.run_arrays import OUTPUTS, QUANTITY, about, parts
+from .chunks import codecs_of
+from .durable_files import DurableStore, write_durably
+
+__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
+           "block_rows", "consolidate", "create", "create_array", "extend", "fields_of",
+           "fields_of_event", "names_of", "open_group", "wide_name"]
+
+CHECKPOINT = "checkpoint"
+_METADATA = "zarr.json"
+#: The attribute with the rows that the arrays are about to have.
+EXTENDS = "extends_to_rows"
+#: A block is written whole, and forcing it to the disk takes some ten times 1 ms however small it
+#: is: large enough for that not to count, small enough for a few to be in memory.
+_BLOCK_BYTES = 32 * 2**20
+_MOST_ROWS = 2**18
+#: The same of what happens now and then: the last block is written again with each commit.
+_BLOCK_OF_EVENTS, _MOST_EVENTS = 2**20, 2**12
+#: Bytes that stand where no wide number is computed yet; 16 of them are NaN.
+WIDE_FILL = 255
+
+
+@dataclass(frozen=True)
+class Field:
+    """One array of a run.
+
+    Attributes
+    ----------
+    name : str
+    inner : tuple of (dimension, length)
+        Of one state.
+    attributes : dict
+        ``units`` and ``long_name`` for readers.
+    dtype : str
+        Of the array as NumPy names it.
+    wide : bool
+        Whether its numbers are wider than a double.
+    """
+
+    name: str
+    inner: tuple[tuple[str, int], ...] = ()
+    attributes: dict[str, Any] = field(default_factory=dict)
+    dtype: str = "f8"
+    wide: bool = False
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one state's entry."""
+        return tuple(length for _, length in self.inner)
+
+    @property
+    def wide_shape(self) -> tuple[int, ...]:
+        """Shape of one state's entry as bytes."""
+        return (*self.shape, WIDE_BYTES)
+
+    @property
+    def fill(self) -> float:
+        """What stands where nothing is computed yet."""
+        return np.nan if self.dtype.startswith("f") else 0
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one state's entry on the disk."""
+        return math.prod(self.shape) * (int(self.dtype[1:]) + WIDE_BYTES * self.wide)
+
+
+def wide_name(name: str) -> str:
+    """Return the name of the array with a wide field's bytes."""
+    return f"{name}_bytes"
+
+
+def fields_of(manifest: dict[str, Any]) -> list[Field]:
+    """Return the arrays of a run of the stepper with this manifest."""
+    system, real = manifest["system"], REALS[manifest["real"]]
+    found = []
+    for one in OUTPUTS:
+        said: dict[str, Any] = {}
+        if one.labels in system and not one.split:
+            said["components"] = list(system[one.labels])
+        found += [Field(name, one.inner(manifest) or (), about(one, manifest, name) | said,
+                        one.dtype or real.stored, real.wide and not one.whole)
+                  for name in parts(one, manifest)]
+    return found
+
+
+def fields_of_event(manifest: dict[str, Any], name: str) -> list[Field]:
+    """Return the arrays of an event of this name, in the order of ``Crossings``."""
+    real = REALS[manifest["real"]]
+    state = [(one, one.inner(manifest) or ()) for one in OUTPUTS if one.name in ("q", "p")]
+    return [
+        Field(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
+              real.wide),
+        *(Field(f"event_{name}_{one.name}", inner,
+                about(one, manifest, one.name) | {"long_name": f"{one.long_name} at {name}"},
+                real.stored, real.wide) for one, inner in state),
+        Field(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
+        Field(f"event_{name}_rising", (), {"long_name": "1 where the quantity rises along the run"},
+              "i1")]
+
+
+def names_of(fields: Iterable[Field]) -> list[str]:
+    """Return the names of the arrays that have these fields."""
+    return [name for one in fields for name in (one.name, wide_name(one.name))[: 1 + one.wide]]
+
+
+def block_rows(
+    fields: list[Field], rows: int, most_bytes: int = _BLOCK_BYTES, most_rows: int | None = None
+) -> int:
+    """Return how many states are written at a time."""
+    most = min(most_bytes // sum(f.row_bytes for f in fields), most_rows or _MOST_ROWS)
+    return max(1, min(rows, 1 << (max(most, 1).bit_length() - 1)))
+
+
+def create(
+    path: Path, fields: list[Field], rows: int, checkpoint_bytes: int, attributes: dict[str, Any],
+    events: Mapping[str, list[Field]] | None = None,
+) -> None:
+    """Make an empty store; nothing is computed in it yet. ``events`` have arrays by their names."""
+    group = zarr.create_group(DurableStore(path),
+                              attributes=attributes | {"arrays": names_of(fields)})
+    _create_along(group, "time", fields, rows, block_rows(fields, rows))
+    for name, own in (events or {}).items():
+        _create_along(group, f"event_{name}", own, 0,
+                      block_rows(own, _MOST_EVENTS, _BLOCK_OF_EVENTS, _MOST_EVENTS))
+    create_array(group, CHECKPOINT, (checkpoint_bytes,), (checkpoint_bytes,), "u1", 0,
+                 ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
+    consolidate(path)
+
+
+def _create_along(
+    group: zarr.Group, dimension: str, fields: list[Field], rows: int, block: int
+) -> None:
+    for one in fields:
+        inner = [name for name, _ in one.inner]
+        create_array(group, one.name, (rows, *one.shape), (block, *one.shape), one.dtype, one.fill,
+                     [dimension, *inner], one.attributes)
+        if one.wide:
+            said = {"long_name": f"{one.name} with all its digits, {WIDE_BYTES} bytes a number"}
+            create_array(group, wide_name(one.name), (rows, *one.wide_shape),
+                         (block, *one.wide_shape), "u1", WIDE_FILL, [dimension, *inner, "byte"],
+                         said)
+
+
+def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str, Any]) -> None:
+    """Give the arrays of a store so many rows, and then the store these attributes.
+
+    A process may end between any two files: until all is done the store says ``EXTENDS``, and its
+    arrays have their old number of rows or the new one.
+    """
+    group = open_group(path, write=True)
+    group.update_attributes({EXTENDS: rows})
+    for name in names:
+        array = array_of(group, name)
+        array.resize((rows, *array.shape[1:]))
+    consolidate(path, names, {**attributes, EXTENDS: None})
+
+
+def create_array(
+    group: zarr.Group, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], dtype: Any,
+    fill: float, dimensions: list[str], attributes: dict[str, Any],
+) -> zarr.Array[Any]:
+    """Create an array, whose chunks ``write_chunks`` writes."""
+    numbers, checksum = codecs_of(dtype)
+    return group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill,
+                              filters=None, serializer=numbers, compressors=[checksum],
+                              dimension_names=dimensions, attributes=attributes)
+
+
+def consolidate(
+    path: Path, names: Iterable[str] | None = None, attributes: Mapping[str, Any] | None = None
+) -> None:
+    """Repeat what each array says of itself in the group: readers then open one file, not ten.
+
+    xarray warns where it does not find it. ``names`` are those of the arrays that say something
+    new, all if none are given; ``attributes`` of the group change at the same instant.
+    """
+    root = json.loads((path / _METADATA).read_bytes())
+    root["attributes"] |= attributes or {}
+    known = (root.get("consolidated_metadata") or {}).get("metadata", {})
+    if names is None or not known:
+        names = [file.parent.name for file in path.glob(f"*/{_METADATA}")]
+    arrays = {name: json.loads((path / name / _METADATA).read_bytes()) for name in names}
+    root["consolidated_metadata"] = {"kind": "inline", "must_understand": False,
+                                     "metadata": dict(sorted((known | arrays).items()))}
+    write_durably(path / _METADATA, json.dumps(root, indent=2).encode())
+
+
+def open_group(path: Path, *, write: bool = False) -> zarr.Group:
+    """Return the group of a store; to read, as its arrays say themselves, not as the root does."""
+    return zarr.open_group(DurableStore(path, read_only=not write), mode="r+" if write else "r",
+                           use_consolidated=write)
+
+
+def attributes_of(group: zarr.Group) -> dict[str, Any]:
+    """Return what a store says of itself."""
+    return dict(group.attrs)
+
+
+def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
+    """Return an array of a store.
+
+    Raises
+    ------
+    KeyError
+        If it is not there.
+    """
+    found = group[name]
+    if not isinstance(found, zarr.Array):
+        raise KeyError(name)
+    return found

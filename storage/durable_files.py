@@ -1,0 +1,159 @@
+"""A Zarr store on a local disk whose files are whole at every instant.
+
+A file is written under another name, forced to the disk (``fsync``), and then takes its place: a
+reader, a killed process or a power cut finds the old bytes or the new ones, never a part.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from zarr.core.buffer import Buffer
+from zarr.storage import LocalStore
+
+from ..core.arguments import as_path
+from ..core.errors import InputError, StorageError
+from ..core.file_formats import ENDINGS, ending_of
+
+__all__ = ["DurableStore", "finished", "new_store_path", "one_line", "remove_parts",
+           "storage_errors", "store_path", "sync_folder", "write_durably"]
+
+#: How the names of unfinished files end.
+_PART = ".part"
+
+
+class DurableStore(LocalStore):
+    """``LocalStore`` that writes through ``write_durably``."""
+
+    async def set(self, key: str, value: Buffer) -> None:
+        """Write a file."""
+        if not self._is_open:
+            await self._open()
+        self._check_writable()
+        await asyncio.to_thread(self._write, key, value)
+
+    def set_sync(self, key: str, value: Buffer) -> None:
+        """Write a file."""
+        self._ensure_open_sync()
+        self._check_writable()
+        self._write(key, value)
+
+    def _write(self, key: str, value: Buffer) -> None:
+        path = self.root / key
+        at_root = path.parent == self.root
+        write_durably(path, value.as_buffer_like(), _unlisted(self.root) if at_root else None)
+
+    async def set_if_not_exists(self, key: str, value: Buffer) -> None:
+        """Write a file unless it is there; there is one writer, see ``writer_lock``."""
+        if not (self.root / key).exists():
+            await self.set(key, value)
+
+    def with_read_only(self, read_only: bool = False) -> DurableStore:
+        """Return the same store, to read only or not."""
+        return type(self)(self.root, read_only=read_only)
+
+
+def _unlisted(root: Path) -> Path | None:
+    """Return the folder of an array: readers list the root, and warn of files they do not know."""
+    if not root.is_dir():
+        return None
+    return next((folder for folder in root.iterdir() if folder.is_dir()), None)
+
+
+def write_durably(path: Path, data: Any, workshop: Path | None = None) -> None:
+    """Write a file that is there whole, or not at all, and on the disk when this returns."""
+    _make_folder(path.parent)
+    with finished(path, workshop) as part:
+        part.write_bytes(data)
+
+
+@contextlib.contextmanager
+def finished(path: Path, workshop: Path | None = None) -> Iterator[Path]:
+    """Yield the name of a file to write, which then becomes ``path``; removed if that fails.
+
+    It is in ``workshop``, by default the folder of ``path``.
+    """
+    part = (workshop or path.parent) / f".{path.name}.{uuid.uuid4().hex}{_PART}"
+    try:
+        yield part
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        raise
+    sync_folder(path.parent)
+
+
+def _make_folder(folder: Path) -> None:
+    if folder.is_dir():
+        return
+    _make_folder(folder.parent)
+    folder.mkdir(exist_ok=True)
+    sync_folder(folder.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Force to the disk which names a folder has; Windows has no such call, and needs none."""
+    if os.name == "nt":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def remove_parts(root: Path) -> None:
+    """Remove what killed processes left unfinished. The caller is the store's only writer."""
+    for part in root.rglob(f".*{_PART}"):
+        part.unlink(missing_ok=True)
+
+
+def store_path(path: Any) -> Path:
+    """Return a caller's path of a store.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    return as_path("The store", path, "run.zarr")
+
+
+def new_store_path(path: Any, cure: str) -> Path:
+    """Return a caller's path of a store to write, which is a folder and no file.
+
+    Raises
+    ------
+    InputError
+        If its name says that it is a file of states, with the cure.
+    """
+    found = store_path(path)
+    if ending_of(found) in ENDINGS:
+        raise InputError(f"out = {str(found)!r} names a file, and a store is a folder; end it in "
+                         f".zarr. {cure}")
+    return found
+
+
+def one_line(error: Exception) -> str:
+    """Return what an error of another library says as a phrase."""
+    return " ".join(str(error).split()).rstrip(".")
+
+
+@contextlib.contextmanager
+def storage_errors(path: Path, cure: str) -> Iterator[None]:
+    """Turn the system's errors at a store into a sentence with a cure."""
+    try:
+        yield
+    except OSError as error:
+        raise StorageError(
+            f"The store {str(path)!r} cannot be used: {error.strerror or error}. {cure}"
+        ) from error

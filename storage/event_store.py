@@ -1,0 +1,91 @@
+"""The events of a stored run: arrays to which is appended what has happened, and what they hold.
+
+Nothing in them changes once it is there. How many of each there are stands in the attributes, and
+in the checkpoint from which a run goes on; what lies behind is of a process that was ended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from ..core.real_types import REALS
+from ..runtime.bindings.wide_numbers import as_bytes
+from ..runtime.results.crossings import Crossings
+from .array_layout import Field, array_of, fields_of_event, names_of, wide_name
+from .chunks import Chunk
+from .validation import refuse_missing_blocks, stored_values
+
+__all__ = ["Happened", "crossings_in", "values_of"]
+
+Array = NDArray[Any]
+
+
+class Happened:
+    """The arrays of a run's events, to append to."""
+
+    def __init__(self, group: zarr.Group, manifest: dict[str, Any], names: list[str]) -> None:
+        self._fields = {name: fields_of_event(manifest, name) for name in names}
+        self._arrays = {one: array_of(group, one) for fields in self._fields.values()
+                        for one in names_of(fields)}
+
+    def chunks(self, begun: Mapping[str, int], found: Mapping[str, Crossings]) -> list[Chunk]:
+        """Return as chunks what has happened, behind the so many of each that are there."""
+        return [chunk for name, crossings in found.items() if len(crossings)
+                for field, values in zip(self._fields[name], values_of(crossings), strict=True)
+                for chunk in self._of_field(field, begun[name], values)]
+
+    def _of_field(self, field: Field, begun: int, values: Array) -> list[Chunk]:
+        parts = {field.name: values.astype(field.dtype)}
+        if field.wide:
+            parts[wide_name(field.name)] = as_bytes(values)
+        return [chunk for name, rows in parts.items()
+                for chunk in _behind(self._arrays[name], begun, rows)]
+
+    def grow(self, counts: Mapping[str, int]) -> list[str]:
+        """Give the arrays of each event so many rows, and drop what lies behind.
+
+        Returns the names of those that had not as many.
+        """
+        changed = [(one, count) for name, count in counts.items()
+                   for one in names_of(self._fields[name]) if self._arrays[one].shape[0] != count]
+        for one, count in changed:
+            array = self._arrays[one]
+            array.resize((count, *array.shape[1:]))
+        return [one for one, _ in changed]
+
+
+def _behind(array: zarr.Array[Any], begun: int, rows: Array) -> list[Chunk]:
+    """Return the chunks that have new rows; the first has old ones too."""
+    block, inner = array.chunks[0], (0,) * (array.ndim - 1)
+    first = begun // block
+    known = stored_values(array, first * block, begun - first * block, False, array.dtype)
+    whole = np.concatenate([known, rows])
+    return [Chunk(array, (first + i, *inner), whole[i * block : (i + 1) * block])
+            for i in range(-(-len(whole) // block))]
+
+
+def values_of(crossings: Crossings) -> tuple[Array, ...]:
+    """Return the arrays of an event in the order of ``fields_of_event``."""
+    return crossings.t, crossings.q, crossings.p, crossings.steps, crossings.rising
+
+
+def crossings_in(
+    path: Path, group: zarr.Group, manifest: dict[str, Any], counts: Mapping[str, int]
+) -> dict[str, Crossings]:
+    """Return the first so many crossings of each event."""
+    dtype = REALS[manifest["real"]].dtype
+    found = {}
+    for name, count in counts.items():
+        fields = fields_of_event(manifest, name)
+        refuse_missing_blocks(path, group, 0, count, names_of(fields))
+        t, q, p, steps, rising = (
+            stored_values(array_of(group, wide_name(one.name) if one.wide else one.name), 0, count,
+                          one.wide, dtype) for one in fields)
+        found[name] = Crossings(t, q, p, steps, rising.astype(bool))
+    return found

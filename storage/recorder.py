@@ -1,0 +1,329 @@
+"""The course of a stored run: computes states in blocks, finds events, commits both.
+
+One thread computes, another writes. A commit is a block of rows, whole or begun, what has happened
+since the last one, and the checkpoint that belongs to them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from ..core.errors import InputError, Stopped
+from ..core.event import Event
+from ..core.interrupts import Interrupts, watched
+from ..runtime.bindings.binding import REASONS
+from ..runtime.events.observer import End, Observer
+from ..runtime.integration.step_loop import (
+    Pace,
+    Rows,
+    Run,
+    advance,
+    advance_watched,
+    ended_at,
+    next_chunk,
+)
+from ..runtime.results.crossings import Crossings
+from ..runtime.results.diagnostics import Report
+from ..runtime.steppers.stepper import Stepper
+from .array_layout import (
+    CHECKPOINT,
+    array_of,
+    attributes_of,
+    fields_of,
+    fields_of_event,
+    names_of,
+    wide_name,
+)
+from .checkpoint import Seen, State, pack, unpack
+from .durable_files import storage_errors
+from .event_store import Happened
+from .validation import (
+    COMPLETE,
+    ENDED,
+    FAILED,
+    RUNNING,
+    refuse_missing_blocks,
+    stored_values,
+)
+from .writer import CURE, Batch, Writer
+
+__all__ = ["Course"]
+
+#: Seconds between two commits: what a killed run computes again, at most.
+COMMIT_SECONDS = 5.0
+
+
+class Course:
+    """A run under way: where it stands, and the block of rows that it fills."""
+
+    def __init__(self, stepper: Stepper, run: Run, events: tuple[Event, ...], path: Path,
+                 group: zarr.Group) -> None:
+        self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
+        self.manifest, self.fields = stepper.manifest, fields_of(stepper.manifest)
+        self.block = array_of(group, "time").chunks[0]
+        self.parameters = self.binding.parameters(run.parameters, run.t0)
+        named = {one.name: one for one in events}  # in the order of the store
+        self.events = tuple(named[name] for name in attributes_of(group).get("events", {}))
+        #: How often each has happened, up to the last commit; the time where one ended the run.
+        self.counts = np.zeros(len(events), int)
+        self.end: Any = None
+        self.observer = Observer(stepper, run, self.events) if events else None
+        self.state, self.first, self.rows = self._begun()
+        self.committed = pack(self.binding, replace(self.state, seen=self._seen()))
+        self.pace = Pace(self.observer is not None)
+
+    # ------------------------------------------------------------ where it stands
+
+    def _begun(self) -> tuple[State, int, Rows]:
+        """Return the state to go on from, and the block that it is in."""
+        try:
+            kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
+                          len(self.events))
+            self._refuse_beyond(kept)
+        except ValueError as error:
+            raise InputError(f"The store {str(self.path)!r} cannot be gone on with: {error}. What "
+                             "is stored can be read; choose another store for the run.") from error
+        if self.events:
+            self._go_on_looking(kept)
+        if kept is None:
+            return self._start()
+        done = self._states(kept)
+        first = done // self.block * self.block  # of the next row, which may be begun
+        rows = self._read(first, done - first)
+        if kept.ended_by is not None:
+            self.end = self._stored("time", self.fields[0].wide, done - 1, 1)
+        rows.iterations[done - first] = kept.most
+        return kept, first, rows
+
+    def _refuse_beyond(self, kept: State | None) -> None:
+        """Refuse a checkpoint of more steps, rows or events than the store has."""
+        if kept is None:
+            return
+        counts = [] if kept.seen is None else kept.seen.counts.tolist()
+        stored = [array_of(self.group, fields_of_event(self.manifest, one.name)[0].name).shape[0]
+                  for one in self.events]
+        if (kept.steps > self.run.steps or self._states(kept) > self.run.rows + 1
+                or any(count > rows for count, rows in zip(counts, stored, strict=True))):
+            raise ValueError("its checkpoint is ahead of what is stored")
+
+    def _go_on_looking(self, kept: State | None) -> None:
+        """Look for events from where the run stands; what is stored from behind there is dropped.
+
+        That is of a process that was ended between its events and its checkpoint.
+        """
+        if kept is not None and kept.seen is not None:
+            self.counts = kept.seen.counts
+            assert self.observer is not None
+            self.observer.go_on(kept.steps, kept.seen.memory)
+            for one, count in zip(self.events, self.counts.tolist(), strict=True):
+                refuse_missing_blocks(self.path, self.group, 0, count,
+                                      names_of(fields_of_event(self.manifest, one.name)))
+        names = [one.name for one in self.events]
+        with storage_errors(self.path, CURE):
+            Happened(self.group, self.manifest, names).grow(
+                dict(zip(names, self.counts.tolist(), strict=True)))
+
+    def _start(self) -> tuple[State, int, Rows]:
+        """Return the state and the block at the start; no step is taken."""
+        binding, run, rows = self.binding, self.run, self._empty()
+        rows.q[0], rows.p[0] = run.q, run.p
+        state = State(run.q.copy(), run.p.copy(), binding.report(), binding.work())
+        status = advance(binding, run, self.parameters, 0, 1, state.q, state.p, _out(rows, 0),
+                         state.report, state.work)
+        return State(state.q, state.p, state.report, state.work, status=status), 0, rows
+
+    def _states(self, state: State) -> int:
+        """Return how many states are done, with the start, and that where an event ended the run.
+        """
+        run = self.run
+        if state.ended_by is not None:
+            return state.steps // run.every + 2
+        return run.rows + 1 if state.steps == run.steps else state.steps // run.every + 1
+
+    def _empty(self) -> Rows:
+        """Return a block of rows; the start has no multipliers."""
+        binding, size = self.binding, self.block
+        none = binding.new(1)[0] + np.nan
+        rows = Rows(binding.new(size, binding.n), binding.new(size, binding.n),
+                    binding.new(size, binding.multipliers), np.zeros(size, dtype=np.intc),
+                    binding.new(size))
+        rows.multipliers[:1] = none
+        return rows
+
+    def _read(self, first: int, count: int) -> Rows:
+        """Return a block of rows with what is stored of it."""
+        refuse_missing_blocks(self.path, self.group, first, first + count)
+        rows = self._empty()
+        for one in self.fields:
+            part = getattr(rows, one.name, None)
+            if part is not None:
+                part[:count] = self._stored(one.name, one.wide, first, count).reshape(
+                    count, *part.shape[1:])
+        return rows
+
+    def _stored(self, name: str, wide: bool, first: int, count: int) -> Any:
+        """Return rows of an array in the store."""
+        array = array_of(self.group, wide_name(name) if wide else name)
+        return stored_values(array, first, count, wide, self.binding.dtype)
+
+    # ------------------------------------------------------------ computing
+
+    def go(self, progress: Callable[[int], None] | None) -> None:
+        """Compute and commit to the end of the run, to a step that fails, or to a signal."""
+        with ExitStack() as stack:
+            interrupts = stack.enter_context(watched())
+            writer = stack.enter_context(Writer(self.path, self.group, self.fields, self.binding,
+                                                self.run, self.block))
+            self._compute(writer, interrupts, progress)
+            self._commit(writer)
+        if interrupts.asked and self.state.status <= 0:
+            ended = self.state.status < 0
+            said = ended_at(self.state.steps, self.state.steps if ended else self.run.steps)
+            rest = ("It is" if ended or self.state.steps == self.run.steps else
+                    "The same command with --resume goes on: everything up to there is")
+            raise Stopped(f"{said} {rest} in {str(self.path)!r}.", interrupts.signal)
+
+    def _compute(self, writer: Writer, interrupts: Interrupts,
+                 progress: Callable[[int], None] | None) -> None:
+        run, committed = self.run, time.monotonic()
+        while self.state.steps < run.steps and not self._over() and not interrupts.asked:
+            place = self.state.steps // run.every + 1 - self.first
+            if place == self.block:
+                self._commit(writer)
+                committed = time.monotonic()
+                if self._over():
+                    return
+                self.first, self.rows, place = self.first + self.block, self._empty(), 0
+            self._advance(place, self.run if self.observer is None else self.observer.run)
+            if self.observer is not None and self.observer.at_end:
+                return
+            if progress is not None:
+                progress(self.state.steps)
+            full = self.observer is not None and self.observer.full
+            if full or (time.monotonic() - committed > COMMIT_SECONDS and not writer.busy):
+                self._commit(writer)
+                committed = time.monotonic()
+
+    def _parameters(self, state: State) -> Any:
+        """Return what compiled code goes on with from a state."""
+        if self.run.follow is None:
+            return self.parameters
+        return self.run.follow.parameters(self.run, state.steps, state.q, state.p, state.work)
+
+    def _over(self) -> bool:
+        """Whether a step has failed, or an event has ended the run."""
+        return self.state.status != 0
+
+    def _advance(self, place: int, run: Run) -> None:
+        """Compute the next piece into the block, from that row on."""
+        state, rows = self.state, self.rows
+        count, every = next_chunk(run, state.steps, self.pace.begin(), self.block - place)
+        parameters = self._parameters(state)
+        most = rows.iterations[place]  # of the pieces before, where a row takes several
+        step_on = advance if run.watch is None else advance_watched
+        status = step_on(self.binding, run, parameters, count, every, state.q, state.p,
+                         _out(rows, place), state.report, state.work)
+        rows.iterations[place] = max(most, rows.iterations[place])
+        self.pace.end(count)
+        self.state = State(state.q, state.p, state.report, state.work, status=status)
+
+    # ------------------------------------------------------------ events
+
+    def _settled(self) -> dict[str, Crossings]:
+        """Return what has happened since the last commit, and end the run where that ends it."""
+        observer = self.observer
+        if observer is None or self.state.ended_by is not None:
+            return {}
+        found, end = observer.settle(self._ahead() if observer.terminal else None)
+        if end is not None:
+            self._end(end)
+        return found
+
+    def _ahead(self) -> tuple[Any, Any] | None:
+        """Return the state one step on, which the run does not go to; None where there is none."""
+        assert self.observer is not None
+        if self.state.status or self.state.steps == self.run.steps or self.observer.at_end:
+            return None
+        copy = unpack(self.binding, pack(self.binding, replace(self.state, seen=None)))
+        assert copy is not None
+        rows = Rows.room(self.binding, 1)
+        status = advance(self.binding, self.run, self._parameters(copy), 1, 1, copy.q, copy.p,
+                         rows.after(0), copy.report, copy.work)
+        return None if status else (rows.q[1:], rows.p[1:])
+
+    def _end(self, end: End) -> None:
+        """End the run at an event, in the step behind the state where it is or an earlier one."""
+        run, steps = self.run, int(end.at.steps[0])
+        if steps < self.state.steps:  # a value that only touched its level: from the last commit
+            kept = unpack(self.binding, self.committed, len(self.events))
+            assert kept is not None
+            self.state, place = kept, kept.steps // run.every + 1 - self.first
+            self.rows.iterations[place:] = 0
+            self.rows.iterations[place] = kept.most
+            while self.state.steps < steps:
+                self._advance(self.state.steps // run.every + 1 - self.first, run.until(steps))
+        state, place = self.state, steps // run.every + 1 - self.first
+        work = self._report(state).work
+        for part, row in zip(_out(self.rows, place), _out(end.row, 0), strict=True):
+            part[0] = row[0]
+        self.rows.work[place] += work
+        self.end = end.at.t
+        self.state = replace(state, status=-1 - end.event)
+
+    # ------------------------------------------------------------ committing
+
+    def _commit(self, writer: Writer) -> None:
+        """Hand over the block as far as it is filled, and where the run stands."""
+        found = self._settled()
+        state, run = self.state, self.run
+        count = self._states(state) - self.first
+        place = state.steps // run.every + 1 - self.first  # of a row that is begun
+        begun = state.steps % run.every and state.ended_by is None
+        most = int(self.rows.iterations[place]) if begun else 0
+        counts = {one.name: int(n) for one, n in zip(self.events, self.counts, strict=True)}
+        self.counts = self.counts + [len(found.get(name, ())) for name in counts]
+        kept = replace(state, most=most, seen=self._seen())
+        rows = self.rows
+        if count < self.block:  # more rows come into it while these are written
+            rows = Rows(*(getattr(rows, field.name)[:count].copy() for field in fields(Rows)))
+        self.committed = pack(self.binding, kept)
+        writer.put(Batch(self.first, count, rows, self.committed, self._said(kept), self.end,
+                         counts, found))
+
+    def _seen(self) -> Seen | None:
+        """Return what is known of events here; nothing more is looked for behind an end."""
+        if self.observer is None:
+            return None
+        if self.state.ended_by is not None:
+            return replace(Seen.none(self.binding, len(self.events)), counts=self.counts)
+        return Seen(self.counts, self.observer.memory)
+
+    def _report(self, state: State) -> Report:
+        return Report.read(state.report, state.q, state.p, forced=self.binding.has_forces)
+
+    def _said(self, state: State) -> dict[str, Any]:
+        """Return what the store says of the run so far."""
+        if state.ended_by is not None:
+            status = ENDED + self.events[state.ended_by].name
+        elif state.status:
+            status = FAILED + REASONS[state.status]
+        else:
+            status = COMPLETE if state.steps == self.run.steps else RUNNING
+        said = {"status": status, "steps_done": state.steps, "states": self._states(state),
+                "report": asdict(self._report(state))}
+        counts = {one.name: int(n) for one, n in zip(self.events, self.counts, strict=True)}
+        return said | ({"events": counts} if counts else {})
+
+
+def _out(rows: Rows, place: int) -> tuple[Any, ...]:
+    """Return what compiled code fills from this row on."""
+    return (rows.q[place:], rows.p[place:], rows.multipliers[place:], rows.iterations[place:],
+            rows.work[place:])

@@ -1,0 +1,218 @@
+"""The states of a run as .npz, .csv or NetCDF, block by block: memory stays constant but for .npz.
+
+A stored run and a trajectory give the same file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.arguments import why_unwritable
+from ..core.errors import InputError, MissingDependencyError, StorageError
+from ..core.extras import install
+from ..core.file_formats import ENDINGS, ending_of
+from ..runtime.results.run_arrays import labels_of
+from ..runtime.results.state_columns import (
+    beside,
+    event_headings,
+    headings,
+    places_of,
+    spreadsheet_text,
+    write_csv,
+)
+from ..runtime.rigid_body.euler_angles import check_sequence
+from .durable_files import finished
+from .state_tables import Column, Table, stored_table, table_of
+
+if TYPE_CHECKING:
+    from ..runtime.results.trajectory import Trajectory
+    from .recording import Recording
+
+__all__ = ["check_angles", "check_export", "export", "save_table"]
+
+Array = NDArray[Any]
+
+
+def check_export(path: Path) -> None:
+    """Refuse what no run can be exported to.
+
+    Raises
+    ------
+    InputError, MissingDependencyError
+    """
+    if ending_of(path) not in ENDINGS:
+        raise InputError(f"{str(path)!r} is no file to export to; give a name that ends in "
+                         f"{', '.join(ENDINGS)}.")
+    if ending_of(path) == ".nc":
+        try:
+            import h5netcdf  # noqa: F401
+            import h5py  # noqa: F401
+        except ImportError as error:
+            raise MissingDependencyError(
+                f"NetCDF needs h5netcdf; {install('netcdf')} brings it."
+            ) from error
+
+
+def check_angles(path: Path, euler: str | None, *, degrees: bool) -> None:
+    """Refuse Euler angles where no columns are, and a unit of none.
+
+    Raises
+    ------
+    InputError
+    """
+    if euler is not None:
+        check_sequence(euler)
+        if ending_of(path) != ".csv":
+            raise InputError(f"Euler angles are columns of a .csv file, and {path.name!r} is none; "
+                             "end its name in .csv, or leave them out.")
+    elif degrees:
+        raise InputError("Degrees are for Euler angles; give their axes too, such as ZYX.")
+
+
+def export(
+    recording: Recording, path: Path, *, euler: str | None = None, degrees: bool = False,
+    columns: str | Iterable[str] | None = None,
+) -> Path:
+    """Write the states of a run; the file appears complete or not at all.
+
+    .npz is what ``Trajectory.load`` reads, with all digits; .csv has a column a number, under the
+    names that the system gives its coordinates, momenta and quantities, each with the digits that
+    give it back; .nc is NetCDF-4, with attributes as text. Events of a .csv file stand in another
+    one, ``night.events.csv``, a line each.
+
+    ``euler``, a sequence of axes such as ``"ZYX"``, adds columns with these angles of every body to
+    a .csv file, in rad or ``degrees``, as ``Trajectory.to_csv`` does; the states are in memory.
+    ``columns`` of a .csv file are those that are wanted, as for ``Trajectory.to_dataframe``.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a run without a state; for angles in another file than .csv, of
+        another sequence, or without bodies.
+    StorageError
+        If the file cannot be written.
+    """
+    check_export(path)
+    check_angles(path, euler, degrees=degrees)
+    if columns is not None and ending_of(path) != ".csv":
+        raise InputError(f"columns are those of a .csv file, and {path.name!r} is none; end its "
+                         "name in .csv, or leave them out.")
+    if recording.report is None:
+        raise InputError(f"{str(recording.path)!r} holds no state yet; go on with its run first.")
+    if ending_of(path) == ".npz":
+        return recording.trajectory().save(path)
+    if euler is not None:
+        return recording.trajectory().to_csv(path, euler=euler, degrees=degrees, columns=columns)
+    return _write(stored_table(recording), path, columns)
+
+
+def save_table(trajectory: Trajectory, path: Path) -> Path:
+    """Write a trajectory as .nc, as if it had been stored and exported.
+
+    Raises
+    ------
+    InputError, MissingDependencyError, StorageError
+        As for ``export``.
+    """
+    check_export(path)
+    for name in trajectory.events:
+        if "/" in name or "\0" in name:
+            raise InputError(f"The event {name!r} names variables of a NetCDF file, where '/' "
+                             'parts groups; give it another name, as in gs.Event(..., '
+                             'name="landing"), or save the run as .npz or .csv.')
+    return _write(table_of(trajectory), path)
+
+
+def _write(
+    table: Table, path: Path, columns: str | Iterable[str] | None = None
+) -> Path:
+    write: Callable[[Table, Path], None] = _write_netcdf
+    if ending_of(path) == ".csv":
+        write = partial(_write_csv, picks=_picks(table, columns))
+    try:
+        if table.events and ending_of(path) == ".csv":
+            with finished(beside(path)) as part:
+                _write_events(table, part)
+        with finished(path) as part:
+            write(table, part)
+    except (OSError, RuntimeError) as error:  # HDF5 has a RuntimeError for some of the system's
+        raise StorageError(f"The file {str(path)!r} cannot be written: "
+                           f"{why_unwritable(path, error)}.") from error
+    return path
+
+
+def _picks(
+    table: Table, wanted: str | Iterable[str] | None
+) -> list[tuple[str, Column, int]]:
+    """Return the heading of each column that is wanted, its array and its place in it."""
+    arrays = table.numbers
+    titles = headings(table.system, {array.name: array.shape for array in arrays})
+    places = [(array, i) for array in arrays for i in range(math.prod(array.shape))]
+    sizes = {array.name: math.prod(array.shape) for array in arrays}
+    return [(titles[k], *places[k]) for k in places_of(wanted, titles, sizes)]
+
+
+def _write_csv(table: Table, path: Path, picks: list[tuple[str, Column, int]]) -> None:
+    arrays = list({array.name: array for _, array, _ in picks}.values())
+    at = [([one.name for one in arrays].index(array.name), i) for _, array, i in picks]
+
+    def blocks() -> Iterator[list[Array]]:
+        for _, read in table.blocks(arrays):
+            flat = [part.reshape(len(part), math.prod(part.shape[1:])) for part in read]
+            yield [flat[k][:, i] for k, i in at]
+
+    write_csv(path, [title for title, _, _ in picks], blocks())
+
+
+def _write_events(table: Table, path: Path) -> None:
+    """Write what has happened as CSV: the name of the event, then what its arrays hold."""
+    blocks = ([np.full(len(arrays[0]), spreadsheet_text(name)), *arrays]
+              for name, own in table.events.items() for _, arrays in own.blocks(own.numbers))
+    write_csv(path, event_headings(table.system), blocks)
+
+
+def _write_netcdf(table: Table, path: Path) -> None:
+    import h5netcdf
+
+    with h5netcdf.File(path, "w") as file:
+        file.attrs.update({name: _plain(value) for name, value in table.attributes.items()})
+        tables = [table, *table.events.values()]
+        file.dimensions = {one.along: one.rows for one in tables} | {
+            dimension: length for one in tables for column in one.columns
+            for dimension, length in column.inner}
+        for dimension, (names, meaning) in labels_of(table.system).items():
+            if dimension in file.dimensions:
+                labels = file.create_variable(dimension, (dimension,), dtype=_text())
+                labels[:] = names
+                labels.attrs["long_name"] = meaning
+        for one in tables:
+            made = [_netcdf_variable(file, one.along, column) for column in one.columns]
+            for begin, arrays in one.blocks(one.columns):
+                for variable, array in zip(made, arrays, strict=True):
+                    variable[begin : begin + len(array)] = array
+
+
+def _netcdf_variable(file: Any, along: str, column: Column) -> Any:
+    dimensions = (along, *(dimension for dimension, _ in column.inner))
+    variable = file.create_variable(column.name, dimensions, dtype=column.dtype)
+    variable.attrs.update({name: _plain(value) for name, value in column.attributes.items()})
+    return variable
+
+
+def _text() -> Any:
+    import h5py
+
+    return h5py.string_dtype()
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as NetCDF can hold it."""
+    return value if isinstance(value, (str, int, float)) else json.dumps(value)

@@ -1,0 +1,301 @@
+"""Whether a store is a run: what it says of itself is complete, and fits its arrays.
+
+A store may come from another version, a disk that loses bytes, or an editor. What is refused here
+would otherwise be an error somewhere else, or a wrong number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from .._version import __version__
+from ..core.errors import InputError
+from ..core.real_types import REALS, RealName
+from ..runtime.bindings.real_numbers import from_text
+from ..runtime.bindings.wide_numbers import from_bytes
+from ..runtime.compilation.manifest import sizes_of
+from ..runtime.results.diagnostics import Report, known_fields
+from .array_layout import (
+    CHECKPOINT,
+    EXTENDS,
+    Field,
+    array_of,
+    attributes_of,
+    fields_of_event,
+    names_of,
+    wide_name,
+)
+from .durable_files import one_line
+from .identity import FORMAT, written_by
+
+__all__ = ["COMPLETE", "ENDED", "FAILED", "RUNNING", "UNREADABLE", "refuse_missing_blocks",
+           "refuse_other_arrays", "rows_of", "sound_attributes", "stored_values"]
+
+Array = NDArray[Any]
+
+RUNNING = "running"
+COMPLETE = "complete"
+#: What the status of a run begins with that found a step without a solution.
+FAILED = "failed: "
+#: What it begins with where an event has ended the run; its name follows.
+ENDED = "ended: "
+
+#: What Zarr raises for files that it does not understand; RuntimeError for endless brackets.
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError)
+
+_CURE = "restore it from a copy, or compute the run anew in another store."
+
+
+def sound_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
+    """Return what a store says of itself.
+
+    Raises
+    ------
+    InputError
+        If that is not what gyrospark says of a run, or not in a format that is known here.
+    """
+    about = {"events": {}} | attributes_of(group)
+    run = about.get("run")
+    if not isinstance(run, Mapping) or "format" not in run:
+        raise InputError(f"{str(path)!r} is not a run that gyrospark stored, or damaged: what it "
+                         "says of itself is missing; give a folder that `gyrospark run --out "
+                         "X.zarr` made.")
+    writer = run.get("gyrospark")
+    if run["format"] != FORMAT:
+        raise written_by(path, writer, f"its format is {run['format']}, and {FORMAT} is known here")
+    for complaint in _complaints(about, run, group):
+        raise (_damaged(path, complaint) if writer in (None, __version__) else
+               written_by(path, writer, complaint))
+    return about
+
+
+def _complaints(
+    about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
+) -> Iterator[str]:
+    """Yield what is wrong, as long as what is looked at makes sense."""
+    first = list(_about_manifest(about))
+    first = first or list(_about_run(run, about["manifest"]["real"]))
+    yield from first
+    if not first:
+        yield from _about_events(about, run, group)
+        yield from _about_course(about, run)
+        yield from _about_arrays(about, group)
+
+
+def _damaged(path: Path, complaint: str) -> InputError:
+    return InputError(f"The store {str(path)!r} is damaged: {complaint}; {_CURE}")
+
+
+def _is_count(value: Any, least: int) -> bool:
+    return type(value) is int and value >= least
+
+
+def _is_number(value: Any, real: RealName = "double") -> bool:
+    """Whether a number is as stores hold it: of a wide type a text may have its digits."""
+    try:
+        from_text(value, real)
+    except ValueError:
+        return False
+    return True
+
+
+def _about_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
+    """Yield what is wrong with the run's arguments."""
+    for name, least in (("steps", 0), ("every", 1)):
+        if not _is_count(run.get(name), least):
+            yield f"run.{name} is {run.get(name)!r}"
+    for name in ("dt", "t0"):
+        if not _is_number(run.get(name), real):
+            yield f"run.{name} is {run.get(name)!r}"
+    parameters = run.get("parameters")
+    if not isinstance(parameters, Mapping) or not all(
+            _is_number(x, real) for x in parameters.values()):
+        yield "run.parameters are no numbers"
+
+
+def _about_manifest(about: Mapping[str, Any]) -> Iterator[str]:
+    manifest = about.get("manifest")
+    system = manifest.get("system") if isinstance(manifest, Mapping) else None
+    if not isinstance(manifest, Mapping) or not isinstance(system, Mapping):
+        yield "it has no manifest"
+    elif manifest.get("real") not in list(REALS):
+        yield f"manifest.real is {manifest.get('real')!r}"
+    else:
+        try:
+            sizes_of(manifest)
+        except (KeyError, TypeError, ValueError, AttributeError):
+            yield "its manifest is not complete"
+
+
+def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is wrong with how far the run is."""
+    done, states, status = (about.get(name) for name in ("steps_done", "states", "status"))
+    if not _is_count(done, 0) or done > run["steps"]:
+        yield f"steps_done is {done!r}, of {run['steps']} steps"
+        return
+    ended = isinstance(status, str) and status.startswith(ENDED)
+    if not isinstance(status, str) or not (
+            status in (RUNNING, COMPLETE) or status.startswith(FAILED) or ended):
+        yield f"status is {status!r}"
+    elif ended and not about["events"].get(status.removeprefix(ENDED)):
+        yield f"status is {status!r}, and that has not happened"
+    elif (status == COMPLETE) is not (done == run["steps"]) and about.get("report") is not None:
+        yield f"status is {status!r} after {done} of {run['steps']} steps"
+    if about.get("report") is None:
+        expected = done  # nothing is
+    elif done == run["steps"]:
+        expected = rows_of(run)
+    else:
+        expected = done // run["every"] + 1 + ended
+    if type(states) is not int or states != expected:
+        yield f"states is {states!r} after {done} steps"
+    yield from _about_report(about.get("report"))
+
+
+def _about_events(
+    about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
+) -> Iterator[str]:
+    """Yield what is wrong with how often events have happened, and with their arrays."""
+    asked, counts = run.get("events", {}), about["events"]
+    if not isinstance(asked, Mapping) or not isinstance(counts, Mapping) or (
+            asked.keys() != counts.keys()):
+        yield f"events are {counts!r}, and {asked!r} were asked for"
+        return
+    for name, count in counts.items():
+        if not _is_count(count, 0):
+            yield f"events.{name} is {count!r}"
+            continue
+        for one in names_of(fields_of_event(about["manifest"], name)):
+            try:
+                array = array_of(group, one)
+            except UNREADABLE:
+                yield f"array {one!r} is missing or cannot be read"
+                return
+            if array.ndim == 0 or array.shape[0] < count:
+                yield f"array {one!r} has not {count} rows"
+
+
+def _about_report(report: Any) -> Iterator[str]:
+    if report is None:
+        return
+    needed = {f.name for f in fields(Report) if f.default is MISSING}
+    if not isinstance(report, Mapping) or not needed <= report.keys():
+        yield "its report is not complete"
+        return
+    for name, value in known_fields(Report, report).items():
+        numbers = value if name in ("q", "p") and isinstance(value, list) else [value]
+        if not all(map(_is_number, numbers)):
+            yield f"report.{name} is {value!r}"
+
+
+def rows_of(run: Mapping[str, Any]) -> int:
+    """Return how many states the whole run has."""
+    return -(-int(run["steps"]) // int(run["every"])) + 1
+
+
+def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
+    """Yield what is wrong with the arrays that every run has, and those that it names."""
+    names, rows = about.get("arrays"), {rows_of(about["run"]), about.get(EXTENDS)}
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        yield f"arrays are {names!r}"
+        return
+    blocks = set()
+    for name in {"time", "q", "p", "energy", *names}:
+        try:
+            array = array_of(group, name)
+        except UNREADABLE:
+            yield f"array {name!r} is missing or cannot be read"
+            return
+        if array.ndim == 0 or array.shape[0] not in rows:
+            yield f"array {name!r} has not {rows_of(about['run'])} rows"
+            return
+        blocks.add(array.chunks[0])
+    if len(blocks) > 1:
+        yield "its arrays are not in blocks of the same rows"
+
+
+def refuse_other_arrays(
+    path: Path, group: zarr.Group, fields: list[Field], rows: Iterable[int], checkpoint_bytes: int,
+    events: Iterable[Field] = (),
+) -> None:
+    """Refuse to go on with a store whose arrays are not those of a run of so many rows.
+
+    Those of ``events`` may have any number.
+
+    Raises
+    ------
+    InputError
+    """
+    block, about = array_of(group, "time").chunks[0], attributes_of(group)
+    expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
+        CHECKPOINT: ((), (checkpoint_bytes,), np.dtype("u1"))}
+    for one in fields:
+        expected[one.name] = one.shape, (block, *one.shape), np.dtype(one.dtype)
+        if one.wide:
+            expected[wide_name(one.name)] = one.wide_shape, (block, *one.wide_shape), np.dtype("u1")
+    for one in events:
+        block_of_event = array_of(group, one.name).chunks[0]
+        expected[one.name] = one.shape, (block_of_event, *one.shape), np.dtype(one.dtype)
+        if one.wide:
+            expected[wide_name(one.name)] = (one.wide_shape, (block_of_event, *one.wide_shape),
+                                             np.dtype("u1"))
+    growing = set(names_of(events))
+    for name, (inner, chunks, dtype) in expected.items():
+        lengths = {checkpoint_bytes} if name == CHECKPOINT else set(rows)
+        try:
+            array = array_of(group, name)
+        except UNREADABLE:
+            if name not in (*about["arrays"], CHECKPOINT):
+                raise written_by(path, about["run"].get("gyrospark"),
+                                 f"it has no array {name!r}") from None
+            raise _damaged(path, f"array {name!r} is missing or cannot be read") from None
+        if name in growing:
+            lengths = set(array.shape[:1])
+        if (array.shape[:1] not in {(length,) for length in lengths}
+                or (array.shape[1:], array.chunks, array.dtype) != (inner, chunks, dtype)):
+            raise _damaged(path, f"array {name!r} has not the form of this run's")
+
+
+def refuse_missing_blocks(
+    path: Path, group: zarr.Group, first: int, states: int, names: Iterable[str] | None = None
+) -> None:
+    """Refuse to read rows whose files are gone: Zarr would give NaN for them without a word.
+
+    ``names`` are those of the arrays; by default of all that have a row a state.
+
+    Raises
+    ------
+    InputError
+    """
+    for name in attributes_of(group)["arrays"] if names is None else names:
+        array = array_of(group, name)
+        block, inner = array.chunks[0], (0,) * (array.ndim - 1)
+        for number in range(first // block, -(-states // block)):
+            key = array.metadata.encode_chunk_key((number, *inner))
+            if not (path / name / key).is_file():
+                raise _damaged(path, f"rows {number * block} and on of array {name!r} are missing")
+
+
+def stored_values(
+    array: zarr.Array[Any], first: int, count: int, wide: bool, dtype: Any
+) -> Array:
+    """Return rows of an array, wide ones in their own type.
+
+    Raises
+    ------
+    InputError
+        If what is stored is damaged.
+    """
+    try:
+        values = np.asarray(array[first : first + count])
+    except UNREADABLE as error:
+        raise InputError(f"Array {array.name!r} of the store is damaged: {one_line(error)}."
+                         ) from error
+    return from_bytes(values, dtype) if wide else values

@@ -1,0 +1,93 @@
+"""Cells whose events are looked for: the runs of an ensemble, at each of whose steps one looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.events.detection import Levels
+from ..runtime.events.location import crossings_of, watches_of
+from ..runtime.integration.lanes import Course
+from ..runtime.integration.run_arguments import Runs
+from ..runtime.integration.step_loop import Run
+from ..runtime.steppers.stepper import Stepper
+from .study import Study
+from .tiles import Cells
+
+__all__ = ["Ends", "count_of", "first_of", "watched"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Ends:
+    """How cells end, their samples with the start, and what was found of their events."""
+
+    q: Array
+    p: Array
+    reports: Array
+    status: Array
+    samples: tuple[Array, ...]
+    found: dict[str, Array]
+
+
+def first_of(event: str) -> str:
+    """Return the name of the result that says when an event first happens in a cell."""
+    return f"event_{event}_first"
+
+
+def count_of(event: str) -> str:
+    """Return the name of the result that says how often it does."""
+    return f"event_{event}_count"
+
+
+def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Array) -> Ends:
+    """Integrate some cells that have the scheme and the steps in common, and find their events.
+
+    Bits are those of cells at which nobody looks. It runs on the caller's thread.
+    """
+    every = study.every or steps
+    runs = _runs(study, stepper, steps, every, cells, group)
+    levels = Levels.of(stepper.binding, stepper.manifest, study.events)
+    course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
+    _fill(course)
+    crossings = crossings_of(stepper, levels, runs, course.watches, _fill)
+    binding, rows = course.binding, steps // every + 1
+    found: dict[str, Array] = {}
+    for event in study.events:
+        own = [one[event.name] for one in crossings]
+        found[first_of(event.name)] = np.array([float(one.t[0]) if len(one) else np.nan
+                                                for one in own])
+        found[count_of(event.name)] = np.array([len(one) for one in own], dtype=float)
+    reports = np.concatenate([np.frombuffer(binding.ffi.buffer(one), dtype=binding.report_type)
+                              for one in course.reports])
+    samples = course.rows.q[:, :rows], course.rows.p[:, :rows]
+    return Ends(course.q, course.p, reports, course.status, samples, found)
+
+
+def _fill(course: Course) -> None:
+    memory = course.memory()
+    for batch in range(len(course.reports)):
+        course.fill(batch, memory, lambda: False)
+
+
+def _runs(
+    study: Study, stepper: Stepper, steps: int, every: int, cells: Cells, group: Array
+) -> Runs:
+    """Return the cells as runs, with numbers as a single run has them."""
+    binding = stepper.binding
+
+    def column(values: Any) -> Array:
+        made: Array = np.array(values).astype(binding.number_type)
+        return made
+
+    q, p = (values[group].astype(binding.dtype) for values in (cells.q, cells.p))
+    dt, t0 = column(cells.dt[group]), column(np.full(len(group), study.t0))
+    parameters = {name: column(values[group]) for name, values in cells.parameters.items()}
+    first = Run(q[0], p[0], dt[0], steps, every,
+                {name: values[0] for name, values in parameters.items()}, study.solver,
+                study.tolerance, study.max_iterations, t0[0])
+    return Runs(first, q, p, dt, t0, parameters)

@@ -1,0 +1,302 @@
+"""``gyrospark.sweep``: compute what is not computed yet of a study, return its result."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._version import __version__
+from ..core.arguments import as_flag
+from ..core.errors import InputError, Stopped, StorageError
+from ..core.exact_numbers import digits_of, exact
+from ..core.inertia import RepName
+from ..core.interrupts import ctrl_c, watched
+from ..core.real_types import RealName
+from ..generator.schemes.named_schemes import SchemeName
+from ..runtime.bindings.array_checks import as_callback, as_positive_count
+from ..runtime.bindings.binding import SolverName
+from ..runtime.bindings.wide_numbers import as_bytes
+from ..runtime.results.rotation_rate import Turning
+from ..storage.array_layout import Field, attributes_of, open_group
+from ..storage.durable_files import new_store_path, remove_parts, storage_errors
+from ..storage.identity import refuse_if_different, versions
+from ..storage.staging import appearing, is_new
+from ..storage.writer_lock import claim
+from . import cluster, local_threads
+from .plan import plan
+from .results import (
+    CURE,
+    FORMAT,
+    Memory,
+    Sink,
+    Store,
+    create_store,
+    done_tiles,
+    fields_of,
+    open_sweep,
+)
+from .study import Study
+from .tiles import Tile, cells_of, tile_shape, tiles_of
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Progress", "run_study", "sweep"]
+
+#: What makes a file of a sweep.
+_AS_FILE = "xarray writes the dataset that sweep(...) returns: .to_netcdf('sweep.nc')."
+#: Called with the number of cells that are done, and how many there are.
+Progress = Callable[[int, int], None]
+
+
+def sweep(
+    model: Any,
+    over: Mapping[str, Any],
+    *,
+    scheme: SchemeName | None = None,
+    stages: int | None = None,
+    rep: RepName | None = None,
+    real: RealName | None = None,
+    frame: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    dt: float | None = None,
+    steps: int | None = None,
+    duration: float | None = None,
+    every: int | None = None,
+    solver: SolverName = "auto",
+    tolerance: float | None = None,
+    max_iterations: int = 50,
+    events: Any = (),
+    keep: Iterable[str] | None = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    workers: int | None = None,
+    dask: Any = None,
+    progress: Progress | None = None,
+) -> xarray.Dataset:
+    """Integrate a model for every combination of what varies.
+
+    Parameters
+    ----------
+    model : Problem, Model, str or path
+        What moves: a problem of ``gyrospark.problems`` or its name, a model or its file.
+    over : mapping
+        The axes, in the order of the result's dimensions. A key is a parameter, ``"dt"``,
+        ``"scheme"`` (["EMS", "G-L 3"]) or ``"start"`` ({"q": rows, "p": rows}, or
+        {"angular_velocity": rows}); its values are a list, or {"from": …, "to": …, "count": …,
+        "spacing": "linear" or "log"}. Any other key is a list of points, a dict of equally long
+        columns: {"gamma": […], "dt": […]}; with "count" and "seed" the columns are ranges to draw
+        from at random.
+    scheme, stages, rep, real, frame
+        As for ``gyrospark.stepper``, where no axis varies them.
+    parameters : mapping, optional
+        Beside the model's own; γ or α may be "m", "h", "mt", "ht" (default "m").
+    dt, steps, duration : float, int, float
+        Of every cell; ``duration``, in seconds, in place of steps.
+    every : int, optional
+        Keep every so many states of each cell, as ``q_samples`` and ``p_samples``.
+    solver, tolerance, max_iterations
+        As for ``Stepper.integrate``.
+    events : Event or list of Event, optional
+        What to look for in every cell; ``model.events`` are those of a model. Results are
+        ``event_<name>_first``, the first time (NaN where there is none), and
+        ``event_<name>_count``.
+    keep : list of str, optional
+        The results to keep of a cell; all by default.
+    out : path, optional
+        A Zarr store to write to as the sweep goes; in memory without.
+    resume : bool
+        Go on with the sweep in ``out``; cells that are done are not computed again.
+    workers : int, optional
+        Threads (default: all cores).
+    dask : str or distributed.Client, optional
+        A cluster in place of threads: a scheduler's address, ``"tcp://…"``, or a client. Workers
+        write to ``out``, which must be a folder that all of them can reach.
+    progress : callable, optional
+        Called with the number of cells that are done, and of all.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along the axes: largest and mean errors, iterations, the state at the end, and ``status``:
+        0, or why a cell is NaN (``Dataset.status.attrs``). A cell's bits depend on its own numbers
+        alone, not on neighbours, workers or interruptions.
+
+    Raises
+    ------
+    InputError
+        For what cannot be swept, before anything is computed.
+    StorageError
+        If the store cannot be written, or another process is at it.
+    Stopped
+        After a signal, with every finished cell in the store, or in the error's ``dataset``.
+    """
+    study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
+                 frame=frame, parameters=parameters, dt=dt, steps=steps, duration=duration,
+                 every=every, solver=solver, tolerance=tolerance, max_iterations=max_iterations,
+                 events=events)
+    return run_study(study, keep=keep, out=out, resume=resume, workers=workers, dask=dask,
+                     progress=progress)
+
+
+def run_study(
+    study: Study, *, keep: Iterable[str] | None = None, out: str | Path | None = None,
+    resume: bool = False, workers: int | None = None, dask: Any = None,
+    progress: Progress | None = None,
+) -> xarray.Dataset:
+    """Compute what is not computed yet of a study, and return its result; see ``sweep``."""
+    as_flag("resume", resume)
+    fields = fields_of(study, keep)
+    count = os.cpu_count() or 1
+    threads = count if workers is None else as_positive_count("workers", workers, least=1)
+    as_callback("progress", progress)
+    _warn_of_turning(study)
+    client = None if dask is None else cluster.client_of(dask)
+    attributes = _attributes(study, fields)
+    if out is None:
+        if resume:
+            raise InputError("resume goes on with a store; give out.")
+        memory = Memory(study, fields)
+        try:
+            _compute(study, fields, set(), memory, threads, client, progress, None)
+        except Stopped as stopped:
+            stopped.dataset = memory.dataset(attributes)
+            raise
+        return memory.dataset(attributes)
+    path = new_store_path(out, _AS_FILE)
+    with claim(path):
+        with storage_errors(path, CURE):
+            _prepare(study, fields, path, attributes, resume)
+        _compute(study, fields, done_tiles(path), Store(path.absolute()), threads, client,
+                 progress, path)
+        with storage_errors(path, CURE):
+            remove_parts(path)
+    return open_sweep(path)
+
+
+def _warn_of_turning(study: Study) -> None:
+    """Warn where a body turns too far in a step at the start of some cell, of the worst one."""
+    found: list[Turning] = []
+    for tile in tiles_of(study):
+        cells = cells_of(study, tile)
+        for scheme, stepper in enumerate(study.steppers):
+            some = cells.scheme == scheme
+            worst = stepper.rotations.fastest(
+                {name: x[some] for name, x in cells.parameters.items()}, cells.dt[some],
+                cells.q[some], cells.p[some]) if some.any() else None
+            found += [] if worst is None else [worst]
+    if found:
+        max(found, key=lambda one: one.radians / one.borne).warn()
+
+
+def _prepare(
+    study: Study, fields: list[Field], path: Path, attributes: dict[str, Any], resume: bool
+) -> None:
+    """Make the store, or see that the one that is there belongs to this study."""
+    if is_new(path, resume, "sweep"):
+        with appearing(path) as fresh:
+            create_store(fresh, study, fields, attributes)
+        return
+    try:
+        kept = attributes_of(open_group(path))["sweep"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StorageError(f"{str(path)!r} is no sweep that gyrospark stored, or damaged; choose "
+                           "another store.") from error
+    refuse_if_different(kept, attributes["sweep"], f"The store {str(path)!r}")
+    remove_parts(path)
+
+
+def _compute(
+    study: Study, fields: list[Field], done: set[tuple[int, ...]], sink: Sink, threads: int,
+    client: Any, progress: Progress | None, path: Path | None,
+) -> None:
+    """Compute the tiles that are not done."""
+    stored = path is not None
+    cells = sum(_size(tile) for tile in tiles_of(study, stored) if tile.place in done)
+    left = (tile for tile in tiles_of(study, stored) if tile.place not in done)
+    counted = _Count(cells, study.size, progress)
+    counted.tell()
+    with watched() if stored else ctrl_c() as interrupts:
+        if client is None:
+            local_threads.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
+        else:
+            cluster.run_tiles(study, fields, left, sink, client, interrupts, counted.add)
+    if interrupts.asked:
+        raise Stopped(_end(counted, path), interrupts.signal)
+
+
+def _end(counted: _Count, path: Path | None) -> str:
+    """Return what is said of a sweep that a signal has ended."""
+    where = ".dataset" if path is None else repr(str(path))
+    if counted.done == counted.all:
+        return (f"Stopped after the last of {counted.all:,} cells: the sweep is complete, in "
+                f"{where}.")
+    more = "" if path is None else " The same command with --resume goes on."
+    return (f"Stopped with {counted.done:,} of {counted.all:,} cells done; they are in "
+            f"{where}.{more}")
+
+
+class _Count:
+    """Cells that are done."""
+
+    def __init__(self, done: int, everything: int, progress: Progress | None) -> None:
+        self.done, self.all, self._progress = done, everything, progress
+
+    def add(self, tile: Tile) -> None:
+        """Count a tile that is done."""
+        self.done += _size(tile)
+        self.tell()
+
+    def tell(self) -> None:
+        """Say how many cells are done."""
+        if self._progress is not None:
+            self._progress(self.done, self.all)
+
+
+def _size(tile: Tile) -> int:
+    return int(np.prod(tile.shape, dtype=np.int64))
+
+
+def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
+    """Return what a result says of itself; ``sweep`` is compared before a sweep goes on."""
+    return {
+        "title": study.name,
+        "sweep": {
+            "format": FORMAT,
+            "gyrospark": __version__,
+            "steppers": {s.name: s.provenance for s in study.steppers},
+            "axes": {axis.name: {name: _digest(values) for name, values in axis.columns.items()}
+                     | ({"labels": list(axis.labels)} if axis.labels else {})
+                     for axis in study.axes},
+            "shape": list(study.shape),
+            "tile": list(tile_shape(study)),
+            "parameters": {name: value for name, value in study.parameters.items()
+                           if not study.varied(name)},
+            "q": None if study.varied("q") else [digits_of(x) for x in study.q],
+            "p": None if study.varied("p") else [digits_of(x) for x in study.p],
+            "dt": None if study.varied("dt") else study.dt,
+            "steps": study.steps, "duration": study.duration, "every": study.every,
+            "t0": study.t0, "solver": study.solver, "tolerance": study.tolerance,
+            "max_iterations": study.max_iterations, "results": [f.name for f in fields],
+        } | _events(study),
+        "seed": study.seed,
+        "versions": versions(),
+        "manifests": {s.name: s.manifest for s in study.steppers},
+    }
+
+
+def _events(study: Study) -> dict[str, Any]:
+    """Return what is looked for, where anything is: a store without has no word of it."""
+    return {"events": {one.name: [one.quantity, str(exact(one.level)), one.direction]
+                       for one in study.events}} if study.events else {}
+
+
+def _digest(values: Any) -> str:
+    """Return what tells one axis' values from another's."""
+    plain = as_bytes(np.asarray(values))
+    return hashlib.sha256(plain.tobytes()).hexdigest()[:32]

@@ -1,0 +1,166 @@
+"""What a sweep sweeps: a problem, a model or a model file, as steppers and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.arguments import choose, proposal
+from ..core.errors import InputError
+from ..core.inertia import REPS, unit_quaternions
+from ..core.registry import entry_named
+from ..generator.spec import Spec, is_model_file
+from ..runtime.rigid_body.gamma_rules import MEANS
+from ..runtime.rigid_body.problems import Problem
+from ..runtime.rigid_body.quaternion import momentum
+from ..runtime.steppers.run_defaults import Start
+from .axes import Axis, as_rows, start_axis
+
+if TYPE_CHECKING:
+    from ..runtime.steppers.stepper import Stepper
+
+__all__ = ["base_parameters", "resolve", "starts"]
+
+Array = NDArray[Any]
+
+
+def resolve(
+    model: Any, schemes: list[str], rep: str | None, real: str | None,
+    settings: Mapping[str, Any] | None = None, frame: str | None = None,
+) -> tuple[list[Stepper], Start]:
+    """Return a stepper for each scheme ("EMS", "G-L 3") and the model's own numbers.
+
+    ``model`` is the name of a built-in problem, with ``settings`` as its arguments, a model file,
+    a ``Problem`` or a ``gyrospark.Model``.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(model, (str, Path)) and not is_model_file(str(model)):
+        model, rep = _named(str(model), settings or {}, rep)
+    elif settings:
+        raise InputError("Settings belong to problems and models with names; change the model "
+                         "itself.")
+    made = [_stepper(model, scheme, rep, real, frame) for scheme in schemes]
+    return [stepper for stepper, _ in made], made[0][1]
+
+
+def _named(
+    name: str, settings: Mapping[str, Any], rep: str | None
+) -> tuple[Any, str | None]:
+    """Return the problem or model of a name, made with the settings, and the rep it still lacks."""
+    entry = entry_named(name, "model")
+    for key in settings:
+        if key not in entry.options:
+            raise InputError(f"The setting {key!r} does not fit {name}; give "
+                             f"{', '.join(entry.options) or 'none'}{proposal(key, entry.options)}.")
+    if entry.kind == "problem":
+        return entry.make(**settings), rep
+    own = {} if rep is None else {"rep": choose("representation", rep, REPS)}
+    return entry.make(**settings, **own), None
+
+
+def _stepper(
+    model: Any, label: str, rep: str | None, real: str | None, frame: str | None
+) -> tuple[Stepper, Start]:
+    from ..api import model_stepper, stepper_of
+
+    scheme, stages = _scheme(label)
+    if isinstance(model, (str, Path)):
+        return model_stepper(Spec.checked(scheme, stages, rep, str(model), real).with_frame(frame))
+    if isinstance(model, Problem):
+        spec = Spec.checked(scheme, stages, rep, model.system, real).with_frame(frame)
+        made = stepper_of(spec)
+        return made, Start.of_problem(model)
+    if not hasattr(model, "system") or not hasattr(model, "q0"):
+        raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a file or a "
+                         "model, which of a system is gs.Model(system, parameters, q0, p0).")
+    if rep is not None:
+        raise InputError(f"rep = {rep!r} belongs to names and files; a Model brings its own H.")
+    spec = Spec.checked(scheme, stages, real=real).with_frame(frame or model.frame or None)
+    return stepper_of(spec, model.system), Start.of(model)
+
+
+def _scheme(label: str) -> tuple[str, int | None]:
+    """Return scheme and stages of "EMS" or "G-L 3"."""
+    scheme, _, stages = label.partition(" ")
+    if stages and not (stages.isascii() and stages.isdigit() and len(stages) < 4):
+        raise InputError(f"{label!r} is no scheme; write for example EMS or G-L 3, the number of "
+                         "stages last.")
+    return scheme, int(stages) if stages else None
+
+
+def base_parameters(
+    stepper: Stepper, start: Start, given: Mapping[str, Any], varied: set[str]
+) -> dict[str, float]:
+    """Return the parameters that all cells have in common.
+
+    γ and α may be named m, h, mt or ht, and are m where nothing is said; a frame is at rest.
+    """
+    found: dict[str, Any] = {symmetry.name: 0.0 for symmetry in stepper.symmetries
+                             if symmetry.name not in varied}
+    found |= {name: value for name, value in start.parameters.items()
+                             if name in stepper.parameter_domains}
+    for name, inertia in start.bodies.items():
+        if name in stepper.parameter_domains and name not in found and name not in varied:
+            found[name] = _by_rule(name, start.rules.get(name, "m"), inertia)
+    for name, value in given.items():
+        if isinstance(value, str):
+            if name not in start.bodies or value not in MEANS:
+                raise InputError(f"Parameter {name} = {value!r} is no number; m, h, mt and ht are "
+                                 "for gamma and alpha.")
+            found[name] = MEANS[value](start.bodies[name])
+        else:
+            found[name] = value
+    return found
+
+
+def _by_rule(name: str, rule: str, inertia: Any) -> float:
+    if rule not in MEANS:
+        raise InputError(f"{name} = {rule!r} is chosen for the motion of one run, and a sweep has "
+                         f"many; give {name} a number, m, h, mt or ht, or make it an axis.")
+    return MEANS[rule](inertia)
+
+
+def starts(table: Any, start: Start, varied: set[str]) -> Axis:
+    """Return the axis of states: rows of q and p, or of angular velocities of one body.
+
+    With ``angular_velocity`` (body axes, rad/s), ``quaternion`` is one for all, one for each, or
+    the model's own.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(table, tuple) and len(table) == 2:
+        return start_axis(*table)
+    if not isinstance(table, Mapping) or not (
+            table.keys() == {"q", "p"} or {"angular_velocity"} <= table.keys() <= {
+                "angular_velocity", "quaternion"}):
+        raise InputError("start is no list of states; give q and p, a row each, or "
+                         "angular_velocity and, if it varies, quaternion.")
+    if "q" in table:
+        return start_axis(table["q"], table["p"])
+    if len(start.bodies) == 0 or len(start.q0) != 4 or varied & {"I1", "I2", "I3"}:
+        raise InputError("angular_velocity is for one rigid body whose moments of inertia do not "
+                         "vary; give the states as q and p.")
+    inertia = next(iter(start.bodies.values()))
+    omega = as_rows("angular_velocity", table["angular_velocity"], 3)
+    q = _quaternions(table.get("quaternion", start.q0))
+    if len(q) not in (1, len(omega)):
+        raise InputError(f"{len(q)} quaternions are given for {len(omega)} angular velocities; "
+                         "give one, or one for each.")
+    q = np.broadcast_to(unit_quaternions(q), (len(omega), 4))
+    return start_axis(q, momentum(q, omega, inertia))
+
+
+def _quaternions(given: Any) -> Array:
+    """Return rows of four numbers from one row or several."""
+    several = (list, tuple, np.ndarray)
+    one = isinstance(given, several) and len(given) > 0 and not isinstance(given[0], several)
+    return as_rows("quaternion", [given] if one else given, 4)

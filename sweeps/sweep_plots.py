@@ -1,0 +1,208 @@
+"""A result of a sweep as a picture: lines over one axis, or colours over two."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError
+from ..runtime.plotting.trajectory_plots import check_target, figure_class, save
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["draw"]
+
+Array = NDArray[Any]
+
+_LABELS = {"gamma": "γ (kg m²)", "alpha": "α (kg m²)", "dt": "Δt (s)"}
+#: Cells along an axis of a picture; more cannot be told apart.
+_MOST = 2000
+#: Lines that a legend can tell apart.
+_LINES = 10
+#: Points of a line that are marked.
+_MARKED = 40
+#: Ends of a logarithmic axis nearer to each other than that have names for 2 and 5 as well.
+_NEAR = 50
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """A dimension as it is drawn.
+
+    Attributes
+    ----------
+    dimension, label : str
+    places : array
+        Where its cells lie: their values, or their numbers where they are no single number.
+    names : list of str
+        What each cell is called in a legend.
+    numeric : bool
+        Whether places are values.
+    """
+
+    dimension: str
+    label: str
+    places: Array
+    names: list[str]
+    numeric: bool
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the values stand more evenly by their logarithms."""
+        values = np.sort(self.places)
+        if not self.numeric or len(values) < 3 or values[0] <= 0:
+            return False
+        return _unevenness(np.log(values)) < _unevenness(values)
+
+
+def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None = None) -> Any:
+    """Draw a result over the sweep's axes: the longest two of them, at the others' first values.
+
+    Where one of the two has few values, or none but names as ``scheme`` has, each is a line over
+    the other; two axes of many values are drawn in colours. An axis is logarithmic where its
+    values were spaced so. Cells that failed are left white.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From ``gyrospark.sweep``.
+    name : str
+        The result, e.g. ``"energy_error_max"``.
+    path : path, optional
+        Where to write the picture: .png, .svg or .pdf.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Jupyter shows it where it is the last value of a cell.
+
+    Raises
+    ------
+    InputError
+        If there is no such result, or it is no number of a cell.
+    MissingDependencyError
+        Without matplotlib.
+    """
+    target = None if path is None else check_target(path)
+    inner = {"coordinate", "sample"}
+    drawable = [str(n) for n, a in dataset.items() if not inner & set(a.dims)]
+    if name not in drawable:
+        raise InputError(f"{name!r} cannot be drawn; choose {', '.join(drawable)}.")
+    array = dataset[name]
+    longest = sorted(array.dims, key=lambda d: -array.sizes[d])[:2]
+    fixed = [_axis(array, str(d)) for d in array.dims if d not in longest]
+    array = array.isel({axis.dimension: 0 for axis in fixed})
+    array = array.isel({d: slice(None, None, -(-array.sizes[d] // _MOST)) for d in longest})
+    figure = figure_class()(figsize=(7.2, 5), layout="constrained")
+    axes = figure.add_subplot()
+    shown = [_axis(array, str(d)) for d in array.dims]
+    line_axis = _line_axis(shown)
+    if len(shown) == 2 and line_axis is None:
+        _colours(figure, axes, array, *shown)
+    else:
+        along = next(axis for axis in shown if axis is not line_axis)
+        _lines(axes, array, along, line_axis)
+    at = ", ".join(f"{axis.label} = {axis.names[0]}" for axis in fixed)
+    axes.set_title("\n".join(filter(None, [dataset.attrs.get("title", ""), at])), fontsize=11)
+    if target is not None:
+        save(figure, target)
+    return figure
+
+
+def _axis(array: xarray.DataArray, dimension: str) -> _Axis:
+    """Return a dimension as it is drawn: by its own values, or by the one thing that varies."""
+    along = {str(name): np.asarray(values) for name, values in array.coords.items()
+             if values.dims == (dimension,)}
+    label = dimension if dimension in along or len(along) != 1 else next(iter(along))
+    values = along.get(label)
+    if values is not None and values.dtype.kind in "iuf":
+        return _Axis(dimension, _LABELS.get(label, label), values, [f"{v:.4g}" for v in values],
+                     numeric=True)
+    size = array.sizes[dimension]
+    if values is not None:
+        names = [str(value) for value in values]
+    elif along:
+        names = [", ".join(f"{name} = {column[i]:.4g}" for name, column in along.items())
+                 for i in range(size)]
+    else:
+        names = [str(i) for i in range(size)]
+    return _Axis(dimension, label, np.arange(size), names, numeric=False)
+
+
+def _line_axis(shown: list[_Axis]) -> _Axis | None:
+    """Return the axis each of whose cells is a line over the other; None for colours."""
+    few = [axis for axis in shown if len(axis) <= _LINES]
+    if len(shown) < 2 or not few:
+        return None
+    return min(few, key=lambda axis: (axis.numeric, len(axis)))
+
+
+def _lines(axes: Any, array: xarray.DataArray, along: _Axis, each: _Axis | None) -> None:
+    order = np.argsort(along.places, kind="stable")
+    values = np.asarray(array if each is None else array.transpose(each.dimension, along.dimension),
+                        dtype=float).reshape(-1, len(along))
+    names = [None] if each is None else each.names
+    style = "o" if not along.numeric else "o-" if len(along) <= _MARKED else "-"
+    for line, name in zip(values, names, strict=True):
+        axes.plot(along.places[order], line[order], style, ms=3.5, lw=1.2, label=name)
+    _scale(axes.xaxis, axes.set_xscale, along)
+    axes.set_ylabel(_said(array))
+    if _spread(values):
+        axes.set_yscale("log")
+    axes.grid(alpha=0.3)
+    if each is not None:
+        axes.legend(title=each.label, fontsize=8)
+
+
+def _colours(figure: Any, axes: Any, array: xarray.DataArray, x: _Axis, y: _Axis) -> None:
+    from matplotlib.colors import LogNorm
+
+    values = np.asarray(array.transpose(y.dimension, x.dimension), dtype=float)
+    across, up = (np.argsort(axis.places, kind="stable") for axis in (x, y))
+    values = values[np.ix_(up, across)]
+    norm = LogNorm() if _spread(values) else None
+    image = axes.pcolormesh(x.places[across], y.places[up], np.ma.masked_invalid(values), norm=norm,
+                            shading="nearest", rasterized=True)
+    _scale(axes.xaxis, axes.set_xscale, x)
+    _scale(axes.yaxis, axes.set_yscale, y)
+    figure.colorbar(image, ax=axes, label=_said(array))
+
+
+def _scale(axis: Any, set_scale: Any, shown: _Axis) -> None:
+    """Give an axis of a picture its label, scale and ticks."""
+    axis.set_label_text(shown.label)
+    if not shown.numeric and len(shown) <= _LINES:
+        axis.set_ticks(shown.places, shown.names)
+    if shown.logarithmic:
+        set_scale("log")
+        if shown.places.max() < _NEAR * shown.places.min():  # else labels run into each other
+            from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+
+            axis.set_minor_locator(LogLocator(subs=(2, 5)))
+            axis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2, 2)))
+
+
+def _unevenness(values: Array) -> float:
+    """Return the standard deviation of the distances between sorted values over their mean."""
+    distances = np.diff(values)
+    return float(distances.std() / distances.mean()) if distances.any() else 0.0
+
+
+def _spread(values: Array) -> bool:
+    """Whether results are of one sign and of many sizes."""
+    finite = values[np.isfinite(values)]
+    return bool(len(finite)) and bool((finite > 0).all()) and finite.max() > 30 * finite.min()
+
+
+def _said(array: xarray.DataArray) -> str:
+    units = array.attrs.get("units")
+    text = str(array.attrs.get("long_name", array.name))
+    return f"{text} ({units})" if units else text
