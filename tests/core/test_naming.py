@@ -145,7 +145,7 @@ def test_an_unknown_scheme_never_becomes_ims(scheme):
     (lambda: gs.stepper("G-L", 3, real="long_double"), r"long-double\?"),
     (lambda: gs.stepper("G-L", 3, system="Heavy-Top"), r"heavy_top\?"),
     (lambda: gs.stepper("G-L", 3, system="double_pendlum"), r"double_pendulum\?"),
-    (lambda: gs.tableau("Lobatto", 3), r"'Lobatto'.*IMS, EMS, G-L, LIIIA-B or Radau-L\.$"),
+    (lambda: gs.tableau("Lobatto", 3), r"'Lobatto'.*IMS, EMS, G-L, LIIIA-B.*Radau-L.*\.$"),
     (lambda: gs.certify(TOP, "EMX"), r"EMS\?"),
     (lambda: gs.sweep("fast-topp", {"mgl": [1]}, scheme="IMS"), r"fast-top\?"),
     (lambda: gs.sweep(TOP, {"mlg": [1]}, scheme="IMS", dt=1, steps=1), "'mlg'"),
@@ -195,6 +195,7 @@ def test_what_a_shell_completes():
 
     options = {o.name: o for o in gyrospark.commands["run"].params}
     for name, text, found in [("scheme", "", list(SCHEMES)), ("scheme", "L", ["LIIIA-B"]),
-                              ("real", "f", ["float", "float128"]), ("rep", "g", ["gamma"])]:
+                              ("rep", "g", ["gamma"]),
+                              ("real", "f", [name for name in REALS if name[0] == "f"])]:
         items = options[name].shell_complete(None, text)
         assert [item.value for item in items] == found
