@@ -87,7 +87,7 @@ def test_pictures_of_special_trajectories(tmp_path, gl3):
     ("matplotlib", "made.plot('top.png')", "plot"),
     ("scipy", "made.rotation()", "rotation"),
 ])
-def test_missing_extra_is_told_with_the_cure(module, call, extra):
+def test_missing_extra_is_refused_with_the_cure(module, call, extra):
     code = FAST_TOP + (
         f"import sys\nsys.modules['{module}'] = None\n"
         "made = gs.stepper('IMS').integrate(top.q0, top.p0, dt=1e-3, steps=2, "

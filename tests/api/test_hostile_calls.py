@@ -95,14 +95,14 @@ def test_bodies_by_name_are_the_bodies(name):
     (lambda b: b.torque("body", lambda t: (0, 0, t)), "'body'.*time"),
     (lambda b: b.torque("body", (lambda t: t, 0, 0)), "SymPy"),
 ], ids=range(4))
-def test_what_users_tried_is_told(call, words):
+def test_what_users_tried_is_reported(call, words):
     build = gs.Multibody("told")
     build.body("body", mass=1, inertia=(0.1, 0.1, 0.05))
     with pytest.raises(gs.InputError, match=words):
         call(build)
 
 
-def test_progress_that_cannot_be_called_is_told(gl3, tmp_path):
+def test_progress_that_cannot_be_called_is_reported(gl3, tmp_path):
     top = gs.problems.fast_top()
     run = {"dt": 1e-3, "steps": 3, "parameters": top.parameters | {"gamma": "m"}, "progress": True}
     with pytest.raises(gs.InputError, match="progress = True"):

@@ -215,7 +215,7 @@ def test_every_variant_has_a_problem():
         assert variant.problem().q0.shape == (4,)
 
 
-def test_ensembles_judge_the_worst():
+def test_ensembles_report_the_worst():
     found = [e for e in ensembles.ensemble_entries(8) if e.name == "gyrospark G-L s=4 Δt=0.01, "
              "1 worker"]
     row, = ensembles.compare_ensembles(found, Limits(t_end=1.0, rounds=1), 8)
@@ -365,7 +365,7 @@ def test_ours_arrives_on_bodies(tmp_path):
 
 
 @pytest.mark.usefixtures("quick_builds")
-def test_batches_of_bodies_are_beside_one_alone(capsys):
+def test_batches_of_bodies_are_compared_with_one_alone(capsys):
     """The same motions, from the lanes and without; the first start is the model's own."""
     linkage, said = peer_linkages.chain_of(2), []
     row, = batches.compare_batches([linkage], 3, quick=True, watch=said.append)
@@ -529,7 +529,7 @@ def test_each_program_of_bodies_has_a_column(capsys):
     assert [line[3] for line in lines if "1e-06" in line] == ["–"]
 
 
-def test_events_beside_others(monkeypatch):
+def test_events_of_other_programs(monkeypatch):
     """Each program finds them where they are; one that is missing says so in its row."""
     monkeypatch.setitem(sys.modules, "heyoka", None)
     peers_ = ["gyrospark", "heyoka"] + ["scipy"] * bool(importlib.util.find_spec("scipy"))

@@ -269,7 +269,7 @@ def test_high_orders_are_seen_above_round_off(dt):
     assert abs(order.value) < 0.05
 
 
-def test_slopes_that_differ_are_told():
+def test_slopes_that_differ_are_reported():
     order = gs.certify(pendulum(), "G-L", 6, dt=0.02, steps=20).line("order")
     assert order.holds is None
     assert order.found.startswith("slopes 11.")

@@ -266,7 +266,7 @@ def late_failure():
 @pytest.mark.parametrize("more", [[], ["--every", "3"], ["--reference"],
                                   ["--reference", "--every", "3"], ["--solver", "python"]],
                          ids=" ".join)
-def test_failed_step_is_told_and_all_before_it_kept(late_failure, more, gyrospark):
+def test_failed_step_is_reported_and_all_before_it_kept(late_failure, more, gyrospark):
     """Exit code 1; step, time and reason on stderr; the JSON and the file have the rest."""
     failure, arguments = late_failure
     answer = gyrospark(*arguments, *more, "--json", "--out", "kept.npz")
@@ -439,7 +439,7 @@ def small_disk(tmp_path):
     call(["umount", "-l", disk])
 
 
-def test_full_output_folder_is_told(small_disk, generate):
+def test_full_output_folder_is_reported(small_disk, generate):
     (small_disk / "filler").write_bytes(bytes(45_000))
     refused(generate("--scheme", "G-L", "--stages", "3", "--no-compile", "--out", small_disk),
             "space", "--out")
@@ -448,7 +448,7 @@ def test_full_output_folder_is_told(small_disk, generate):
     assert not list(small_disk.glob(".*"))
 
 
-def test_full_output_folder_of_run_is_told(small_disk, gyrospark):
+def test_full_output_folder_of_run_is_reported(small_disk, gyrospark):
     answer = gyrospark(*IMS, "--steps", "3000", "--out", small_disk / "top.npz", "--json")
     assert answer.code == 2
     assert answer.document["steps"] == 3000
@@ -456,7 +456,7 @@ def test_full_output_folder_of_run_is_told(small_disk, gyrospark):
     assert not list(small_disk.iterdir())
 
 
-def test_read_only_output_folder_is_told(small_disk, generate, gyrospark):
+def test_read_only_output_folder_is_reported(small_disk, generate, gyrospark):
     if call(["mount", "-o", "remount,ro", small_disk]).returncode:
         pytest.skip("remounting is not allowed here")
     refused(generate("--scheme", "IMS", "--no-compile", "--out", small_disk), "Read-only")

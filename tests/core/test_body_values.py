@@ -124,7 +124,7 @@ def test_a_tensor_and_its_inverse(moments, turn):
     assert np.allclose(sorted(moments_of(tensor)), sorted(moments), rtol=0, atol=32 * EPS)
 
 
-def test_no_inverse_of_an_inertia_is_told():
+def test_no_inverse_of_an_inertia_is_reported():
     with pytest.raises(gs.InputError, match="are no J⁻¹"):
         tensor_of_inverse([1, 2, 0, 1, 0, 1])
 
@@ -298,7 +298,7 @@ def test_attitudes_that_are_meant_so_are_taken_in_silence(q):
     ((0.7073, 0.7073, 0, 0), "1.00027"), ((0.5, 0.5, 0.5, 0.500003), "1.0000015"),
     ((0, 2, 0, 0), "2"),
 ])
-def test_a_length_that_rounding_does_not_explain_is_told(q, length):
+def test_a_length_that_rounding_does_not_explain_is_reported(q, length):
     with pytest.warns(gs.InputWarning, match=f"length {length}"):
         unit = unit_quaternions(q)
     assert np.allclose(unit, np.array(q) / np.linalg.norm(q), rtol=0, atol=EPS)
@@ -308,7 +308,7 @@ def test_a_length_that_rounding_does_not_explain_is_told(q, length):
     ((0, 0, 0, 1), "(1, 0, 0, 0)"), ((0.14, 0, 0, 0.99), "(0.99"), ((0, 0.28, 0, 0.96), "(0.96"),
     ((0, 0, 0, -1), "(-1, 0, 0, 0)"), ([[0, 0, 0, 1], [0.1, 0, 0, 0.995]], "(1, 0, 0, 0)"),
 ])
-def test_a_scalar_that_seems_to_stand_last_is_told(q, first):
+def test_a_scalar_that_seems_to_come_last_is_reported(q, first):
     with pytest.warns(gs.InputWarning) as said:
         unit_quaternions(q)
     text = " ".join(str(one.message) for one in said)

@@ -122,7 +122,7 @@ def test_every_named_system_has_a_certificate(name):
     assert gs.certify(made, "IMS", dt=0.01, steps=2).model == name
 
 
-def test_a_system_that_no_list_has_is_told():
+def test_a_system_in_no_registry_is_refused():
     with pytest.raises(gs.InputError, match=r"'spinning_top'.*heavy_top"):
         replace(TOP, system="spinning_top")
 

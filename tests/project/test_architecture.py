@@ -42,7 +42,7 @@ def test_packages_list_their_modules(room):
 
 
 @pytest.mark.parametrize("hall", HALLS)
-def test_a_hall_lists_its_rooms_from_below(hall):
+def test_a_package_lists_its_packages_from_below(hall):
     """Each package imports only from those that are listed above it."""
     text = (ROOT / hall / "__init__.py").read_text(encoding="utf-8")
     listed = re.findall(r"^    (\w+)/ ", text, flags=re.MULTILINE)
@@ -81,7 +81,7 @@ def test_the_picture_is_drawn_from_the_imports(request):
     assert ARCHITECTURE.read_text(encoding="utf-8") == drawn
 
 
-def test_every_room_is_told():
+def test_every_package_is_documented():
     text = ARCHITECTURE.read_text(encoding="utf-8")
     for room in rooms():
         assert f"`{room}/`" in text or room in (API, *HALLS), room

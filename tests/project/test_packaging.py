@@ -383,7 +383,7 @@ def test_a_readme_is_read_in_two_minutes():
     assert len(README.splitlines()) <= 150
 
 
-def test_extras_are_told():
+def test_extras_are_documented():
     extras = PROJECT["project"]["optional-dependencies"]
     told = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
     table = re.search(r"^\| extra \|.*?\n\n", told, flags=re.MULTILINE | re.DOTALL)

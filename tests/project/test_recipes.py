@@ -101,7 +101,7 @@ def test_there_is_one_for_each():
 
 
 @pytest.mark.parametrize("title", PARTS)
-def test_a_recipe_is_short_and_begins_in_its_room(title):
+def test_a_recipe_is_short_and_begins_in_its_package(title):
     changes = RECIPES[title].changes
     assert len(changes) <= MOST_FILES
     assert sum(change.written for change in changes) <= MOST_LINES

@@ -19,7 +19,7 @@ NAMES = {
     ("gamma = 'x' is neither", 2), ("'beta'.*alpha or gamma", 0), (r"dt = 0\.1.*steps", 1),
     ("there is no such file", 5), (r"cannot be written to .*\.npz", 4), ("{} of 20 steps", 2),
     ("choose auto, newton or python", 1), (r"\[parameters\] m\b", 0), ("--out is", 1)])
-def test_words_of_prose_are_told_from_names(text, words):
+def test_words_of_prose_are_distinguished_from_names(text, words):
     assert len(plain_words(text)) == words
 
 

@@ -282,7 +282,7 @@ def test_page_shows_commands_verdicts_and_both_schemes(files):
     assert 'name="viewport"' in page
 
 
-def test_what_stands_below_a_letter_is_below_it(files):
+def test_subscripts_are_below_their_letters(files):
     page = re.sub(r"<code>.*?</code>|<[^>]*>", lambda tag: tag[0] if tag[0] in ("<sub>", "</sub>")
                   else " ", files["index.html"].partition("<body>")[2], flags=re.DOTALL)
     assert "γ<sub>m</sub>" in page
@@ -291,7 +291,7 @@ def test_what_stands_below_a_letter_is_below_it(files):
             == "a &lt; b<sub>1</sub>, file_name, q_t(0)")
 
 
-def test_files_beside_the_page(files, quick_results):
+def test_files_next_to_the_page(files, quick_results):
     for result in quick_results:
         end = "csv" if isinstance(result, Table) else "svg"
         assert f"{result.name}.{end}" in files

@@ -89,7 +89,7 @@ def test_an_unfinished_sweep_can_be_read(tmp_path, small_tiles):
     ({"scheme": "IMS"}, "steppers"), ({"parameters": {"mgl": 0.5}}, "parameters.mgl"),
     ({"over": {"gamma": [1e-3, 3e-3]}}, "axes.gamma"), ({"keep": ["q"]}, "results"),
     ({"tolerance": 1e-9}, "tolerance")])
-def test_another_sweep_is_not_gone_on_with(change, fragment, tmp_path):
+def test_another_sweep_is_not_resumed(change, fragment, tmp_path):
     path = tmp_path / "s.zarr"
     arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5}
     gs.sweep(TOP, **arguments, out=path)
@@ -100,7 +100,7 @@ def test_another_sweep_is_not_gone_on_with(change, fragment, tmp_path):
     assert fragment in str(error.value)
 
 
-def test_a_store_in_other_tiles_is_not_gone_on_with(tmp_path, monkeypatch):
+def test_a_store_in_other_tiles_is_not_resumed(tmp_path, monkeypatch):
     """A tile is a chunk: what is one depends on the version."""
     arguments = {"over": OVER, "scheme": "EMS", "steps": 5, "out": tmp_path / "s.zarr"}
     gs.sweep(TOP, **arguments)

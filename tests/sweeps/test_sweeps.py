@@ -165,7 +165,7 @@ def test_a_diverging_cell_is_nan_with_its_reason_and_the_others_stay():
 
 
 @pytest.mark.parametrize("scheme", ["G-L 2", "EMS"])
-def test_a_start_off_the_constraints_is_told(scheme):
+def test_a_start_off_the_constraints_is_reported(scheme):
     q = np.array([TOP.q0, 1.001 * TOP.q0, TOP.q0])
     p = np.array([TOP.p0, TOP.p0, TOP.p0 + 0.1 * TOP.q0])
     result = gs.sweep(TOP, {"start": (q, p)}, scheme=scheme, dt=1e-3, steps=5)
@@ -174,7 +174,7 @@ def test_a_start_off_the_constraints_is_told(scheme):
     assert np.isnan(result.q[1:]).all()
 
 
-def test_a_start_is_judged_with_the_parameters_of_its_cell():
+def test_a_start_is_checked_with_the_parameters_of_its_cell():
     """g of the pendulum has l in it: the start fits one length only."""
     model = pendulum_model()
     result = gs.sweep(model, {"l": [1.0, 1.5], "m": [1.0, 2.0]}, scheme="G-L", stages=2, steps=5)
@@ -243,7 +243,7 @@ def test_refusals_come_before_anything_is_computed(over, options, fragments, mon
     assert all(fragment in str(error.value) for fragment in fragments), str(error.value)
 
 
-def test_a_system_without_a_start_is_told_how_it_gets_one():
+def test_a_system_without_a_start_is_refused_with_the_cure():
     with pytest.raises(gs.InputError, match=r"gs\.Model\(system, "):
         gs.sweep(pendulum_model().system, {"dt": [0.1]}, scheme="EMS", steps=1)
 

@@ -94,7 +94,7 @@ def test_a_body_at_a_point_that_moves(make, scheme, stages):
     assert abs(orders[-1] - step.order) < 0.3, (errors, orders)
 
 
-def test_a_driven_hinge_turns_as_told_and_says_its_torque():
+def test_a_driven_hinge_turns_as_prescribed_and_reports_its_torque():
     build = hanging("turned")
     t, rate = build.time, build.parameter("rate", 1.5)
     rod(build, "b")

@@ -231,7 +231,7 @@ def test_every_scheme_takes_every_joint(scheme):
     assert np.abs(energy - energy[0]).max() <= bound * np.abs(energy).max()
 
 
-def test_wrong_joints_are_told_in_a_sentence():
+def test_wrong_joints_are_refused():
     build = builder()
     build.body("a", **BOX)
     build.body("b", **BOX)

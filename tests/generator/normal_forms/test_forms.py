@@ -44,7 +44,7 @@ def form(e, *moving):
     (sp.Max(x * (y + 1), 0), sp.Max(x * y + x, 0)),
     (sp.Piecewise((x * (y + 1), x > 0), (0, True)), sp.Piecewise((x * y + x, x > 0), (0, True))),
 ], ids=str)
-def test_spellings_of_an_expression(spellings):
+def test_equivalent_forms_of_an_expression(spellings):
     assert len({form(e, x, y, z) for e in spellings}) == 1
 
 

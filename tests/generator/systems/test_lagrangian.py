@@ -267,7 +267,7 @@ def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
     ({"forces": (VX,)}, "1 forces.*2 coordinates"),
     ({"constraints": (X * VX,)}, "holonomic"),
 ])
-def test_bad_input_is_told_in_a_sentence(arguments, said):
+def test_bad_input_is_refused(arguments, said):
     with refused(said):
         lagrangian(**arguments)
 

@@ -55,7 +55,7 @@ def test_open_chain_passes():
     assert four_bar(SQUARE, closed=False).model().system.m == 18
 
 
-def test_singular_position_is_told_from_redundancy():
+def test_singular_position_is_distinguished_from_redundancy():
     """Stretched out, the bars' closing equations agree; in any other position they do not."""
     stretched = [(0, 0), (0.5, 0), (1.5, 0), (1.0, 0)]
     with pytest.raises(gs.InputError, match="singular position"):

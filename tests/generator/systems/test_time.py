@@ -313,7 +313,7 @@ def test_time_that_nobody_declared_is_refused():
             gs.System((x, y), p, (), H, g, name="undeclared")
 
 
-def test_a_start_beside_a_moving_constraint_is_refused():
+def test_a_start_off_a_moving_constraint_is_refused():
     step = stepper("wire", "G-L", 2)
     with pytest.raises(InputError, match="project"):
         step.integrate([0.4, 0], [0, 0.9], dt=0.01, steps=1, parameters=NUMBERS)

@@ -78,7 +78,7 @@ def test_example_is_gauss_lobatto_2() -> None:
     assert failed(tableau) == []
 
 
-def test_example_stands_in_the_docstring() -> None:
+def test_example_is_in_the_docstring() -> None:
     documented = re.search(r"\{.*?\n    \}", str(tableau_file.__doc__), re.DOTALL)
     assert documented is not None
     assert json.loads(documented.group()) == example()

@@ -79,7 +79,7 @@ def build(folder, cc=None):
 # ---------------------------------------------------------------- which compiler
 
 
-def test_without_a_compiler_the_cure_is_told(monkeypatch, tmp_path):
+def test_without_a_compiler_the_cure_is_named(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(sys.modules, "ziglang", None)
     with pytest.raises(gs.CompilerError) as caught:
@@ -111,7 +111,7 @@ def test_pypi_compiler_is_the_last_choice(monkeypatch, tmp_path, script):
     ("/dev/null", ["CC='/dev/null'", "start"]),
     ("/opt/my gcc/bin/gcc", ["CC='/opt/my gcc/bin/gcc'", "start", "quote"]),
 ])
-def test_unusable_cc_is_told(chosen, words, monkeypatch, own_cache):
+def test_unusable_cc_is_reported(chosen, words, monkeypatch, own_cache):
     monkeypatch.setenv("CC", chosen)
     with pytest.raises(gs.CompilerError) as caught:
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
@@ -188,7 +188,7 @@ def test_compiler_from_pypi_really_compiles(tmp_path):
 
 @pytest.mark.parametrize("folder", ["/dev/null", "/dev/null/x", "/proc", "/proc/x", "file",
                                     "file/x"])
-def test_a_temporary_folder_stands_in_for_one_that_cannot_be_used(
+def test_a_temporary_folder_replaces_one_that_cannot_be_used(
     folder, monkeypatch, tmp_path, quick
 ):
     """It says so once, keeps what is made while the process lives, and leaves nothing."""
@@ -229,7 +229,7 @@ def small_disk(tmp_path):
 
 @pytest.mark.parametrize("size", [4, *(pytest.param(size, marks=pytest.mark.slow)
                                        for size in (20, 120)), 60])
-def test_full_cache_is_told(size, small_disk, quick):
+def test_full_cache_is_reported(size, small_disk, quick):
     """Wherever in the build the disk fills up: an error in words, nothing left that is loaded."""
     disk = small_disk(size)
     done = build(disk, quick)

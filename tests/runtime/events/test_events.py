@@ -122,7 +122,7 @@ def test_a_terminal_event_that_only_dips() -> None:
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_a_dip_is_found_beside_the_end(terminal: bool) -> None:
+def test_a_dip_is_found_near_the_end(terminal: bool) -> None:
     """In the last step of a run, and in the piece of steps in which a run ends."""
     step, quarter = pendulum(), 0.25 * float(period())
     low = gs.Event("height", level=-1 + 1e-7)

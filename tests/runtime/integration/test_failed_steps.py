@@ -36,7 +36,7 @@ def test_the_step_that_it_proposes_does(run, gl3):
     assert len(made) == 2
 
 
-def test_too_few_iterations_are_told_from_divergence(gl3):
+def test_too_few_iterations_are_distinguished_from_divergence(gl3):
     few = failed(gl3, dt=0.01, max_iterations=2)
     assert few.reason == "not converged"
     assert "2 iterations" in str(few)
@@ -46,7 +46,7 @@ def test_too_few_iterations_are_told_from_divergence(gl3):
     assert failed(gl3, dt=0.08, solver="fixed-point").reason == "diverged"
 
 
-def test_stagnation_is_told():
+def test_stagnation_is_reported():
     """A force with a jump: increments neither shrink nor grow, and no rounding explains them."""
     import sympy as sp
 

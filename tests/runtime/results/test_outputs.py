@@ -31,7 +31,7 @@ def test_files_and_stores_have_the_same_in_the_same_order(gl3):
     assert run.panels() == {}  # energy and constraints have pictures of their own
 
 
-def test_a_file_without_an_output_is_told_as_that(gl3, tmp_path):
+def test_a_file_without_an_output_is_refused(gl3, tmp_path):
     """Neither damage nor made up."""
     path = gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN).save(tmp_path / "run.npz")
     with np.load(path) as file:
@@ -41,7 +41,7 @@ def test_a_file_without_an_output_is_told_as_that(gl3, tmp_path):
         gs.Trajectory.load(path)
 
 
-def test_a_store_without_an_output_is_told_as_that(gl3, tmp_path):
+def test_a_store_without_an_output_is_read_and_not_resumed(gl3, tmp_path):
     """Of a version that had not got it; what it has can be read, but not gone on with."""
     whole = gs.record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=4, **RUN)
     assert equal(whole.trajectory(), gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN))

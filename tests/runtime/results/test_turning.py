@@ -37,7 +37,7 @@ def test_the_papers_precession_does_not_warn(gyrospark):
 
 @pytest.mark.parametrize(("scheme", "borne"), [(("EMS",), 1.5), (("G-L", "--stages", "2"), 2.5),
                                                (("G-L", "--stages", "3"), 3.0)], ids=str)
-def test_more_than_is_borne_is_told(scheme, borne, gyrospark):
+def test_more_than_is_borne_is_reported(scheme, borne, gyrospark):
     """Beside the bound: nothing below it, a line above it, with a dt that is below it again."""
     rate = 40 * pi
     below, above = (str(factor * borne / rate) for factor in (0.98, 1.02))
@@ -51,7 +51,7 @@ def test_more_than_is_borne_is_told(scheme, borne, gyrospark):
     assert answer.document["radians_per_step"] > borne
 
 
-def test_a_failed_step_and_its_rotation_are_told_in_one_line(gyrospark):
+def test_a_failed_step_and_its_rotation_are_reported_in_one_line(gyrospark):
     answer = gyrospark(*RUN, "--scheme", "IMS", "--dt", "1e300")
     assert answer.code == 1
     assert answer.stderr.count("\n") == 1
@@ -60,7 +60,7 @@ def test_a_failed_step_and_its_rotation_are_told_in_one_line(gyrospark):
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
-def test_the_error_beside_the_bound_of_order_two(gl3):
+def test_the_error_and_the_bound_of_order_two(gl3):
     """A midpoint turns by 4 arctan(θ/4) in place of θ: two radians are lost in some turns."""
     top = gs.problems.fast_top()
     parameters = top.parameters | {"gamma": "m"}

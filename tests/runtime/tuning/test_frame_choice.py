@@ -239,7 +239,7 @@ def test_lines_are_centred():
 # ---------------------------------------------------------------- wrong uses
 
 
-def test_what_cannot_be_chosen_is_told(tmp_path):
+def test_what_cannot_be_chosen_is_reported(tmp_path):
     step, numbers = framed(), with_gamma(TOP)
     run = {"dt": 1e-3, "steps": 2}
     plain = gs.stepper("G-L", 2)

@@ -122,7 +122,7 @@ def test_the_certificate_says_what_of_its_promises_holds(scheme, stages):
     assert not any(line.quantity.startswith("energy in the frame") for line in found.lines)
 
 
-def test_what_cannot_follow_is_told():
+def test_what_cannot_follow_is_reported():
     with pytest.raises(gs.InputError, match="'follow 50'"):
         run("follow 0")
     with pytest.raises(gs.InputError, match=r"omega_body.*'follow'"):

@@ -371,7 +371,7 @@ def test_auto_is_refused_where_it_would_be_chosen_again_and_again(word):
         step.integrate_ensemble([TOP.q0], [TOP.p0], dt=1e-3, steps=3, parameters=parameters)
 
 
-def test_moments_stand_beside_the_parameter():
+def test_moments_are_given_with_the_parameter():
     assert known_inertia("a_gamma", {"a_I1": 1, "a_I2": 2.0, "a_I3": 3}) == (1, 2, 3)
     with refused("'I2'.*choose_gamma"):
         known_inertia("gamma", {"I1": 1.0})

@@ -259,7 +259,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("pairs", "said"), BAD, ids=lambda x: x if isinstance(x, str) else "")
-def test_bad_files_are_told_in_a_sentence(tmp_path, pairs, said):
+def test_bad_files_are_refused(tmp_path, pairs, said):
     with pytest.raises(gs.InputError, match=said) as caught:
         gs.load_urdf(changed(tmp_path, *pairs), ignore="all")
     assert ".urdf" in str(caught.value)
@@ -349,7 +349,7 @@ def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
     (CLOSING.replace("bodies =", "links ="), "bodies"), ("joints = 3", "joints"),
     (CLOSING + "\n[run]\ndt = 1", "run"),
 ])
-def test_bad_loops_are_told_in_a_sentence(tmp_path, text, said):
+def test_bad_loops_are_refused(tmp_path, text, said):
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
     robot.write_text(FOUR_BAR)
     loops.write_text(text)

@@ -51,7 +51,7 @@ def test_units_against_mpmath():
     ("sin(30 deg)", ANGLES, "not closed"), ("1" * 5000 + " deg", ANGLES, "characters"),
     ("30 deg $", ANGLES, "no meaning"), ("(1", ANGLES, "not closed"),
 ])
-def test_units_out_of_place_are_told(text, units, words):
+def test_units_out_of_place_are_reported(text, units, words):
     with pytest.raises(InputError, match=words):
         parse_number(text, {}, units)
 
