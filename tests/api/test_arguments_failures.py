@@ -1,4 +1,4 @@
-"""Steps that find no solution: what is told, and what remains of the run."""
+"""Steps without a solution: the error, and the states that remain of the run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything public, called with arguments that nobody should give: results or sentences."""
+"""Everything public, called with absurd arguments: results or errors of ours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Certificates: what holds is said to hold, and what is broken on purpose is found."""
+"""Certificates: properties that hold are confirmed, and those broken on purpose are found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Model files on the command line: the examples run, and hostile files end in one sentence."""
+"""Model files on the command line: examples run, malicious files are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One record for whatever has a name: the lists agree, and a wrong name ends in a proposal."""
+"""One registry for each kind of name: lists agree, and a wrong name gets the closest match."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is taken and was perhaps meant otherwise: a warning that names the value and the cure."""
+"""Warnings about accepted but suspicious input name the value and the cure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is learnt of a motion: starting values of sweeps, of each trajectory by itself."""
+"""The predictor: starting values of the fixed-point iteration, fitted for each trajectory."""
 
 from __future__ import annotations
 

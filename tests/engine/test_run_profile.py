@@ -1,4 +1,4 @@
-"""Profile ``run``: plain C of one trajectory, beside the full stepper and profile control.
+"""Profile ``run``: plain C of one trajectory against the full stepper and profile control.
 
 Newton is that of the full stepper, to the bit; sweeps are those of control, to the bit while no
 step needs Newton; and both come to where the full stepper comes, but for rounding.

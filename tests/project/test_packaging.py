@@ -1,4 +1,4 @@
-"""The house: packaging, who imports whom, the public face, README and pages."""
+"""Packaging, imports, public names, README and pages."""
 
 from __future__ import annotations
 

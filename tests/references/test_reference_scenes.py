@@ -1,4 +1,4 @@
-"""Reference problems told as bodies on joints, and exudyn and MuJoCo on them."""
+"""Reference problems as bodies on joints, run by exudyn and MuJoCo."""
 
 from __future__ import annotations
 

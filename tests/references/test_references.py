@@ -1,4 +1,4 @@
-"""Reference problems: digits beside those of another code, runs beside digits, the page."""
+"""Reference problems: digits against another code, runs against digits, the page."""
 
 from __future__ import annotations
 

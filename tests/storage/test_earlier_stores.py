@@ -1,4 +1,4 @@
-"""Stores that an earlier package wrote are read; a run of other code is told as that."""
+"""Stores of an earlier version are read; a run of other code is not resumed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints and stores that somebody forged: an answer or a sentence, never a crash.
+"""Forged checkpoints and stores: a result or an error, never a crash.
 
 The digest of a checkpoint has no key, so whoever changes a byte computes it anew.
 """

@@ -1,4 +1,4 @@
-"""The paper beside ours: verdicts, tables, laws, the page and docs/paper.md."""
+"""The paper's numbers against ours: verdicts, tables, laws, the page and docs/paper.md."""
 
 from __future__ import annotations
 

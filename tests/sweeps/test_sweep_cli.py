@@ -1,4 +1,4 @@
-"""``gyrospark sweep``: studies, estimates, pictures, and wrong files that end in one sentence."""
+"""``gyrospark sweep``: studies, estimates, figures, and wrong files that are refused."""
 
 from __future__ import annotations
 

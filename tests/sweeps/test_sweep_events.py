@@ -1,4 +1,4 @@
-"""Events of a sweep's cells: first times and counts beside closed forms and single runs."""
+"""Events of a sweep's cells: first times and counts against closed forms and single runs."""
 
 from __future__ import annotations
 

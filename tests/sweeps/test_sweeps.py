@@ -1,4 +1,4 @@
-"""Sweeps: each cell is the run it stands for, and what cannot be swept is refused."""
+"""Parameter sweeps: each cell is its single run, and what cannot be swept is refused."""
 
 from __future__ import annotations
 

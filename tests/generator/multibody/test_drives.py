@@ -1,4 +1,4 @@
-"""Drives, moving points and motors of multibody models, beside formulas of one angle.
+"""Driven joints, moving points and motors of multibody models against formulas of one angle.
 
 A body that hangs at a point P(t) by a hinge has in its angle φ from −y, with I about the centre,
 

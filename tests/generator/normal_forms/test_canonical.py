@@ -1,4 +1,4 @@
-"""One H, one C: all spellings of a system have one canonical form, and it is the same function."""
+"""One H, one C: equivalent expressions have one normal form, and it is the same function."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forms of single expressions: one for all spellings, and the shortest."""
+"""Normal forms of single expressions: one for all equivalent expressions, and the shortest."""
 
 from __future__ import annotations
 

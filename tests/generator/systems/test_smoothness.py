@@ -1,4 +1,4 @@
-"""What a system that switches sides cannot promise, and how it is said.
+"""Systems with switching functions: which properties are lost, and which warnings say so.
 
 Constraints need a tangent; a force that jumps may leave a step without a solution; a momentum map
 must be one on every side; and what a certificate judges is what smooth motion keeps.

@@ -1,4 +1,4 @@
-"""Time in H and in constraints: driven systems, each beside the same with time as a coordinate.
+"""Time in H and in constraints: driven systems, each against the same with time as a coordinate.
 
     car axis     the IVP test set's, n = 4, m = 2: digits of a run of another length, 1e-17
     wire         a bead on a wire that turns: r = r₀ cosh ωt

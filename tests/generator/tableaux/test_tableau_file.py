@@ -1,4 +1,4 @@
-"""Tableau files: the documented example, every part of the format, and hostile files."""
+"""Tableau files: the documented example, every part of the format, and malicious files."""
 
 from __future__ import annotations
 

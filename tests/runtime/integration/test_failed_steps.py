@@ -1,4 +1,4 @@
-"""What ``StepFailed`` says: in which way, the last increment, and the step that would do."""
+"""``StepFailed``: the reason, the last increment, and a step that would converge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One body or joint of a trajectory: beside finite differences, Newton and Euler, closed forms."""
+"""One body or joint of a trajectory against finite differences, Newton-Euler and closed forms."""
 
 from __future__ import annotations
 

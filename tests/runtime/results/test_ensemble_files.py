@@ -1,4 +1,4 @@
-"""What an ensemble shows of itself: a Dataset, files, a picture, beside its members' own."""
+"""Dataset, files and figures of an ensemble against those of its members."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Radians a step: what is said of the fastest rotation, and when a run warns."""
+"""Radians a step: the fastest rotation, and when a run warns of it."""
 
 from __future__ import annotations
 

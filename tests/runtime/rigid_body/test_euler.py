@@ -1,4 +1,4 @@
-"""Euler angles: beside SciPy's, and turned back into the rotation."""
+"""Euler angles against SciPy's, and turned back into the rotation."""
 
 from __future__ import annotations
 
