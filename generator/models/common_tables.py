@@ -16,14 +16,14 @@ from ..symbolic.switching_functions import Where
 from .formulas import parse_formula
 from .toml_tables import Known, Table
 
-__all__ = ["Formulas", "Numbers", "divisors", "run_length"]
+__all__ = ["Formulas", "ParameterValues", "divisors", "run_length"]
 
 MAX_PARAMETERS = 200
 #: Of all formulas of a file together.
 MAX_CHARACTERS = 20_000
 
 
-class Numbers:
+class ParameterValues:
     """The values of [parameters] and [inputs]; each may be a formula of those above it."""
 
     def __init__(self, content: Table) -> None:
@@ -49,7 +49,7 @@ class Formulas:
     """Reads the formulas of a file in its symbols; knows the file for the messages."""
 
     content: Table
-    numbers: Numbers
+    numbers: ParameterValues
     characters: int = 0
     mentioned: set[str] = field(default_factory=set)
 

@@ -60,7 +60,7 @@ from ..multibody.model import Model
 from ..parsing.grammar import UNITS
 from ..parsing.reserved_names import KEYWORDS
 from ..parsing.text_file import is_urdf, model_text
-from .common_tables import Formulas, Numbers
+from .common_tables import Formulas, ParameterValues
 from .multibody_file import read_bodies
 from .robots import read_loops
 from .single_body_file import read_body
@@ -162,7 +162,7 @@ def _read(
         raise content.file_error(
             f"it must have one table among {shown} and has {found}; write one.")
     content.require("name", *(() if kinds == ["bodies"] else ("start",)))
-    formulas = Formulas(content, Numbers(content))
+    formulas = Formulas(content, ParameterValues(content))
     try:
         model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
         model = _with_events(model, content)

@@ -56,11 +56,10 @@ from ...core.errors import InputError
 from ...core.inertia import REPS, RepName
 from ...core.warnings import remark
 from ..multibody.body import Body, Frame, Particle
-from ..multibody.connections import AXES
-from ..multibody.connections import JOINTS as KINDS
 from ..multibody.initial_poses import Attitude
 from ..multibody.model import Model
-from ..multibody.multibody import Multibody
+from ..multibody.multibody import AXES, Multibody
+from ..multibody.multibody import JOINTS as KINDS
 from ..parsing.grammar import ANGLES, RATES
 from .common_tables import Formulas, run_length
 from .single_body_file import ATTITUDES, inertia_numbers, read_attitude

@@ -35,7 +35,7 @@ from ..parsing.text_file import model_text
 from .multibody_file import finished, join, telling
 from .toml_tables import Table, load_toml
 from .urdf import parse_urdf
-from .urdf_robot import HERE
+from .urdf_robot import IDENTITY
 from .urdf_tree import Mount
 
 __all__ = ["Loops", "load_urdf", "read_loops", "read_urdf"]
@@ -140,7 +140,7 @@ class Loops:
 
     def close(self, builder: Multibody, links: Mapping[str, Mount]) -> None:
         """Add the joints, between links."""
-        known = {"ground": Mount(GROUND, HERE, HERE), **links}
+        known = {"ground": Mount(GROUND, IDENTITY, IDENTITY), **links}
         frames = {name: mount.frame for name, mount in known.items()}
 
         def one(table: Table) -> Any:

@@ -194,7 +194,7 @@ def test_rod_keeps_the_distance_of_the_start():
     (lambda b, x: b.body("c", mass=1, inertia=INERTIA, position=(0, 0, np.nan)), "position of 'c'"),
     (lambda b, x: b.ball("j", x, x), "to itself"),
     (lambda b, x: b.ball("j", x, "floor"), "'floor', which is no body"),
-    (lambda b, x: b.ball("j", b.ground, x) and b.model(), "does not say where"),
+    (lambda b, x: b.ball("j", b.ground, x) and b.model(), "position"),
     (lambda b, x: b.revolute("j", b.ground, x, axis=(0, 0, 0)), "axis of 'j' is zero"),
     (lambda b, x: b.spring("j", b.ground, x, stiffness=1, length=-1), "length of spring 'j'"),
     (lambda b, x: b.force(x, (1, 2)), "2 components"),
