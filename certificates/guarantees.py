@@ -27,13 +27,13 @@ from ..generator.tableaux.families import gauss_lobatto
 from ..generator.tableaux.stability import Stability, stability
 from ..generator.tableaux.tableau import Tableau
 
-__all__ = ["MeanPromises", "Promise", "Promises", "SparkPromises"]
+__all__ = ["Guarantee", "Guarantees", "MeanGuarantees", "SparkGuarantees"]
 
 Numbers = Mapping[sp.Symbol, sp.Rational]
 
 
 @dataclass(frozen=True)
-class Promise:
+class Guarantee:
     """Whether something is promised, why or why not, and the condition that breaks the promise."""
 
     made: bool
@@ -41,7 +41,7 @@ class Promise:
     broken: str = ""
 
 
-class Promises(Protocol):
+class Guarantees(Protocol):
     """What a certificate asks of a scheme on a system."""
 
     @property
@@ -56,13 +56,13 @@ class Promises(Protocol):
     def stability(self) -> Stability | None:
         """What a step makes of a fast decay; None where q and p have no method in common."""
 
-    def loop(self) -> Promise:
+    def loop(self) -> Guarantee:
         """Return whether the map is symplectic: ∮p·dq stays."""
 
-    def energy(self) -> Promise:
+    def energy(self) -> Guarantee:
         """Return whether H less the work of the forces stays."""
 
-    def momentum(self, J: MomentumMap) -> Promise:
+    def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether a momentum map stays."""
 
 
@@ -87,12 +87,12 @@ def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], numbers: Numbers) -> 
     return bool(identically_zero([terms]))
 
 
-def _not_exact(J: MomentumMap) -> Promise:
+def _not_exact(J: MomentumMap) -> Guarantee:
     """Say of a map whose bracket with H is not zero everywhere what is known of it."""
     if J.on_constraints:
-        return Promise(False, "{J, H} = 0 on the constraints only, as far as random points show: "
+        return Guarantee(False, "{J, H} = 0 on the constraints only, as far as random points show: "
                               "the motion keeps it, stages do not; write V for any q")
-    return Promise(False, f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
+    return Guarantee(False, f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
                           "symmetry, J drifts as far as that allows")
 
 
@@ -104,7 +104,7 @@ def _domain(J: MomentumMap) -> str:
 
 
 @dataclass(frozen=True)
-class SparkPromises:
+class SparkGuarantees:
     """Promises of a SPARK method.
 
     With b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j and b = b̂ it is symplectic,
@@ -148,39 +148,39 @@ class SparkPromises:
         """R(z) of A and b, where Â and b̂ are the same."""
         return stability(self.tableau)
 
-    def loop(self) -> Promise:
+    def loop(self) -> Guarantee:
         """Every SPARK method that does not deny it should be symplectic."""
         if not forces_are_gradient(self.system, self.numbers):
-            return Promise(False, "the forces are no gradient in q and may do work on the loop")
+            return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if self.disclaimed:
-            return Promise(False, "; ".join(filter(None, (
+            return Guarantee(False, "; ".join(filter(None, (
                 "the tableau says that it is not symplectic", self.violation))))
-        return Promise(True, f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
+        return Guarantee(True, f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
                              f"{self._digits}", self.violation)
 
-    def energy(self) -> Promise:
+    def energy(self) -> Guarantee:
         """H is kept if it is a quadratic invariant of a method that keeps those."""
         order = f"an error of order {self.tableau.order} in Δt"
         system = self.system
         state = [*system.q, *system.p]
-        if system.m or system.is_timed or not is_quadratic(system.H, state, self.numbers):
-            return Promise(False, order)
+        if system.m or system.is_time_dependent or not is_quadratic(system.H, state, self.numbers):
+            return Guarantee(False, order)
         violation = _first_violated(invariant_conditions(self.tableau))
         if violation:
-            return Promise(False, f"{order}: H is quadratic, but {violation}")
-        return Promise(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
+            return Guarantee(False, f"{order}: H is quadratic, but {violation}")
+        return Guarantee(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
                              f"and each by itself{self._digits}")
 
-    def momentum(self, J: MomentumMap) -> Promise:
+    def momentum(self, J: MomentumMap) -> Guarantee:
         """J is kept as the docstring of the class says."""
         if not J.everywhere:
             return _not_exact(J)
         why = f"{{J, H}} = 0{_domain(J)} ({J.proof})"
         if not J.A.any():
-            return Promise(True, f"{why}, and J is linear in p alone")
+            return Guarantee(True, f"{why}, and J is linear in p alone")
         if self.disclaimed and self.violation:
-            return Promise(False, f"{why}; {self.violation}")
-        return Promise(True, f"{why}{self._digits}", self.violation)
+            return Guarantee(False, f"{why}; {self.violation}")
+        return Guarantee(True, f"{why}{self._digits}", self.violation)
 
     @property
     def _digits(self) -> str:
@@ -197,7 +197,7 @@ def _first_violated(lines: Sequence[Condition]) -> str:
 
 
 @dataclass(frozen=True)
-class MeanPromises:
+class MeanGuarantees:
     """Promises of IMS and EMS: (Δq, Δp) = Δt (D_p, −D_q + F − Ḡᵀλ), each an identity in D.
 
     H stays if D_q·Δq + D_p·Δp = ΔH and Ḡ·Δq = Δg, which EMS's D is made for; IMS's is for quadratic
@@ -231,34 +231,34 @@ class MeanPromises:
         """F(q̄, p̄): for p' = λp the midpoint rule, that of one Gauss stage."""
         return stability(gauss_lobatto(1))
 
-    def loop(self) -> Promise:
+    def loop(self) -> Guarantee:
         """Only without constraints, and with the gradient at the midpoint."""
         if self.system.m:
-            return Promise(False, f"{self.name} does not project p: with constraints it promises "
+            return Guarantee(False, f"{self.name} does not project p: with constraints it promises "
                                   "no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
-            return Promise(False, "the forces are no gradient in q and may do work on the loop")
+            return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if not self.scheme.discrete:
-            return Promise(True, "the implicit midpoint rule")
+            return Guarantee(True, "the implicit midpoint rule")
         if not self._is_midpoint:
-            return Promise(False, f"{self.name}'s D is not the gradient at the midpoint: it "
+            return Guarantee(False, f"{self.name}'s D is not the gradient at the midpoint: it "
                                   "promises no ∮p·dq")
-        return Promise(True, "D is the gradient at the midpoint: H is quadratic")
+        return Guarantee(True, "D is the gradient at the midpoint: H is quadratic")
 
-    def energy(self) -> Promise:
+    def energy(self) -> Guarantee:
         """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
         how = self._how_energy
         if self.scheme.discrete:
-            timed = self.system.is_timed
+            timed = self.system.is_time_dependent
             law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * timed
-            return Promise(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
+            return Guarantee(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
                            "" if how else f"{law} is refuted")
         if how:
-            return Promise(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
+            return Guarantee(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
                                  f"({how})")
-        return Promise(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
+        return Guarantee(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
 
-    def momentum(self, J: MomentumMap) -> Promise:
+    def momentum(self, J: MomentumMap) -> Guarantee:
         """p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0."""
         if not J.everywhere:
             return _not_exact(J)
@@ -270,12 +270,12 @@ class MeanPromises:
         slides = [[a * b for a, b in zip(row, reach, strict=True)]
                   for row in self.scheme.mean_constraint]
         if not self._vanish(slides, J):
-            return Promise(False, f"{why}; g_q X = 0 is not seen off the constraints, where the "
+            return Guarantee(False, f"{why}; g_q X = 0 is not seen off the constraints, where the "
                                   "midpoints are")
         how = self._vanish([rate], J)
         if not how:
-            return Promise(False, f"{why}; D is not seen to turn as the gradient does")
-        return Promise(True, f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
+            return Guarantee(False, f"{why}; D is not seen to turn as the gradient does")
+        return Guarantee(True, f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
 
     # ------------------------------------------------------------ identities
 
@@ -293,7 +293,7 @@ class MeanPromises:
         (q, p), (dq, dp) = scheme.means, scheme.differences
         slopes = [[*scheme.mean_gradient[0], *scheme.mean_gradient[1]],
                   *([*row, *[sp.Integer(0)] * system.n] for row in scheme.mean_constraint)]
-        if system.is_timed:
+        if system.is_time_dependent:
             rates = [scheme.mean_drive, *scheme.mean_constraint_rate]
             slopes = [[*slope, rate] for slope, rate in zip(slopes, rates, strict=True)]
         variables, means, differences = with_time(

@@ -23,19 +23,19 @@ from ..generator.symmetry.momentum_maps import (
 from ..generator.systems.smoothness import Switching
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
-from .guarantees import Promise, Promises
+from .guarantees import Guarantee, Guarantees
 from .loop_invariant import loop_drift
 from .measurements import order_seen, reversal, trend
 from .round_off import RoundOff
 
-__all__ = ["Examination", "Line"]
+__all__ = ["CertificateLine", "Examination"]
 
 #: A step too short to move anything: what the residual says is then of the state itself.
 _SHORT = 1e-30
 
 
 @dataclass(frozen=True)
-class Line:
+class CertificateLine:
     """One promise of a scheme on a model.
 
     Attributes
@@ -72,8 +72,8 @@ class Line:
 
 
 def judged(
-    quantity: str, found: str, expected: str, promise: Promise, value: float, bound: float
-) -> Line:
+    quantity: str, found: str, expected: str, promise: Guarantee, value: float, bound: float
+) -> CertificateLine:
     """Return a line that holds if its value is within its bound; NaN is not.
 
     A promise that exact algebra refutes fails however small the value is, and the line then says
@@ -84,15 +84,17 @@ def judged(
     if promise.broken:
         why = f"refuted in exact algebra: {promise.broken}"
         found += " (not told from round-off in this run)" if within else ""
-    return Line(quantity, found, expected, within and not promise.broken, why, float(value),
+    return CertificateLine(quantity, found, expected, within and not promise.broken, why,
+                           float(value),
                 float(bound))
 
 
 def told(
     quantity: str, found: str, expected: str, why: str, value: float | None = None
-) -> Line:
+) -> CertificateLine:
     """Return a line for information."""
-    return Line(quantity, found, expected, None, why, None if value is None else float(value))
+    return CertificateLine(quantity, found, expected, None, why,
+                           None if value is None else float(value))
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class Examination:
 
     model: Model
     step: Stepper
-    promises: Promises
+    guarantees: Guarantees
     run: Trajectory
     parameters: dict[str, float]
     round_off: RoundOff
@@ -117,7 +119,7 @@ class Examination:
         """Where H or forces switch sides, as |x| does: promises are of smooth motion."""
         return Switching(self.model.system)
 
-    def lines(self) -> Iterator[Line]:
+    def lines(self) -> Iterator[CertificateLine]:
         """Yield the lines, the strictest promises first."""
         if self.follow:
             yield told("co-moving frame", f"{self.follow} steps", "-",
@@ -137,7 +139,7 @@ class Examination:
 
     # ------------------------------------------------------------ the compiled equations
 
-    def _compiled_system(self) -> Line:
+    def _compiled_system(self) -> CertificateLine:
         """Compare compiled H, H_p, H_q - F and g with the model's expressions, in units of ε.
 
         All other lines are measured with the compiled stepper alone, which would agree with itself
@@ -168,19 +170,19 @@ class Examination:
         off[found == expected] = 0.0
         value = float(off.max())
         return judged("compiled H, H_p, H_q − F, g", f"{value:.2g} times the estimated round-off",
-                      "≤ 16", Promise(True, "compiled from this model's H, g and F"), value, 16.0)
+                      "≤ 16", Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
 
     # ------------------------------------------------------------ symplecticity, symmetry
 
-    def _loop(self) -> Line:
-        quantity, promise = "loop invariant ∮p·dq", self.promises.loop()
+    def _loop(self) -> CertificateLine:
+        quantity, promise = "loop invariant ∮p·dq", self.guarantees.loop()
         rounded = self.round_off
         loop = loop_drift(self.step, self.run.q[0], self.run.p[0], self._loop_sizes(),
                           (rounded.q_sizes, rounded.p_sizes), dt=self.run.dt, steps=self.steps,
                           parameters=self.parameters)
         if loop is None or not loop.resolved:
             why = f"refuted in exact algebra: {promise.broken}; " if promise.broken else ""
-            return Line(quantity, "no loop could be followed", "-",
+            return CertificateLine(quantity, "no loop could be followed", "-",
                         False if promise.broken else None,
                         f"{why}neighbours of the start part too fast, or some have no step")
         drift, bound = loop.drift / loop.scale, rounded.walk
@@ -214,7 +216,7 @@ class Examination:
             reach = np.sqrt((kinetic or work) / inertia)
         return widths, np.where(np.isfinite(reach) & (reach > 0), reach, p.max() or 1.0)
 
-    def _reversal(self) -> Line:
+    def _reversal(self) -> CertificateLine:
         quantity = "reversal, N steps and back"
         sizes = self.round_off.sizes_of_steps(self.run.dt)
         back = reversal(self.step, self.run, self.parameters, sizes)
@@ -225,17 +227,17 @@ class Examination:
         bound = back.growth * kicks * self.round_off.epsilon * max(64, 8 * (2 * self.steps) ** 0.5)
         value = max(back.q_error / sizes[0], back.p_error / sizes[1])
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
-        if not self.promises.symmetric:
+        if not self.guarantees.symmetric:
             return told(quantity, found, "not promised", "the tableau is not symmetric", value)
         if self.follow:
             return told(quantity, found, f"O(Δt^{self.step.order})", "back with the rates of "
                         "the start: the same steps back are those of each block's own rates", value)
-        jumps = self.switching.named_jumps(discrete=self.promises.discrete)
+        jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)
         if jumps:
             return told(quantity, found, "by the same steps back",
                         f"forces jump at {jumps}: a step may have several ends, or none", value)
         expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
-        promise = Promise(True, f"symmetric; neighbours part {back.growth:.3g} times")
+        promise = Guarantee(True, f"symmetric; neighbours part {back.growth:.3g} times")
         return judged(quantity, found, expected, promise, value, bound)
 
     @property
@@ -257,13 +259,13 @@ class Examination:
 
     # ------------------------------------------------------------ constraints and energy
 
-    def _constraints(self) -> Iterator[Line]:
+    def _constraints(self) -> Iterator[CertificateLine]:
         """Judge every state but the start, which is the user's."""
         unit = 16 * self.round_off.epsilon
         g_size, f_size = (float(sizes.max()) for sizes in self.round_off.constraints)
         g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
         yield judged("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
-                     Promise(True, "g(q) = 0 is solved in every step: 16 ε of what rounding the "
+                     Guarantee(True, "g(q) = 0 is solved in every step: 16 ε of what rounding the "
                                    "run is worth in it"), g, unit * g_size)
         quantity = "largest |g_q H_p|"
         if not self._projects:
@@ -271,7 +273,7 @@ class Examination:
                        f"{self._manifest['method']} has no projection of p", f)
             return
         yield judged(quantity, f"{f:.1e}", f"≤ {unit * f_size:.1e}",
-                     Promise(True, "T2 projects p in every step"), f, unit * f_size)
+                     Guarantee(True, "T2 projects p in every step"), f, unit * f_size)
 
     @cached_property
     def moving(self) -> list[tuple[float, MomentumMap]]:
@@ -281,14 +283,14 @@ class Examination:
                 for symmetry in self.step.symmetries
                 if (rate := float(self.parameters[symmetry.name]))]
 
-    def _energies(self) -> Iterator[Line]:
+    def _energies(self) -> Iterator[CertificateLine]:
         """Yield the line of H; in a co-moving frame a scheme's promise is one for H − Σ ω_i J_i."""
-        promise = self.promises.energy()
-        lost = [J.name for _, J in self.moving if not self.promises.momentum(J).made]
+        promise = self.guarantees.energy()
+        lost = [J.name for _, J in self.moving if not self.guarantees.momentum(J).made]
         if not (promise.made and lost):
             yield self._energy(promise)
             return
-        yield self._energy(Promise(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
+        yield self._energy(Guarantee(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
                                           f"{', '.join(lost)}"))
         q, p, rounded = self.run.q, self.run.p, self.round_off
         if self.follow:
@@ -303,8 +305,8 @@ class Examination:
         yield judged("energy in the frame, H − Σ ω_i J_i", f"largest error {value:.1e}",
                      f"≤ {bound:.1e}", promise, value, bound)
 
-    def _energy(self, promise: Promise) -> Line:
-        works = self.model.system.forces or self.model.system.is_timed
+    def _energy(self, promise: Guarantee) -> CertificateLine:
+        works = self.model.system.forces or self.model.system.is_time_dependent
         quantity = "energy H less work" if works else "energy H"
         error = self.run.energy_error().astype(float)
         linear, swing = trend(self.run.t, error)
@@ -318,9 +320,9 @@ class Examination:
         bound = self.round_off.walk * self.round_off.energy
         return judged(quantity, found, f"≤ {bound:.1e}", promise, value, bound)
 
-    def _damping(self) -> Iterator[Line]:
+    def _damping(self) -> Iterator[CertificateLine]:
         """Tell what becomes of dampers that are fast beside Δt, and what of oscillations."""
-        found = self.promises.stability
+        found = self.guarantees.stability
         if found is None:
             return
         if self.decay:
@@ -349,7 +351,7 @@ class Examination:
 
     # ------------------------------------------------------------ momentum maps
 
-    def _momentum_maps(self) -> Iterator[Line]:
+    def _momentum_maps(self) -> Iterator[CertificateLine]:
         system, run, rounded = self.model.system, self.run, self.round_off
         try:
             found = momentum_maps(system, self.parameters, run.q[0], run.p[0])
@@ -361,7 +363,7 @@ class Examination:
             yield told("momentum maps", "none", "-",
                        f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
         for J in found:
-            values, promise = J.values(run.q, run.p), self._in_frame(J, self.promises.momentum(J))
+            values, promise = J.values(run.q, run.p), self._in_frame(J, self.guarantees.momentum(J))
             value = float(np.abs(values - values[0]).max())
             bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
             text = f"{float(values[0]):.6g}, drift {value:.1e}"
@@ -370,18 +372,18 @@ class Examination:
             else:
                 yield told(J.name, text, "not promised", promise.why, value)
 
-    def _in_frame(self, J: MomentumMap, promise: Promise) -> Promise:
+    def _in_frame(self, J: MomentumMap, promise: Guarantee) -> Guarantee:
         """Return a promise for J as it is in the frame, where J turns unless it commutes."""
         A = sum((rate * other.A for rate, other in self.moving), np.zeros_like(J.A))
         size = np.abs(A).max() * np.abs(J.A).max()
         if not promise.made or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
                                 and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
             return promise
-        return Promise(False, f"it turns in the frame: kept to O(Δt^{self.step.order})")
+        return Guarantee(False, f"it turns in the frame: kept to O(Δt^{self.step.order})")
 
     # ------------------------------------------------------------ order, quantities
 
-    def _order(self) -> Line:
+    def _order(self) -> CertificateLine:
         quantity, wanted = "order", self.step.order
         run = self.run
         seen = order_seen(self.step, run.q[0], run.p[0], run.dt, self.parameters,
@@ -402,10 +404,10 @@ class Examination:
                         f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
                         "about that of the stages", seen.order)
         lacking = wanted - seen.order  # a run may happen to be better than its method
-        promise = Promise(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
+        promise = Guarantee(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
         return judged(quantity, found, f"at least {wanted}", promise, lacking, 0.3)
 
-    def _quantities(self) -> Iterator[Line]:
+    def _quantities(self) -> Iterator[CertificateLine]:
         for name in self.run.quantities:
             values = self.run.quantity(name).astype(float)
             drift = float(np.abs(values - values[0]).max())

@@ -29,7 +29,7 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..certificates.certificate import Certificate
-    from ..certificates.verification import Verdict
+    from ..certificates.verification import Verification
     from ..generator.multibody.model import Model
     from ..runtime.rigid_body.problems import Problem
 
@@ -211,9 +211,9 @@ def _model(name: str, rep: str | None) -> Model | Problem:
 
 def _print_certificate(found: Certificate) -> None:
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import StateTable
 
-    table = Table(title=f"{found.model} with {found.stepper}: {found.steps:,} steps of "
+    table = StateTable(title=f"{found.model} with {found.stepper}: {found.steps:,} steps of "
                         f"{found.dt:g} s", title_justify="left")
     for heading in ("quantity", "found", "should be", ""):
         table.add_column(heading, overflow="fold")
@@ -230,14 +230,14 @@ def _print_certificate(found: Certificate) -> None:
     click.echo(f"{found.model}: {judged} promises of {found.stepper}: {result}")
 
 
-def _print(verdicts: list[Verdict], *, details: bool) -> None:
+def _print(verdicts: list[Verification], *, details: bool) -> None:
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import StateTable
 
     console = Console()
     for verdict in verdicts:
         if details:
-            table = Table(title=verdict.title, title_justify="left")
+            table = StateTable(title=verdict.title, title_justify="left")
             for heading in ("condition", "equation", "found", "residual", ""):
                 table.add_column(heading, overflow="fold")
             for line in verdict.conditions:

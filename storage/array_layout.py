@@ -30,9 +30,9 @@ from ..runtime.results.run_arrays import OUTPUTS, QUANTITY, about, parts
 from .chunks import codecs_of
 from .durable_files import DurableStore, write_durably
 
-__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
-           "block_rows", "consolidate", "create", "create_array", "extend", "fields_of",
-           "fields_of_event", "names_of", "open_group", "wide_name"]
+__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "StoredField", "array_of",
+           "attributes_of", "block_rows", "consolidate", "create", "create_array", "extend",
+           "fields_of", "fields_of_event", "names_of", "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
@@ -49,7 +49,7 @@ WIDE_FILL = 255
 
 
 @dataclass(frozen=True)
-class Field:
+class StoredField:
     """One array of a run.
 
     Attributes
@@ -97,7 +97,7 @@ def wide_name(name: str) -> str:
     return f"{name}_bytes"
 
 
-def fields_of(manifest: dict[str, Any]) -> list[Field]:
+def fields_of(manifest: dict[str, Any]) -> list[StoredField]:
     """Return the arrays of a run of the stepper with this manifest."""
     system, real = manifest["system"], REALS[manifest["real"]]
     found = []
@@ -105,34 +105,36 @@ def fields_of(manifest: dict[str, Any]) -> list[Field]:
         said: dict[str, Any] = {}
         if one.labels in system and not one.split:
             said["components"] = list(system[one.labels])
-        found += [Field(name, one.inner(manifest) or (), about(one, manifest, name) | said,
+        found += [StoredField(name, one.inner(manifest) or (), about(one, manifest, name) | said,
                         one.dtype or real.stored, real.wide and not one.whole)
                   for name in parts(one, manifest)]
     return found
 
 
-def fields_of_event(manifest: dict[str, Any], name: str) -> list[Field]:
+def fields_of_event(manifest: dict[str, Any], name: str) -> list[StoredField]:
     """Return the arrays of an event of this name, in the order of ``Crossings``."""
     real = REALS[manifest["real"]]
     state = [(one, one.inner(manifest) or ()) for one in OUTPUTS if one.name in ("q", "p")]
     return [
-        Field(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
+        StoredField(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
               real.wide),
-        *(Field(f"event_{name}_{one.name}", inner,
+        *(StoredField(f"event_{name}_{one.name}", inner,
                 about(one, manifest, one.name) | {"long_name": f"{one.long_name} at {name}"},
                 real.stored, real.wide) for one, inner in state),
-        Field(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
-        Field(f"event_{name}_rising", (), {"long_name": "1 where the quantity rises along the run"},
+        StoredField(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
+        StoredField(f"event_{name}_rising", (),
+                    {"long_name": "1 where the quantity rises along the run"},
               "i1")]
 
 
-def names_of(fields: Iterable[Field]) -> list[str]:
+def names_of(fields: Iterable[StoredField]) -> list[str]:
     """Return the names of the arrays that have these fields."""
     return [name for one in fields for name in (one.name, wide_name(one.name))[: 1 + one.wide]]
 
 
 def block_rows(
-    fields: list[Field], rows: int, most_bytes: int = _BLOCK_BYTES, most_rows: int | None = None
+    fields: list[StoredField], rows: int, most_bytes: int = _BLOCK_BYTES,
+    most_rows: int | None = None
 ) -> int:
     """Return how many states are written at a time."""
     most = min(most_bytes // sum(f.row_bytes for f in fields), most_rows or _MOST_ROWS)
@@ -140,8 +142,9 @@ def block_rows(
 
 
 def create(
-    path: Path, fields: list[Field], rows: int, checkpoint_bytes: int, attributes: dict[str, Any],
-    events: Mapping[str, list[Field]] | None = None,
+    path: Path, fields: list[StoredField], rows: int, checkpoint_bytes: int,
+    attributes: dict[str, Any],
+    events: Mapping[str, list[StoredField]] | None = None,
 ) -> None:
     """Make an empty store; nothing is computed in it yet. ``events`` have arrays by their names."""
     group = zarr.create_group(DurableStore(path),
@@ -156,7 +159,7 @@ def create(
 
 
 def _create_along(
-    group: zarr.Group, dimension: str, fields: list[Field], rows: int, block: int
+    group: zarr.Group, dimension: str, fields: list[StoredField], rows: int, block: int
 ) -> None:
     for one in fields:
         inner = [name for name, _ in one.inner]

@@ -23,7 +23,7 @@ from ..runtime.bindings.binding import REASONS, Binding
 from ..runtime.bindings.wide_numbers import as_bytes, from_bytes
 from ..runtime.events.detection import TAIL, Memory
 
-__all__ = ["Seen", "State", "pack", "room", "unpack"]
+__all__ = ["CheckpointState", "EventProgress", "pack", "room", "unpack"]
 
 Array = NDArray[Any]
 _DIGEST = 32
@@ -31,21 +31,21 @@ _UNSOUND = "the checkpoint holds numbers that no run leaves"
 
 
 @dataclass(frozen=True)
-class Seen:
+class EventProgress:
     """What is known of the events of a run: how often each has happened, what looking needs."""
 
     counts: Array
     memory: Memory
 
     @classmethod
-    def none(cls, binding: Binding, events: int) -> Seen:
+    def none(cls, binding: Binding, events: int) -> EventProgress:
         """Return what is known before the first step."""
         no_rows = binding.new(0, binding.n)
         return cls(np.zeros(events, int), Memory(no_rows, no_rows, np.zeros(events, bool)))
 
 
 @dataclass(frozen=True)
-class State:
+class CheckpointState:
     """Where a run stands.
 
     Attributes
@@ -67,7 +67,7 @@ class State:
     work: Any
     most: int = 0
     status: int = 0
-    seen: Seen | None = None
+    seen: EventProgress | None = None
 
     @property
     def steps(self) -> int:
@@ -83,11 +83,12 @@ class State:
 def room(binding: Binding, events: int = 0) -> int:
     """Return how many bytes a checkpoint has."""
     start = binding.new(binding.n)
-    seen = Seen.none(binding, events) if events else None
-    return len(pack(binding, State(start, start, binding.report(), binding.work(), seen=seen)))
+    seen = EventProgress.none(binding, events) if events else None
+    return len(pack(binding,
+                    CheckpointState(start, start, binding.report(), binding.work(), seen=seen)))
 
 
-def pack(binding: Binding, state: State) -> Array:
+def pack(binding: Binding, state: CheckpointState) -> Array:
     """Return a state as bytes, the same for the same state: a digest, then the parts."""
     binding.clear_padding(state.report, state.work)
     numbers = np.array([state.most, state.status], dtype="<i8")
@@ -99,7 +100,7 @@ def pack(binding: Binding, state: State) -> Array:
     return np.concatenate([digest, body])
 
 
-def _packed(binding: Binding, seen: Seen | None) -> list[Array]:
+def _packed(binding: Binding, seen: EventProgress | None) -> list[Array]:
     """Return what is known of events in parts of one length, however many rows there are."""
     if seen is None:
         return []
@@ -108,7 +109,7 @@ def _packed(binding: Binding, seen: Seen | None) -> list[Array]:
     return [np.array([len(memory.q), *seen.counts, *memory.closed], dtype="<i8"), as_bytes(rows)]
 
 
-def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
+def unpack(binding: Binding, data: Array, events: int = 0) -> CheckpointState | None:
     """Return the state of ``pack``'s bytes, None where nothing was packed yet.
 
     Raises
@@ -143,10 +144,11 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
             and binding.function("is_valid")(report, work)):
         raise ValueError(_UNSOUND)
     if not events:
-        return State(q, p, report, work, most, status)
+        return CheckpointState(q, p, report, work, most, status)
     rows, *known = (int(x) for x in take(8 * (1 + 2 * events)).view("<i8"))
     if not (0 <= rows <= TAIL and min(known) >= 0 and max(known[events:]) <= 1):
         raise ValueError(_UNSOUND)
     tail = numbers(2, TAIL, binding.n)[:, :rows]
     memory = Memory(tail[0], tail[1], np.array(known[events:], bool))
-    return State(q, p, report, work, most, status, Seen(np.array(known[:events]), memory))
+    return CheckpointState(q, p, report, work, most, status,
+                           EventProgress(np.array(known[:events]), memory))

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from ..core.real_types import REALS
 from ..runtime.bindings.wide_numbers import as_bytes
 from ..runtime.results.crossings import Crossings
-from .array_layout import Field, array_of, fields_of_event, names_of, wide_name
+from .array_layout import StoredField, array_of, fields_of_event, names_of, wide_name
 from .chunks import Chunk
 from .validation import refuse_missing_blocks, stored_values
 
-__all__ = ["Happened", "crossings_in", "values_of"]
+__all__ = ["EventStore", "crossings_in", "values_of"]
 
 Array = NDArray[Any]
 
 
-class Happened:
+class EventStore:
     """The arrays of a run's events, to append to."""
 
     def __init__(self, group: zarr.Group, manifest: dict[str, Any], names: list[str]) -> None:
@@ -40,7 +40,7 @@ class Happened:
                 for field, values in zip(self._fields[name], values_of(crossings), strict=True)
                 for chunk in self._of_field(field, begun[name], values)]
 
-    def _of_field(self, field: Field, begun: int, values: Array) -> list[Chunk]:
+    def _of_field(self, field: StoredField, begun: int, values: Array) -> list[Chunk]:
         parts = {field.name: values.astype(field.dtype)}
         if field.wide:
             parts[wide_name(field.name)] = as_bytes(values)

@@ -35,12 +35,11 @@ from .array_layout import (
 from .checkpoint import room
 from .durable_files import new_store_path, remove_parts, storage_errors
 from .identity import identity_of, refuse_if_different, versions
-from .recorder import Course
+from .recorder import Recorder
 from .recording import Recording
-from .staging import appearing, is_new
+from .staging import appearing, claim, is_new
 from .validation import COMPLETE, ENDED, FAILED, RUNNING, refuse_other_arrays
 from .writer import CURE
-from .writer_lock import claim
 
 __all__ = ["record"]
 
@@ -123,7 +122,7 @@ def record(
     with claim(path):
         group = _opened(stepper, run, asked, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
-            Course(stepper, run, asked, path, group).go(progress)
+            Recorder(stepper, run, asked, path, group).go(progress)
     recording = Recording(path)
     if recording.status != COMPLETE and not recording.status.startswith(ENDED):
         raise recording.failure()

@@ -42,9 +42,9 @@ from .array_layout import (
     names_of,
     wide_name,
 )
-from .checkpoint import Seen, State, pack, unpack
+from .checkpoint import CheckpointState, EventProgress, pack, unpack
 from .durable_files import storage_errors
-from .event_store import Happened
+from .event_store import EventStore
 from .validation import (
     COMPLETE,
     ENDED,
@@ -55,13 +55,13 @@ from .validation import (
 )
 from .writer import CURE, Batch, Writer
 
-__all__ = ["Course"]
+__all__ = ["Recorder"]
 
 #: Seconds between two commits: what a killed run computes again, at most.
 COMMIT_SECONDS = 5.0
 
 
-class Course:
+class Recorder:
     """A run under way: where it stands, and the block of rows that it fills."""
 
     def __init__(self, stepper: Stepper, run: Run, events: tuple[Event, ...], path: Path,
@@ -82,7 +82,7 @@ class Course:
 
     # ------------------------------------------------------------ where it stands
 
-    def _begun(self) -> tuple[State, int, Rows]:
+    def _begun(self) -> tuple[CheckpointState, int, Rows]:
         """Return the state to go on from, and the block that it is in."""
         try:
             kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
@@ -103,7 +103,7 @@ class Course:
         rows.iterations[done - first] = kept.most
         return kept, first, rows
 
-    def _refuse_beyond(self, kept: State | None) -> None:
+    def _refuse_beyond(self, kept: CheckpointState | None) -> None:
         """Refuse a checkpoint of more steps, rows or events than the store has."""
         if kept is None:
             return
@@ -114,7 +114,7 @@ class Course:
                 or any(count > rows for count, rows in zip(counts, stored, strict=True))):
             raise ValueError("its checkpoint is ahead of what is stored")
 
-    def _go_on_looking(self, kept: State | None) -> None:
+    def _go_on_looking(self, kept: CheckpointState | None) -> None:
         """Look for events from where the run stands; what is stored from behind there is dropped.
 
         That is of a process that was ended between its events and its checkpoint.
@@ -128,19 +128,19 @@ class Course:
                                       names_of(fields_of_event(self.manifest, one.name)))
         names = [one.name for one in self.events]
         with storage_errors(self.path, CURE):
-            Happened(self.group, self.manifest, names).grow(
+            EventStore(self.group, self.manifest, names).grow(
                 dict(zip(names, self.counts.tolist(), strict=True)))
 
-    def _start(self) -> tuple[State, int, Rows]:
+    def _start(self) -> tuple[CheckpointState, int, Rows]:
         """Return the state and the block at the start; no step is taken."""
         binding, run, rows = self.binding, self.run, self._empty()
         rows.q[0], rows.p[0] = run.q, run.p
-        state = State(run.q.copy(), run.p.copy(), binding.report(), binding.work())
+        state = CheckpointState(run.q.copy(), run.p.copy(), binding.report(), binding.work())
         status = advance(binding, run, self.parameters, 0, 1, state.q, state.p, _out(rows, 0),
                          state.report, state.work)
-        return State(state.q, state.p, state.report, state.work, status=status), 0, rows
+        return CheckpointState(state.q, state.p, state.report, state.work, status=status), 0, rows
 
-    def _states(self, state: State) -> int:
+    def _states(self, state: CheckpointState) -> int:
         """Return how many states are done, with the start, and that where an event ended the run.
         """
         run = self.run
@@ -212,7 +212,7 @@ class Course:
                 self._commit(writer)
                 committed = time.monotonic()
 
-    def _parameters(self, state: State) -> Any:
+    def _parameters(self, state: CheckpointState) -> Any:
         """Return what compiled code goes on with from a state."""
         if self.run.follow is None:
             return self.parameters
@@ -233,7 +233,7 @@ class Course:
                          _out(rows, place), state.report, state.work)
         rows.iterations[place] = max(most, rows.iterations[place])
         self.pace.end(count)
-        self.state = State(state.q, state.p, state.report, state.work, status=status)
+        self.state = CheckpointState(state.q, state.p, state.report, state.work, status=status)
 
     # ------------------------------------------------------------ events
 
@@ -298,18 +298,18 @@ class Course:
         writer.put(Batch(self.first, count, rows, self.committed, self._said(kept), self.end,
                          counts, found))
 
-    def _seen(self) -> Seen | None:
+    def _seen(self) -> EventProgress | None:
         """Return what is known of events here; nothing more is looked for behind an end."""
         if self.observer is None:
             return None
         if self.state.ended_by is not None:
-            return replace(Seen.none(self.binding, len(self.events)), counts=self.counts)
-        return Seen(self.counts, self.observer.memory)
+            return replace(EventProgress.none(self.binding, len(self.events)), counts=self.counts)
+        return EventProgress(self.counts, self.observer.memory)
 
-    def _report(self, state: State) -> Report:
+    def _report(self, state: CheckpointState) -> Report:
         return Report.read(state.report, state.q, state.p, forced=self.binding.has_forces)
 
-    def _said(self, state: State) -> dict[str, Any]:
+    def _said(self, state: CheckpointState) -> dict[str, Any]:
         """Return what the store says of the run so far."""
         if state.ended_by is not None:
             status = ENDED + self.events[state.ended_by].name

@@ -8,11 +8,12 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..core.errors import InputError
+from filelock import FileLock, Timeout
+
+from ..core.errors import InputError, StorageError
 from .durable_files import sync_folder
 
-__all__ = ["appearing", "is_new"]
-
+__all__ = ["appearing", "claim", "is_new", "lock_file"]
 
 def is_new(path: Path, resume: bool, holds: str) -> bool:
     """Return whether a store is to be made; the one that is there is gone on with.
@@ -45,3 +46,42 @@ def appearing(path: Path) -> Iterator[Path]:
         shutil.rmtree(fresh, ignore_errors=True)
         raise
     sync_folder(real.parent)
+
+
+def lock_file(store: Path) -> Path:
+    """Return where a store's lock lies: beside it, for a Zarr folder holds arrays alone.
+
+    Beside the folder itself, by whatever links it was reached.
+    """
+    real = Path(os.path.realpath(store))
+    return real.with_name(f".{real.name}.lock")
+
+
+@contextlib.contextmanager
+def claim(store: Path) -> Iterator[None]:
+    """Hold the lock of a store.
+
+    Raises
+    ------
+    StorageError
+        If another process, or another run of this one, is at it; if no lock can be made there.
+    """
+    lock = FileLock(lock_file(store), thread_local=False)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise StorageError(
+            f"Another process is writing to {str(store)!r}; wait for its end, or choose another "
+            "store. A process that has died holds no lock."
+        ) from error
+    except OSError as error:
+        raise StorageError(
+            f"The store {str(store)!r} cannot be written: its lock {str(lock_file(store))!r} "
+            f"cannot be made, {error.strerror or error}. Choose a folder that can be written."
+        ) from error
+    try:
+        yield
+    finally:
+        if not store.exists():  # it could not be made: nothing hidden stays in its place
+            lock_file(store).unlink(missing_ok=True)
+        lock.release()

@@ -25,7 +25,7 @@ from ..runtime.results.diagnostics import Report, known_fields
 from .array_layout import (
     CHECKPOINT,
     EXTENDS,
-    Field,
+    StoredField,
     array_of,
     attributes_of,
     fields_of_event,
@@ -222,8 +222,9 @@ def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
 
 
 def refuse_other_arrays(
-    path: Path, group: zarr.Group, fields: list[Field], rows: Iterable[int], checkpoint_bytes: int,
-    events: Iterable[Field] = (),
+    path: Path, group: zarr.Group, fields: list[StoredField], rows: Iterable[int],
+    checkpoint_bytes: int,
+    events: Iterable[StoredField] = (),
 ) -> None:
     """Refuse to go on with a store whose arrays are not those of a run of so many rows.
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from ..core.errors import GyrosparkError, InputError, MissingDependencyError
 from ..core.extras import install
 from ..core.interrupts import Interrupts
-from ..storage.array_layout import Field
+from ..storage.array_layout import StoredField
 from .compute_tile import compute
-from .results import Sink, Store
+from .results import Sink, StoreSink
 from .study import Study
 from .tiles import Tile
 
@@ -58,7 +58,7 @@ def client_of(where: Any) -> Client:
 
 
 def run_tiles(
-    study: Study, fields: list[Field], tiles: Iterator[Tile], sink: Sink, client: Client,
+    study: Study, fields: list[StoredField], tiles: Iterator[Tile], sink: Sink, client: Client,
     interrupts: Interrupts, advance: Callable[[Tile], None],
 ) -> None:
     """Compute tiles on the workers of a cluster.
@@ -75,7 +75,7 @@ def run_tiles(
     """
     from distributed.scheduler import KilledWorker
 
-    remote = sink if isinstance(sink, Store) else None
+    remote = sink if isinstance(sink, StoreSink) else None
     ended: SimpleQueue[Any] = SimpleQueue()
     begun: dict[str, tuple[Any, Tile]] = {}
     blamed: list[Tile] = []
@@ -172,7 +172,7 @@ class _Room:
                 "workers, and repeat the sweep with --resume.")
 
 
-def _shared(study: Study, fields: list[Field], sink: Sink | None) -> tuple[Any, ...]:
+def _shared(study: Study, fields: list[StoredField], sink: Sink | None) -> tuple[Any, ...]:
     return study, fields, sink
 
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.interrupts import Interrupts
 from ..runtime.integration.consistency import defects_of_starts
 from ..runtime.steppers.stepper import Stepper
-from ..storage.array_layout import QUANTITY, Field
+from ..storage.array_layout import QUANTITY, StoredField
 from .cell_events import Ends, watched
-from .results import BAD_START, STATUS
+from .results import BAD_START, STATUS, Sink
 from .study import Study
 from .tiles import Cells, Tile, cells_of
 
-__all__ = ["compute"]
+__all__ = ["compute", "run_tiles"]
 
 Array = NDArray[Any]
 
@@ -25,7 +28,7 @@ _ERRORS = {"energy_error": "energy_error", "constraint": "constraint",
 _MEMORY = threading.local()
 
 
-def compute(study: Study, fields: list[Field], tile: Tile) -> dict[str, Array]:
+def compute(study: Study, fields: list[StoredField], tile: Tile) -> dict[str, Array]:
     """Return the arrays of a tile, by name and with the tile's shape, the status last.
 
     A cell whose step fails is NaN, with the steps that were done and the reason as its status; it
@@ -175,3 +178,36 @@ def _alike(columns: list[Array], count: int) -> list[Array]:
         return [np.arange(count)]
     which = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
     return np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
+
+
+def run_tiles(
+    study: Study, fields: list[StoredField], tiles: Iterator[Tile], sink: Sink, workers: int,
+    interrupts: Interrupts, advance: Callable[[Tile], None],
+) -> None:
+    """Compute tiles on ``workers`` threads and write them from this one as they come.
+
+    No more than twice as many tiles are in memory. After a signal those that are begun are
+    finished and written.
+    """
+    for stepper in study.steppers:
+        _ = stepper.binding_of_many  # compiled once, before threads ask for it
+    begun: dict[Future[dict[str, NDArray[Any]]], Tile] = {}
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep")
+    try:
+        while True:
+            while len(begun) < 2 * workers and not interrupts.asked:
+                tile = next(tiles, None)
+                if tile is None:
+                    break
+                begun[pool.submit(compute, study, fields, tile)] = tile
+            if interrupts.asked:
+                begun = {future: tile for future, tile in begun.items() if not future.cancel()}
+            if not begun:
+                return
+            ended, _ = wait(begun, return_when=FIRST_COMPLETED)
+            for future in ended:
+                tile = begun.pop(future)
+                sink.write(tile, future.result())
+                advance(tile)
+    finally:  # after an error nobody waits for tiles that are begun: they may take long
+        pool.shutdown(wait=not begun, cancel_futures=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..storage.array_layout import Field
+from ..storage.array_layout import StoredField
 from .compute_tile import compute
 from .results import fields_of
 from .study import Study
@@ -47,7 +47,7 @@ class Estimate:
     memory_bytes: int
 
 
-def estimate(study: Study, fields: list[Field]) -> Estimate:
+def estimate(study: Study, fields: list[StoredField]) -> Estimate:
     """Time samples of neighbouring cells, spread evenly over the axes, a part of their steps."""
     tiles, steps = _counts(study)
     samples = [_seconds_a_step(study, _sample(study, i)) for i in range(_SAMPLES)]

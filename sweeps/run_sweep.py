@@ -22,19 +22,18 @@ from ..runtime.bindings.array_checks import as_callback, as_positive_count
 from ..runtime.bindings.binding import SolverName
 from ..runtime.bindings.wide_numbers import as_bytes
 from ..runtime.results.rotation_rate import Turning
-from ..storage.array_layout import Field, attributes_of, open_group
+from ..storage.array_layout import StoredField, attributes_of, open_group
 from ..storage.durable_files import new_store_path, remove_parts, storage_errors
 from ..storage.identity import refuse_if_different, versions
-from ..storage.staging import appearing, is_new
-from ..storage.writer_lock import claim
-from . import cluster, local_threads
+from ..storage.staging import appearing, claim, is_new
+from . import cluster, compute_tile
 from .plan import plan
 from .results import (
     CURE,
     FORMAT,
-    Memory,
+    MemorySink,
     Sink,
-    Store,
+    StoreSink,
     create_store,
     done_tiles,
     fields_of,
@@ -161,7 +160,7 @@ def run_study(
     if out is None:
         if resume:
             raise InputError("resume goes on with a store; give out.")
-        memory = Memory(study, fields)
+        memory = MemorySink(study, fields)
         try:
             _compute(study, fields, set(), memory, threads, client, progress, None)
         except Stopped as stopped:
@@ -172,7 +171,7 @@ def run_study(
     with claim(path):
         with storage_errors(path, CURE):
             _prepare(study, fields, path, attributes, resume)
-        _compute(study, fields, done_tiles(path), Store(path.absolute()), threads, client,
+        _compute(study, fields, done_tiles(path), StoreSink(path.absolute()), threads, client,
                  progress, path)
         with storage_errors(path, CURE):
             remove_parts(path)
@@ -195,7 +194,7 @@ def _warn_of_turning(study: Study) -> None:
 
 
 def _prepare(
-    study: Study, fields: list[Field], path: Path, attributes: dict[str, Any], resume: bool
+    study: Study, fields: list[StoredField], path: Path, attributes: dict[str, Any], resume: bool
 ) -> None:
     """Make the store, or see that the one that is there belongs to this study."""
     if is_new(path, resume, "sweep"):
@@ -212,7 +211,7 @@ def _prepare(
 
 
 def _compute(
-    study: Study, fields: list[Field], done: set[tuple[int, ...]], sink: Sink, threads: int,
+    study: Study, fields: list[StoredField], done: set[tuple[int, ...]], sink: Sink, threads: int,
     client: Any, progress: Progress | None, path: Path | None,
 ) -> None:
     """Compute the tiles that are not done."""
@@ -223,7 +222,7 @@ def _compute(
     counted.tell()
     with watched() if stored else ctrl_c() as interrupts:
         if client is None:
-            local_threads.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
+            compute_tile.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
         else:
             cluster.run_tiles(study, fields, left, sink, client, interrupts, counted.add)
     if interrupts.asked:
@@ -262,7 +261,7 @@ def _size(tile: Tile) -> int:
     return int(np.prod(tile.shape, dtype=np.int64))
 
 
-def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
+def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
     """Return what a result says of itself; ``sweep`` is compared before a sweep goes on."""
     return {
         "title": study.name,

@@ -189,7 +189,7 @@ def where_it_is(out: Path | None) -> str:
 
 def _remove(store: Path) -> None:
     """Remove a store that is no longer needed, unless a process is at it."""
-    from ...storage.writer_lock import claim, lock_file
+    from ...storage.staging import claim, lock_file
 
     with claim(store):
         shutil.rmtree(store, ignore_errors=True)

@@ -18,12 +18,12 @@ from ...engine.amalgamate import INCLUDE_CHECK, amalgamate
 from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
-from ..schemes.frame_kernels import Turning
+from ..schemes.frame_kernels import FrameRotation
 from ..schemes.step_equations import MeanScheme, SparkScheme, common_kernels
 from ..symbolic.cardinal_functions import c_names_with_needs
-from ..symmetry.frame_symmetries import Frame
+from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving_frame import MovingSystem, energy_of
+from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.repeated_structure import Structure
 from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
@@ -47,7 +47,8 @@ TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
 class Source:
     """The three files of a stepper, as text.
 
-    The C includes headers of the engine, but for profiles ``control`` and ``run``: it has them in it.
+    The C includes headers of the engine,
+    but for profiles ``control`` and ``run``: it has them in it.
     """
 
     name: str
@@ -78,7 +79,7 @@ def emit(
     real: Real,
     structured: bool | None = None,
     profile: ProfileName = "full",
-    frame: Frame | None = None,
+    frame: CoMovingFrame | None = None,
 ) -> Source:
     """Return the C and the manifest.
 
@@ -95,7 +96,7 @@ def emit(
     lagrangian = isinstance(scheme.system, LagrangianSystem)
     if lagrangian:
         structured = False  # M couples all of it
-    carried = isinstance(scheme.system, MovingSystem) and bool(scheme.system.carried)
+    carried = isinstance(scheme.system, CoMovingSystem) and bool(scheme.system.frame_velocity)
     if carried:
         structured = False  # what a frame moves is no form
     if structured is None:
@@ -247,8 +248,8 @@ def _context(
             energy_of(system)),
         "lagrangian": comment(legendre.texts()[1]) if legendre else "",
         "forces": [comment(f) for f in system.forces],
-        "time": str(system.time) if system.is_driven else "",
-        "timed": system.is_timed,
+        "time": str(system.time) if system.is_nonautonomous else "",
+        "timed": system.is_time_dependent,
         "framed": False,
         "inputs": [str(u) for u in system.inputs],
         "input_places": [list(constants_c).index(str(u)) for u in system.inputs
@@ -284,12 +285,14 @@ def _context(
     }
 
 
-def _frame_context(frame: Frame | None, name: str, system: System, real: Real) -> dict[str, Any]:
+def _frame_context(
+    frame: CoMovingFrame | None, name: str, system: System, real: Real
+) -> dict[str, Any]:
     """Return what the templates need of a co-moving frame; ``framed`` is False without one."""
     if frame is None:
         return {"framed": False}
     wide = REALS["double"] if real.name == "float" else real  # 24 bits count no 10⁹ steps
-    turning = Turning(frame, system)
+    turning = FrameRotation(frame, system)
     target = Target(real.c_type, "parameters_t", "")
     rates = [f"product_of({wide.literal(a)}, par->{frame.groups[g][0].name})"
              if turning.axes[g] is None else

@@ -13,8 +13,8 @@ from ...core.real_types import Real
 from ..kernels.kernel import Constants, EmittedKernel
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.step_equations import MeanScheme, SparkScheme
-from ..symmetry.frame_symmetries import Frame
-from ..systems.body_layout import BodyAt, Entry, JointAt, Pull
+from ..symmetry.frame_symmetries import CoMovingFrame
+from ..systems.body_layout import BodyLayout, ConstraintForce, Entry, JointLayout
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import energy_of
 from ..systems.smoothness import Switching
@@ -35,7 +35,7 @@ def hidden_constraints(
 ) -> list[str]:
     """Return the constraints on the momenta as text."""
     if forms["structured"]:
-        return ["G H_p + g_t" if scheme.system.is_timed else "G H_p"] * scheme.system.m
+        return ["G H_p + g_t" if scheme.system.is_time_dependent else "G H_p"] * scheme.system.m
     return [str(constants.spelled_out(f)) for f in scheme.system.hidden]
 
 
@@ -50,7 +50,7 @@ def manifest_text(
     fast: dict[str, Any],
     forms: dict[str, Any],
     profile: ProfileName,
-    frame: Frame | None = None,
+    frame: CoMovingFrame | None = None,
 ) -> str:
     """Return the manifest as JSON."""
     tableau = scheme.tableau
@@ -152,11 +152,11 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
     said: dict[str, Any] = {}
     if system.forces:
         said["forces"] = [str(f) for f in system.forces]
-    if system.is_driven:
+    if system.is_nonautonomous:
         said["time"] = str(system.time)
     if system.inputs:
         said["inputs"] = [str(u) for u in system.inputs]
-    if system.is_timed:
+    if system.is_time_dependent:
         said["time_in_H_or_g"] = True
     if system.quantities:
         said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
@@ -176,7 +176,7 @@ def _bodies(system: System) -> dict[str, Any]:
             **(joints if system.joints else {})}
 
 
-def _body(body: BodyAt) -> dict[str, Any]:
+def _body(body: BodyLayout) -> dict[str, Any]:
     inertia = "inertia" if len(body.inertia) == 3 else "inverse_inertia"
     place = {"x": [str(x) for x in body.x]} if body.x else {"origin": _entries(body.origin)}
     centre = {"centre": _entries(body.centre)} if body.centre else {}
@@ -185,14 +185,15 @@ def _body(body: BodyAt) -> dict[str, Any]:
             **centre, **mass}
 
 
-def _joint(joint: JointAt) -> dict[str, Any]:
-    pulls = {name: None if pull is None else {"kind": pull.kind, **_vectors(pull, "on_a", "on_b")}
-             for name, pull in joint.pulls}
+def _joint(joint: JointLayout) -> dict[str, Any]:
+    constraint_forces = {
+        name: None if pull is None else {"kind": pull.kind, **_vectors(pull, "on_a", "on_b")}
+             for name, pull in joint.constraint_forces}
     places = _vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero")
-    return {"bodies": [joint.a, joint.b], **places, "constraints": pulls}
+    return {"bodies": [joint.a, joint.b], **places, "constraints": constraint_forces}
 
 
-def _vectors(one: JointAt | Pull, *names: str) -> dict[str, list[str | float]]:
+def _vectors(one: JointLayout | ConstraintForce, *names: str) -> dict[str, list[str | float]]:
     """Return those of its vectors that it has."""
     return {name: _entries(getattr(one, name)) for name in names if getattr(one, name)}
 
@@ -219,7 +220,7 @@ def _domain(parameter: sp.Symbol) -> str:
 # ---------------------------------------------------------------- co-moving frames
 
 
-def frame_manifest(frame: Frame, system: System) -> dict[str, Any]:
+def frame_manifest(frame: CoMovingFrame, system: System) -> dict[str, Any]:
     """Return the symmetries as JSON: A by its entries, conditions as polynomials that vanish."""
     return {"symmetries": [{
         "name": symmetry.name,

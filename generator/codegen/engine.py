@@ -7,9 +7,9 @@ from typing import Any
 from ...core.real_types import Real
 from ..schemes.lagrangian_midpoint import LagrangianEMS
 from ..schemes.step_equations import MeanScheme, SparkScheme
-from ..symmetry.frame_symmetries import Frame
+from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving_frame import MovingSystem
+from ..systems.moving_frame import CoMovingSystem
 from ..systems.system import System
 from .profiles import ProfileName
 
@@ -21,7 +21,7 @@ ENGINE_VERSION = 1
 
 def features(
     scheme: SparkScheme | MeanScheme, system: System, real: Real, fast: dict[str, Any], *,
-    structured: bool = False, frame: Frame | None = None, rotates: bool = False,
+    structured: bool = False, frame: CoMovingFrame | None = None, rotates: bool = False,
     profile: ProfileName = "full",
 ) -> list[str]:
     """Return the names of the features, without their prefix."""
@@ -33,13 +33,14 @@ def features(
         "SPARK": isinstance(scheme, SparkScheme),
         "ELEMENTS": structured,
         "FORCES": bool(system.forces),
-        "TIME_DEPENDENT": system.is_timed,
+        "TIME_DEPENDENT": system.is_time_dependent,
         "INPUTS": bool(system.inputs) and full,
         "LAGRANGIAN": lagrangian,
         "ENERGY_MOMENTUM": isinstance(scheme, LagrangianEMS),
         "INDEFINITE_MASS": isinstance(system, LagrangianSystem) and not system.is_definite,
         "FRAME": frame is not None,
-        "FRAME_WORK": isinstance(scheme.system, MovingSystem) and bool(scheme.system.carried),
+        "FRAME_WORK": isinstance(scheme.system, CoMovingSystem)
+        and bool(scheme.system.frame_velocity),
         "ROTATING_MULTIPLIERS": rotates,
         "FIXED_POINT": full and bool(fast["fast"]),
         "CONSTANT_SCHUR": bool(fast.get("constant_schur")),

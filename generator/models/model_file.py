@@ -65,7 +65,7 @@ from .multibody_file import read_bodies
 from .robots import read_loops
 from .single_body_file import read_body
 from .system_file import read_system
-from .toml_tables import Table, load_toml
+from .toml_tables import TomlTable, load_toml
 from .urdf import read_settings
 
 __all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
@@ -73,7 +73,7 @@ __all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 #: The table that tells a kind of model → what reads it.
-KINDS: Mapping[str, Callable[[Table, str, Formulas, str | None], Model]] = {
+KINDS: Mapping[str, Callable[[TomlTable, str, Formulas, str | None], Model]] = {
     "body": read_body,
     "system": read_system,
     "bodies": read_bodies,
@@ -178,7 +178,7 @@ def _read(
         raise content.file_error(str(error)) from None
 
 
-def _with_inputs(model: Model, content: Table) -> Model:
+def _with_inputs(model: Model, content: TomlTable) -> Model:
     """Return the model with what [inputs] names as inputs; their values are those by default."""
     known = {str(x): x for x in model.system.parameters}
     table = content.table("inputs")
@@ -189,13 +189,13 @@ def _with_inputs(model: Model, content: Table) -> Model:
     return replace(model, system=replace(model.system, inputs=inputs)) if inputs else model
 
 
-def _with_events(model: Model, content: Table) -> Model:
+def _with_events(model: Model, content: TomlTable) -> Model:
     """Return the model with what [events] looks for."""
     table = content.table("events")
 
     def read(name: str) -> Event:
         def level(text: str) -> float:
-            return Table({name: text}, table.where, table.file_error, table.constants).number(
+            return TomlTable({name: text}, table.where, table.file_error, table.constants).number(
                 name, UNITS)
 
         return event_of_text(table.text(name), table.symbol(name, name), level)
@@ -203,7 +203,7 @@ def _with_events(model: Model, content: Table) -> Model:
     return replace(model, events=[read(name) for name in table.items()])
 
 
-def _name(content: Table) -> str:
+def _name(content: TomlTable) -> str:
     name = content.text("name")
     if not NAME.fullmatch(name) or name in KEYWORDS:
         raise content.error("name", f"is {name!r}; write at most 40 lower case letters, digits and "
@@ -213,7 +213,7 @@ def _name(content: Table) -> str:
     return name
 
 
-def _set(content: Table, key: str, value: str) -> None:
+def _set(content: TomlTable, key: str, value: str) -> None:
     """Put a value in place of the file's, or beside its others."""
     *path, last = key.split(".") if "." in key else ("parameters", key)
     table: Any = content.content

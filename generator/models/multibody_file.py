@@ -63,7 +63,7 @@ from ..multibody.multibody import JOINTS as KINDS
 from ..parsing.grammar import ANGLES, RATES
 from .common_tables import Formulas, run_length
 from .single_body_file import ATTITUDES, inertia_numbers, read_attitude
-from .toml_tables import Table
+from .toml_tables import TomlTable
 
 __all__ = ["finished", "join", "read_bodies", "telling"]
 
@@ -87,7 +87,7 @@ ON_JOINTS = {"gear": 2, "couple": 2, "joint_spring": 1, "motor": 1}
 WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "angle": ANGLES}
 
 
-def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
     """Return the model of a file with [[bodies]]; ``rep`` takes the place of every body's.
 
     Raises
@@ -128,7 +128,7 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
     return finished(builder, content)
 
 
-def finished(builder: Multibody, content: Table) -> Model:
+def finished(builder: Multibody, content: TomlTable) -> Model:
     """Return the model, without the redundant constraints that the file says."""
     redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
     model = builder.model(without=content.strings("without"), redundant=cast("Any", redundant))
@@ -142,7 +142,7 @@ def _parameters(builder: Multibody, formulas: Formulas) -> None:
         builder.parameter(parameter, value)
 
 
-def _point(builder: Multibody, table: Table, formulas: Formulas) -> Frame:
+def _point(builder: Multibody, table: TomlTable, formulas: Formulas) -> Frame:
     """Return a point of the ground that moves."""
     table.allow("name", "path")
     table.require("name", "path")
@@ -150,7 +150,7 @@ def _point(builder: Multibody, table: Table, formulas: Formulas) -> Frame:
     return builder.moving_point(table.symbol("name", table.text("name")), path)
 
 
-def _drive(builder: Multibody, table: Table, formulas: Formulas) -> None:
+def _drive(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
     """Add a drive, whose angle is a formula of t."""
     table.allow("name", "joint", "angle")
     table.require("name", "joint", "angle")
@@ -158,7 +158,7 @@ def _drive(builder: Multibody, table: Table, formulas: Formulas) -> None:
     builder.drive(table.symbol("name", table.text("name")), table.text("joint"), angle=law)
 
 
-def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Frame]:
+def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str, Frame]:
     tables = content.tables("bodies")
     count = len(tables) + sum(len(content.tables(kind)) for kind in ("point_masses", "rotors"))
     if not 1 <= count <= MAX_BODIES:
@@ -174,7 +174,7 @@ def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Fr
     return found
 
 
-def _body(builder: Multibody, table: Table, rep: str | None) -> Body:
+def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
     chosen = table.choice("rep", REPS, "gamma") if rep is None else rep
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
     if "angular_velocity" in table:
@@ -187,7 +187,7 @@ def _body(builder: Multibody, table: Table, rep: str | None) -> Body:
     )
 
 
-def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
+def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
     """Add a point with mass."""
     table.allow("name", "mass", "position", "velocity")
     table.require("name", "mass")
@@ -196,7 +196,7 @@ def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -
                               **cast("dict[str, Any]", vectors))
 
 
-def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
+def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
     """Add a wheel on a body; its bearing is a joint that motors may name."""
     table.allow("name", "bodies", "mass", "inertia", *AXES, "at", "on_body", "rate")
     table.require("name", "bodies", "mass", "inertia")
@@ -208,7 +208,7 @@ def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Bod
         **cast("dict[str, Any]", vectors))
 
 
-def telling(table: Table, build: Callable[[Table], Any], argument: Table) -> Any:
+def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlTable) -> Any:
     """Call a builder and say which table its refusal belongs to."""
     try:
         return build(argument)
@@ -240,7 +240,7 @@ def _names(
 
 
 def join(
-    builder: Multibody, bodies: Mapping[str, Frame], table: Table,
+    builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable,
     told: Callable[[dict[str, Any]], dict[str, Any]] = dict,
 ) -> None:
     """Call the method of the joint's type with the keys of its table, as ``told`` has them."""
@@ -259,7 +259,7 @@ def join(
 
 
 def _force(
-    builder: Multibody, bodies: Mapping[str, Frame], table: Table, formulas: Formulas,
+    builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
     motion: Mapping[str, sp.Expr],
 ) -> None:
     kind = _kind(table, FORCES)
@@ -287,7 +287,7 @@ def _force(
     getattr(builder, kind)(body, entries, **points)
 
 
-def _kind(table: Table, kinds: Mapping[str, tuple[str, ...]]) -> str:
+def _kind(table: TomlTable, kinds: Mapping[str, tuple[str, ...]]) -> str:
     """Return the type of a joint or force, its keys checked."""
     table.require("type")
     kind = table.choice("type", tuple(kinds), "")
@@ -297,7 +297,7 @@ def _kind(table: Table, kinds: Mapping[str, tuple[str, ...]]) -> str:
     return kind
 
 
-def _joints(table: Table, kind: str) -> list[str]:
+def _joints(table: TomlTable, kind: str) -> list[str]:
     """Return the names of the joints that something acts on."""
     names = table.strings("joints")
     if len(names) != ON_JOINTS[kind]:
@@ -305,7 +305,7 @@ def _joints(table: Table, kind: str) -> list[str]:
     return names
 
 
-def _frames(table: Table, bodies: Mapping[str, Frame], count: int) -> list[Frame]:
+def _frames(table: TomlTable, bodies: Mapping[str, Frame], count: int) -> list[Frame]:
     names = table.strings("bodies")
     if len(names) != count:
         raise table.error("bodies", f"has {len(names)} names; write {count}.")

@@ -33,7 +33,7 @@ from ..multibody.model import Model
 from ..multibody.multibody import Multibody
 from ..parsing.text_file import model_text
 from .multibody_file import finished, join, telling
-from .toml_tables import Table, load_toml
+from .toml_tables import TomlTable, load_toml
 from .urdf import parse_urdf
 from .urdf_robot import IDENTITY
 from .urdf_tree import Mount
@@ -136,14 +136,14 @@ def _read(
 class Loops:
     """What closes the loops of a robot."""
 
-    content: Table
+    content: TomlTable
 
     def close(self, builder: Multibody, links: Mapping[str, Mount]) -> None:
         """Add the joints, between links."""
         known = {"ground": Mount(GROUND, IDENTITY, IDENTITY), **links}
         frames = {name: mount.frame for name, mount in known.items()}
 
-        def one(table: Table) -> Any:
+        def one(table: TomlTable) -> Any:
             names = table.strings("bodies")
 
             def in_bodies(values: dict[str, Any]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.inertia import inverse_entries
-from ..systems.body_layout import BodyAt, Entries, Entry, JointAt, Pull
+from ..systems.body_layout import BodyLayout, ConstraintForce, Entries, Entry, JointLayout
 from ..systems.numeric_system import NumericConstraints
 from ..systems.redundant_constraints import Redundancy, find_redundant
 from ..systems.system import System
@@ -202,10 +202,10 @@ def _by_first_use(store: Mapping[str, float]) -> Any:
     return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
 
 
-def body_at(body: Body, kept: set[sp.Symbol], values: Mapping[str, float]) -> BodyAt:
+def body_at(body: Body, kept: set[sp.Symbol], values: Mapping[str, float]) -> BodyLayout:
     """Return the layout of a body; ``kept`` are the system's parameters, ``values`` of all."""
     held: dict[str, Any] = {} if body.x else {"origin": _entries(body.origin, kept, values)}
-    return BodyAt(body.name, body.q, body.inverse or body.inertia, body.x, **held,
+    return BodyLayout(body.name, body.q, body.inverse or body.inertia, body.x, **held,
                   centre=_entries(body.centre, kept, values),
                   mass=_entry(body.mass, kept, values))
 
@@ -213,7 +213,7 @@ def body_at(body: Body, kept: set[sp.Symbol], values: Mapping[str, float]) -> Bo
 def joint_at(
     link: Connection, poses: Poses, equations: Iterable[str], kept: set[sp.Symbol],
     values: Mapping[str, float], counted: bool,
-) -> JointAt:
+) -> JointLayout:
     """Return the layout of a joint; ``equations`` are the names of the system's constraints.
 
     ``counted``: the system depends on its angle, so that full turns count.
@@ -222,19 +222,24 @@ def joint_at(
     there = set(equations)
     (on_a, on_b), (axis_a, axis_b) = link.places(store), link.axes(poses, store)
     zero = hinge_of(link).zero(poses, store) if counted else ()
-    pulls = [(equation.name, None if equation.pull is None else _pull(equation.pull, kept, values))
-             for equation in link.equations(poses, store) if equation.name in there]
-    return JointAt(link.name, _name(link.a), _name(link.b), _entries(on_a, kept, values),
+    constraint_forces = [
+        (equation.name, _force_entries(equation.constraint_force, kept, values))
+        for equation in link.equations(poses, store) if equation.name in there]
+    return JointLayout(link.name, _name(link.a), _name(link.b), _entries(on_a, kept, values),
                    _entries(on_b, kept, values), _entries(axis_a, kept, values),
-                   _entries(axis_b, kept, values), _entries(zero, kept, values), tuple(pulls))
+                   _entries(axis_b, kept, values), _entries(zero, kept, values),
+                   tuple(constraint_forces))
 
 
 def _name(frame: Frame) -> str:
     return frame.name if isinstance(frame, Body) else ""
 
 
-def _pull(pull: Pull, kept: set[sp.Symbol], values: Mapping[str, float]) -> Pull:
-    return Pull(pull.kind, _entries(pull.on_a, kept, values), _entries(pull.on_b, kept, values))
+def _force_entries(
+    force: ConstraintForce | None, kept: set[sp.Symbol], values: Mapping[str, float]
+) -> ConstraintForce | None:
+    return force and ConstraintForce(force.kind, _entries(force.on_a, kept, values),
+                                     _entries(force.on_b, kept, values))
 
 
 def _entries(given: Sequence[Any], kept: set[sp.Symbol], values: Mapping[str, float]) -> Entries:

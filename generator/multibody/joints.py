@@ -45,7 +45,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ..systems.body_layout import Pull
+from ..systems.body_layout import ConstraintForce
 from .body import Body, Frame, GeneralisedForce, Vector, dot
 from .initial_poses import Pose, clean, conjugate, direction, normals, product
 
@@ -73,7 +73,7 @@ class Equation:
 
     name: str
     expression: sp.Expr
-    pull: Pull | None = None
+    constraint_force: ConstraintForce | None = None
 
 
 def named_vector(
@@ -241,7 +241,8 @@ class Joint(PointConnection):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         for k, (x, y) in enumerate(zip(*self.points(store), strict=True)):
-            yield Equation(f"{self.name}: {'xyz'[k]}", x - y, Pull("force", coordinate_axis(k)))
+            yield Equation(f"{self.name}: {'xyz'[k]}", x - y,
+                           ConstraintForce("force", coordinate_axis(k)))
 
 
 @dataclass(eq=False, repr=False)
@@ -359,7 +360,8 @@ class Rod(PointConnection):
         """Yield the constraint; values of its parameters go into ``store``."""
         length = sp.Symbol(f"{self.name}_length", positive=True)
         store[str(length)] = self.distance(poses) if self.length is None else self.length
-        yield Equation(f"{self.name}: length", self.square(store) - length**2, Pull("distance"))
+        yield Equation(f"{self.name}: length", self.square(store) - length**2,
+                       ConstraintForce("distance"))
 
 
 @dataclass(eq=False, repr=False)
@@ -431,7 +433,8 @@ def perpendicular(
     name: str, a: Frame, n: Sequence[sp.Expr], b: Frame, e: Sequence[sp.Expr]
 ) -> Equation:
     """Return the constraint that a direction of a stays perpendicular to one of b."""
-    return Equation(name, dot(a.direction(n), b.direction(e)), Pull("torque", tuple(n), tuple(e)))
+    return Equation(name, dot(a.direction(n), b.direction(e)),
+                    ConstraintForce("torque", tuple(n), tuple(e)))
 
 
 
@@ -597,7 +600,7 @@ class RheonomicConstraint(Connection):
         c, s = cosine_and_sine(hinge, poses, store)
         since = self.law - named_number(f"{self.name}_begin", self.begin, store)
         yield Equation(f"{self.name}: angle", c * sp.sin(since) - s * sp.cos(since),
-                       Pull("axial", hinge.ends(poses, store)[0]))
+                       ConstraintForce("axial", hinge.ends(poses, store)[0]))
 
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
         """Return the axes of the hinge."""

@@ -17,7 +17,7 @@ function "if" knows none. And of a number with a unit, where one is meant:
     unit     = "deg" | "rad" | "deg/s" | "rad/s" | "rpm"             10*3 deg, 90 deg - 0.1 rad
 
 The text comes from files of unknown origin: it is never handed to Python or to SymPy's parsers.
-What an operation means is an ``Arithmetic``: exact bounded numbers in ``exact_expressions``,
+What an operation means is an ``ParserArithmetic``: exact bounded numbers in ``exact_expressions``,
 formulas in named symbols in ``models.formulas``.
 """
 
@@ -39,7 +39,7 @@ from .tokens import (
     tokens,
 )
 
-__all__ = ["ANGLES", "RATES", "UNITS", "Arithmetic", "Choosing", "parse", "parse_quantity"]
+__all__ = ["ANGLES", "RATES", "UNITS", "Choosing", "ParserArithmetic", "parse", "parse_quantity"]
 
 MAX_LENGTH = 4000
 MAX_DEPTH = 50
@@ -56,7 +56,7 @@ UNITS = ANGLES | RATES
 V = TypeVar("V")
 
 
-class Arithmetic(Protocol[V]):
+class ParserArithmetic(Protocol[V]):
     """What the operations of a text mean; each may raise ``RefusedError``."""
 
     @property
@@ -92,7 +92,7 @@ class Arithmetic(Protocol[V]):
         """Return a function's value."""
 
 
-class Choosing(Arithmetic[V], Protocol[V]):
+class Choosing(ParserArithmetic[V], Protocol[V]):
     """An arithmetic with the function "if"; conditions are of whatever type it likes."""
 
     def compare(self, sign: str, a: V, b: V) -> Any:
@@ -105,7 +105,7 @@ class Choosing(Arithmetic[V], Protocol[V]):
         """Return ``yes`` where a condition holds, else ``no``."""
 
 
-def parse(text: str, arithmetic: Arithmetic[V], example: str) -> V:
+def parse(text: str, arithmetic: ParserArithmetic[V], example: str) -> V:
     """Return what a text says in an arithmetic; ``example`` is proposed in place of no text.
 
     Raises ``InputError``, with the position and the cure, for text that is empty, too long, too
@@ -126,7 +126,7 @@ def parse(text: str, arithmetic: Arithmetic[V], example: str) -> V:
 
 
 def parse_quantity(
-    text: str, arithmetic: Arithmetic[V], example: str, units: Mapping[str, str]
+    text: str, arithmetic: ParserArithmetic[V], example: str, units: Mapping[str, str]
 ) -> V:
     """Return what a text says that may have units: as ``parse``, in rad and seconds."""
     if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):
@@ -146,7 +146,7 @@ def _words(units: Iterable[str]) -> set[str]:
 class _Parser(Generic[V]):
     """Recursive descent: one method for each line of the grammar."""
 
-    def __init__(self, text: str, arithmetic: Arithmetic[V]) -> None:
+    def __init__(self, text: str, arithmetic: ParserArithmetic[V]) -> None:
         self.text = text
         self.arithmetic = arithmetic
         self.tokens = list(tokens(text))

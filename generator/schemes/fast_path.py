@@ -32,11 +32,10 @@ from ..symbolic.switching_functions import depends_by_steps, switches_of
 from ..systems.jacobians import jacobian, shortest
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
-from .kernel_inputs import time_input
 from .lagrangian_kernels import motion_kernels
 from .lagrangian_midpoint import LagrangianIMS
 from .step_equations import MeanScheme, common_kernels, drive_kernels, rate_kernels
-from .system_differences import vector
+from .system_differences import time_input, vector
 
 __all__ = ["FastLagrangian", "FastSystem", "fast_system"]
 

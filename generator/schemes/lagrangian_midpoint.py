@@ -23,15 +23,14 @@ import sympy as sp
 
 from ..kernels.statements import Kernel
 from ..symbolic.derivatives import along
-from ..symbolic.identities import Finding, compare
+from ..symbolic.identities import IdentityCheck, compare
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .discrete_gradient import discrete_gradient
-from .kernel_inputs import time_input
 from .lagrangian_kernels import motion_kernels, newton_kernels
 from .step_equations import MeanScheme
-from .system_differences import LATE, vector, with_time
+from .system_differences import LATE, time_input, vector, with_time
 
 __all__ = ["LagrangianEMS", "LagrangianIMS", "mean_scheme"]
 
@@ -131,7 +130,7 @@ class LagrangianEMS(LagrangianIMS):
         v0, v1 = self.ends
         return super()._backwards | dict(zip([*v0, *v1], [*v1, *v0], strict=True))
 
-    def balance(self) -> Finding:
+    def balance(self) -> IdentityCheck:
         """Whether ΔH = D_pH·Δp + D_qH·Δq + D_tH Δt, for all v₀ and v₁."""
         system = self.system
         variables = with_time(system.q, self.means[0], self.differences[0], system.clock)
@@ -144,7 +143,7 @@ class LagrangianEMS(LagrangianIMS):
             energies.append(sp.Add(-L, *(a * b for a, b in zip(p, v, strict=True))))
         gained = (v * (b - a) for v, a, b in zip(self.mean_velocity, *momenta, strict=True))
         moved = (-d * dx for d, dx in zip(self._slopes, variables[2], strict=True))
-        small = self.differences[0] + [LATE] * system.is_timed
+        small = self.differences[0] + [LATE] * system.is_time_dependent
         return compare([energies[1] - energies[0]], [sp.Add(*gained, *moved)], small)
 
     # ------------------------------------------------------------ kernels
@@ -155,7 +154,7 @@ class LagrangianEMS(LagrangianIMS):
         less = " + F at the means" if self.system.forces else ""
         kernels = [Kernel("mean_generalised_force", f"R = D_q(v0^T M v1/2 + b.v - V){less}",
                           at | time_input(self.system), {"R": self.mean_push})]
-        if self.system.is_timed:
+        if self.system.is_time_dependent:
             kernels.append(Kernel("mean_energy_rate_of_velocities",
                                   "D_t: mean of dH/dt between the ends", at,
                                   {"D_t": self.mean_drive}))

@@ -30,14 +30,13 @@ import sympy as sp
 
 from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
-from ..symbolic.identities import Finding, compare
+from ..symbolic.identities import IdentityCheck, compare
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.jacobians import jacobian
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving_frame import MovingSystem, energy_of
+from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.system import System
 from ..tableaux.tableau import Tableau
-from .kernel_inputs import time_input
 from .lagrangian_kernels import motion_kernels, newton_kernels, state_kernels
 from .system_differences import (
     LATE,
@@ -46,6 +45,7 @@ from .system_differences import (
     discrete_slopes,
     mean_gradient_of,
     mean_slopes_of,
+    time_input,
     vector,
 )
 
@@ -62,9 +62,9 @@ def common_kernels(system: System) -> list[Kernel]:
     if system.forces:
         kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
                               at_state | time_input(system), {"F": list(system.forces)}))
-    if isinstance(system, MovingSystem) and system.carried:
+    if isinstance(system, CoMovingSystem) and system.frame_velocity:
         kernels.append(Kernel("frame_velocity", "sum omega_i A_i q, by which the frame moves q",
-                              {"q": list(system.q)}, {"v": list(system.carried)}))
+                              {"q": list(system.q)}, {"v": list(system.frame_velocity)}))
     if system.m == 0:
         return kernels
     return [
@@ -232,14 +232,14 @@ class MeanScheme:
             return 0
         return 1 if self.symmetry(thorough=False).how == "refuted" else 2
 
-    def consistency(self, *, thorough: bool = True) -> Finding:
+    def consistency(self, *, thorough: bool = True) -> IdentityCheck:
         """Whether D = (H_q, H_p) for Δ = 0."""
         system = self.system
         at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
         gradient = substitute([*system.H_q, *system.H_p, *self._rates_of_time], at_mean)
         return compare(substitute(self._D, self._no_step), gradient, thorough=thorough)
 
-    def symmetry(self, *, thorough: bool = True) -> Finding:
+    def symmetry(self, *, thorough: bool = True) -> IdentityCheck:
         """Whether exchange of the end points, which turns Δ into −Δ, leaves D as it is."""
         return compare(self._D, substitute(self._D, self._backwards), self._differences,
                        thorough=thorough)
@@ -257,16 +257,17 @@ class MeanScheme:
     @property
     def _rates_of_time(self) -> list[sp.Expr]:
         """H_t and g_t, of what has time."""
-        return [self.system.H_t, *self.system.g_t] if self.system.is_timed else []
+        return [self.system.H_t, *self.system.g_t] if self.system.is_time_dependent else []
 
     @property
     def _D(self) -> list[sp.Expr]:
-        drives = [self.mean_drive, *self.mean_constraint_rate] if self.system.is_timed else []
+        drives = [self.mean_drive,
+                  *self.mean_constraint_rate] if self.system.is_time_dependent else []
         return [*self.mean_gradient[0], *self.mean_gradient[1], *drives]
 
     @property
     def _differences(self) -> list[sp.Symbol]:
-        late = [LATE] if self.system.is_timed else []
+        late = [LATE] if self.system.is_time_dependent else []
         return [*self.differences[0], *self.differences[1], *late]
 
     def kernels(self) -> list[Kernel]:
@@ -311,14 +312,14 @@ class MeanScheme:
         (qm, pm), (dq, dp) = self.means, self.differences
         return [Kernel("mean_energy_rate", "D_t: mean of dH/dt between the ends",
                        {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_drive})
-                ] if self.system.is_timed else []
+                ] if self.system.is_time_dependent else []
 
     def rate_kernels(self) -> list[Kernel]:
         """Return what moves g between the ends, where time stands in H or g."""
         return [Kernel("mean_constraint_rate", "g_t between q0 and q1",
                        {"qm": self.means[0], "dq": self.differences[0]},
                        {"g_t": self.mean_constraint_rate})
-                ] if self.system.is_timed and self.system.m else []
+                ] if self.system.is_time_dependent and self.system.m else []
 
     def _by_increments(self) -> tuple[Any, Any]:
         """Return derivatives by Δq and by Δp at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
@@ -342,19 +343,19 @@ def drive_kernels(system: System) -> list[Kernel]:
     """Return what drives H at a time, where it stands in H or g."""
     return [Kernel("energy_rate", "H_t, the power of what drives H",
                    {"q": list(system.q), "p": list(system.p)}, {"H_t": system.H_t})
-            ] if system.is_timed else []
+            ] if system.is_time_dependent else []
 
 
 def rate_kernels(system: System) -> list[Kernel]:
     """Return what moves g at a time, where it stands in H or g."""
     return [Kernel("constraint_rate", "g_t, how fast the constraints move",
                    {"q": list(system.q)}, {"g_t": system.g_t})
-            ] if system.is_timed and system.m else []
+            ] if system.is_time_dependent and system.m else []
 
 
 def with_drive(system: System) -> System:
     """Return the system with forces, none of which push, where a drive does work as they do."""
-    if not system.is_timed or system.forces:
+    if not system.is_time_dependent or system.forces:
         return system
     return replace(system, forces=(sp.Integer(0),) * system.n)
 
@@ -362,7 +363,7 @@ def with_drive(system: System) -> System:
 def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
     time = () if system.time is None else (system.time,)
-    clock = {system.time: "_t", LATE: "_dt"} if system.is_timed else {}
+    clock = {system.time: "_t", LATE: "_dt"} if system.is_time_dependent else {}
     constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
     defining = {name: constants.hoist(e) for name, e in system.defining.items()}
     g = tuple(constants.hoist(e) for e in system.constraints)

@@ -14,7 +14,7 @@ from ..systems.system import System
 from .discrete_gradient import discrete_gradient
 
 __all__ = ["LATE", "constraint_increment", "discrete_jacobian", "discrete_slopes", "increment_of",
-           "mean_gradient_of", "mean_slopes_of", "vector", "with_time"]
+           "mean_gradient_of", "mean_slopes_of", "time_input", "vector", "with_time"]
 
 #: How much later the other end of a difference is, where H or g depends on time.
 LATE = sp.Symbol("_dt", real=True)
@@ -93,3 +93,12 @@ def mean_slopes_of(
     at_mean = dict(zip(variables, all_means, strict=True))
     time = [] if system.clock is None else [system.H_t]
     return [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p, *time)]
+
+
+def time_input(system: System) -> dict[str, list[sp.Symbol]]:
+    """Return the input of what may depend on time: an autonomous system ignores it.
+
+    So does one with time in H or g, whose kernels find it among the constants.
+    """
+    driven = system.time is not None and system.is_nonautonomous and not system.is_time_dependent
+    return {"t": [system.time if driven else sp.Symbol("_time", real=True)]}

@@ -32,7 +32,7 @@ from ..symbolic.finite_fields import identically_zero
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.smoothness import on_any_side
 from ..systems.system import System
-from .linear_fields import Field, known_fields, motions_of_space
+from .linear_fields import LinearField, known_fields, motions_of_space
 from .near_symmetries import NEAR, RandomPoints
 from .symmetry_conditions import SymmetrySpace
 
@@ -125,7 +125,7 @@ def momentum_maps(
     points = RandomPoints(system, values, np.asarray(q0, float), np.asarray(p0, float))
     named, n = known_fields(system), system.n
     full = n <= MAX_COORDINATES
-    units = [Field("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
+    units = [LinearField("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
     exact = SymmetrySpace(system, units if full else named, numbers)
     general = SymmetrySpace(system, exact.fields, {}, within=exact)
     chosen = _Chosen(points)
@@ -144,14 +144,14 @@ def momentum_map_of(
     """Return the map of a generator A of small fractions that is known to be a symmetry."""
     entries = {(int(i), int(j)): Fraction(float(np.asarray(A)[i, j])).limit_denominator(1000)
                for i, j in np.argwhere(np.asarray(A))}
-    field = Field(name, system.n, entries)
+    field = LinearField(name, system.n, entries)
     return MomentumMap(
         name, field.momentum(system.q, system.p), field.A, field.a, any_parameters=any_parameters,
         everywhere=True, turns_constraints=True, proof="proved with the frame")
 
 
 def _exact_map(
-    field: Field, system: System, numbers: Mapping[sp.Symbol, sp.Rational]
+    field: LinearField, system: System, numbers: Mapping[sp.Symbol, sp.Rational]
 ) -> MomentumMap:
     """Return the map of a symmetry: proved by expansion, where that is short enough."""
     J = field.momentum(system.q, system.p)
@@ -168,7 +168,7 @@ def _exact_map(
 
 
 def _near_maps(
-    points: RandomPoints, named: Sequence[Field], chosen: _Chosen, full: bool
+    points: RandomPoints, named: Sequence[LinearField], chosen: _Chosen, full: bool
 ) -> Iterator[MomentumMap]:
     """Yield what is nearly kept, or kept on the constraints as far as random points show."""
     system = points.system
@@ -193,7 +193,7 @@ class _Chosen:
         self.q, self.p = points.moving_states()
         self.basis = np.zeros((len(self.q), 0))
 
-    def accepts(self, field: Field, least: float) -> bool:
+    def accepts(self, field: LinearField, least: float) -> bool:
         """Take a field whose J is no combination of those taken; J = 0 on the manifold is none."""
         reach = self.q @ field.A.T + field.a
         J = np.einsum("ki,ki->k", self.p, reach)
@@ -210,7 +210,7 @@ class _Chosen:
         return True
 
 
-def _echelon(space: Array, system: System) -> list[Field]:
+def _echelon(space: Array, system: System) -> list[LinearField]:
     """Return a basis in reduced echelon form, its entries as fractions where they are any."""
     rows, n = space.T.copy(), system.n
     done = 0
@@ -225,7 +225,7 @@ def _echelon(space: Array, system: System) -> list[Field]:
         others = np.arange(len(rows)) != done
         rows[others] -= np.outer(rows[others, column], rows[done])
         done += 1
-    return [with_name(Field("", n, {divmod(k, n + 1): _fraction(x)
+    return [with_name(LinearField("", n, {divmod(k, n + 1): _fraction(x)
                                     for k, x in enumerate(row.tolist()) if _fraction(x)}), system)
             for row in rows]
 
@@ -236,13 +236,13 @@ def _fraction(x: float) -> Fraction:
     return simple if abs(simple - Fraction(x)) < Fraction(1, 10**9) else Fraction(x)
 
 
-def with_name(field: Field, system: System) -> Field:
+def with_name(field: LinearField, system: System) -> LinearField:
     """Name a field that no list has: a rotation about another axis, or else by its J."""
     moves = motions_of_space(system)
     if sum(bool(f.A.any()) for f in moves) == 3:
         weights = [field.weights.get(place, Fraction(0)) / x
                    for place, x in (next(iter(f.weights.items())) for f in moves)]
-        if Field.combined("", weights, moves, field.n).weights == field.weights:
+        if LinearField.combined("", weights, moves, field.n).weights == field.weights:
             about, along = weights[:3], weights[3:]
             kind = "angular momentum about" if any(about) else "linear momentum along"
             axis = about if any(about) else along
@@ -250,7 +250,7 @@ def with_name(field: Field, system: System) -> Field:
             length = float(np.linalg.norm([float(x) for x in axis])) * (-1 if last < 0 else 1)
             direction = ", ".join(f"{float(x) / length + 0.0:.6g}" for x in axis)
             place = ", off the origin" if any(about) and any(along) else ""
-            whole = Field.combined("", [Fraction(-1 if last < 0 else 1)], [field], field.n)
-            return Field(f"{kind} ({direction}){place}", field.n, whole.weights)
+            whole = LinearField.combined("", [Fraction(-1 if last < 0 else 1)], [field], field.n)
+            return LinearField(f"{kind} ({direction}){place}", field.n, whole.weights)
     text = str(field.momentum(system.q, system.p))
-    return Field(text if len(text) <= 60 else text[:59] + "…", field.n, field.weights)
+    return LinearField(text if len(text) <= 60 else text[:59] + "…", field.n, field.weights)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import Evaluator, evaluate, mp_context
 from ..systems.system import System
-from .linear_fields import Field
+from .linear_fields import LinearField
 
 __all__ = ["NEAR", "RandomPoints"]
 
@@ -121,7 +121,7 @@ class RandomPoints:
 
     # ------------------------------------------------------------ how far from a symmetry
 
-    def broken(self, field: Field) -> tuple[float, bool]:
+    def broken(self, field: LinearField) -> tuple[float, bool]:
         """Return |dJ/dt| relative to its terms, and whether it is that small on g = 0 only.
 
         On the constraints in doubles, for all q and p by arithmetic of 60 digits.
@@ -139,7 +139,7 @@ class RandomPoints:
                   default=np.inf)
         return (on, True) if off > NEAR else (max(off, slide), False)
 
-    def _precise_terms(self, field: Field) -> Iterator[list[Any]]:
+    def _precise_terms(self, field: LinearField) -> Iterator[list[Any]]:
         """Yield the terms of {J, H} + J_p·F at a few states, in many digits."""
         for q, p, pull, speed in self._precise:
             yield [x * p[i] * speed[j] for (i, j), x in _numbers(field, self._context)
@@ -185,7 +185,7 @@ class RandomPoints:
 
     # ------------------------------------------------------------ combinations
 
-    def null_space(self, fields: Sequence[Field]) -> Array:
+    def null_space(self, fields: Sequence[LinearField]) -> Array:
         """Return an orthonormal basis of the combinations that seem to be symmetries.
 
         On the constraints, to 1e-10 at random points; shape (n (n + 1), dimension), A and a as one
@@ -201,7 +201,7 @@ class RandomPoints:
                                                              for part in rows])))
 
 
-def _numbers(field: Field, context: Any) -> list[tuple[tuple[int, int], Any]]:
+def _numbers(field: LinearField, context: Any) -> list[tuple[tuple[int, int], Any]]:
     return [(place, context.mpf(x.numerator) / x.denominator)
             for place, x in field.weights.items()]
 

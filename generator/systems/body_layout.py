@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import sympy as sp
 
-__all__ = ["BodyAt", "Entries", "Entry", "JointAt", "Pull"]
+__all__ = ["BodyLayout", "ConstraintForce", "Entries", "Entry", "JointLayout"]
 
 #: A symbol, or a float.
 Entry: TypeAlias = Any
@@ -18,7 +18,7 @@ Entries: TypeAlias = tuple[Entry, ...]
 
 
 @dataclass(frozen=True)
-class BodyAt:
+class BodyLayout:
     """Where a rigid body is in a system.
 
     Attributes
@@ -50,7 +50,7 @@ class BodyAt:
 
 
 @dataclass(frozen=True)
-class Pull:
+class ConstraintForce:
     """How the multiplier λ of one constraint of a joint acts, by its equation.
 
         g = e·(P_a − P_b)       force λ e on b at P_b, −λ e on a
@@ -72,7 +72,7 @@ class Pull:
 
 
 @dataclass(frozen=True)
-class JointAt:
+class JointLayout:
     """What joins two bodies.
 
     Attributes
@@ -100,4 +100,4 @@ class JointAt:
     axis_a: Entries = ()
     axis_b: Entries = ()
     zero: Entries = ()
-    pulls: tuple[tuple[str, Pull | None], ...] = ()
+    constraint_forces: tuple[tuple[str, ConstraintForce | None], ...] = ()

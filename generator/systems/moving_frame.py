@@ -10,11 +10,11 @@ import sympy as sp
 from .jacobians import gradient, shortest
 from .system import System
 
-__all__ = ["MovingSystem", "energy_of", "in_sums"]
+__all__ = ["CoMovingSystem", "energy_of", "in_sums"]
 
 
 @dataclass(frozen=True)
-class MovingSystem(System):
+class CoMovingSystem(System):
     """A system whose H is that of the frame.
 
     Parameters
@@ -26,7 +26,7 @@ class MovingSystem(System):
     """
 
     energy: sp.Expr = field(default=sp.Integer(0), kw_only=True)
-    carried: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
+    frame_velocity: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
@@ -43,7 +43,7 @@ class MovingSystem(System):
 
 def energy_of(system: System) -> sp.Expr:
     """Return H, also of a system in a frame."""
-    return system.energy if isinstance(system, MovingSystem) else system.H
+    return system.energy if isinstance(system, CoMovingSystem) else system.H
 
 
 def in_sums(J: sp.Expr, H: sp.Expr) -> list[sp.Expr]:

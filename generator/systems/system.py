@@ -23,11 +23,11 @@ from ...core.arguments import as_flag, as_items, as_mapping, as_text, few, shown
 from ...core.errors import InputError
 from ...core.html import card, table
 from ..parsing.reserved_names import is_taken
-from .body_layout import BodyAt, JointAt
+from .body_layout import BodyLayout, JointLayout
 from .expression_arguments import as_expression, as_sequence, refuse_unless_symbols, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
 
-__all__ = ["BodyAt", "System"]
+__all__ = ["BodyLayout", "System"]
 
 #: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
 MOMENTS = ("I1", "I2", "I3")
@@ -93,8 +93,8 @@ class System:
     inputs: tuple[sp.Symbol, ...] = field(default=(), kw_only=True)
     quantities: Mapping[str, sp.Expr] = field(default_factory=dict, kw_only=True, hash=False)
     rigid_body: bool = field(default=False, kw_only=True)
-    bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
-    joints: tuple[JointAt, ...] = field(default=(), kw_only=True)
+    bodies: tuple[BodyLayout, ...] = field(default=(), kw_only=True)
+    joints: tuple[JointLayout, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
@@ -142,7 +142,7 @@ class System:
             )
         self._refuse_unknown_symbols()
         self._refuse_inputs_elsewhere()
-        for what, kind in (("bodies", BodyAt), ("joints", JointAt)):
+        for what, kind in (("bodies", BodyLayout), ("joints", JointLayout)):
             given = as_items(what, getattr(self, what), f"what Multibody makes, {kind.__name__}")
             if not all(isinstance(one, kind) for one in given):
                 raise InputError(f"{what} = {shown(given)} are none; Multibody makes them.")
@@ -150,7 +150,7 @@ class System:
         if self.rigid_body and not self.bodies:
             object.__setattr__(self, "bodies", (self._whole_body(),))
 
-    def _whole_body(self) -> BodyAt:
+    def _whole_body(self) -> BodyLayout:
         """Return the body whose quaternion is all of q."""
         known = {str(s): s for s in self.parameters}
         inertia = next((letters for letters in (MOMENTS, INVERSE) if {*letters} <= {*known}), ())
@@ -159,7 +159,7 @@ class System:
                 f"System {self.name!r} is no rigid_body: it has {self.n} coordinates and the "
                 f"parameters {', '.join(known) or 'none'}; a body has a quaternion of 4 and the "
                 "moments I1, I2, I3.")
-        return BodyAt("body", self.q, tuple(known[letter] for letter in inertia))
+        return BodyLayout("body", self.q, tuple(known[letter] for letter in inertia))
 
     def __repr__(self) -> str:
         parts = [f"coordinates {few(self.q)}", f"parameters {few(self.parameters)}",
@@ -319,12 +319,12 @@ class System:
         return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)
 
     @property
-    def is_driven(self) -> bool:
+    def is_nonautonomous(self) -> bool:
         """Whether anything that moves it depends on time."""
-        return self.is_timed or any(self.time in f.free_symbols for f in self.forces)
+        return self.is_time_dependent or any(self.time in f.free_symbols for f in self.forces)
 
     @property
-    def is_timed(self) -> bool:
+    def is_time_dependent(self) -> bool:
         """Whether H or a constraint depends on time: then kernels find t among the constants."""
         return self.clock is not None
 

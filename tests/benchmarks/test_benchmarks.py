@@ -28,9 +28,9 @@ from gyrospark.benchmarks import (
     timing,
     tops,
 )
-from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_ratios
+from gyrospark.benchmarks.contest import ContestRow, Limits, compete, judged, with_ratios
 from gyrospark.benchmarks.peers import exudyn_bodies, mujoco_bodies, optional, ours, pydy_bodies
-from gyrospark.benchmarks.peers.entry import Entry
+from gyrospark.benchmarks.peers.entry import PeerEntry
 from gyrospark.commands import bench_tables, main
 from gyrospark.core.extras import install
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
@@ -39,11 +39,11 @@ from gyrospark.sweeps.run_sweep import run_study
 SHORT = Limits(t_end=1.0, rounds=3, least=1e-4, most=60.0)
 
 
-def entry(name: str, run, dt: float | None = None) -> Entry:
-    return Entry(name, "1.0", "as it is", lambda: run, dt)
+def entry(name: str, run, dt: float | None = None) -> PeerEntry:
+    return PeerEntry(name, "1.0", "as it is", lambda: run, dt)
 
 
-def still(t_end: float) -> tops.State:
+def still(t_end: float) -> tops.TopState:
     """A top that does not move."""
     return tops.state_of(tops.tops()[0])
 
@@ -130,7 +130,7 @@ def test_a_row_of_each_entry():
 def test_a_missing_peer_is_a_row():
     with pytest.raises(optional.Unavailable, match=r"not installed \(pip install no-such\)"):
         optional.need("no_such_module", "no-such")
-    missing = Entry("gone", "", "x", lambda: optional.need("no_such_module"))
+    missing = PeerEntry("gone", "", "x", lambda: optional.need("no_such_module"))
     rows = compete([missing, entry("still", still)], SHORT)
     assert rows[0].us_per_second is None
     assert rows[0].note == "not installed (pip install no_such_module)"
@@ -164,8 +164,8 @@ def test_a_dear_entry_is_not_run_to_its_end():
 
 
 def test_ratios_are_over_the_base():
-    rows = [Row("a", "", "x", 1.0, us_per_second=4.0), Row("b", "", "x", 1.0),
-            Row("c", "", "y", 1.0, us_per_second=2.0)]
+    rows = [ContestRow("a", "", "x", 1.0, us_per_second=4.0), ContestRow("b", "", "x", 1.0),
+            ContestRow("c", "", "y", 1.0, us_per_second=2.0)]
     assert [row.ratio for row in with_ratios(rows)] == [1.0, None, 0.5]
     assert [row.ratio for row in with_ratios(rows, "c y")] == [2.0, None, 1.0]
     assert [row.ratio for row in with_ratios(rows[1:2])] == [None]
@@ -249,7 +249,7 @@ def test_contest_says_what_it_does():
     said = []
     compete([entry("still", still)], SHORT, said.append)
     assert said == ["still as it is", "1 entries in turn, 3 rounds"]
-    assert contest.Row("a", "1", "b", 1.0).as_dict()["setting"] == "b"
+    assert contest.ContestRow("a", "1", "b", 1.0).as_dict()["setting"] == "b"
 
 
 def test_a_line_joins_what_nothing_beats():
@@ -403,7 +403,7 @@ def test_bodies_that_a_program_cannot_build_are_a_row(monkeypatch):
     def broken(linkage):
         raise RuntimeError("Failed to compile")
 
-    monkeypatch.setattr(pydy_bodies, "Machine", broken)
+    monkeypatch.setattr(pydy_bodies, "PydyBodies", broken)
     row, = joined_bodies.compare_bodies([peer_linkages.chain_of(1)], ["pydy"], 1, 1e-4, quick=True)
     assert row.failed
     assert "Failed to compile" in row.note

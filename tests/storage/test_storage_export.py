@@ -283,7 +283,7 @@ def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
 
 def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):
     """Two runs to one file: the second is refused, and the first loses nothing."""
-    from gyrospark.storage.writer_lock import claim
+    from gyrospark.storage.staging import claim
 
     store = tmp_path / ".x.csv.zarr"
     (store / "work").mkdir(parents=True)

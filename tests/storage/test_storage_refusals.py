@@ -15,7 +15,7 @@ import gyrospark as gs
 from calls import PARAMETERS, TOP
 from command_line import RUN, refused
 from gyrospark.storage import recorder
-from gyrospark.storage.writer_lock import claim
+from gyrospark.storage.staging import claim
 from processes import cli, environment
 from stores import START, Interrupted, as_files, assert_same_bytes, small_blocks
 

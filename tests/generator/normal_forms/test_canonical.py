@@ -232,7 +232,7 @@ def test_equal_parts_of_a_chain_have_one_form(count):
         structure = Structure(hoisted(canonical(everywhere(change)(links(count))))[0])
         assert sorted(len(form.instances) for form in structure.forms) == sorted(
             [2 * count, count, count // 2])
-        assert [len(form.instances) for form in structure.constraint_forms] == (
+        assert [len(form.instances) for form in structure.constraint_templates] == (
             [1, count // 2 - 1])
 
 
