@@ -294,7 +294,7 @@ class MeanGuarantees:
         slopes = [[*scheme.mean_gradient[0], *scheme.mean_gradient[1]],
                   *([*row, *[sp.Integer(0)] * system.n] for row in scheme.mean_constraint)]
         if system.is_time_dependent:
-            rates = [scheme.mean_drive, *scheme.mean_constraint_rate]
+            rates = [scheme.mean_energy_rate, *scheme.mean_constraint_rate]
             slopes = [[*slope, rate] for slope, rate in zip(slopes, rates, strict=True)]
         variables, means, differences = with_time(
             [*system.q, *system.p], [*q, *p], [*dq, *dp], system.clock)

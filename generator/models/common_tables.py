@@ -1,4 +1,4 @@
-"""What all kinds of model files share: parameters, formulas, quantities, run length."""
+"""Tables common to all model files: parameters, formulas, quantities, run length."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Formulas:
                     f"({shorten(', '.join(names), 120)}); choose another name.")
 
     def remark_on_unused(self) -> None:
-        """Say which parameters nothing in the file mentions."""
+        """Warn of parameters that nothing in the file uses."""
         mentioned = self.mentioned | self.numbers.values.mentioned
         for name in self.content.table("parameters").items():
             if name not in mentioned:

@@ -72,7 +72,7 @@ __all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
-#: The table that tells a kind of model → what reads it.
+#: Table of a kind of model → its reader.
 KINDS: Mapping[str, Callable[[TomlTable, str, Formulas, str | None], Model]] = {
     "body": read_body,
     "system": read_system,
@@ -82,7 +82,7 @@ KINDS: Mapping[str, Callable[[TomlTable, str, Formulas, str | None], Model]] = {
 
 @dataclass(frozen=True)
 class ModelFile:
-    """What a file says.
+    """Contents of a model file.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ def read_model(
     text: str, path: str | Path, rep: str | None = None,
     settings: Mapping[str, str] = MappingProxyType({}),
 ) -> ModelFile:
-    """Return what a text says that was read from a file, with other values for some of its keys.
+    """Return the contents of a text, with other values for some of its keys.
 
     A key of ``settings`` is a parameter, or a table and a key: ``"start.euler"``; a value is text
     as it would stand in the file, quotes left out.
@@ -214,7 +214,7 @@ def _name(content: TomlTable) -> str:
 
 
 def _set(content: TomlTable, key: str, value: str) -> None:
-    """Put a value in place of the file's, or beside its others."""
+    """Replace a value of the file, or add one."""
     *path, last = key.split(".") if "." in key else ("parameters", key)
     table: Any = content.content
     for part in path:

@@ -23,10 +23,10 @@
     bodies = ["upper", "lower"]
     at = [0, 0, 1]
 
-What the keys mean is told by ``multibody``. Formulas know, for a body named a, a_q0..a_q3, a_x,
+Keys are arguments of ``multibody``. Symbols of formulas are, for a body named a, a_q0..a_q3, a_x,
 a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_omega3 (body axes)
-and t, beside the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
-Points with mass stand in [[point_masses]] with name, mass, position and velocity; wheels in
+and t, besides the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
+Point masses are tables [[point_masses]] with name, mass, position and velocity; wheels in
 [[rotors]] with name, bodies, mass, inertia = [along, across], axis, at or on_body, and rate: its
 bearing is the joint NAME_bearing. ``axis`` is in space at the start, ``axis_on_body`` in the axes
 of the first body. What acts on joints has ``joints`` in place of bodies:
@@ -73,7 +73,7 @@ POINTS = ("on_a", "on_b")
 #: Type of a joint → all arguments of the method that makes it.
 JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters
           for kind in (*KINDS, "gear", "couple")}
-#: Type of a force → the keys it takes beside name, type and bodies, or joints.
+#: Type of a force → its keys besides name, type and bodies, or joints.
 FORCES = {
     "spring": ("stiffness", "length", "damping", *POINTS),
     "force": ("force", "on_body"),
@@ -129,7 +129,7 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
 
 
 def finished(builder: Multibody, content: TomlTable) -> Model:
-    """Return the model, without the redundant constraints that the file says."""
+    """Return the model, without the redundant constraints that the file names."""
     redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
     model = builder.model(without=content.strings("without"), redundant=cast("Any", redundant))
     if builder.redundancy and builder.redundancy.left_out:
@@ -151,7 +151,7 @@ def _point(builder: Multibody, table: TomlTable, formulas: Formulas) -> Frame:
 
 
 def _drive(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
-    """Add a drive, whose angle is a formula of t."""
+    """Add a driven joint, whose angle is a formula of t."""
     table.allow("name", "joint", "angle")
     table.require("name", "joint", "angle")
     law = formulas.read(table, "angle", table.formula("angle"), {"t": builder.time})
@@ -209,7 +209,7 @@ def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) ->
 
 
 def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlTable) -> Any:
-    """Call a builder and say which table its refusal belongs to."""
+    """Call a builder and add the table to its error."""
     try:
         return build(argument)
     except InputError as problem:
@@ -221,7 +221,7 @@ def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlT
 def _names(
     builder: Multibody, bodies: Mapping[str, Frame], taken: Collection[str]
 ) -> tuple[dict[str, sp.Expr], dict[str, sp.Expr]]:
-    """Return what formulas of the place know, and those of the motion."""
+    """Return the symbols of formulas of position, and of motion."""
     place: dict[str, sp.Expr] = {}
     motion: dict[str, sp.Expr] = {"t": builder.time}
     for name, body in bodies.items():
@@ -243,7 +243,7 @@ def join(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable,
     told: Callable[[dict[str, Any]], dict[str, Any]] = dict,
 ) -> None:
-    """Call the method of the joint's type with the keys of its table, as ``told`` has them."""
+    """Call the method of the joint's type with the keys of its table."""
     keys = {kind: {key: one for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
             for kind, parameters in JOINTS.items()}
     kind = _kind(table, {kind: tuple(found) for kind, found in keys.items()})

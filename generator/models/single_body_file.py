@@ -87,7 +87,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         tensor=tensor,
     )
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
-        remark("[body] mass is in no formula: what pulls at the body is the potential, such as "
+        remark("[body] mass is in no formula: a weight needs a potential, such as "
                '"mass*9.81*0.04*R33".')
     q0, p0 = _start(content.table("start"), inertia)
     return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
@@ -96,7 +96,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
 
 
 def _inertia(body: TomlTable) -> Inertia:
-    """Return the three principal moments that a table tells, or the tensor."""
+    """Return the three principal moments, or the tensor, of a table."""
     try:
         return as_inertia(inertia_numbers(body), "inertia")
     except InputError as problem:
@@ -138,14 +138,14 @@ def _add_tensor(inertia: Inertia, formulas: Formulas) -> None:
 
 
 def _place(letters: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
-    """What formulas of the attitude know."""
+    """Symbols of formulas of the attitude."""
     R = rigid_body.rotation_matrix(q)
     entries = {f"R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
     return {str(symbol): symbol for symbol in (*q, *letters)} | entries
 
 
 def _motion(inertia: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
-    """What formulas of the motion know beside it."""
+    """Symbols of formulas of the motion besides it."""
     omega = rigid_body.angular_velocity(inertia=inertia)
     return {str(symbol): symbol for symbol in (*p, rigid_body.time)} | {
         f"omega{i}": e for i, e in enumerate(omega, 1)}
@@ -162,7 +162,7 @@ def _start(start: TomlTable, inertia: Inertia) -> tuple[list[float], list[float]
 
 
 def read_attitude(table: TomlTable) -> list[float] | None:
-    """Return the unit quaternion that a table tells as quaternion, euler or rotation, if any."""
+    """Return the unit quaternion of a table with quaternion, euler or rotation, if any."""
     given = [key for key in ATTITUDES if key in table]
     if not given:
         return None

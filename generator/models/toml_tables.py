@@ -46,13 +46,13 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
 
 
 def _typed(text: str) -> float:
-    """Return the double that a number of TOML is; it knows the decimals that were typed."""
+    """Return a number of TOML as a double that remembers its decimals."""
     number = decimal(text.replace("_", ""))
     return Rounded(number) if isinstance(number, Fraction) else float(text)
 
 
 class Known(dict[str, float]):
-    """The values that numbers written as text may name, and the names that were mentioned."""
+    """Values of names in arithmetic text, and the names that were used."""
 
     def __init__(self, values: Mapping[str, float] = MappingProxyType({})) -> None:
         super().__init__(values)
@@ -248,7 +248,7 @@ def decimals(number: float) -> str:
 
 
 def describe(value: Any) -> str:
-    """Say what was found in a file, in at most one short line."""
+    """Describe a value of a file in one short line."""
     if value is None:
         return "missing"
     if isinstance(value, bool):

@@ -36,7 +36,7 @@ from .urdf_tree import Mount, RobotBody, placed, robot_bodies
 __all__ = ["BASES", "Close", "parse_urdf", "read_settings"]
 
 BASES = ("fixed", "floating")
-#: What coordinates and rates of hinges may be told in.
+#: Units of coordinates and rates of hinges.
 _UNITS = {"angles": ANGLES, "rates": RATES}
 _VECTORS = ("gravity", "position", "quaternion", "velocity", "angular_velocity")
 

@@ -30,14 +30,14 @@ Read = TypeVar("Read")
 #: Types of joints with a coordinate.
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed", "floating")
-#: What a model does without, if asked to → what it is.
+#: Ignorable element → its meaning.
 EXTRAS = {
     "limits": "ends of a joint's range",
     "friction": "dry friction of a joint",
     "collision": "shapes that touch",
     "contact": "properties of touching",
     "transmission": "gears between motors and joints",
-    "gazebo": "what another simulator is told",
+    "gazebo": "settings of another simulator",
     "safety_controller": "limits of a controller",
 }
 MAX_LINKS = 500
@@ -135,7 +135,7 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
 
 
 def _refuse_extras(top: Element, ignore: Collection[str]) -> None:
-    """Refuse what the file has beyond links and joints unless it is to be ignored."""
+    """Refuse elements other than links and joints unless they are to be ignored."""
     for name in ignore:
         if name not in (*EXTRAS, "all"):
             raise InputError(f"ignore names {shown(name)}; choose "
@@ -217,7 +217,7 @@ def _joint(name: str, element: Element) -> RobotJoint:
     parent, child = (_text(element, end, "link") for end in ("parent", "child"))
     dynamics, mimic = element.first("dynamics"), element.first("mimic")
     if mimic is not None and kind not in MOVING:
-        remark(f"Joint {shown(name)} is {kind}: its <mimic> says nothing.")
+        remark(f"Joint {shown(name)} is {kind}: its <mimic> has no effect.")
         mimic = None
     return RobotJoint(
         name, kind, parent, child, _place(element), _axis(element, kind),

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(eq=False)
 class RobotBody:
-    """Links that move as one, named by the first of them, to whose frame all is told.
+    """Links that move as one, named by the first of them, in whose frame all is given.
 
     Attributes
     ----------

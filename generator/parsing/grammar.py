@@ -10,7 +10,7 @@
     all        = comparison { "and" comparison }
     comparison = sum ( "<" | "<=" | ">" | ">=" | "==" | "!=" ) sum { ... }     0 < x < 1
 
-Comparisons stand in the condition of an if(...) and nowhere else; an arithmetic that has no
+Comparisons occur in the condition of an if(...) only; an arithmetic that has no
 function "if" knows none. And of a number with a unit, where one is meant:
 
     quantity = product [unit] { ("+" | "-") product [unit] }         each with a unit, or none
@@ -57,7 +57,7 @@ V = TypeVar("V")
 
 
 class ParserArithmetic(Protocol[V]):
-    """What the operations of a text mean; each may raise ``RefusedError``."""
+    """Operations of a text; each may raise ``RefusedError``."""
 
     @property
     def functions(self) -> Mapping[str, int]:
@@ -71,7 +71,7 @@ class ParserArithmetic(Protocol[V]):
         """Return digits · 10^exponent."""
 
     def named(self, name: str) -> V:
-        """Return what a name stands for."""
+        """Return the value of a name."""
 
     def add(self, terms: Sequence[V]) -> V:
         """Return the sum."""
@@ -106,7 +106,7 @@ class Choosing(ParserArithmetic[V], Protocol[V]):
 
 
 def parse(text: str, arithmetic: ParserArithmetic[V], example: str) -> V:
-    """Return what a text says in an arithmetic; ``example`` is proposed in place of no text.
+    """Return the value of a text in an arithmetic; ``example`` is proposed for an empty text.
 
     Raises ``InputError``, with the position and the cure, for text that is empty, too long, too
     deeply nested or not of the grammar, for unknown names and functions, and for whatever the
@@ -128,7 +128,7 @@ def parse(text: str, arithmetic: ParserArithmetic[V], example: str) -> V:
 def parse_quantity(
     text: str, arithmetic: ParserArithmetic[V], example: str, units: Mapping[str, str]
 ) -> V:
-    """Return what a text says that may have units: as ``parse``, in rad and seconds."""
+    """Return the value of a text with units: as ``parse``, in rad and seconds."""
     if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):
         return parse(text, arithmetic, example)
     factors = {unit: parse(factor, arithmetic, example) for unit, factor in units.items()}
@@ -139,7 +139,7 @@ def parse_quantity(
 
 
 def _words(units: Iterable[str]) -> set[str]:
-    """Return what units begin with."""
+    """Return the first words of units."""
     return {unit.partition("/")[0] for unit in units}
 
 
@@ -354,9 +354,9 @@ class _Parser(Generic[V]):
             raise self.error(reason, "write one of + - * / ** in between, and a ( for every )")
 
     def refuse_comparison(self) -> None:
-        """Refuse a comparison where none can stand."""
+        """Refuse a comparison outside a condition."""
         if self.token.text in COMPARISONS and CHOICE in self.arithmetic.functions:
-            raise self.error("A comparison stands in the condition of an if alone",
+            raise self.error("A comparison belongs in the condition of an if",
                              f"write {CHOICE}(…, a, b)")
 
     def negative(self, token: Token, value: V) -> V:

@@ -1,4 +1,7 @@
-"""An expression seen from both ends of a step."""
+"""Differences of expressions over a step, exact for powers and elementary functions.
+
+The rules are listed in ``discrete_gradient``.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,7 @@ class DiscreteDifference:
                           self.known_ends)
 
     def apply(self, mean: sp.Expr, factor: sp.Expr) -> DiscreteDifference:
-        """Return what ``become`` returns, as parts that are computed once."""
+        """Return the result of ``become`` in shared parts, which are computed once."""
         factor = share(factor)
         made = self.become(share(mean), factor)
         return DiscreteDifference(made.mean, made.slope, self.steps, share(factor * self.change))
@@ -252,7 +255,7 @@ def angle(y: DiscreteDifference, x: DiscreteDifference) -> DiscreteDifference:
     Its tangent is (w₀ × w₁)/(w₀ · w₁), of half the angle (w₀ × w₁)/r with r = |w₀||w₁| + w₀·w₁,
     which is |s|²/(2|w₀||w₁|) of the bisector s = |w₁|w₀ + |w₀|w₁: no digits cancel where w₁ is
     nearly −w₀. The mean is half the angle after the start: both are continuous where atan2 jumps
-    by 2π; only atan2 itself differs there from what is said of it, no periodic function of it does.
+    by 2π; only atan2 itself differs there from its definition, no periodic function of it does.
     """
     y, x = y.shared(), x.shared()
     (y0, y1), (x0, x1) = y.ends, x.ends

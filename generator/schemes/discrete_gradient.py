@@ -29,7 +29,7 @@ With h = Δu/2, the cardinal functions sinc(z) = sin(z)/z, sinhc, asinhc, atanc,
     cosh       Δ(cosh u) = sinh(ū) sinhc(h) Δu,             mean = cosh(ū) cosh(h)
     tanh       Δ(tanh u) = sinhc(Δu)/(cosh u₁ cosh u₀) Δu
 
-Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2 where nothing else is said. From half the
+Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2 unless stated otherwise. From half the
 angle between the ends, tan(½ Δθ) = sin(Δθ)/(1 + cos(Δθ)), which no branch of the arc tangent
 disturbs:
 
@@ -56,7 +56,7 @@ Powers whose exponent is not a known multiple of ½ take positive u only; tanh t
 double, for sinh overflows beyond. Means and changes that a function uses more than once are
 shared parts (``shared_subexpressions``): nested functions cost their number.
 
-Parts of H that are shared are gone through once: each has a mean and a change, Du goes backward
+Shared parts of H are visited once: each has a mean and a change, Du goes backward
 from the whole through them, as a gradient does.
 """
 
@@ -231,7 +231,7 @@ def _no_pieces(e: sp.Expr, reason: ScatteredError) -> InputError:
     )
 
 
-#: Functions of several arguments with a rule; a ``Where`` here is told by parameters.
+#: Functions of several arguments with a rule; a ``Where`` here depends on parameters.
 _OF_MORE: Mapping[type[sp.Expr], Callable[..., DiscreteDifference]] = {
     sp.atan2: angle, Max: partial(extreme, Max), Min: partial(extreme, Min), Where: chosen,
 }

@@ -1,4 +1,4 @@
-"""What IMS and EMS satisfy: proved as polynomial or rational identities, or seen at points."""
+"""Conditions of IMS and EMS: proved as polynomial or rational identities, or tested at points."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
 
 
 def _energy(scheme: MeanScheme) -> Condition:
-    """ΔH = D_qH·Δq + D_pH·Δp: energy is kept exactly, the multiplier's work is λΔg = 0 (60)."""
+    """ΔH = D_qH·Δq + D_pH·Δp: energy is conserved, the multiplier's work is λΔg = 0 (60)."""
     timed = scheme.system.is_time_dependent
     law = "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * timed
     if isinstance(scheme, LagrangianEMS):
@@ -43,7 +43,7 @@ def _energy(scheme: MeanScheme) -> Condition:
         [*scheme.system.q, *scheme.system.p], [*scheme.means[0], *scheme.means[1]],
         [*scheme.differences[0], *scheme.differences[1]], scheme.system.clock)
     slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
-             *([scheme.mean_drive] if timed else [])]
+             *([scheme.mean_energy_rate] if timed else [])]
     return _condition("energy", law, _increments([scheme.system.H], [slope], *variables))
 
 

@@ -32,7 +32,7 @@ _MOST_OPERATIONS = 3000
 
 @dataclass(frozen=True)
 class IdentityCheck:
-    """What a comparison found; ``residual`` is text, "0" where the two sides agree."""
+    """Result of a comparison; ``residual`` is text, "0" where the two sides agree."""
 
     holds: bool
     how: str

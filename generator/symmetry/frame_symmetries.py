@@ -63,7 +63,7 @@ class FrameSymmetry:
     rotation : Rotation
         The same, to be turned back.
     turns : Rotation or None
-        −C_Aᵀ with g_q A q = C_A g: what turns the multipliers; None if g is invariant.
+        −C_Aᵀ with g_q A q = C_A g, the rotation of the multipliers; None if g is invariant.
     conditions : tuple of Expr
         Polynomials of the parameters; all of them vanish where this is a symmetry.
     """
@@ -140,7 +140,7 @@ def frame_of(system: System) -> CoMovingFrame:
 
 
 class _SymmetrySearch:
-    """What is found, one after the other."""
+    """The search for symmetries, one after the other."""
 
     def __init__(self, system: System) -> None:
         self.system = replace(system, forces=(), time=None, quantities={}, inputs=())
@@ -191,7 +191,7 @@ class _SymmetrySearch:
         yield from self._first("omega_space", reversed(turns))
 
     def others(self) -> Iterator[tuple[FrameSymmetry]]:
-        """Yield what else is a symmetry for any parameters and commutes with all before."""
+        """Yield further symmetries for any parameters that commute with all before."""
         for field in self.kept.values():
             yield from self._first("", [field])
 
@@ -238,7 +238,7 @@ class _SymmetrySearch:
         return FrameSymmetry(name, field, rotation, turns, conditions)
 
     def _conditions(self, field: LinearField) -> tuple[sp.Expr, ...] | None:
-        """Return what parameters must satisfy for {J, H} = 0; None if that is not found."""
+        """Return the conditions on parameters for {J, H} = 0; None if none are found."""
         if field.name in self.kept:
             return ()
         fed = {*self.inputs}
@@ -268,7 +268,7 @@ class _SymmetrySearch:
         return tuple(found) if SymmetrySpace(meets, [field], {}).contains(field) else None
 
     def _moved_part(self, field: LinearField) -> System:
-        """Return the system with the terms of H and the constraints that a field moves at all."""
+        """Return the system with the terms of H and the constraints that a field changes."""
         system = self.system
         moved = {s for i, j in field.weights for s in (system.q[i], system.p[j])}
         return replace(

@@ -79,7 +79,7 @@ class LinearField:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Where quaternions and points stand among the coordinates."""
+    """Indices of quaternions and points among the coordinates."""
 
     quaternions: list[list[int]]
     points: list[list[int]]
@@ -87,7 +87,7 @@ class _Blocks:
 
 
 def known_fields(system: System) -> list[LinearField]:
-    """Return what is tried first, the most natural before the others."""
+    """Return the candidates, the most natural ones first."""
     n = system.n
     fields = [_shift(n, [[i]], 0, f"momentum {p}") for i, p in enumerate(system.p)]
     for blocks in _readings(system):

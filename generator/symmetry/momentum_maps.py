@@ -1,4 +1,4 @@
-"""Momentum maps of a system: what the symmetries of H, g and F conserve.
+"""Momentum maps of a system, conserved by the symmetries of H, g and F.
 
 A point symmetry q → q + ε X(q) with X(q) = A q + a that leaves H and g alone conserves
 
@@ -9,13 +9,13 @@ arithmetic, with parameters as the fractions that doubles are, or for any parame
 (``symmetry_conditions``). A basis of it is chosen from fields that have a name
 (``linear_fields``) and filled up with its reduced echelon form.
 
-J is kept *by the scheme* where {H, J} = 0 for all q and p, because stages are off the constraints;
-J is kept *by the scheme* where {H, J} = 0 for all q and p, because stages are off the constraints;
-{H, J} = 0 only on g = 0 is enough for the motion. Symmetries on g = 0 only, and such as are broken
-by a millionth at most, are told as that: they are seen at random points (``near_symmetries``).
+J is conserved *by the scheme* where {H, J} = 0 for all q and p, because stages are off the
+constraints; {H, J} = 0 only on g = 0 is enough for the motion. Symmetries on g = 0 only, and
+such as are broken by a millionth at most, are reported as such: they are tested at random points
+(``near_symmetries``).
 
-Where H and F switch sides, as |x| does, J must be kept on each of them: points near the start may
-all lie on one. Sides are weighed with parameters for this.
+Where H and F switch sides, as |x| does, J must be conserved on each of them: points near the start
+may all lie on one. Sides are weighed with parameters for this.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 
 #: Up to so many coordinates every A and a is searched, beyond it those with a name.
 MAX_COORDINATES = 20
-#: What round-off leaves of dJ/dt on the constraints, relative to its terms.
+#: Round-off of dJ/dt on the constraints, relative to its terms.
 _ROUNDING = 1e-12
 
 
@@ -90,7 +90,8 @@ class MomentumMap:
         return np.asarray(np.einsum("...i,...i->...", p, q @ self.A.T + self.a))
 
     def sizes(self, q: Array, p: Array) -> Array:
-        """Return |p| (|A| |q| + |a|) of what enters J, of which its round-off is a part.
+        """Return |p| (|A| |q| + |a|), the size of the terms of J, to which its round-off is
+        relative.
 
         Norms, not terms: a motion in a plane rounds out of it by ε of its size.
         """
@@ -170,7 +171,7 @@ def _exact_map(
 def _near_maps(
     points: RandomPoints, named: Sequence[LinearField], chosen: _Chosen, full: bool
 ) -> Iterator[MomentumMap]:
-    """Yield what is nearly kept, or kept on the constraints as far as random points show."""
+    """Yield fields nearly conserved, or conserved on the constraints at random points."""
     system = points.system
     others = _echelon(points.null_space(named), system) if full else []
     for field in [*named, *others]:

@@ -1,9 +1,9 @@
 """How far a field is from being a symmetry, measured at random points.
 
-Exact algebra says of a field whether it is a symmetry of H and F for all q and p, and nothing of
-those that are none. Two kinds of these are worth being told of, and neither is proved: fields that
+Exact algebra decides whether a field is a symmetry of H and F for all q and p. Two kinds of other
+fields are reported, and neither is proved: fields that
 break the symmetry by a millionth at most, such as a body with I₂ = I₁ (1 + 1e-11), and symmetries
-on the constraints only, as of a potential that is written for |q| = 1.
+on the constraints only, as of a potential given for |q| = 1.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _Step = tuple[Array, Array]
 
 #: Singular values below this part of the largest are zero in the numeric search.
 _ZERO = 1e-10
-#: What is broken by no more, relative to its terms, is nearly a symmetry.
+#: A near symmetry is violated by at most this, relative to its terms.
 NEAR = 1e-6
 _DIGITS, _FEW = 60, 6
 
@@ -70,7 +70,7 @@ class RandomPoints:
         return np.where(usable, scale, np.abs(self.p0).max() or 1.0)
 
     def _draw_others(self, count: int) -> None:
-        """Draw what has no value of its own, the same for all that is asked of the same points."""
+        """Draw values of symbols without one, the same for all evaluations at one set of points."""
         system = self.system
         time = () if system.time is None else (system.time,)
         self._drawn = {s: self.rng.uniform(0, 1, count)
@@ -229,7 +229,7 @@ def _orthonormal(columns: Array) -> Array:
 
 
 def _null_space(rows: Array) -> Array:
-    """Return an orthonormal basis, as columns, of what all rows annihilate."""
+    """Return an orthonormal basis, as columns, of the null space."""
     size = rows.shape[1]
     if len(rows) < size:  # too few points where everything is finite: nothing is claimed
         return np.zeros((size, 0))

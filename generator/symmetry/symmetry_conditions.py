@@ -1,11 +1,11 @@
-"""What a symmetry X(q) = A q + a of a system must satisfy, in exact arithmetic.
+"""Conditions of a symmetry X(q) = A q + a of a system, in exact arithmetic.
 
     {J, H} + J_p·F = pᵀA H_p − (A q + a)·(H_q − F) = 0   for all q, p, t
     g_q (A q + a) = C g                                  for all q
 
-The second says that X leaves g = 0 alone; C may be any matrix of numbers: where two bodies hold a
-point in common, a rotation turns the three components of that constraint into one another. Both
-are linear in A, a and C, with parameters as fractions, which all doubles are, or as symbols.
+The second states that X leaves g = 0 invariant; C may be any matrix of numbers: where two bodies
+hold a point in common, a rotation turns the three components of that constraint into one another.
+Both are linear in A, a and C, with parameters as fractions, which all doubles are, or as symbols.
 """
 
 from __future__ import annotations

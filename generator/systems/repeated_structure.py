@@ -35,7 +35,7 @@ __all__ = ["ElementSystem", "ElementTemplate", "Instance", "Structure"]
 
 @dataclass(frozen=True)
 class Instance:
-    """Where one instance of a template finds its coordinates, momenta, constants and constraints."""
+    """Indices of the coordinates, momenta, constants and constraints of one instance."""
 
     q: tuple[int, ...]
     p: tuple[int, ...]
@@ -47,9 +47,8 @@ class Instance:
 class ElementTemplate:
     """Expressions in local symbols, and the instances that share them.
 
-    A template of H has one expression,
-    and in a co-moving frame its energy as a second; a template of
-    constraints or forces has one for each of its rows.
+    A template of H has one expression, in a co-moving frame also its energy; one of constraints or
+    forces has an expression for each of its rows.
     """
 
     q: tuple[sp.Symbol, ...]
@@ -69,11 +68,11 @@ class ElementSystem(System):
     """Part of a system: momenta need not belong to coordinates, and nothing is checked."""
 
     def __post_init__(self) -> None:
-        """Take the parts as they are."""
+        """Check nothing."""
 
 
 class Structure:
-    """Forms of H and of g of a system, its kinetic_blocks, and the elimination of W."""
+    """Element templates of a system, its kinetic blocks, and the elimination of W."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -109,7 +108,7 @@ class Structure:
 
     @cached_property
     def _kinetic_groups(self) -> dict[frozenset[int], list[sp.Expr]]:
-        """Terms with momenta by their block, and with them what depends on no other coordinate."""
+        """Terms with momenta by kinetic block, and terms of its coordinates alone."""
         kinetic_blocks = connected([p for _, _, p in self._terms if p])
         block_of = {a: block for block in kinetic_blocks for a in block}
         groups: dict[frozenset[int], list[sp.Expr]] = {block: [] for block in kinetic_blocks}
@@ -120,9 +119,9 @@ class Structure:
                 groups[block].append(term)
                 support[block] |= q
         for term, q, p in self._terms:
-            block = block_of.get(min(q)) if q and not p else None
-            if block is not None and q <= support[block]:
-                groups[block].append(term)
+            own = block_of.get(min(q)) if q and not p else None
+            if own is not None and q <= support[own]:
+                groups[own].append(term)
         return groups
 
     @cached_property
@@ -150,7 +149,7 @@ class Structure:
         return self._templates_of(parts)
 
     def _overlapping(self, rows: list[int]) -> Iterator[list[int]]:
-        """Yield rows that share coordinates: one name may stand for unrelated constraints."""
+        """Yield rows that share coordinates: unrelated constraints may have one name."""
         support = {r: self._indices(self.system.constraints[r], self._q) for r in rows}
         for coordinates in connected([s for s in support.values() if s]):
             yield [r for r in rows if support[r] and min(support[r]) in coordinates]
@@ -160,7 +159,7 @@ class Structure:
 
     @cached_property
     def force_templates(self) -> list[ElementTemplate]:
-        """The templates of the forces: terms that depend on the same things, with their rows."""
+        """The templates of the forces: terms of equal support, with their rows."""
         groups: dict[tuple[frozenset[int], frozenset[int]], dict[int, list[sp.Expr]]] = {}
         for row, force in enumerate(self.system.forces):
             for term in sp.Add.make_args(force):
@@ -190,7 +189,7 @@ class Structure:
     def _canonical(
         self, expressions: tuple[sp.Expr, ...], rows: tuple[int, ...]
     ) -> tuple[tuple[sp.Expr, ...], Instance]:
-        """Return the expressions in local symbols, and what these stand for."""
+        """Return the expressions in local symbols, and their instance."""
         q, p = ([of[s] for s in sorted({s for e in expressions for s in e.free_symbols if s in of},
                                        key=of.__getitem__)] for of in (self._q, self._p))
         names = dict(zip((self.system.q[i] for i in q), local("x", len(q)), strict=True))
@@ -203,9 +202,9 @@ class Structure:
         return expressions, instance
 
     def _in_order(self, expressions: Sequence[sp.Expr]) -> list[sp.Symbol]:
-        """Return the constants in the order of their places in the expressions.
+        """Return the constants in their order in the expressions.
 
-        Where they stand, not what they are called, decides: so equal templates get equal names.
+        The order does not depend on names, so that equal templates get equal symbols.
         """
         anonymous = dict.fromkeys(self._constants, sp.Symbol("_"))
         found: dict[sp.Symbol, None] = {}
@@ -250,11 +249,11 @@ class Structure:
 
     @cached_property
     def is_worthwhile(self) -> bool:
-        """Whether products without zeros are clearly fewer than those with them.
+        """Whether sparse products are clearly fewer than dense ones.
 
-        Counted for what grows fastest: the factors of W, G times a vector, H_pp times a vector.
-        Up to six coordinates gathering costs more than zeros do, and dense code may use what is
-        proved of the whole system.
+        Counted for the dominant costs: the factors of W, G times a vector, H_pp times a vector. Up
+        to six coordinates gathering costs more than zeros do, and dense code may use properties
+        proved for the whole system.
         """
         n, m = self.system.n, self.system.m
         if n <= 6:
@@ -268,13 +267,15 @@ class Structure:
     def is_quadratic(self) -> bool:
         """Whether H is quadratic in p, so that one solve finds the momenta on g_q H_p = 0."""
         return not any(depends_by_steps(template.system.H_p, template.p) or e.has(*template.p)
-                       for template in self.templates if template.p for row in template.system.H_pp for e in row)
+                       for template in self.templates if template.p
+                       for row in template.system.H_pp for e in row)
 
     @property
     def is_separable(self) -> bool:
         """Whether H_pq = 0."""
         return all(sp.expand(e) == 0 and not depends_by_steps(template.system.H_p, template.q)
-                   for template in self.templates if template.p for row in template.system.H_pq for e in row)
+                   for template in self.templates if template.p
+                   for row in template.system.H_pq for e in row)
 
     @cached_property
     def band_order(self) -> list[Node]:
@@ -289,15 +290,15 @@ class Structure:
 
     @cached_property
     def coupled(self) -> list[set[Node]]:
-        """Coordinates and constraints that meet in a row of the Jacobian of a step.
+        """Coordinates and constraints coupled by a row of the Jacobian of a step.
 
         A constraint force changes the momenta of its coordinates, and with them the velocity of
-        everything in their kinetic_blocks: a constraint is coupled to whole kinetic_blocks.
+        everything in their kinetic blocks: a constraint is coupled to whole blocks.
         """
-        block_of = {a: set(i.q) | set(i.p) for template in self.templates for i in template.instances
-                   for a in i.p}
-        sets = [{("q", a) for a in (*i.q,
-                                    *i.p)} for template in self.templates for i in template.instances]
+        block_of = {a: set(i.q) | set(i.p)
+                    for template in self.templates for i in template.instances for a in i.p}
+        sets = [{("q", a) for a in (*i.q, *i.p)}
+                for template in self.templates for i in template.instances]
         for template in self.force_templates:
             for i in template.instances:
                 sets.append({("q", a) for a in (*i.q, *i.p, *i.rows)})
@@ -311,5 +312,5 @@ class Structure:
 
 
 def local(letter: str, count: int) -> tuple[sp.Symbol, ...]:
-    """Return symbols of a template; no symbol of a system begins with an underscore."""
+    """Return local symbols; no symbol of a system begins with an underscore."""
     return tuple(sp.Symbol(f"_{letter}{i}", real=True) for i in range(count))

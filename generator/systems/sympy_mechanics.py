@@ -43,7 +43,7 @@ _SMALL = 1e-9
 
 @dataclass
 class Mechanics:
-    """What a method holds, in functions of time: q(t), q̇(t).
+    """Contents of a method, in functions of time: q(t), q̇(t).
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Mechanics:
     q : list
         Coordinates.
     L : Expr
-        What is known of the Lagrangian before the loads.
+        The Lagrangian before the loads.
     loads : list
         Pairs of a point and a force, or a frame and a torque.
     constraints : list of Expr
@@ -60,7 +60,7 @@ class Mechanics:
     rates : list of Expr
         Constraints on the velocities; ones that are not those of g are refused.
     inputs : dict
-        What a controller says, as it was given → its symbol.
+        Output of a controller, as given → its symbol.
     """
 
     motion: FrameMotion
@@ -85,7 +85,7 @@ def from_mechanics(
     name : str
         A C identifier; begins the names of the generated files.
     inputs : sequence of Symbol or dynamicsymbols
-        What a controller says in loads: held over a step, and given anew in each (``System``).
+        Outputs of a controller in loads: constant over a step (``System``).
     bodies : bool
         Give runs where the bodies are: ``run.body(name)``, ``run.view(...)``. Places and axes of
         those that are placed from a point at rest are quantities NAME_x, …, NAME_R11, ….

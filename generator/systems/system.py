@@ -3,7 +3,8 @@
     q̇ = H_p(q, p),   ṗ = −H_q(q, p) − g_q(q)ᵀ λ,   0 = g(q)          (paper, eq. 12)
 
 Generalised forces F(q, p, t) that no potential has are added to ṗ. H and g may depend on t too:
-then g_q H_p + g_t = 0, and energy changes by the work of forces and drives, Ḣ = F·q̇ + H_t + λᵀg_t.
+then g_q H_p + g_t = 0, and energy changes by work of forces and of explicit time dependence, Ḣ =
+F·q̇ + H_t + λᵀg_t.
 
 Nothing here knows of quaternions: a system is its symbols, its H and its g.
 """
@@ -54,13 +55,13 @@ class System:
     name : str
         A C identifier; begins the names of the generated files.
     constraint_names : sequence of str
-        What each constraint is called in messages, e.g. the name of its joint; by default g0, g1, …
+        Name of each constraint in messages, e.g. the name of its joint; by default g0, g1, …
     forces : sequence of Expr
         Generalised forces F(q, p, t; parameters), n of them or none: ṗ = −H_q + F − g_qᵀλ.
     time : Symbol, optional
         The symbol of t in H, constraints, forces and quantities.
     inputs : sequence of Symbol
-        Parameters that may change from step to step, such as what a controller says; they stand
+        Parameters that may change from step to step, such as the output of a controller; they occur
         in forces only.
     quantities : mapping of str to Expr
         Quantities of q, p, t and parameters that trajectories offer by name.
@@ -71,7 +72,7 @@ class System:
     bodies : sequence of BodyAt
         The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
     joints : sequence of JointAt
-        What joins them.
+        Connections of the bodies.
 
     Notes
     -----
@@ -169,7 +170,7 @@ class System:
         return f"<System {self.name}: {'; '.join(parts)}>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: H, g and forces as formulas, where they are short enough."""
+        """Return HTML for notebooks: H, g and forces as formulas, where they are short enough."""
         rows = [("H", shown_formula(self.H)),
                 *((f"g: {name}", shown_formula(g)) for name, g in
                   zip(self.constraint_names[:_SHOWN], self.constraints, strict=False)),
@@ -229,7 +230,7 @@ class System:
                 )
 
     def _refuse_inputs_elsewhere(self) -> None:
-        """An input jumps between steps: no scheme counts what H gains there, and g would break."""
+        """Refuse inputs outside forces: they jump between steps, which changes H and violates g."""
         places = {what: (e,) for what, e in self.defining.items()}
         places |= {"a constraint": self.constraints,
                    "a quantity": tuple(self.quantities.values())}
@@ -251,7 +252,7 @@ class System:
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """What the equations of motion are derived from, by the name of its field."""
+        """Expressions that the equations of motion are derived from, by field."""
         return {"H": self.H}
 
     @property
@@ -320,7 +321,7 @@ class System:
 
     @property
     def is_nonautonomous(self) -> bool:
-        """Whether anything that moves it depends on time."""
+        """Whether H, g or F depends on time."""
         return self.is_time_dependent or any(self.time in f.free_symbols for f in self.forces)
 
     @property
@@ -337,7 +338,7 @@ class System:
 
     @cached_property
     def H_t(self) -> sp.Expr:
-        """∂H/∂t, the power of what drives H."""
+        """∂H/∂t, the explicit time derivative."""
         return sp.Integer(0) if self.clock is None else gradient(self.H, [self.clock])[0]
 
     @cached_property

@@ -31,7 +31,7 @@ def sides(system, values, q, v, t=0.0):
         M[place] = entries[slot]
     time = [] if system.clock is None else [system.clock]
     moved = along(system.L_v, [*system.q, *time], [*system.velocities, *(sp.S.One for _ in time)])
-    return M, evaluate(system.push, at) - evaluate(moved, at)
+    return M, evaluate(system.generalised_force, at) - evaluate(moved, at)
 
 
 def numbers(matrix, q, u, values, t=0.0):
