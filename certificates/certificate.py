@@ -1,4 +1,4 @@
-"""What a model keeps when it is integrated: each promise of a scheme beside its measurement.
+"""Certificate of a stepper on a model: each guaranteed property with its measurement.
 
 Like ``api`` and ``verification`` one of the places where generator and runtime meet: what must
 hold is derived (``guarantees``), what does hold is measured (``measured_properties``).
@@ -60,13 +60,13 @@ class Certificate:
     lines: list[CertificateLine]
 
     def __repr__(self) -> str:
-        judged = [line for line in self.lines if line.holds is not None]
+        compared = [line for line in self.lines if line.holds is not None]
         return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
-                f"{self.dt:g} s: {sum(line.holds is True for line in judged)} of {len(judged)} "
+                f"{self.dt:g} s: {sum(line.holds is True for line in compared)} of {len(compared)} "
                 "promises hold>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: a row for each promise, what was seen, and the verdict."""
+        """Return HTML for notebooks: a row for each property, its measurement and the result."""
         rows = [(line.quantity, line.found, line.expected, line.verdict) for line in self.lines]
         result = "every promise holds" if self.holds else "a promise is broken"
         return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
@@ -75,7 +75,7 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """Whether no promise is broken."""
+        """Whether no property is refuted or missed."""
         return all(line.holds is not False for line in self.lines)
 
     def line(self, quantity: str) -> CertificateLine:
@@ -109,7 +109,7 @@ def certify(
     steps: int | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> Certificate:
-    """Integrate a model and check what the scheme promises to keep.
+    """Integrate a model and check the properties that the scheme guarantees.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def _guarantees(
     model: Model, step: Stepper, scheme: SchemeName | None, stages: int | None,
     tableau: str | Path | Tableau | None, values: Mapping[str, float],
 ) -> Guarantees:
-    """Return what the scheme promises at these parameters: fractions, as doubles are."""
+    """Return the guarantees of the scheme at these parameters, as exact fractions."""
     numbers = {s: as_rational(values[str(s)]) for s in model.system.parameters}
     if tableau is None and scheme_named(scheme).tableau is None:
         return MeanGuarantees(model.system, numbers, str(scheme), step.order)

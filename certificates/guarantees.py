@@ -1,4 +1,4 @@
-"""What a scheme promises of a model, and why: derived in exact algebra, not listed.
+"""Guaranteed properties of a scheme on a model, derived in exact algebra, not listed.
 
 A promise is made, is not made, or is made and broken: then a condition that it rests on is not
 met, exactly, however little of that a run may show.
@@ -34,15 +34,15 @@ Numbers = Mapping[sp.Symbol, sp.Rational]
 
 @dataclass(frozen=True)
 class Guarantee:
-    """Whether something is promised, why or why not, and the condition that breaks the promise."""
+    """Whether a property is guaranteed, why or why not, and the exact condition that refutes it."""
 
-    made: bool
+    guaranteed: bool
     why: str
-    broken: str = ""
+    refuted: str = ""
 
 
 class Guarantees(Protocol):
-    """What a certificate asks of a scheme on a system."""
+    """Properties of a scheme on a system that a certificate needs."""
 
     @property
     def symmetric(self) -> bool:
@@ -50,20 +50,20 @@ class Guarantees(Protocol):
 
     @property
     def discrete(self) -> bool:
-        """Whether the discrete gradient carries the step."""
+        """Whether the step uses a discrete gradient."""
 
     @property
     def stability(self) -> Stability | None:
-        """What a step makes of a fast decay; None where q and p have no method in common."""
+        """Stability function; None if q and p have different methods."""
 
     def loop(self) -> Guarantee:
-        """Return whether the map is symplectic: ∮p·dq stays."""
+        """Return whether the map is symplectic: ∮p·dq is invariant."""
 
     def energy(self) -> Guarantee:
-        """Return whether H less the work of the forces stays."""
+        """Return whether H minus the work of the forces is conserved."""
 
     def momentum(self, J: MomentumMap) -> Guarantee:
-        """Return whether a momentum map stays."""
+        """Return whether a momentum map is conserved."""
 
 
 def forces_are_gradient(system: System, numbers: Numbers) -> bool:
@@ -88,7 +88,7 @@ def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], numbers: Numbers) -> 
 
 
 def _not_exact(J: MomentumMap) -> Guarantee:
-    """Say of a map whose bracket with H is not zero everywhere what is known of it."""
+    """Return the guarantee of a map whose bracket with H is not identically zero."""
     if J.on_constraints:
         return Guarantee(False, "{J, H} = 0 on the constraints only, as far as random points show: "
                               "the motion keeps it, stages do not; write V for any q")
@@ -105,7 +105,7 @@ def _domain(J: MomentumMap) -> str:
 
 @dataclass(frozen=True)
 class SparkGuarantees:
-    """Promises of a SPARK method.
+    """Guaranteed properties of a SPARK method.
 
     With b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j and b = b̂ it is symplectic,
     and keeps every J bilinear in q and p: summed over a step,
@@ -129,7 +129,7 @@ class SparkGuarantees:
 
     @property
     def disclaimed(self) -> bool:
-        """Whether the tableau says of itself that it is not symplectic."""
+        """Whether the tableau is declared not symplectic."""
         return self.tableau.claims.get("symplectic") == 0
 
     @property
@@ -159,7 +159,7 @@ class SparkGuarantees:
                              f"{self._digits}", self.violation)
 
     def energy(self) -> Guarantee:
-        """H is kept if it is a quadratic invariant of a method that keeps those."""
+        """H is conserved if it is quadratic and the method conserves quadratic invariants."""
         order = f"an error of order {self.tableau.order} in Δt"
         system = self.system
         state = [*system.q, *system.p]
@@ -172,7 +172,7 @@ class SparkGuarantees:
                              f"and each by itself{self._digits}")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
-        """J is kept as the docstring of the class says."""
+        """J is conserved under the conditions of the class."""
         if not J.everywhere:
             return _not_exact(J)
         why = f"{{J, H}} = 0{_domain(J)} ({J.proof})"
@@ -198,7 +198,8 @@ def _first_violated(lines: Sequence[Condition]) -> str:
 
 @dataclass(frozen=True)
 class MeanGuarantees:
-    """Promises of IMS and EMS: (Δq, Δp) = Δt (D_p, −D_q + F − Ḡᵀλ), each an identity in D.
+    """Guaranteed properties of IMS and EMS: (Δq, Δp) = Δt (D_p, −D_q + F − Ḡᵀλ), each an identity
+    in D.
 
     H stays if D_q·Δq + D_p·Δp = ΔH and Ḡ·Δq = Δg, which EMS's D is made for; IMS's is for quadratic
     H and g. J stays if p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0. Without constraints the
@@ -288,7 +289,7 @@ class MeanGuarantees:
 
     @cached_property
     def _how_energy(self) -> str:
-        """How ΔH = D·Δ and Δg = Ḡ·Δq are known; empty if they do not hold."""
+        """Proof of ΔH = D·Δ and Δg = Ḡ·Δq; empty if they do not hold."""
         scheme, system = self.scheme, self.system
         (q, p), (dq, dp) = scheme.means, scheme.differences
         slopes = [[*scheme.mean_gradient[0], *scheme.mean_gradient[1]],
@@ -321,7 +322,7 @@ class MeanGuarantees:
         return substitute(reach, at_mean), substitute(kicks, at_mean)
 
     def _vanish(self, sums: Sequence[Sequence[sp.Expr]], J: MomentumMap | None = None) -> str:
-        """Return how sums are known to vanish at these parameters, or at any that J holds for."""
+        """Return the proof that sums vanish at these parameters, or at any that J holds for."""
         numbers = {} if J is not None and J.any_parameters else self.numbers
         return identically_zero([substitute(terms, numbers) for terms in sums])
 

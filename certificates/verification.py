@@ -1,4 +1,4 @@
-"""What ``gyrospark verify`` finds out about a stepper: symbols, measurement, compiled numbers.
+"""Verification of a stepper, for ``gyrospark verify``: symbols, measurement, compiled numbers.
 
 The one place besides ``api`` where generator and runtime meet: it reads the coefficients back
 out of the *compiled* module and compares them with the exact ones to the last bit.
@@ -24,7 +24,7 @@ __all__ = ["Verification", "verify_stepper"]
 
 @dataclass(frozen=True)
 class Verification:
-    """Everything that was checked of one stepper."""
+    """All checked conditions of one stepper."""
 
     name: str
     title: str

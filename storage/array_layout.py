@@ -1,15 +1,15 @@
-"""The arrays of a stored run: what xarray, Julia or any other reader of Zarr finds.
+"""The arrays of a stored run, as xarray, Julia and other readers of Zarr see them.
 
 Those of ``OUTPUTS``, of which some systems have no multipliers, no work, no quantities, lie
 along the dimension ``time``, one entry a stored state; multipliers and iterations belong to the
-steps that end there and have none at the start. What is not computed yet is NaN, or 0. Wide
+steps that end there and have none at the start. Values not yet computed are NaN, or 0. Wide
 numbers (long double, binary128), which Zarr has not, stand rounded to double under these names and
 whole, as bytes, under ``<name>_bytes``.
 
 A row of all arrays is a state; rows are written in blocks, each a chunk of every array.
 
 The events of a run have arrays of their own, ``event_<name>_t``, ``_q``, ``_p``, ``_steps`` and
-``_rising``, along a dimension ``event_<name>`` that grows with what is found.
+``_rising``, along a dimension ``event_<name>`` that grows with the events found.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ EXTENDS = "extends_to_rows"
 #: is: large enough for that not to count, small enough for a few to be in memory.
 _BLOCK_BYTES = 32 * 2**20
 _MOST_ROWS = 2**18
-#: The same of what happens now and then: the last block is written again with each commit.
+#: Block size of rare events: the last block is written again with each commit.
 _BLOCK_OF_EVENTS, _MOST_EVENTS = 2**20, 2**12
-#: Bytes that stand where no wide number is computed yet; 16 of them are NaN.
+#: Fill bytes of wide numbers not yet computed; 16 of them are NaN.
 WIDE_FILL = 255
 
 
@@ -83,7 +83,7 @@ class StoredField:
 
     @property
     def fill(self) -> float:
-        """What stands where nothing is computed yet."""
+        """Fill value of entries not yet computed."""
         return np.nan if self.dtype.startswith("f") else 0
 
     @property
@@ -175,8 +175,8 @@ def _create_along(
 def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str, Any]) -> None:
     """Give the arrays of a store so many rows, and then the store these attributes.
 
-    A process may end between any two files: until all is done the store says ``EXTENDS``, and its
-    arrays have their old number of rows or the new one.
+    A process may end between any two files: until all is done the store has the attribute
+    ``EXTENDS``, and its arrays have their old number of rows or the new one.
     """
     group = open_group(path, write=True)
     group.update_attributes({EXTENDS: rows})
@@ -200,10 +200,10 @@ def create_array(
 def consolidate(
     path: Path, names: Iterable[str] | None = None, attributes: Mapping[str, Any] | None = None
 ) -> None:
-    """Repeat what each array says of itself in the group: readers then open one file, not ten.
+    """Consolidate the metadata of arrays in the group: readers then open one file, not ten.
 
-    xarray warns where it does not find it. ``names`` are those of the arrays that say something
-    new, all if none are given; ``attributes`` of the group change at the same instant.
+    xarray warns where it does not find it. ``names`` are the arrays with new
+    metadata, by default all; ``attributes`` of the group change at the same instant.
     """
     root = json.loads((path / _METADATA).read_bytes())
     root["attributes"] |= attributes or {}
@@ -217,13 +217,13 @@ def consolidate(
 
 
 def open_group(path: Path, *, write: bool = False) -> zarr.Group:
-    """Return the group of a store; to read, as its arrays say themselves, not as the root does."""
+    """Return the group of a store; to read, with the metadata of its arrays, not of the root."""
     return zarr.open_group(DurableStore(path, read_only=not write), mode="r+" if write else "r",
                            use_consolidated=write)
 
 
 def attributes_of(group: zarr.Group) -> dict[str, Any]:
-    """Return what a store says of itself."""
+    """Return the attributes of a store."""
     return dict(group.attrs)
 
 

@@ -1,7 +1,7 @@
-"""The events of a stored run: arrays to which is appended what has happened, and what they hold.
+"""Event store of a run: arrays to which found events are appended.
 
-Nothing in them changes once it is there. How many of each there are stands in the attributes, and
-in the checkpoint from which a run goes on; what lies behind is of a process that was ended.
+Nothing in them changes once it is there. Attributes and checkpoint hold the number of
+each; later entries belong to a process that was interrupted, and are dropped.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Array = NDArray[Any]
 
 
 class EventStore:
-    """The arrays of a run's events, to append to."""
+    """Appendable arrays of a run's events."""
 
     def __init__(self, group: zarr.Group, manifest: dict[str, Any], names: list[str]) -> None:
         self._fields = {name: fields_of_event(manifest, name) for name in names}
@@ -35,7 +35,7 @@ class EventStore:
                         for one in names_of(fields)}
 
     def chunks(self, begun: Mapping[str, int], found: Mapping[str, Crossings]) -> list[Chunk]:
-        """Return as chunks what has happened, behind the so many of each that are there."""
+        """Return new events as chunks, after the given number stored of each."""
         return [chunk for name, crossings in found.items() if len(crossings)
                 for field, values in zip(self._fields[name], values_of(crossings), strict=True)
                 for chunk in self._of_field(field, begun[name], values)]
@@ -48,7 +48,7 @@ class EventStore:
                 for chunk in _behind(self._arrays[name], begun, rows)]
 
     def grow(self, counts: Mapping[str, int]) -> list[str]:
-        """Give the arrays of each event so many rows, and drop what lies behind.
+        """Resize the arrays of each event, and drop later rows.
 
         Returns the names of those that had not as many.
         """
@@ -78,7 +78,7 @@ def values_of(crossings: Crossings) -> tuple[Array, ...]:
 def crossings_in(
     path: Path, group: zarr.Group, manifest: dict[str, Any], counts: Mapping[str, int]
 ) -> dict[str, Crossings]:
-    """Return the first so many crossings of each event."""
+    """Return the given number of crossings of each event."""
     dtype = REALS[manifest["real"]].dtype
     found = {}
     for name, count in counts.items():

@@ -35,7 +35,7 @@ from ..runtime.results.state_columns import (
 )
 from ..runtime.rigid_body.euler_angles import check_sequence
 from .array_layout import StoredField, array_of, fields_of, fields_of_event, names_of, wide_name
-from .durable_files import finished
+from .durable_files import atomic_file
 from .event_store import values_of
 from .recording import Recording
 from .validation import refuse_missing_blocks, stored_values
@@ -52,7 +52,7 @@ Array = NDArray[Any]
 
 
 def check_export(path: Path) -> None:
-    """Refuse what no run can be exported to.
+    """Refuse paths that no run can be exported to.
 
     Raises
     ------
@@ -149,9 +149,9 @@ def _write(
         write = partial(_write_csv, picks=_picks(table, columns))
     try:
         if table.events and ending_of(path) == ".csv":
-            with finished(beside(path)) as part:
+            with atomic_file(beside(path)) as part:
                 _write_events(table, part)
-        with finished(path) as part:
+        with atomic_file(path) as part:
             write(table, part)
     except (OSError, RuntimeError) as error:  # HDF5 has a RuntimeError for some of the system's
         raise StorageError(f"The file {str(path)!r} cannot be written: "
@@ -183,7 +183,7 @@ def _write_csv(table: StateTable, path: Path, picks: list[tuple[str, Column, int
 
 
 def _write_events(table: StateTable, path: Path) -> None:
-    """Write what has happened as CSV: the name of the event, then what its arrays hold."""
+    """Write events as CSV: the name of the event, then the entries of its arrays."""
     blocks = ([np.full(len(arrays[0]), spreadsheet_text(name)), *arrays]
               for name, own in table.events.items() for _, arrays in own.blocks(own.numbers))
     write_csv(path, event_headings(table.system), blocks)
@@ -235,7 +235,7 @@ if TYPE_CHECKING:
 
 #: Rows of a block of what is in memory.
 _ROWS = 2**16
-#: The last dimension of numbers that stand as bytes.
+#: The last dimension of numbers stored as bytes.
 BYTE = "byte"
 
 
@@ -274,7 +274,7 @@ class Column:
 
 @dataclass(frozen=True)
 class StateTable:
-    """Columns of ``rows`` states each, read in blocks of ``block``; what is said of the run.
+    """Columns of ``rows`` states each, read in blocks of ``block``; attributes of the run.
 
     ``events`` are tables of what has happened, by names; each along a dimension of its own.
     """
@@ -288,7 +288,7 @@ class StateTable:
 
     @property
     def system(self) -> dict[str, Any]:
-        """What the manifest says of the system."""
+        """The system's part of the manifest."""
         system: dict[str, Any] = self.attributes["manifest"]["system"]
         return system
 
@@ -313,7 +313,7 @@ class StateTable:
 
 
 def stored_table(recording: Recording) -> StateTable:
-    """Return a stored run, as far as it is."""
+    """Return the table of a stored run, complete or not."""
     group = recording.group()
     refuse_missing_blocks(recording.path, group, 0, recording.states)
 

@@ -36,7 +36,7 @@ CURE = ("What is stored up to the last commit is whole: free some space or mend 
 
 @dataclass(frozen=True)
 class Batch:
-    """A commit: rows ``first`` to ``first + count`` of the run, and where the run stands then.
+    """A commit: rows ``first`` to ``first + count`` of the run, and its state then.
 
     ``first`` begins a block of rows, of which none may be done; ``attributes`` are those of the
     store that change. ``end`` is the time of the last row where an event ended the run there.
@@ -110,7 +110,7 @@ class Writer:
                     self._error = error
 
     def _commit(self, batch: Batch) -> None:
-        """Write the rows, then the checkpoint, then what it says: never more than is there."""
+        """Write rows, then checkpoint, then attributes: these never claim more than is stored."""
         states = self._chunks(batch) if batch.count else []
         write_chunks(self._path, states + self._happened.chunks(batch.counts, batch.found))
         grown = self._happened.grow({name: batch.counts[name] + len(crossings)

@@ -14,7 +14,7 @@ from ..core.interrupts import Interrupts
 from ..runtime.integration.consistency import defects_of_starts
 from ..runtime.steppers.stepper import Stepper
 from ..storage.array_layout import QUANTITY, StoredField
-from .cell_events import Ends, watched
+from .cell_events import CellEnds, watched
 from .results import BAD_START, STATUS, Sink
 from .study import Study
 from .tiles import Cells, Tile, cells_of
@@ -58,7 +58,7 @@ def _run(
     structs = _structs(study, stepper, cells, group)
     with np.errstate(all="ignore"):
         ends = (watched(study, stepper, steps, cells, group) if study.events else
-                _unwatched(study, stepper, steps, structs, dt, q0, p0))
+                _run_without_events(study, stepper, steps, structs, dt, q0, p0))
         q, p, reports, status = ends.q, ends.p, ends.reports, ends.status
         bad = ~_consistent(study, stepper, cells, group, structs, q0, p0, dt)
         status[bad], reports["steps"][bad] = BAD_START, 0
@@ -74,9 +74,9 @@ def _run(
     return found
 
 
-def _unwatched(
+def _run_without_events(
     study: Study, stepper: Stepper, steps: int, structs: Array, dt: Array, q0: Array, p0: Array
-) -> Ends:
+) -> CellEnds:
     """Integrate cells in one call of compiled code."""
     binding, every = stepper.binding_of_many, study.every or steps
     q, p = q0.copy(), p0.copy()
@@ -88,7 +88,7 @@ def _unwatched(
                                              _memory(stepper))
     way = () if out is None else zip((q0, p0), out, strict=True)
     samples = tuple(np.concatenate([start[:, None], rows], axis=1) for start, rows in way)
-    return Ends(q, p, reports, status, samples, {})
+    return CellEnds(q, p, reports, status, samples, {})
 
 
 def _memory(stepper: Stepper) -> tuple[Any, ...]:
@@ -110,7 +110,7 @@ def _structs(study: Study, stepper: Stepper, cells: Cells, group: Array) -> Arra
 
 
 def _numbers(reports: Array) -> dict[str, Array]:
-    """Return what the running records say, as doubles."""
+    """Return the running records as doubles."""
     steps = reports["steps"]
     found: dict[str, Array] = {"energy_start": reports["energy_start"].astype(float)}
     for name, recorded in _ERRORS.items():

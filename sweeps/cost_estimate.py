@@ -1,4 +1,4 @@
-"""What a sweep will cost, from a few cells of it that are timed."""
+"""Cost estimate of a sweep, from a few timed cells."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CELLS, _SAMPLES, _STEPS = 16, 96, 200
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a sweep will cost.
+    """Estimated cost of a sweep.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is kept of a cell, and where: in memory, or in a Zarr store that workers write regions of.
+"""Results of cells, in memory or in a Zarr store whose regions workers write.
 
 A tile's arrays are written side by side, for a disk answers late, and ``status`` last: where its
 chunk is there, the tile is done and on the disk, and is never computed again.
@@ -56,7 +56,7 @@ CURE = "Finished cells are whole: mend it, and repeat the command with --resume.
 
 
 def meanings() -> dict[int, str]:
-    """Return what each status says of a cell."""
+    """Return the meaning of each status of a cell."""
     return {NOT_COMPUTED: "not computed", 0: "done", **REASONS,
             BAD_START: "start off the constraints"}
 
@@ -150,7 +150,7 @@ class MemorySink:
             whole[tile.slices] = arrays[name]
 
     def dataset(self, attributes: dict[str, Any]) -> xarray.Dataset:
-        """Return what is kept as an xarray Dataset."""
+        """Return the results as an xarray Dataset."""
         import xarray
 
         dimensions = [axis.name for axis in self._study.axes]
@@ -224,7 +224,7 @@ def _coordinates(study: Study) -> dict[str, tuple[list[str], Array, dict[str, An
 
 
 def _labelled(name: str, values: Array, attributes: dict[str, Any]) -> Array:
-    """Return what people see along an axis: the names of schemes, not their numbers."""
+    """Return the labels along an axis: the names of schemes, not their numbers."""
     return values if name != SCHEME else np.array(attributes["labels"])[values]
 
 
@@ -318,7 +318,7 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
 
 
 def _values_at(study: Study, place: tuple[int, ...]) -> dict[str, Any]:
-    """Return what varies, at a cell."""
+    """Return the values of the axes at a cell."""
     found: dict[str, Any] = {}
     for axis, i in zip(study.axes, place, strict=True):
         for column, values in axis.columns.items():

@@ -161,7 +161,7 @@ class LagrangianEMS(LagrangianIMS):
         return self._as_long(kernels)
 
     def newton_kernels(self) -> list[Kernel]:
-        """Return d(dL/dq) of an end, and the change of ``mean_generalised_force`` as that end moves."""
+        """Return d(dL/dq) of an end, and its effect on ``mean_generalised_force``."""
         n = self.system.n
         wq, wv = vector("wq", n), vector("wv", n)
         moving = [*self.means[0], *self.differences[0], *self.ends[1]]

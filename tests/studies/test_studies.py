@@ -37,7 +37,7 @@ from gyrospark.studies.summary import (
     unexplained,
     write_summary,
 )
-from gyrospark.studies.verdict import judge, same_digits, units_apart
+from gyrospark.studies.verdict import compare_value, same_digits, units_apart
 from processes import ROOT
 
 #: Results that take well under a second each once their steppers are compiled.
@@ -86,27 +86,27 @@ RIGHT = Misprint(19, "2.387E-04", "a column is printed again")
     ],
 )
 def test_each_verdict_is_reachable_and_refutable(ours, printed, floor, misprint, verdict):
-    cell = judge("row", "column", ours, printed, floor, misprint)
+    cell = compare_value("row", "column", ours, printed, floor, misprint)
     assert cell.verdict == verdict
     assert cell.note or verdict in ("agrees", "differs")
     assert cell.paper == float(printed)
 
 
 def test_a_lost_number_has_no_verdict():
-    assert judge("row", "column", 1.0, None).as_dict() == {
+    assert compare_value("row", "column", 1.0, None).as_dict() == {
         "row": "row", "column": "column", "paper": None, "ours": 1.0, "ratio": None,
         "verdict": "not printed", "note": "",
     }
 
 
 def test_a_difference_says_by_how_much_and_why():
-    assert judge("r", "c", 1.68e-6, "1.69E-06").note == "1 unit in the last printed digit"
-    assert judge("r", "c", 1.67e-6, "1.69E-06").note == ""  # more than a unit needs a reason
-    assert judge("r", "c", 1.67e-6, "1.69E-06", reason="known").note == (
+    assert compare_value("r", "c", 1.68e-6, "1.69E-06").note == "1 unit in the last printed digit"
+    assert compare_value("r", "c", 1.67e-6, "1.69E-06").note == ""  # needs a reason
+    assert compare_value("r", "c", 1.67e-6, "1.69E-06", reason="known").note == (
         "2 units in the last printed digit; known")
-    assert judge("r", "c", 5e-6, "1.69E-06").note == ""
-    assert unexplained(Table(1, "", "", [judge("r", "c", 1.67e-6, "1.69E-06")]))
-    assert not unexplained(Table(1, "", "", [judge("r", "c", 1.68e-6, "1.69E-06")]))
+    assert compare_value("r", "c", 5e-6, "1.69E-06").note == ""
+    assert unexplained(Table(1, "", "", [compare_value("r", "c", 1.67e-6, "1.69E-06")]))
+    assert not unexplained(Table(1, "", "", [compare_value("r", "c", 1.68e-6, "1.69E-06")]))
 
 
 def test_digits_are_compared_at_the_printed_place():

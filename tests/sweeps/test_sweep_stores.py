@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.storage.staging import claim
+from gyrospark.storage.staging import writer_lock
 from gyrospark.sweeps import compute_tile, tiles
 from gyrospark.sweeps.cost_estimate import estimate
 from gyrospark.sweeps.plan import plan
@@ -182,5 +182,5 @@ def test_keep_keeps_what_it_names(tmp_path):
 
 
 def test_two_sweeps_on_one_store_do_not_meet(tmp_path):
-    with claim(tmp_path / "s.zarr"), pytest.raises(gs.StorageError, match="Another process"):
+    with writer_lock(tmp_path / "s.zarr"), pytest.raises(gs.StorageError, match="Another process"):
         gs.sweep(TOP, OVER, scheme="EMS", steps=5, out=tmp_path / "s.zarr")
