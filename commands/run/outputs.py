@@ -189,7 +189,7 @@ def where_it_is(out: Path | None) -> str:
 
 def _remove(store: Path) -> None:
     """Remove a store that is no longer needed, unless a process is at it."""
-    from ...storage.staging import writer_lock, lock_file
+    from ...storage.staging import lock_file, writer_lock
 
     with writer_lock(store):
         shutil.rmtree(store, ignore_errors=True)

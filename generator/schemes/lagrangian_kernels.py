@@ -35,15 +35,14 @@ def state_kernels(system: LagrangianSystem) -> list[Kernel]:
 
 
 def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
-    """Return the generalised force and ∂H/∂t at given v."""
+    """Return what moves p, and what drives H, at given v."""
     at = {"q": list(system.q), "v": list(system.velocities)}
     less = " + F" if system.forces else ""
     kernels = [
         Kernel("generalised_force", f"R = dL/dq{less} at fixed v", at | time_input(system),
                {"R": system.generalised_force}),
-        *([Kernel("energy_rate_of_velocity",
-                  "H_t = -dL/dt at fixed v, the power of what drives L", at,
-                  {"H_t": system.H_t})] if system.is_time_dependent else []),
+        *([Kernel("energy_rate_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L",
+                  at, {"H_t": system.H_t})] if system.is_time_dependent else []),
     ]
     return [replace(k, factors=not system.is_long) for k in kernels]
 
