@@ -35,7 +35,7 @@ _TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-14)
 class _Way:
     """Equations of motion, and what brings a state back onto its constraints."""
 
-    motion: Callable[[], equations.SceneMotion]
+    motion: Callable[[], equations.Motion]
     back: Callable[[Array], Array]
 
 

@@ -365,8 +365,8 @@ class Examination:
             yield reported("momentum maps", "none", "-",
                        f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
         for J in found:
-            values, guarantee = J.values(run.q, run.p),
-            self._in_frame(J, self.guarantees.momentum(J))
+            values = J.values(run.q, run.p)
+            guarantee = self._in_frame(J, self.guarantees.momentum(J))
             value = float(np.abs(values - values[0]).max())
             bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
             text = f"{float(values[0]):.6g}, drift {value:.1e}"

@@ -241,9 +241,9 @@ PRINT: dict[str, Callable[[Any], None]] = {
 
 
 def _grid(title: str, texts: Sequence[str], numbers: Sequence[str]) -> Any:
-    from rich.table import StateTable
+    from rich.table import Table
 
-    grid = StateTable(title=title, title_justify="left")
+    grid = Table(title=title, title_justify="left")
     for text in texts:
         grid.add_column(text)
     for number in numbers:

@@ -211,9 +211,9 @@ def _model(name: str, rep: str | None) -> Model | Problem:
 
 def _print_certificate(found: Certificate) -> None:
     from rich.console import Console
-    from rich.table import StateTable
+    from rich.table import Table
 
-    table = StateTable(title=f"{found.model} with {found.stepper}: {found.steps:,} steps of "
+    table = Table(title=f"{found.model} with {found.stepper}: {found.steps:,} steps of "
                         f"{found.dt:g} s", title_justify="left")
     for heading in ("quantity", "found", "should be", ""):
         table.add_column(heading, overflow="fold")
@@ -232,12 +232,12 @@ def _print_certificate(found: Certificate) -> None:
 
 def _print(verdicts: list[Verification], *, details: bool) -> None:
     from rich.console import Console
-    from rich.table import StateTable
+    from rich.table import Table
 
     console = Console()
     for verdict in verdicts:
         if details:
-            table = StateTable(title=verdict.title, title_justify="left")
+            table = Table(title=verdict.title, title_justify="left")
             for heading in ("condition", "equation", "found", "residual", ""):
                 table.add_column(heading, overflow="fold")
             for line in verdict.conditions:

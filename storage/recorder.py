@@ -255,7 +255,7 @@ class Recorder:
             return None
         copy = unpack(self.binding, pack(self.binding, replace(self.state, event_progress=None)))
         assert copy is not None
-        rows = Rows.checkpoint_size(self.binding, 1)
+        rows = Rows.room(self.binding, 1)
         status = advance(self.binding, self.run, self._parameters(copy), 1, 1, copy.q, copy.p,
                          rows.after(0), copy.report, copy.work)
         return None if status else (rows.q[1:], rows.p[1:])

@@ -447,7 +447,7 @@ def test_what_storing_adds_is_that_of_a_round():
 @pytest.mark.parametrize("every", [None, 5])
 def test_the_kernel_does_what_the_sweep_does(every):
     """Otherwise shares mean nothing: the same bits from the bare kernel, in another order."""
-    study = sweeping.study_of(sweeping.Case("steps", 9, 20, every), "G-L 2")
+    study = sweeping.study_of(sweeping.SweepCase("steps", 9, 20, every), "G-L 2")
     q, p = sweeping.kernel_job(study, 2)()
     result = run_study(study)
     assert np.array_equal(q.reshape(9, 9, 4), result.q)
@@ -456,7 +456,7 @@ def test_the_kernel_does_what_the_sweep_does(every):
 
 def test_sweeps_are_rows(tmp_path):
     said = []
-    case = sweeping.Case("samples", 8, 10, 5, 1)
+    case = sweeping.SweepCase("samples", 8, 10, 5, 1)
     row, = sweeping.compare_sweeps([case], ["EMS"], 2, said.append)
     assert len(said) == 1
     assert all(word in said[0] for word in ("EMS", "8²", "10", "samples"))
@@ -482,7 +482,7 @@ def test_a_cluster_that_is_not_installed_is_a_row(monkeypatch):
         raise optional.Unavailable("not installed (pip install distributed)")
 
     monkeypatch.setattr(sweeping, "need", missing)
-    row, = sweeping.compare_sweeps([sweeping.Case("dask", 4, 5)], ["EMS"], 1)
+    row, = sweeping.compare_sweeps([sweeping.SweepCase("dask", 4, 5)], ["EMS"], 1)
     assert row.note.startswith("distributed: ")
     assert "pip install distributed)" in row.note
     assert not row.failed
