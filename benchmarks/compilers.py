@@ -269,7 +269,7 @@ def compare(
                 error = np.where(np.isfinite(error), error, np.inf)
                 worst = int(np.argmax(error / np.maximum(bound, np.finfo(float).tiny)))
                 yield KernelDifference(source.name, str(build), function, right.size,
-                                 float(error[worst]), float(bound[worst]), again)
+                                       float(error[worst]), float(bound[worst]), again)
 
 
 def compare_kernels(
@@ -290,10 +290,10 @@ def compare_kernels(
             entries = points * sum(kernels.values())
             yield KernelDifference(source.name, str(build), f"{len(kernels)} kernels of {part}",
                                    entries,
-                             0.0, 1.0, 0)
+                                   0.0, 1.0, 0)
             for one in found:
                 yield KernelDifference(source.name, str(build), one.kernel, points,
-                                 abs(one.compiled - one.expected), one.allowed, 0)
+                                       abs(one.compiled - one.expected), one.allowed, 0)
 
 
 def _version(kind: str) -> str:

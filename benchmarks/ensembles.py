@@ -65,9 +65,9 @@ def ensemble_entries(count: int, *, quick: bool = False) -> list[PeerEntry]:
     """Return our ensembles with one and two workers, and heyoka's batches."""
     ours = [
         PeerEntry("gyrospark", __version__,
-              f"G-L s={stages} Δt={dt:g}{_note(gamma, tolerance, spin)}, {_workers(workers)}",
-              partial(_prepare, count, stages, dt, gamma, tolerance, spin, workers), dt,
-              stages < 8)
+                  f"G-L s={stages} Δt={dt:g}{_note(gamma, tolerance, spin)}, {_workers(workers)}",
+                  partial(_prepare, count, stages, dt, gamma, tolerance, spin, workers), dt,
+                  stages < 8)
         for stages, dt, gamma, tolerance, spin in _OURS for workers in (1, 2)
     ]
     theirs = [_batch(count, width, tol) for width, tol in _BATCHES]
@@ -78,7 +78,7 @@ def _batch(count: int, width: int | None, tol: str) -> PeerEntry:
     options = {} if tol == "default" else {"tol": float(tol)}
     lanes = "SIMD width" if width is None else str(width)
     return PeerEntry("heyoka", version("heyoka"), f"batch of {lanes}, tol {tol}",
-                 partial(prepare_batch, count, width, options), None, tol == "default")
+                     partial(prepare_batch, count, width, options), None, tol == "default")
 
 
 def _workers(count: int) -> str:

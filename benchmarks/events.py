@@ -240,7 +240,7 @@ def _our_job(
         return t[t <= t_end]
 
     return EventJob(lambda: step.integrate(q, p, **run, every=steps), events,
-               lambda: position(step.integrate(q, p, **run, t_eval=times).q))
+                    lambda: position(step.integrate(q, p, **run, t_eval=times).q))
 
 
 def _heyoka_job(
@@ -286,7 +286,7 @@ def _scipy_job(
 
     event.direction = direction  # type: ignore[attr-defined]  # SciPy's way to say so
     return EventJob(run, lambda: run(events=event).t_events[0],
-               lambda: position(run(t_eval=times).y))
+                    lambda: position(run(t_eval=times).y))
 
 
 def compare_events(

@@ -112,7 +112,7 @@ def _runs(problem: Reference, peer: str, prepare: Callable[[_Way, float, float],
         error = max(largest_error(found.tolist(), wanted)
                     for found, wanted in zip(parts, true, strict=True))
         yield WorkPrecisionRun(problem.name, f"{scheme}, {tolerance:.0e}", steps, error,
-                  statistics.median(seconds), {}, peer)
+                               statistics.median(seconds), {}, peer)
 
 
 def _scipy(way: _Way, tolerance: float, seconds: float) -> Prepared:

@@ -91,9 +91,9 @@ def _not_exact(J: MomentumMap) -> Guarantee:
     """Return the guarantee of a map whose bracket with H is not identically zero."""
     if J.on_constraints:
         return Guarantee(False, "{J, H} = 0 on the constraints only, as far as random points show: "
-                              "the motion keeps it, stages do not; write V for any q")
+                         "the motion keeps it, stages do not; write V for any q")
     return Guarantee(False, f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
-                          "symmetry, J drifts as far as that allows")
+                     "symmetry, J drifts as far as that allows")
 
 
 def _domain(J: MomentumMap) -> str:
@@ -156,7 +156,7 @@ class SparkGuarantees:
             return Guarantee(False, "; ".join(filter(None, (
                 "the tableau says that it is not symplectic", self.violation))))
         return Guarantee(True, f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
-                             f"{self._digits}", self.violation)
+                         f"{self._digits}", self.violation)
 
     def energy(self) -> Guarantee:
         """H is conserved if it is quadratic and the method conserves quadratic invariants."""
@@ -169,7 +169,7 @@ class SparkGuarantees:
         if violation:
             return Guarantee(False, f"{order}: H is quadratic, but {violation}")
         return Guarantee(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
-                             f"and each by itself{self._digits}")
+                         f"and each by itself{self._digits}")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """J is conserved under the conditions of the class."""
@@ -236,14 +236,14 @@ class MeanGuarantees:
         """Only without constraints, and with the gradient at the midpoint."""
         if self.system.m:
             return Guarantee(False, f"{self.name} does not project p: with constraints it promises "
-                                  "no ∮p·dq")
+                             "no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
             return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if not self.scheme.discrete:
             return Guarantee(True, "the implicit midpoint rule")
         if not self._is_midpoint:
             return Guarantee(False, f"{self.name}'s D is not the gradient at the midpoint: it "
-                                  "promises no ∮p·dq")
+                             "promises no ∮p·dq")
         return Guarantee(True, "D is the gradient at the midpoint: H is quadratic")
 
     def energy(self) -> Guarantee:
@@ -253,10 +253,10 @@ class MeanGuarantees:
             timed = self.system.is_time_dependent
             law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * timed
             return Guarantee(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
-                           "" if how else f"{law} is refuted")
+                             "" if how else f"{law} is refuted")
         if how:
             return Guarantee(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
-                                 f"({how})")
+                             f"({how})")
         return Guarantee(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
@@ -272,7 +272,7 @@ class MeanGuarantees:
                   for row in self.scheme.mean_constraint]
         if not self._vanish(slides, J):
             return Guarantee(False, f"{why}; g_q X = 0 is not seen off the constraints, where the "
-                                  "midpoints are")
+                             "midpoints are")
         how = self._vanish([rate], J)
         if not how:
             return Guarantee(False, f"{why}; D is not seen to turn as the gradient does")

@@ -151,7 +151,7 @@ def loop_drift(
     for radius in _RADII:
         for points in _POINTS:
             found = _integrated_loop(stepper, q0, p0, sizes, rounded, radius, points, dt, steps,
-                              parameters)
+                                     parameters)
             if found is None:
                 break  # too large a loop: no step or no projection from some of its states
             if best is None or found.tail < best.tail:

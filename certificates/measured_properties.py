@@ -86,7 +86,7 @@ def compared(
         found += " (not told from round-off in this run)" if within else ""
     return CertificateLine(quantity, found, expected, within and not guarantee.refuted, why,
                            float(value),
-                float(bound))
+                           float(bound))
 
 
 def reported(
@@ -123,7 +123,7 @@ class Examination:
         """Yield the lines, the strictest properties first."""
         if self.follow:
             yield reported("co-moving frame", f"{self.follow} steps", "-",
-                       "each block keeps what the scheme keeps; that rates are chosen from the "
+                           "each block keeps what the scheme keeps; that rates are chosen from the "
                        f"state breaks it by O(Δt^{self.step.order}) from block to block; loops are "
                        "measured with the rates of the start")
         yield self._compiled_system()
@@ -183,7 +183,7 @@ class Examination:
         if loop is None or not loop.resolved:
             why = f"refuted in exact algebra: {guarantee.refuted}; " if guarantee.refuted else ""
             return CertificateLine(quantity, "no loop could be followed", "-",
-                        False if guarantee.refuted else None,
+                                   False if guarantee.refuted else None,
                         f"{why}neighbours of the start part too fast, or some have no step")
         drift, bound = loop.drift / loop.scale, rounded.walk
         found = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
@@ -191,7 +191,7 @@ class Examination:
             return reported(quantity, found, "not promised", guarantee.why, drift)
         if self.switching.named and not guarantee.refuted:
             return reported(quantity, found, "kept by smooth motion",
-                        f"across {self.switching.named} loops have kinks", drift)
+                            f"across {self.switching.named} loops have kinks", drift)
         return compared(quantity, found, f"drift ≤ {bound * loop.scale:.1e}", guarantee, drift,
                         bound)
 
@@ -223,7 +223,7 @@ class Examination:
         back = reversal(self.step, self.run, self.parameters, sizes)
         if back is None:
             return reported(quantity, "a step of the way back, or of a neighbour, failed", "-",
-                        "neighbours part too fast")
+                            "neighbours part too fast")
         kicks = 1 + self._kick / sizes[1]
         bound = back.growth * kicks * self.round_off.epsilon * max(64, 8 * (2 * self.steps) ** 0.5)
         value = max(back.q_error / sizes[0], back.p_error / sizes[1])
@@ -236,7 +236,7 @@ class Examination:
         jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)
         if jumps:
             return reported(quantity, found, "by the same steps back",
-                        f"forces jump at {jumps}: a step may have several ends, or none", value)
+                            f"forces jump at {jumps}: a step may have several ends, or none", value)
         expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
         guarantee = Guarantee(True, f"symmetric; neighbours part {back.growth:.3g} times")
         return compared(quantity, found, expected, guarantee, value, bound)
@@ -271,10 +271,10 @@ class Examination:
         quantity = "largest |g_q H_p|"
         if not self._projects:
             yield reported(quantity, f"{f:.1e}", "O(Δt²), comes back",
-                       f"{self._manifest['method']} has no projection of p", f)
+                           f"{self._manifest['method']} has no projection of p", f)
             return
         yield compared(quantity, f"{f:.1e}", f"≤ {unit * f_size:.1e}",
-                     Guarantee(True, "T2 projects p in every step"), f, unit * f_size)
+                       Guarantee(True, "T2 projects p in every step"), f, unit * f_size)
 
     @cached_property
     def moving(self) -> list[tuple[float, MomentumMap]]:
@@ -292,7 +292,7 @@ class Examination:
             yield self._energy(guarantee)
             return
         yield self._energy(Guarantee(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
-                                          f"{', '.join(lost)}"))
+                                     f"{', '.join(lost)}"))
         q, p, rounded = self.run.q, self.run.p, self.round_off
         if self.follow:
             return  # another H − Σ ω_i J_i in each block
@@ -304,7 +304,7 @@ class Examination:
             bound += rounded.walk * abs(rate) * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
         value = float(np.abs(values).max())
         yield compared("energy in the frame, H − Σ ω_i J_i", f"largest error {value:.1e}",
-                     f"≤ {bound:.1e}", guarantee, value, bound)
+                       f"≤ {bound:.1e}", guarantee, value, bound)
 
     def _energy(self, guarantee: Guarantee) -> CertificateLine:
         works = self.model.system.forces or self.model.system.is_time_dependent
@@ -335,7 +335,7 @@ class Examination:
             share, power = found.damping
             yield reported("numerical damping",
                            f"{float(share):.2g} (ωΔt)^{power} of an oscillation "
-                       "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
+                           "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
 
     @cached_property
     def decay(self) -> float:
@@ -363,7 +363,7 @@ class Examination:
         if not found:
             searched = "any A and a" if system.n <= MAX_COORDINATES else "translations, rotations"
             yield reported("momentum maps", "none", "-",
-                       f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
+                           f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
         for J in found:
             values = J.values(run.q, run.p)
             guarantee = self._in_frame(J, self.guarantees.momentum(J))
@@ -380,7 +380,7 @@ class Examination:
         A = sum((rate * other.A for rate, other in self.moving), np.zeros_like(J.A))
         size = np.abs(A).max() * np.abs(J.A).max()
         if not guarantee.guaranteed or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
-                                and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
+                                        and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
             return guarantee
         return Guarantee(False, f"it turns in the frame: kept to O(Δt^{self.step.order})")
 
@@ -390,10 +390,10 @@ class Examination:
         quantity, wanted = "order", self.step.order
         run = self.run
         seen = measure_order(self.step, run.q[0], run.p[0], run.dt, self.parameters,
-                          self.round_off.sizes_of_steps)
+                             self.round_off.sizes_of_steps)
         if seen is None:
             return reported(quantity, "errors are round-off", str(wanted),
-                        "fewer than three errors |y_h − y_(h/2)| stand out of it")
+                            "fewer than three errors |y_h − y_(h/2)| stand out of it")
         if not seen.agrees:
             slopes = ", ".join(f"{slope:.2f}" for slope in seen.slopes)
             return reported(quantity, f"slopes {slopes}", str(wanted),
@@ -401,11 +401,11 @@ class Examination:
         found = f"{seen.order:.2f} at Δt = {seen.dt:.2g}"
         if self.switching.named:
             return reported(quantity, found, f"{wanted} between crossings",
-                        f"steps across {self.switching.named} have a lower one", seen.order)
+                            f"steps across {self.switching.named} have a lower one", seen.order)
         if self.decay * seen.dt > 1:
             return reported(quantity, found, f"{wanted} once λΔt is small",
-                        f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
-                        "about that of the stages", seen.order)
+                            f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
+                            "about that of the stages", seen.order)
         lacking = wanted - seen.order  # a run may happen to be better than its method
         guarantee = Guarantee(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
         return compared(quantity, found, f"at least {wanted}", guarantee, lacking, 0.3)

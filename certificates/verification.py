@@ -60,7 +60,7 @@ def verify_stepper(spec: Spec) -> Verification:
             *_symmetrised(made.tableau, spec.real),
         ]
     return Verification(made.source.name, f"{made.source.name}, order {made.scheme.order}",
-                   made.scheme.order, conditions)
+                        made.scheme.order, conditions)
 
 
 def _measured(tableau: Tableau) -> Condition:

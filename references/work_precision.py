@@ -94,7 +94,7 @@ def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
                 run = run_once(problem, step, model, steps)
                 seconds.append(time.thread_time() - start)
             yield WorkPrecisionRun(problem.name, attempt.name, steps, problem.error(run),
-                      statistics.median(seconds), _invariants(problem, run))
+                                   statistics.median(seconds), _invariants(problem, run))
 
 
 def run_once(problem: Reference, step: Stepper, model: Model, steps: int,

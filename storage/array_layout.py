@@ -106,7 +106,7 @@ def fields_of(manifest: dict[str, Any]) -> list[StoredField]:
         if one.labels in system and not one.split:
             said["components"] = list(system[one.labels])
         found += [StoredField(name, one.inner(manifest) or (), about(one, manifest, name) | said,
-                        one.dtype or real.stored, real.wide and not one.whole)
+                              one.dtype or real.stored, real.wide and not one.whole)
                   for name in parts(one, manifest)]
     return found
 
@@ -117,14 +117,14 @@ def fields_of_event(manifest: dict[str, Any], name: str) -> list[StoredField]:
     state = [(one, one.inner(manifest) or ()) for one in OUTPUTS if one.name in ("q", "p")]
     return [
         StoredField(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
-              real.wide),
+                    real.wide),
         *(StoredField(f"event_{name}_{one.name}", inner,
-                about(one, manifest, one.name) | {"long_name": f"{one.long_name} at {name}"},
-                real.stored, real.wide) for one, inner in state),
+                      about(one, manifest, one.name) | {"long_name": f"{one.long_name} at {name}"},
+                      real.stored, real.wide) for one, inner in state),
         StoredField(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
         StoredField(f"event_{name}_rising", (),
                     {"long_name": "1 where the quantity rises along the run"},
-              "i1")]
+                    "i1")]
 
 
 def names_of(fields: Iterable[StoredField]) -> list[str]:

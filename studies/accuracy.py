@@ -133,7 +133,7 @@ def _cells(
                                  misprint)
             if cell.verdict == "differs":
                 cell = compare_value(cell.row, method, ours, number, floor, misprint,
-                             _sensitivity(engine, case, quantity, ours, number))
+                                     _sensitivity(engine, case, quantity, ours, number))
             cells.append(cell)
     return cells
 

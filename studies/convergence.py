@@ -62,7 +62,7 @@ FIGURE_10 = tuple(
 FIGURE_16 = {
     stages: tuple(
         ConvergenceStudy(f"{stages}-LIIIA-B", 2 * stages - 2, parameter=rule, style=style,
-              real="long-double" if stages > 3 else "double")
+                         real="long-double" if stages > 3 else "double")
         for rule, style in (("m", "o-"), ("h", "s--"), ("100m", "x:"))
     )
     for stages in (2, 3, 4, 5)

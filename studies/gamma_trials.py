@@ -75,7 +75,7 @@ BODIES = (
     TrialBody("precession, r = 3h/2", lambda: regular_precession(1.5), 0.01, 80),
     TrialBody("free body", free_body, 0.001, 500),
     TrialBody("fast asymmetric top", _top((0.002, 0.0013, 0.0008), 0.3924, math.pi / 6, 0, 0, 126),
-         0.001, 500),
+              0.001, 500),
     TrialBody("heavy asymmetric top", _top((3, 2, 1), 10, 0.5, 0, 0.5, 20), 0.005, 500),
     TrialBody("Lagrange's top", _top((0.004, 0.004, 0.001), 0.3924, 0.6, 0, 0, 60), 0.002, 500),
     TrialBody("slow top", _top((0.002, 0.002, 0.0008), 0.3924, 1, 1, 2, 20), 0.001, 500),

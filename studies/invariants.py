@@ -69,7 +69,7 @@ def _cell(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
     note = KEPT_EXACTLY if _keeps(engine, case, quantity) else ""
     return compare_value(row_name(quantity, case.rep, rule), case.method,
                          engine.mean(case, quantity), None,
-                 reason=note)
+                         reason=note)
 
 
 def _keeps(engine: Engine, case: Case, quantity: Quantity) -> bool:

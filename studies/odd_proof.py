@@ -149,8 +149,8 @@ def _moving(top: BodyFrameTop) -> BodyFrameTop:
     _, e = ring("e", QQ)
     l_rate, vertical_rate = top.rates()
     return BodyFrameTop([e * rate + x for x, rate in zip(top.l, l_rate, strict=True)],
-               [e * rate + x for x, rate in zip(top.vertical, vertical_rate, strict=True)],
-               top.inverse_inertia, top.mgl)
+                        [e * rate + x for x, rate in zip(top.vertical, vertical_rate, strict=True)],
+                        top.inverse_inertia, top.mgl)
 
 
 def _rate(moving: Any) -> Any:

@@ -53,4 +53,4 @@ def top_along(run: Trajectory, rows: Sequence[int] = ()) -> BodyFrameTop:
     l = run.angular_velocity()[kept] * np.asarray(problem.inertia)  # noqa: E741
     vertical = rotation_matrix(run.q[kept].astype(float))[:, 2, :]
     return BodyFrameTop(list(l.astype(float).T), list(vertical.T), [1 / x for x in problem.inertia],
-               problem.parameters["mgl"])
+                        problem.parameters["mgl"])

@@ -49,9 +49,9 @@ def entries() -> list[PeerEntry]:
     number = version(PACKAGE)
     return [
         *(PeerEntry("casadi", number, f"SPARK G-L s={s} Δt={dt:g} generated C",
-                partial(_prepare, _spark, s, dt), dt, quick) for s, dt, quick in _SPARK),
+                    partial(_prepare, _spark, s, dt), dt, quick) for s, dt, quick in _SPARK),
         *(PeerEntry("casadi", number, f"collocation s={s} Δt={dt:g} generated C",
-                partial(_prepare, _collocation, s, dt), dt, quick)
+                    partial(_prepare, _collocation, s, dt), dt, quick)
           for s, dt, quick in _COLLOCATION),
     ]
 

@@ -25,7 +25,7 @@ def entries() -> list[PeerEntry]:
     dt = 1e-3
     return [PeerEntry("exudyn", version(PACKAGE), f"{text} Δt={dt:g}",
                       partial(_prepare, name, dt), dt,
-                  quick=name == "TrapezoidalIndex2")
+                      quick=name == "TrapezoidalIndex2")
             for text, name in (("trapezoidal index 2", "TrapezoidalIndex2"),
                                ("generalised α", "GeneralizedAlpha"))]
 

@@ -30,7 +30,7 @@ _SETTINGS: dict[str, dict[str, Any]] = {
 def entries() -> list[PeerEntry]:
     """Return the scalar integrator at several tolerances."""
     return [PeerEntry("heyoka", version(PACKAGE), setting, partial(_prepare, options),
-                  quick=setting in ("default", "tol 1e-12"))
+                      quick=setting in ("default", "tol 1e-12"))
             for setting, options in _SETTINGS.items()]
 
 

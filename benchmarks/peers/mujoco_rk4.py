@@ -34,7 +34,7 @@ _MODEL = """
 def entries() -> list[PeerEntry]:
     """Return RK4 at three time steps."""
     return [PeerEntry("mujoco", version(PACKAGE), f"RK4 Δt={dt:g}", partial(_prepare, dt), dt,
-                  quick=dt == 1e-3)
+                      quick=dt == 1e-3)
             for dt in (2e-3, 1e-3, 5e-4)]
 
 

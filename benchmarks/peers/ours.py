@@ -74,7 +74,7 @@ def entries() -> list[PeerEntry]:
     """Return each method by the default solver and by dense Newton."""
     return [
         PeerEntry("gyrospark", __version__, f"{method.text} {solver}",
-              partial(prepare, method, solver), method.dt, method in _QUICK)
+                  partial(prepare, method, solver), method.dt, method in _QUICK)
         for method in _METHODS for solver in ("auto", "newton")
     ]
 

@@ -26,7 +26,7 @@ def entries() -> list[PeerEntry]:
     """Return the midpoint rule."""
     dt = 1e-3
     return [PeerEntry("pydykit", version(PACKAGE), f"midpoint Δt={dt:g}", partial(_prepare, dt), dt,
-                  quick=True)]
+                      quick=True)]
 
 
 def _prepare(dt: float) -> Run:

@@ -23,7 +23,7 @@ def entries() -> list[PeerEntry]:
     """Return DOP853 at three tolerances."""
     return [PeerEntry("scipy", version(PACKAGE), f"DOP853 tol {text}",
                       partial(_prepare, float(text)),
-                  quick=text == "1e-9")
+                      quick=text == "1e-9")
             for text in ("1e-12", "1e-9", "1e-6")]
 
 

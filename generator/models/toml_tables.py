@@ -190,7 +190,7 @@ class TomlTable:
     def matrix(self, key: str, count: int) -> list[list[float]]:
         """Return so many rows of as many numbers."""
         rows = TomlTable(dict(enumerate_rows(key, self._list(key, count, f"{count} rows"))),
-                     self.where, self.file_error, self.constants)
+                         self.where, self.file_error, self.constants)
         return [rows.vector(row, count) for row in rows.content]
 
     def items(self) -> Iterator[str]:

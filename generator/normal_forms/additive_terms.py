@@ -206,7 +206,7 @@ class HamiltonianTerms:
         for (still, a), power in powers:
             together[still, a, self.support.classes_of(power)].append(power)
         addends = [self._with_terms(sp.Mul(term(still, a), sp.Add(*own)))
-                  for (still, a, _), own in together.items()]
+                   for (still, a, _), own in together.items()]
         found = self._bundles(addends, left)
         if powers and all(base.is_Symbol for m in terms for base, _ in m):
             plain = self._bundles([], total_of(terms, constant))

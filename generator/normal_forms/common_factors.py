@@ -48,7 +48,7 @@ def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
             break
     outer: Monomial = frozenset(common.items())
     value = quotient(math.gcd(*(a.numerator for a in terms.values())),
-                 math.lcm(*(a.denominator for a in terms.values())))
+                     math.lcm(*(a.denominator for a in terms.values())))
     if terms[min(terms, key=order)] < 0:
         value = -value
     below = inverse(outer)

@@ -74,7 +74,7 @@ class DiscreteDifference:
     def shared(self) -> DiscreteDifference:
         """Return u with mean and change as shared parts: a function uses them more than once."""
         return DiscreteDifference(share(self.mean), self.slope, self.steps, share(self.change),
-                          self.known_ends)
+                                  self.known_ends)
 
     def apply(self, mean: sp.Expr, factor: sp.Expr) -> DiscreteDifference:
         """Return the result of ``become`` in shared parts, which are computed once."""
@@ -89,7 +89,7 @@ class DiscreteDifference:
             for i, d in part.slope.items():
                 terms.setdefault(i, []).append(d)
         total = DiscreteDifference(sp.Add(self.mean, *(other.mean for other in others)),
-                           {i: sp.Add(*slopes) for i, slopes in terms.items()}, self.steps)
+                                   {i: sp.Add(*slopes) for i, slopes in terms.items()}, self.steps)
         if not any(part.known_ends for part in (self, *others)):
             return total
         return total.with_ends(*(sp.Add(*ends) for ends in zip(

@@ -122,7 +122,7 @@ def discrete_gradient(
         change = share(part.change)
         leaves[symbol] = DiscreteDifference(share(part.mean), {len(steps): sp.Integer(1)}, steps,
                                             change,
-                                    part.known_ends)
+                                            part.known_ends)
         found.append(part)
         steps.append(change)
     return _backward(differentiate(whole, leaves, steps), found, len(symbols))

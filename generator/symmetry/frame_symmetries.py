@@ -104,8 +104,8 @@ class CoMovingFrame:
         lost = [rate * part for rate, symmetry in zip(rates, self.symmetries, strict=True)
                 for part in in_sums(symmetry.momentum(system), system.H)]
         frame_velocity = [sp.Add(*(rate * sp.diff(symmetry.momentum(system), p)
-                            for rate, symmetry in zip(rates, self.symmetries, strict=True)))
-                   for p in system.p]
+                                   for rate, symmetry in zip(rates, self.symmetries, strict=True)))
+                          for p in system.p]
         power = [f * v for f,
                  v in zip(system.forces, frame_velocity, strict=False) if f != 0 and v != 0]
         works = bool(power) and not identically_zero([power])

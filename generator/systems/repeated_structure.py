@@ -167,7 +167,7 @@ class Structure:
                     support = (self._indices(term, self._q), self._indices(term, self._p))
                     groups.setdefault(support, {}).setdefault(row, []).append(term)
         return self._templates_of([(tuple(sp.Add(*terms) for terms in rows.values()), tuple(rows))
-                               for rows in groups.values()])
+                                   for rows in groups.values()])
 
     # ------------------------------------------------------------ templates
 
@@ -182,8 +182,8 @@ class Structure:
         for local_expressions, instances in found.items():
             first = instances[0]
             templates.append(ElementTemplate(local("x", len(first.q)), local("y", len(first.p)),
-                              local("k", len(first.constants)), local_expressions,
-                              tuple(instances), self.system.clock))
+                                             local("k", len(first.constants)), local_expressions,
+                                             tuple(instances), self.system.clock))
         return sorted(templates, key=lambda template: not template.p)
 
     def _canonical(

@@ -203,7 +203,7 @@ def read(tmp_path: Path) -> Callable[..., Any]:
 def guarantees(tableau: Any, system: gs.System = PLANE, values: Any = None) -> SparkGuarantees:
     values = values or {"plane": ROUND, "sphere": LEVEL}[system.name]
     return SparkGuarantees(system, {s: sp.Rational(values[str(s)]) for s in system.parameters},
-                         tableau)
+                           tableau)
 
 
 def turning(system: gs.System = PLANE) -> Any:
