@@ -6,7 +6,7 @@ import pytest
 import sympy as sp
 
 from equivalent_forms import HALF, stand_ins
-from gyrospark.generator.normal_forms.canonical_expressions import Forms
+from gyrospark.generator.normal_forms.canonical_expressions import CanonicalForms
 
 x, y, z = sp.symbols("x y z", real=True)
 a, b = sp.symbols("a b", real=True)
@@ -17,7 +17,7 @@ ROOT = sp.sqrt(x**2 + y**2)
 def form(e, *moving):
     """Return the canonical form of an expression in which these move."""
     names = stand_ins(moving, sorted(e.free_symbols - set(moving), key=str))
-    found = Forms().expression(e.xreplace(names))
+    found = CanonicalForms().expression(e.xreplace(names))
     return found.xreplace({stand: s for s, stand in names.items()})
 
 
