@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
-
 from pathlib import Path
 
 import mpmath as mp
@@ -133,4 +132,4 @@ def variants(header: Path) -> dict[str, dict[str, object]]:
             continue
         merged = {**own, **macros}
         found.setdefault(frozenset(merged.items()), (name, merged))
-    return {name: merged for name, merged in found.values()}
+    return dict(found.values())

@@ -267,7 +267,7 @@ static inline void TYPED(force)(const TYPED(constants) *c, const NUMBER *q, cons
     TYPED(frame_velocity)(c, p, v);
     TYPED(applied_force)(c, q, p, NULL, F);
     for (int a = 0; a < N; ++a)
-        H_q[a] = TYPED(stiffness)(c)*q[a] - v[a] - (GS_FORCES ? F[a] : ZERO);
+        H_q[a] = TYPED(stiffness)(c)*q[a] + v[a] - (GS_FORCES ? F[a] : ZERO);
     H_q[0] -= c->u;
 }
 
@@ -329,7 +329,7 @@ static inline void TYPED(second_derivatives)(const TYPED(constants) *c, NUMBER H
             H_qq[a][b] = one*TYPED(stiffness)(c);
             H_pp[a][b] = one;
             H_pq[a][b] = turn;
-            H_qp[a][b] = turn + (GS_FORCES ? one*c->damping : ZERO);
+            H_qp[a][b] = (GS_FORCES ? one*c->damping : ZERO) - turn;
         }
 }
 
