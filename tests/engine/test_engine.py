@@ -943,3 +943,31 @@ def test_rows_near_a_level_hold_every_crossing(loaded):
     toy.lib.toy_crossings(40, pointer(toy.ffi, values / 100), 0.5, pointer(toy.ffi, last),
                           pointer(toy.ffi, rows, "long"))
     assert list(rows) == [-1, -1]
+
+
+# ---------------------------------------------------------------- README
+
+
+def test_readme_lists_every_header():
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    table = text.partition("## Folders and headers")[2].partition("\n## ")[0]
+    folder, listed = "", set()
+    for row in re.findall(r"^\| (.*?) \|", table, re.MULTILINE):
+        names = re.findall(r"`([\w./]+)`", row)
+        if row.startswith("**"):
+            (folder,) = names
+        else:
+            listed |= {folder + name.removesuffix(".h") for name in names}
+    assert listed == {path.relative_to(FOLDER / "gyrospark").with_suffix("").as_posix()
+                      for path in HEADERS}
+
+
+def test_readme_names_what_exists():
+    """Names of C and of files; those of the generated part are in the toy or in a template."""
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    sources = [*HEADERS, *TOY.iterdir(), *(FOLDER.parent / "templates").iterdir()]
+    known = set(re.findall(r"\w+", "".join(
+        path.read_text(encoding="utf-8") for path in sources if path.is_file())))
+    files = {path.stem for path in HEADERS}
+    for code in re.findall(r"`([A-Za-z_]\w*)(?:\([^`]*\))?`", text):
+        assert code in known | files | {"lanes_f", "VARIANTS", "gyrospark"}, code
