@@ -23,6 +23,7 @@ import shutil
 import subprocess
 import sys
 import time
+import traceback
 from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -37,9 +38,9 @@ PACKAGES = ("generator", "runtime", "storage", "engine")
 ROOT = next(folder for folder in Path(__file__).resolve().parents
             if (folder / "pyproject.toml").is_file())
 EXPLAINED = ROOT / "tests" / "data" / "mutation_survivors.json"
-#: What tests import from others: once, in the process from which theirs are forked.
+#: What tests import: once, in the process from which theirs are forked (no plugins of pytest).
 HEAVY = ("cffi", "click", "jinja2", "matplotlib.figure", "mpmath", "numpy", "rich", "scipy.spatial",
-         "scipy.spatial.transform", "sympy", "xarray", "zarr")
+         "scipy.spatial.transform", "sympy", "xarray")
 #: Test files that look at text, pages and packaging, or take minutes, and see no behaviour.
 UNRELATED = re.compile(
     r"/(benchmarks|docs|fuzz|studies)/|architecture|bare|citations|docstrings|first_call|naming|"
@@ -168,12 +169,14 @@ class Copy:
             with said.open("w") as file:
                 os.dup2(file.fileno(), 1)
                 os.dup2(file.fileno(), 2)
-            code: int | None = 1
+            ended = 70
             try:
-                code = int(pytest.main(command))
-            finally:
-                sys.stdout.flush()
-                os._exit(code or 0)
+                ended = int(pytest.main(command))
+            except BaseException:
+                traceback.print_exc()
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(ended)
         while not (done := os.waitpid(child, os.WNOHANG))[0]:
             time.sleep(0.05)
             if time.monotonic() > until:
@@ -233,11 +236,15 @@ def try_out(copy: Copy, parts: list[list[tuple[float, str]]], failed: Iterable[s
     copy.write(mutant, changed=changed)
     for tests in parts:
         cost = 30 + 4 * sum(seconds for seconds, _ in tests)
-        code, said = copy.run([name for _, name in tests], cost, skipped=failed)
+        names = [name for _, name in tests]
+        code, said = copy.run(names, cost, skipped=failed)
+        if code == 4 and (gone := set(re.findall(r"not found: \S*?(tests/.*)", said))):
+            names = [name for name in names if name not in gone]  # renamed since the map was made
+            code, said = copy.run(names, cost, skipped=failed) if names else (0, "")
         found = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
-        by = found[1] if found else said[-300:] if code else ""
-        if code == 4 and "not found" in said:
-            code, by = 1, "tests of other names"
+        by = found[1] if found else "import" if "while loading conftest" in said else ""
+        if code and not by:
+            raise RuntimeError(said)
         outcome = ("timeout" if code is None else "survived" if code == 0 else "caught")
         if outcome == "caught" and mutant.package == "engine" and re.search(
                 r"\.[ch]:\d+:\d+: .*error:", said):
