@@ -240,7 +240,8 @@ def try_out(copy: Copy, parts: list[list[tuple[float, str]]], failed: Iterable[s
         code, said = copy.run(names, cost, skipped=failed)
         if code == 4 and (gone := set(re.findall(r"not found: \S*?(tests/.*)", said))):
             names = [name for name in names if name not in gone]  # renamed since the map was made
-            code, said = copy.run(names, cost, skipped=failed) if names else (0, "")
+            code, said = copy.run(names, cost, skipped=failed) if names else (5, "")
+        code = 0 if code == 5 else code  # no test was left
         found = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
         by = found[1] if found else "import" if "while loading conftest" in said else ""
         if code and not by:
