@@ -64,7 +64,8 @@ class Binding(Compiled):
 
     def lands(self, dt: float, q: Array, x: Array, work: Any) -> int:
         """Return the status of unknowns that ought to end a step on the constraints."""
-        return int(self.function("satisfies_constraints")(dt, self.pointer(q), self.pointer(x), work))
+        return int(self.function("satisfies_constraints")(
+            dt, self.pointer(q), self.pointer(x), work))
 
     def step(
         self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
