@@ -284,6 +284,11 @@ def read_log(work: Path) -> dict[str, dict[str, Any]]:
     return {record["key"]: record for record in records}
 
 
+def reasons() -> dict[str, str]:
+    """Return why a mutant may live, by its key."""
+    return {record["key"]: record["reason"] for record in json.loads(EXPLAINED.read_text())}
+
+
 def measure(work: Path, seconds: int, wanted: list[str]) -> None:
     """Run each file of tests once and write the lines that its tests execute."""
     copy, folder = Copy(work, os.getpid()), work / "map"
@@ -337,7 +342,7 @@ def run(work: Path, mutants: list[Mutant], tests: list[str], *, changed: bool,
 
 def table(work: Path) -> None:
     """Print the share by package, then the survivors and why they may live."""
-    why = {record["key"]: record["reason"] for record in json.loads(EXPLAINED.read_text())}
+    why = reasons()
     rows: dict[str, Counter[str]] = defaultdict(Counter)
     survivors = []
     for key, record in read_log(work).items():
@@ -377,6 +382,8 @@ def main() -> None:
                         "measures, or the tests that run runs in place of the map's")
     parser.add_argument("--again", action="store_true",
                         help="only the survivors of the log, against whole files of tests")
+    parser.add_argument("--files", type=re.compile, default="", metavar="PATTERN",
+                        help="only mutants of files whose path has this regular expression")
     parser.add_argument("--unchanged", action="store_true",
                         help="run the same tests without the changes: none may fail")
     given = parser.parse_args()
@@ -390,13 +397,14 @@ def main() -> None:
         done = read_log(work)
         if given.again:
             living = {key for key, record in done.items()
-                      if record["outcome"] in ("survived", "not executed")}
+                      if record["outcome"] in ("survived", "not executed")} - reasons().keys()
             mutants = list({mutant.key: mutant for package in given.packages
                             for places in mutants_of(ROOT, package) for mutant in places
                             if mutant.key in living}.values())
         else:
             mutants = pick(given.mutants, given.least, given.packages, given.seed,
                            {} if given.unchanged else done)
+        mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
         run(work, mutants, given.tests, changed=not given.unchanged, whole=given.again)
 
 

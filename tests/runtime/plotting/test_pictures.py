@@ -9,6 +9,7 @@ import pytest
 
 import gyrospark as gs
 from calls import RUN, TOP
+from forced_systems import PARAMETERS, pendulum
 from gyrospark.runtime.plotting.animation import _faces, _upright
 from gyrospark.runtime.plotting.scene import scene_of
 
@@ -57,6 +58,16 @@ def test_joints_and_phases(tops):
     assert len(tops.plot_phase().axes) == 6
     with pytest.raises(gs.InputError, match="'x'"):
         tops.plot_phase("x")
+
+
+def test_the_lowest_panel_names_the_time(tops):
+    step = gs.stepper("G-L", 2, system=pendulum())
+    q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=PARAMETERS)
+    forced = step.integrate(q, p, dt=0.01, steps=30, parameters=PARAMETERS)
+    for run, count in ((tops, 5), (forced, 4)):
+        figure = run.plot()
+        assert len(figure.axes) >= count
+        assert figure.axes[-1].get_xlabel() == "t [s]"
 
 
 def test_several_bodies_have_a_legend(tops, gl3):
