@@ -250,9 +250,9 @@ class MeanGuarantees:
         """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
         how = self._how_energy
         if self.scheme.discrete:
-            timed = self.system.is_time_dependent
-            law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * timed
-            return Guarantee(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
+            time_dependent = self.system.is_time_dependent
+            law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * time_dependent
+            return Guarantee(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * time_dependent} ({how})",
                              "" if how else f"{law} is refuted")
         if how:
             return Guarantee(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "

@@ -332,9 +332,9 @@ class System:
     @cached_property
     def clock(self) -> sp.Symbol | None:
         """The time where H or a constraint depends on it."""
-        timed = any(self.time in e.free_symbols
-                    for e in (*self.defining.values(), *self.constraints))
-        return self.time if timed else None
+        time_dependent = any(self.time in e.free_symbols
+                             for e in (*self.defining.values(), *self.constraints))
+        return self.time if time_dependent else None
 
     @cached_property
     def H_t(self) -> sp.Expr:
