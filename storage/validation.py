@@ -48,7 +48,7 @@ FAILED = "failed: "
 ENDED = "ended: "
 
 #: Errors of Zarr for unreadable files; RuntimeError for endless brackets.
-UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError)
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError, OverflowError)
 
 _CURE = "restore it from a copy, or compute the run anew in another store."
 
