@@ -1,7 +1,7 @@
 """Guaranteed properties of a scheme on a model, derived in exact algebra, not listed.
 
-A promise is made, is not made, or is made and broken: then a condition that it rests on is not
-met, exactly, however little of that a run may show.
+A property is guaranteed, not guaranteed, or refuted. Refuted: an exact condition fails, even if no
+run shows it.
 """
 
 from __future__ import annotations
