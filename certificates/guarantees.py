@@ -235,15 +235,15 @@ class MeanGuarantees:
     def loop(self) -> Guarantee:
         """Only without constraints, and with the gradient at the midpoint."""
         if self.system.m:
-            return Guarantee(False, f"{self.name} does not project p: with constraints it promises "
-                             "no ∮p·dq")
+            return Guarantee(False, f"{self.name} does not project p: with constraints it "
+                             "guarantees no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
             return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if not self.scheme.discrete:
             return Guarantee(True, "the implicit midpoint rule")
         if not self._is_midpoint:
             return Guarantee(False, f"{self.name}'s D is not the gradient at the midpoint: it "
-                             "promises no ∮p·dq")
+                             "guarantees no ∮p·dq")
         return Guarantee(True, "D is the gradient at the midpoint: H is quadratic")
 
     def energy(self) -> Guarantee:
