@@ -63,12 +63,12 @@ class Certificate:
         compared = [line for line in self.lines if line.holds is not None]
         return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
                 f"{self.dt:g} s: {sum(line.holds is True for line in compared)} of {len(compared)} "
-                "promises hold>")
+                "guarantees hold>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: a row for each property, its measurement and the result."""
         rows = [(line.quantity, line.found, line.expected, line.verdict) for line in self.lines]
-        result = "every promise holds" if self.holds else "a promise is broken"
+        result = "every guarantee holds" if self.holds else "a guarantee is missed"
         return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
                     f"{self.dt:g} s: {result}",
                     table(rows, ("kept", "found", "should be", "verdict")))
@@ -148,7 +148,7 @@ def certify(
     known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real)
     if "velocity_names" in step.manifest["system"]:
         raise InputError(f"System {known.system.name!r} is from a Lagrangian, and its H is not "
-                         "written out: promises are not proved for it. Certify a model with the "
+                         "written out: guarantees are not proved for it. Certify a model with the "
                          "system that its legendre() returns.")
     if dt is None:
         dt = known.dt

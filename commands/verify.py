@@ -141,7 +141,7 @@ def _certify(
     name: str, target: str | None, dt: str | None, steps: str | None, plot: Path | None,
     choice: dict[str, Any], *, moving: bool, as_json: bool,
 ) -> int:
-    """Print the certificate of a model; 0 if no promise is broken."""
+    """Print the certificate of a model; 0 if no guarantee is missed."""
     if target is not None:
         raise InputError(f"{target!r} is given besides --model; name a scheme with --scheme and "
                          "--stages or --tableau.")
@@ -227,7 +227,7 @@ def _print_certificate(found: Certificate) -> None:
     failed = [line.quantity for line in found.lines if line.holds is False]
     judged = sum(line.holds is not None for line in found.lines)
     result = "holds" if not failed else f"FAILS: {', '.join(failed)}"
-    click.echo(f"{found.model}: {judged} promises of {found.stepper}: {result}")
+    click.echo(f"{found.model}: {judged} guarantees of {found.stepper}: {result}")
 
 
 def _print(verdicts: list[Verification], *, details: bool) -> None:

@@ -88,7 +88,7 @@ class Recorder:
         try:
             kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
                           len(self.events))
-            self._refuse_beyond(kept)
+            self._check_checkpoint(kept)
         except ValueError as error:
             raise InputError(f"The store {str(self.path)!r} cannot be resumed: {error}. What "
                              "is stored can be read; choose another store for the run.") from error
@@ -104,7 +104,7 @@ class Recorder:
         rows.iterations[done - first] = kept.most
         return kept, first, rows
 
-    def _refuse_beyond(self, kept: CheckpointState | None) -> None:
+    def _check_checkpoint(self, kept: CheckpointState | None) -> None:
         """Refuse a checkpoint of more steps, rows or events than the store has."""
         if kept is None:
             return

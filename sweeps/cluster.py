@@ -28,7 +28,7 @@ _TILES_A_THREAD = 4
 #: Seconds that a scheduler may take to answer.
 _CONNECT_SECONDS = 10
 #: Seconds between two looks at the cluster, and how long it may be without workers.
-_LOOK, _PATIENCE = 1.0, 600
+_CHECK_SECONDS, _PATIENCE = 1.0, 600
 
 
 def client_of(where: Any) -> Client:
@@ -109,7 +109,7 @@ def run_tiles(
     fill()
     while begun:
         try:
-            future = ended.get(timeout=_LOOK)
+            future = ended.get(timeout=_CHECK_SECONDS)
         except Empty:
             withdraw()
             memory.measure(len(begun))
@@ -147,7 +147,7 @@ class _ClusterMemory:
     @property
     def tiles(self) -> int:
         """Number of tiles to submit: some wait at the scheduler, so that no worker idles."""
-        if time.monotonic() > self._counted + _LOOK:
+        if time.monotonic() > self._counted + _CHECK_SECONDS:
             self._count()
         return _TILES_A_THREAD * max(1, self.threads)
 

@@ -102,7 +102,7 @@ class Formulas:
                     f"[parameters] {name} has the name of something else in this model "
                     f"({shorten(', '.join(names), 120)}); choose another name.")
 
-    def remark_on_unused(self) -> None:
+    def warn_of_unused(self) -> None:
         """Warn of parameters that nothing in the file uses."""
         mentioned = self.mentioned | self.numbers.values.mentioned
         for name in self.content.table("parameters").items():

@@ -168,7 +168,7 @@ def _read(
         model = _with_events(model, content)
         if "frame" in content:
             model = replace(model, frame=content.choice("frame", FRAMES, ""))
-        formulas.remark_on_unused()
+        formulas.warn_of_unused()
         mentioned = formulas.numbers.values.mentioned
         return ModelFile(model, [name for name in model.parameters if name in content.table(
             "parameters") and name not in mentioned])

@@ -106,7 +106,7 @@ def from_mechanics(
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
     found = reader(method)
-    _remark_on_velocities(found.motion, getattr(method, "bodies", None) or ())
+    _warn_of_velocities(found.motion, getattr(method, "bodies", None) or ())
     found.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in found.q]
@@ -179,7 +179,7 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
     return dict(zip(u, left, strict=True))
 
 
-def _remark_on_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
+def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
     """Warn of velocities that are no rates of places: a base that moves may stand still in them."""
     pair = next(motion.contradictions(bodies), None)
     if pair is not None:

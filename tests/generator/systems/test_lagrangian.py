@@ -326,7 +326,7 @@ def test_what_needs_h_written_out_says_so():
     system, parameters, q, v = case(double)
     p = gs.stepper("G-L", 3, system=system).momenta(q, v, parameters=parameters)
     model = gs.Model(system, parameters, q, p, dt=0.01, steps=5)
-    with refused("Lagrangian.*promises"):
+    with refused("Lagrangian"):
         gs.certify(model, "G-L", 3)
 
 
