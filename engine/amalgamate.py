@@ -120,7 +120,7 @@ def _expand(text: str) -> str:
     """
     kernels = dict(re.findall(r"^#define KERNEL_(\w+) (\w+)$", text, re.MULTILINE))
     text = re.sub(r"^#define KERNEL.*\n", "", text, flags=re.MULTILINE)
-    text = re.sub(r"\bKERNEL\((\w+)\)", lambda call: kernels.get(call[1], call[1]), text)
+    text = re.sub(r"\bKERNEL\((\w+)\)", lambda call: str(kernels.get(call[1], call[1])), text)
     text = re.sub(r"^(/\* -{5,} .* \*/\n)\n", r"\1", text, flags=re.MULTILINE)
     for name, kept in re.findall(r"^#define (\w+)\((?:\.\.\.\)|(\w+),[^)]*\) \2)$", text,
                                  re.MULTILINE):
