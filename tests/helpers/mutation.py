@@ -321,7 +321,7 @@ def pick(count: int, least: int, packages: list[str], seed: int,
     return chosen
 
 
-def run(work: Path, mutants: list[Mutant], tests: list[str], *, changed: bool,
+def run(work: Path, mutants: list[Mutant], tests: list[str], seconds: float, *, changed: bool,
         whole: bool) -> None:
     """Try mutants out and log each."""
     known, copy = Map(work / "map"), Copy(work, os.getpid())
@@ -331,7 +331,7 @@ def run(work: Path, mutants: list[Mutant], tests: list[str], *, changed: bool,
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
                             capture_output=True, check=False).stdout.strip()
     for mutant in mutants:
-        parts = [[(60.0, name) for name in tests]] if tests else known.choose(mutant, whole=whole)
+        parts = [[(seconds, name) for name in tests]] if tests else known.choose(mutant, whole=whole)
         found = try_out(copy, parts, sound, known.failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
@@ -377,7 +377,8 @@ def main() -> None:
     parser.add_argument("--least", type=int, default=40, help="how many of each package at least")
     parser.add_argument("--packages", nargs="+", choices=PACKAGES, default=list(PACKAGES))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--seconds", type=int, default=20, help="of CPU for a file of tests in map")
+    parser.add_argument("--seconds", type=int, default=20,
+                        help="of CPU for a file of tests in map, for one of --tests in run")
     parser.add_argument("--tests", nargs="+", default=[], help="names of the files that map "
                         "measures, or the tests that run runs in place of the map's")
     parser.add_argument("--again", action="store_true",
@@ -405,7 +406,7 @@ def main() -> None:
             mutants = pick(given.mutants, given.least, given.packages, given.seed,
                            {} if given.unchanged else done)
         mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-        run(work, mutants, given.tests, changed=not given.unchanged, whole=given.again)
+        run(work, mutants, given.tests, given.seconds, changed=not given.unchanged, whole=given.again)
 
 
 if __name__ == "__main__":
