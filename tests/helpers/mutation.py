@@ -331,7 +331,8 @@ def run(work: Path, mutants: list[Mutant], tests: list[str], seconds: float, *, 
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
                             capture_output=True, check=False).stdout.strip()
     for mutant in mutants:
-        parts = [[(seconds, name) for name in tests]] if tests else known.choose(mutant, whole=whole)
+        parts = [[(seconds, name) for name in tests]] if tests else (
+            known.choose(mutant, whole=whole))
         found = try_out(copy, parts, sound, known.failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
@@ -406,7 +407,8 @@ def main() -> None:
             mutants = pick(given.mutants, given.least, given.packages, given.seed,
                            {} if given.unchanged else done)
         mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-        run(work, mutants, given.tests, given.seconds, changed=not given.unchanged, whole=given.again)
+        run(work, mutants, given.tests, given.seconds, changed=not given.unchanged,
+            whole=given.again)
 
 
 if __name__ == "__main__":
