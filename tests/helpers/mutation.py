@@ -49,7 +49,7 @@ UNRELATED = re.compile(
 
 # ---------------------------------------------------------------- as a plugin of pytest
 
-COMPILE, CONFTEST = "the compiler", "import of conftest"
+COMPILE, CONFTEST, CRASH = "the compiler", "import of conftest", "a crash"
 LIMITS, SEEN = "GYROSPARK_MUTATION_LIMITS", "GYROSPARK_MUTATION_SEEN"
 _seen: dict[str, Any] = {"tests": {}, "failed": []}
 
@@ -236,8 +236,10 @@ def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) ->
     if code == 4 and (gone := set(re.findall(r"not found: \S*?(tests/.*)", said))):
         tests = [name for name in tests if name not in gone]  # renamed since the map was made
         return failing(copy, tests, cost, failed) if tests else ""
-    if code in (None, 0, 5):  # 5: no test was left
+    if code is None or code in (0, 5):  # 5: no test was left
         return None if code is None else ""
+    if code < 0:
+        return CRASH
     if found := re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", said, re.MULTILINE):
         return COMPILE if re.search(r"\.[ch]:\d+:\d+: .*error:", said) else found[1]
     if "while loading conftest" in said:
@@ -325,7 +327,7 @@ def run(work: Path, mutants: list[Mutant], tests: list[str], seconds: float, *, 
         whole: bool) -> None:
     """Try mutants out and log each."""
     known, copy = Map(work / "map"), Copy(work, os.getpid())
-    sound = {COMPILE, CONFTEST}  # tests that pass without a change
+    sound = {COMPILE, CONFTEST, CRASH}  # tests that pass without a change
     for name in HEAVY:
         importlib.import_module(name)
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
