@@ -49,7 +49,7 @@ UNRELATED = re.compile(
 
 # ---------------------------------------------------------------- as a plugin of pytest
 
-COMPILE, CONFTEST = "the compiler", "import of conftest"
+COMPILE, CONFTEST, CRASH = "the compiler", "import of conftest", "a crash"
 LIMITS, SEEN = "GYROSPARK_MUTATION_LIMITS", "GYROSPARK_MUTATION_SEEN"
 _seen: dict[str, Any] = {"tests": {}, "failed": []}
 
@@ -236,8 +236,10 @@ def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) ->
     if code == 4 and (gone := set(re.findall(r"not found: \S*?(tests/.*)", said))):
         tests = [name for name in tests if name not in gone]  # renamed since the map was made
         return failing(copy, tests, cost, failed) if tests else ""
-    if code in (None, 0, 5):  # 5: no test was left
+    if code is None or code in (0, 5):  # 5: no test was left
         return None if code is None else ""
+    if code < 0:
+        return CRASH
     if found := re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", said, re.MULTILINE):
         return COMPILE if re.search(r"\.[ch]:\d+:\d+: .*error:", said) else found[1]
     if "while loading conftest" in said:
@@ -321,17 +323,18 @@ def pick(count: int, least: int, packages: list[str], seed: int,
     return chosen
 
 
-def run(work: Path, mutants: list[Mutant], tests: list[str], *, changed: bool,
+def run(work: Path, mutants: list[Mutant], tests: list[str], seconds: float, *, changed: bool,
         whole: bool) -> None:
     """Try mutants out and log each."""
     known, copy = Map(work / "map"), Copy(work, os.getpid())
-    sound = {COMPILE, CONFTEST}  # tests that pass without a change
+    sound = {COMPILE, CONFTEST, CRASH}  # tests that pass without a change
     for name in HEAVY:
         importlib.import_module(name)
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
                             capture_output=True, check=False).stdout.strip()
     for mutant in mutants:
-        parts = [[(60.0, name) for name in tests]] if tests else known.choose(mutant, whole=whole)
+        parts = [[(seconds, name) for name in tests]] if tests else (
+            known.choose(mutant, whole=whole))
         found = try_out(copy, parts, sound, known.failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
@@ -377,7 +380,8 @@ def main() -> None:
     parser.add_argument("--least", type=int, default=40, help="how many of each package at least")
     parser.add_argument("--packages", nargs="+", choices=PACKAGES, default=list(PACKAGES))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--seconds", type=int, default=20, help="of CPU for a file of tests in map")
+    parser.add_argument("--seconds", type=int, default=20,
+                        help="of CPU for a file of tests in map, for one of --tests in run")
     parser.add_argument("--tests", nargs="+", default=[], help="names of the files that map "
                         "measures, or the tests that run runs in place of the map's")
     parser.add_argument("--again", action="store_true",
@@ -405,7 +409,8 @@ def main() -> None:
             mutants = pick(given.mutants, given.least, given.packages, given.seed,
                            {} if given.unchanged else done)
         mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-        run(work, mutants, given.tests, changed=not given.unchanged, whole=given.again)
+        run(work, mutants, given.tests, given.seconds, changed=not given.unchanged,
+            whole=given.again)
 
 
 if __name__ == "__main__":
